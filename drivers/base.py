@@ -1,0 +1,129 @@
+"""What every driver is: made (validates, no network), connect, read, close. The runner decides everything else."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from time import monotonic
+from typing import Protocol
+
+
+class Quality(StrEnum):
+    """How far a value can be trusted. Told by the device, the wire or a stated check, never by the number alone."""
+
+    GOOD = "good"
+    STALE = "stale"
+    COMM_FAULT = "comm_fault"
+    SENSOR_FAULT = "sensor_fault"
+    OUT_OF_RANGE = "out_of_range"
+    SUBSTITUTED = "substituted"
+    SIMULATED = "simulated"
+
+
+class Clock(Protocol):
+    """The two times a reading carries. Simulated time is another implementation of this."""
+
+    def monotonic(self) -> float:
+        """Seconds for control; never jumps."""
+        ...
+
+    def utc(self) -> datetime:
+        """Aware UTC time for people; may jump."""
+        ...
+
+
+class SystemClock:
+    """The computer's own clocks."""
+
+    def monotonic(self) -> float:
+        return monotonic()
+
+    def utc(self) -> datetime:
+        return datetime.now(UTC)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One channel's value as a driver got it."""
+
+    channel: str
+    """Name given in the configuration."""
+    value: float
+    """NaN when there is none."""
+    unit: str
+    quality: Quality
+    source_time: datetime
+    """UTC."""
+    monotonic_s: float
+    sequence: int
+    """Counts the reads of one driver."""
+    detail: str = ""
+    """Why the quality is not good, in words for a person."""
+
+
+class Driver(Protocol):
+    """A device on a bus. Made from frozen settings; `read` returns one reading per configured channel.
+
+    `read` raises a DriverError when the device as a whole did not answer; a fault of one sensor is a reading
+    with that quality, not an exception.
+    """
+
+    @property
+    def device(self) -> str:
+        """Name given in the configuration."""
+        ...
+
+    @property
+    def channels(self) -> tuple[str, ...]: ...
+
+    async def connect(self) -> None:
+        """Check that the device is there and is what the profile says (type codes, identity)."""
+        ...
+
+    async def read(self) -> Sequence[Reading]: ...
+
+    async def close(self) -> None: ...
+
+
+class Bus(Protocol):
+    """Where devices are: a serial port, a host, a CAN interface. Owns the connection its drivers share."""
+
+    @property
+    def name(self) -> str: ...
+
+    async def connect(self) -> None: ...
+
+    async def close(self) -> None: ...
+
+
+class DriverError(Exception):
+    """Something between us and a device. The message says what; bus, device and channel say where; hint says what to do."""
+
+    def __init__(self, what: str, *, bus: str = "", device: str = "", channel: str = "", hint: str = "") -> None:
+        self.what, self.bus, self.device, self.channel, self.hint = what, bus, device, channel, hint
+        where = ", ".join(f"{k} {v}" for k, v in (("bus", bus), ("device", device), ("channel", channel)) if v)
+        super().__init__(f"{where}: {what}" + (f" ({hint})" if hint else "") if where else what)
+
+
+class SetupError(DriverError):
+    """The settings cannot work: unknown profile, channel or unit id out of range. Raised when made, without network."""
+
+
+class ConnectError(DriverError):
+    """The bus cannot be opened: port missing or in use, host refuses."""
+
+
+class NoAnswer(DriverError):
+    """The device did not answer in time."""
+
+
+class BadAnswer(DriverError):
+    """An answer came that is not a valid answer to our request: checksum, length, wrong unit."""
+
+
+class Refused(DriverError):
+    """The device or control understood and said no: exception code, access denied."""
+
+
+class WrongDevice(DriverError):
+    """Something answers, but it is not what the configuration says (type code, identity)."""

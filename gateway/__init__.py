@@ -1,0 +1,1 @@
+"""The service: configuration, acquisition, control loop, storage, telemetry, command line; all policy lives here."""

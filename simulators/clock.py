@@ -1,0 +1,86 @@
+"""One simulated clock for the processes of a bench: real time, scaled, and stopped while somebody holds it."""
+
+import asyncio
+import struct
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from mmap import ACCESS_READ, mmap
+from pathlib import Path
+from threading import Lock
+
+_LAYOUT = struct.Struct("=Qddd")  # sequence (odd while being written), real base, simulated base, speed
+_SHORTEST_SLEEP_S = 0.0005
+
+
+class SharedClock:
+    """Simulated seconds = base + (real - real base) * speed, read from a small file that all processes map.
+
+    The file's owner starts, stops and holds the clock; others only read it. CLOCK_MONOTONIC is common to all
+    processes of a Linux machine, so nothing is exchanged while it runs.
+    """
+
+    def __init__(self, path: Path, *, epoch: datetime, speed: float = 1.0, owner: bool = False) -> None:
+        self._epoch = epoch.astimezone(UTC)
+        self._speed = speed
+        self._holds = 0
+        self._lock = Lock()
+        self._owner = owner
+        if owner:
+            path.write_bytes(_LAYOUT.pack(0, time.monotonic(), 0.0, 0.0))
+        with path.open("r+b" if owner else "rb") as file:
+            self._map = (
+                mmap(file.fileno(), _LAYOUT.size) if owner else mmap(file.fileno(), _LAYOUT.size, access=ACCESS_READ)
+            )
+        self._running = False
+
+    def monotonic(self) -> float:
+        while True:
+            before, real_base, base, speed = _LAYOUT.unpack_from(self._map)
+            if before % 2 == 0 and _LAYOUT.unpack_from(self._map)[0] == before:
+                return float(base + (time.monotonic() - real_base) * speed)
+
+    def utc(self) -> datetime:
+        return self._epoch + timedelta(seconds=self.monotonic())
+
+    def start(self) -> None:
+        """Let simulated time run."""
+        with self._lock:
+            self._running = True
+            self._apply()
+
+    def stop(self) -> None:
+        """Stop simulated time."""
+        with self._lock:
+            self._running = False
+            self._apply()
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """Simulated time stands still inside; holds nest and may overlap between tasks and threads."""
+        with self._lock:
+            self._holds += 1
+            self._apply()
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._holds -= 1
+                self._apply()
+
+    async def sleep_until(self, monotonic_s: float) -> None:
+        while (left := monotonic_s - self.monotonic()) > 0:
+            await asyncio.sleep(max(left / self._speed, _SHORTEST_SLEEP_S))
+
+    def close(self) -> None:
+        self._map.close()
+
+    def _apply(self) -> None:
+        if not self._owner:
+            raise PermissionError("only the owner of a simulated clock may start, stop or hold it")
+        speed = self._speed if self._running and self._holds == 0 else 0.0
+        now_simulated, now_real = self.monotonic(), time.monotonic()
+        sequence = _LAYOUT.unpack_from(self._map)[0]
+        _LAYOUT.pack_into(self._map, 0, sequence + 1, now_real, now_simulated, speed)
+        _LAYOUT.pack_into(self._map, 0, sequence + 2, now_real, now_simulated, speed)

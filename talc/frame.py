@@ -1,0 +1,122 @@
+"""What goes into the controller and what comes out: values, all frozen.
+
+`controller.step(frame) -> decision`; `train(decision.training) -> models`; `controller.adopt(models)`.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from talc.settings import TrainingSettings
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+class Phase(StrEnum):
+    """Where the adaptive control stands (Z22 §2)."""
+
+    CALIBRATION = "calibration"
+    COMPENSATION = "compensation"
+    NO_GOOD = "no_good"
+
+
+class Why(StrEnum):
+    """Why a measurement or a training is wanted."""
+
+    CALIBRATION = "calibration"
+    INTERVAL = "interval"
+    NO_GOOD = "no_good"
+    RETRY = "retry"
+
+
+class EventKind(StrEnum):
+    """What a decision reports beside its numbers."""
+
+    PHASE_CHANGED = "phase_changed"
+    STATE_UPDATE = "state_update"
+    LIMIT_EXCEEDED = "limit_exceeded"
+    TRAINING_WANTED = "training_wanted"
+    MODELS_ADOPTED = "models_adopted"
+    MODEL_REJECTED = "model_rejected"
+    INPUT_SUBSTITUTED = "input_substituted"
+    PREDICTION_BOUNDED = "prediction_bounded"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing worth telling; `error` is set when it concerns one thermal error."""
+
+    kind: EventKind
+    text: str
+    error: str | None = None
+    value: float | None = None
+    limit: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """The nine errors found by one probing cycle."""
+
+    errors: FloatArray
+    """(9,) µm, µm/m for the last three, in the order of THERMAL_ERRORS; NaN: not determined."""
+    sigma: FloatArray
+    """(9,) standard uncertainties, same units."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One grid step of everything."""
+
+    k: int
+    """Grid index: UTC seconds // grid step. Strictly increasing; gaps are allowed."""
+    inputs: FloatArray
+    """(n,) temperatures in degC, spindle growth in µm, machine states, in the controller's input order."""
+    valid: BoolArray
+    """(n,) False where the input had no good value in this step (its number is then meaningless)."""
+    measurement: Measurement | None = None
+    """Set when a probing cycle has finished for this step."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingJob:
+    """All that a training needs, as a value."""
+
+    k: int
+    """Grid index of the step that asked."""
+    why: Why
+    input_names: tuple[str, ...]
+    inputs: FloatArray
+    """(T, n), consecutive grid steps, the last one at index k."""
+    valid: BoolArray
+    """(T, n)"""
+    measured: FloatArray
+    """(T, 9), NaN where nothing was measured."""
+    settings: TrainingSettings
+    static_inputs: tuple[tuple[str, ...], ...] | None = None
+    """Inputs to keep, one tuple per thermal error; None: choose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What the controller makes of one frame."""
+
+    k: int
+    phase: Phase
+    predicted: FloatArray
+    """(9,) errors at k; NaN where no model exists.
+
+    When the frame held a measurement: the prediction before it."""
+    corrected: FloatArray
+    """(9,) best estimate at k, after the state update; what compensation uses. NaN: no estimate."""
+    sigma: FloatArray
+    """(9,) standard uncertainty of `corrected`; NaN where unknown."""
+    limits: FloatArray
+    """(9,) action control limits; NaN before the first models."""
+    measure: Why | None
+    """Set when a measurement is wanted for the next step."""
+    training: TrainingJob | None
+    """Set when a training is wanted. The caller runs it and hands the result to `adopt`."""
+    events: tuple[Event, ...]

@@ -1,0 +1,25 @@
+"""The nine thermal errors, their order and their units (ISO 230-1, ISO 230-7)."""
+
+from typing import Final
+
+THERMAL_ERRORS: Final = ("EY0A", "EZ0A", "EX0C", "EY0C", "EZ0T", "ER0T", "EA0C", "EB0C", "EC0C")
+"""Order of every nine-vector in the project."""
+
+MICROMETRE: Final = "µm"
+MICROMETRE_PER_METRE: Final = "µm/m"
+
+ERROR_UNITS: Final = dict.fromkeys(THERMAL_ERRORS[:6], MICROMETRE) | dict.fromkeys(
+    THERMAL_ERRORS[6:], MICROMETRE_PER_METRE
+)
+
+ERROR_MEANINGS: Final = {
+    "EY0A": "position of the A axis in Y",
+    "EZ0A": "position of the A axis in Z",
+    "EX0C": "position of the C axis in X",
+    "EY0C": "position of the C axis in Y",
+    "EZ0T": "axial growth of the table",
+    "ER0T": "radial growth of the table",
+    "EA0C": "orientation of the C axis about X",
+    "EB0C": "orientation of the C axis about Y",
+    "EC0C": "zero position of the C axis",
+}

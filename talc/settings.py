@@ -1,0 +1,89 @@
+"""Every choice TALC leaves open, with the papers' defaults. ValueError names a field that cannot be."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+
+def require(condition: bool, field_name: str, value: object, expected: str) -> None:
+    """Raise ValueError naming the field, its value and what was expected."""
+    if not condition:
+        raise ValueError(f"{field_name} = {value!r}: expected {expected}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrainingSettings:
+    """How models are found from a record (Z22 §2, eq. 1-9)."""
+
+    selector: Literal["path"] = "path"
+    """Input and order selection: `path` walks the Group-LASSO path and refits by weighted least squares."""
+    max_na: int = 2
+    """Largest autoregressive order tried (Z22: at most 5)."""
+    max_nb: int = 3
+    """Largest input order tried; an input then has nb + 1 coefficients (Z22: at most 5)."""
+    max_inputs: int = 8
+    """Largest number of inputs in one model."""
+    tolerance_um: float = 5.0
+    """T of the adapted BIC (Z22 eq. 9) for position errors, µm (B19: 5)."""
+    tolerance_um_per_m: float = 15.0
+    """T of the adapted BIC for orientation errors, µm/m (B19: 15)."""
+    safety: float = 0.75
+    """ST of the adapted BIC (Z22 eq. 9)."""
+    static_inputs: bool = False
+    """Keep the first model's inputs; renew only orders and parameters (Z22 'static inputs')."""
+    window_steps: int | None = None
+    """Train on the last so many grid steps; None: on all data since the start."""
+    max_pole: float = 0.999
+    """A model with a pole of this magnitude or more never goes live."""
+
+    def __post_init__(self) -> None:
+        require(0 <= self.max_na <= 5, "max_na", self.max_na, "0 to 5")
+        require(0 <= self.max_nb <= 5, "max_nb", self.max_nb, "0 to 5")
+        require(self.max_inputs >= 1, "max_inputs", self.max_inputs, "1 or more")
+        require(self.tolerance_um > 0, "tolerance_um", self.tolerance_um, "more than 0")
+        require(self.tolerance_um_per_m > 0, "tolerance_um_per_m", self.tolerance_um_per_m, "more than 0")
+        require(0 < self.safety <= 1, "safety", self.safety, "more than 0, at most 1")
+        require(0 < self.max_pole < 1, "max_pole", self.max_pole, "between 0 and 1")
+        require(
+            self.window_steps is None or self.window_steps >= 12,
+            "window_steps",
+            self.window_steps,
+            "12 or more",
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlSettings:
+    """When to measure, when to learn (Z22 §2-3, Table 2; B19 §2-3). Counts are grid steps."""
+
+    calibration_steps: int = 288
+    """Length of the calibration phase, measured at every step (24 h at 5 min)."""
+    measurement_interval_steps: int = 24
+    """Steps between measurements in compensation (B19: 2 h best)."""
+    no_good_measurements: int = 16
+    """Measurements at every step in the no-good phase, before the model update (Z22: 16)."""
+    acl: Literal["adaptive", "fixed"] = "adaptive"
+    """Action control limits: the largest training residual of each model, or the fixed values below."""
+    acl_fixed_um: float = 5.0
+    """Fixed limit for position errors, µm (B19)."""
+    acl_fixed_um_per_m: float = 15.0
+    """Fixed limit for orientation errors, µm/m (B19)."""
+
+    def __post_init__(self) -> None:
+        require(self.calibration_steps >= 12, "calibration_steps", self.calibration_steps, "12 or more")
+        require(
+            self.measurement_interval_steps >= 1,
+            "measurement_interval_steps",
+            self.measurement_interval_steps,
+            "1 or more",
+        )
+        require(self.no_good_measurements >= 1, "no_good_measurements", self.no_good_measurements, "1 or more")
+        require(self.acl_fixed_um > 0, "acl_fixed_um", self.acl_fixed_um, "more than 0")
+        require(self.acl_fixed_um_per_m > 0, "acl_fixed_um_per_m", self.acl_fixed_um_per_m, "more than 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TalcSettings:
+    """The `[talc]` section of a gateway's configuration."""
+
+    control: ControlSettings = field(default_factory=ControlSettings)
+    training: TrainingSettings = field(default_factory=TrainingSettings)
