@@ -97,7 +97,7 @@ class Bus(Protocol):
 
 
 class DriverError(Exception):
-    """Something between us and a device. The message says what; bus, device and channel say where; hint says what to do."""
+    """Between us and a device. The message says what; bus, device, channel say where; hint says what to do."""
 
     def __init__(self, what: str, *, bus: str = "", device: str = "", channel: str = "", hint: str = "") -> None:
         self.what, self.bus, self.device, self.channel, self.hint = what, bus, device, channel, hint
