@@ -1,0 +1,65 @@
+"""The simulated clock: scaled, stopped while held, the same for a second process's view of it."""
+
+import asyncio
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from simulators.clock import SharedClock
+
+EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
+
+
+@pytest.fixture
+def clock(tmp_path: Path) -> Iterator[SharedClock]:
+    clock = SharedClock(tmp_path / "clock", epoch=EPOCH, speed=1000.0, owner=True)
+    yield clock
+    clock.close()
+
+
+def test_runs_at_its_speed_only_between_start_and_stop(clock: SharedClock) -> None:
+    assert clock.monotonic() == 0.0
+    real = time.monotonic()
+    clock.start()
+    while clock.monotonic() < 20.0:
+        pass
+    clock.stop()
+    stopped = clock.monotonic()
+    assert 20.0 <= stopped <= (time.monotonic() - real) * 1000.0
+    assert clock.monotonic() == stopped
+    assert clock.utc() == EPOCH + timedelta(seconds=stopped)
+
+
+def test_stands_still_while_anybody_holds_it(clock: SharedClock) -> None:
+    clock.start()
+    with clock.hold():
+        with clock.hold():
+            pass
+        before = clock.monotonic()
+        time.sleep(0.01)
+        assert clock.monotonic() == before
+    time.sleep(0.01)
+    assert clock.monotonic() > before
+
+
+def test_a_reader_sees_the_owners_time_and_may_not_change_it(clock: SharedClock, tmp_path: Path) -> None:
+    reader = SharedClock(tmp_path / "clock", epoch=EPOCH, speed=1000.0)
+    with clock.hold():
+        assert reader.monotonic() == clock.monotonic()
+    with pytest.raises(PermissionError):
+        reader.start()
+    reader.close()
+
+
+async def test_sleepers_wake_at_the_simulated_time(clock: SharedClock) -> None:
+    clock.start()
+    sleeper = asyncio.create_task(clock.sleep_until(100.0))
+    await asyncio.sleep(0)
+    with clock.hold():
+        await asyncio.sleep(0.15)
+        assert not sleeper.done()
+    await sleeper
+    assert clock.monotonic() >= 100.0
