@@ -1,0 +1,44 @@
+"""From a file to a checked configuration."""
+
+import tomllib
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from gateway.config.model import GatewayConfig, validate
+from gateway.config.problems import ConfigError, Problem, problems_of
+from gateway.config.rules import problems_between
+
+
+def load(path: Path) -> GatewayConfig:
+    """The checked configuration of a file. No network.
+
+    Raises ConfigError with every problem found.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(path, [Problem("", f"cannot be read: {error.strerror or error}")]) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            path, [Problem("", f"is not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}")]
+        ) from None
+    return parse(text, path)
+
+
+def parse(text: str, path: Path) -> GatewayConfig:
+    """The checked configuration of a text; `path` names it in messages, and relative paths start at its folder.
+
+    Raises ConfigError with every problem found.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
+    try:
+        config = validate(data, path.resolve().parent)
+    except ValidationError as error:
+        raise ConfigError(path, problems_of(error, data, GatewayConfig)) from None
+    if problems := problems_between(config):
+        raise ConfigError(path, problems)
+    return config

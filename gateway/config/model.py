@@ -1,0 +1,91 @@
+"""The whole configuration as one frozen value."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from pydantic import Field
+
+from gateway.config.buses import Bus
+from gateway.config.fields import Section
+from gateway.config.sections import (
+    Compensation,
+    Device,
+    Grid,
+    Limits,
+    Machine,
+    Probing,
+    SinumerikNc,
+    State,
+    Storage,
+    Telemetry,
+)
+from talc.settings import TalcSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One channel of the configuration, with what belongs to it."""
+
+    name: str
+    device: str
+    bus: str
+    period_s: float
+    limits: Limits
+
+
+class GatewayConfig(Section):
+    """One gateway: machine, inputs, buses, devices, NC, TALC settings, telemetry, storage."""
+
+    machine: Machine
+    grid: Grid = Grid()
+    storage: Storage = Field(default=Storage(), validate_default=True)
+    telemetry: Telemetry = Telemetry()
+    buses: tuple[Bus, ...] = Field(default=(), alias="bus")
+    devices: tuple[Device, ...] = Field(default=(), alias="device")
+    states: tuple[State, ...] = Field(default=(), alias="state")
+    limits: Mapping[str, Limits] = Field(default_factory=dict)
+    nc: SinumerikNc | None = None
+    probing: Probing = Probing()
+    compensation: Compensation = Compensation()
+    talc: TalcSettings = TalcSettings()
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Every channel, in file order."""
+        periods = {bus.name: bus.period_s for bus in self.buses}
+        return tuple(
+            Channel(name, device.name, device.bus, periods[device.bus], self.limits.get(name, Limits()))
+            for device in self.devices
+            for name in device.channels
+        )
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the model inputs, in the order of a frame: channels in file order, then machine states."""
+        channels = (name for device in self.devices for name in device.channels)
+        return (*channels, *(state.name for state in self.states))
+
+    def devices_of(self, bus: str) -> tuple[Device, ...]:
+        """The devices on one bus, in file order."""
+        return tuple(device for device in self.devices if device.bus == bus)
+
+    def canonical(self) -> str:
+        """The configuration with every default written out, as JSON: the same text for the same behaviour."""
+        return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=False, separators=(",", ":"))
+
+    def fingerprint(self) -> str:
+        """SHA-256 of `canonical()` in hexadecimal: what runs, not how its file is laid out."""
+        return sha256(self.canonical().encode()).hexdigest()
+
+
+def validate(data: Mapping[str, object] | str, folder: Path | None = None) -> GatewayConfig:
+    """A configuration from TOML's data, or from `canonical()` text.
+
+    `folder`: where relative paths start. Raises pydantic.ValidationError.
+    """
+    # As JSON, so that strict types hold (no "9600" for 9600) while lists and texts still become tuples and paths.
+    text = data if isinstance(data, str) else json.dumps(data, default=str)
+    return GatewayConfig.model_validate_json(text, strict=True, context={"folder": folder} if folder else None)

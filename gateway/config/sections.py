@@ -1,0 +1,171 @@
+"""The sections of a gateway's configuration, apart from its buses."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from gateway.config.fields import LARGEST_BOUND_UM, MOST_POSES, FilePath, Name, NotNegative, Positive, Section, matching
+
+
+class Machine(Section):
+    """The machine tool that this gateway serves."""
+
+    name: Name
+    """Name of the machine; second part of every key it publishes under."""
+
+
+class Grid(Section):
+    """The common time base of models and control."""
+
+    step_s: Positive = 300.0
+    """Grid step in seconds (5 min). Frame k covers the step that ends at UTC = k · step_s."""
+
+
+class Storage(Section):
+    """What is kept on the computer."""
+
+    path: FilePath = Field(default=Path("gateway.sqlite"), validate_default=True)
+    """SQLite database; a relative path starts at the configuration's folder."""
+    keep_samples_days: Positive = 60.0
+    """Readings older than this are deleted. Frames, decisions, measurements, models and events are kept."""
+    commit_s: Positive = 1.0
+    """Readings are committed at least so often (real time): the most that a power cut can cost."""
+
+
+class Telemetry(Section):
+    """Publication over Zenoh."""
+
+    enabled: bool = True
+    """False: publish nothing and open no session."""
+    prefix: Annotated[
+        str, matching(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", "letters, digits, _ and -, parts set off by /")
+    ] = "talc"
+    """First part of every key; the machine's name follows."""
+    mode: Literal["peer", "client"] = "peer"
+    """`peer` meets others directly, `client` goes through a router."""
+    listen: tuple[str, ...] = ()
+    """Zenoh endpoints to listen on, such as `tcp/0.0.0.0:7447`."""
+    connect: tuple[str, ...] = ()
+    """Zenoh endpoints to connect to."""
+    multicast: bool = False
+    """Find other peers by multicast."""
+
+
+class Device(Section):
+    """One device on a bus: `[[device]]`."""
+
+    name: Name
+    """Name that messages use."""
+    bus: str
+    """Name of the bus it is on."""
+    profile: str
+    """Profile that says where its values are; see drivers/profiles."""
+    unit: int = Field(default=1, ge=0, le=0xFFFF)
+    """Address on its bus: Modbus unit 1 to 247, CANopen node 1 to 127."""
+    options: Mapping[str, str | int | float | bool] = Field(default_factory=dict)
+    """What its profile leaves open, such as the vendor or the range."""
+    channels: Mapping[Name, int | str] = Field(min_length=1)
+    """Model input = the device's channel (counted from 0; a signal's name with can_dbc). The order in the file is
+    the order of the inputs."""
+
+
+class State(Section):
+    """One machine state, read from the NC, that models may use as an input: `[[state]]`."""
+
+    name: Name
+    """Name under which the NC driver reports it."""
+
+
+class Limits(Section):
+    """What is plausible for one channel: `[limits.<channel>]`. Outside, its quality is `out_of_range`."""
+
+    min: float | None = None
+    """Smallest plausible value, in the channel's unit."""
+    max: float | None = None
+    """Largest plausible value, in the channel's unit."""
+    max_rate_per_min: Positive | None = None
+    """Largest plausible change per minute, in the channel's unit."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "Limits":
+        if self.min is not None and self.max is not None and self.min >= self.max:
+            raise ValueError(f"min = {self.min:g}, max = {self.max:g}: expected min below max")
+        return self
+
+
+class SinumerikNc(Section):
+    """A SINUMERIK control over OPC UA: `[nc]`."""
+
+    kind: Literal["sinumerik"]
+    """`sinumerik`."""
+    url: Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
+    """Endpoint of the control's OPC UA server, such as `opc.tcp://192.168.214.1:4840`."""
+    security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
+    """Security policy. `none` sends everything in the clear: for an emulated control only."""
+    user: str | None = None
+    """OPC UA user; the control grants it the rights to write."""
+    password_file: FilePath | None = None
+    """File that holds the user's password, so that it is never in this file, the store or a message."""
+    certificate: FilePath | None = None
+    """The gateway's certificate (.der or .pem)."""
+    private_key: FilePath | None = None
+    """The certificate's key (.pem)."""
+    period_s: Positive = 1.0
+    """How often positions and states are read, and compensation is written."""
+    timeout_s: Positive = 2.0
+    """How long one answer may take."""
+    nodes: Mapping[str, str] = Field(default_factory=dict)
+    """Node ids that differ from the driver's defaults, by the driver's name for them."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> "SinumerikNc":
+        if self.security != "none" and (self.certificate is None or self.private_key is None):
+            raise ValueError(f"security = '{self.security}' needs certificate and private_key")
+        if (self.user is None) != (self.password_file is None):
+            raise ValueError("user and password_file go together: give both or neither")
+        return self
+
+
+class Probing(Section):
+    """The probing cycle: six poses of the rotary axes, one sphere."""
+
+    armed: bool = False
+    """Whether the NC may be asked for a cycle. False: nothing is written to it and nothing is learnt."""
+    poses_deg: tuple[tuple[float, float], ...] = Field(
+        default=((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0)), min_length=3, max_length=MOST_POSES
+    )
+    """A and C of each pose, degrees. Together they must determine all nine errors."""
+    sphere_radius_mm: Positive = 120.0
+    """Distance of the sphere's centre from the C axis."""
+    sphere_height_mm: float = 80.0
+    """Height of the sphere's centre above the A axis at A = 0."""
+    sigma_um: Positive = 1.0
+    """Standard uncertainty of one coordinate of a probed centre."""
+    max_residual_um: Positive = 20.0
+    """A cycle whose centres differ from the best fit by more than this (RMS) is rejected."""
+    lead_s: NotNegative = 180.0
+    """The NC is asked so long before the end of the grid step that shall hold the result."""
+    timeout_s: Positive = 900.0
+    """A cycle that has not ended after this long is withdrawn."""
+    poll_s: Positive = 2.0
+    """How often the NC is asked how far the cycle is."""
+
+
+Bound = Annotated[float, Field(gt=0, le=LARGEST_BOUND_UM)]
+
+
+class Compensation(Section):
+    """What is sent to the NC."""
+
+    mode: Literal["monitor", "advise", "compensate"] = "monitor"
+    """`monitor` computes and stores, `advise` also publishes, `compensate` also writes to the NC."""
+    bound_um: tuple[Bound, Bound, Bound] = (50.0, 50.0, 50.0)
+    """Largest offset in X, Y, Z."""
+    slew_um_per_s: Positive = 1.0
+    """Fastest change of an offset."""
+    stale_after_s: Positive = 900.0
+    """A prediction older than this is no longer used."""
+    when_stale: Literal["zero", "hold"] = "zero"
+    """Without a usable prediction: ramp the offsets to zero, or hold the last ones."""
