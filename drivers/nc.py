@@ -5,6 +5,8 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Protocol
 
+from drivers.base import Quality
+
 LINEAR_AXES = ("X", "Y", "Z")
 ROTARY_AXES = ("A", "C")
 
@@ -21,6 +23,26 @@ class ProbingState(StrEnum):
     FAILED = "failed"
 
 
+class OperatingMode(StrEnum):
+    """What the operator has selected."""
+
+    JOG = "jog"
+    MDA = "mda"
+    AUTO = "auto"
+    UNKNOWN = "unknown"
+
+
+class ProgramState(StrEnum):
+    """What the part program does."""
+
+    RUNNING = "running"
+    WAITING = "waiting"
+    STOPPED = "stopped"
+    INTERRUPTED = "interrupted"
+    ABORTED = "aborted"
+    UNKNOWN = "unknown"
+
+
 @dataclass(frozen=True, slots=True)
 class NcSnapshot:
     """The control's state at one moment."""
@@ -31,7 +53,17 @@ class NcSnapshot:
     positions: dict[str, float]
     """Axis name to actual position: X Y Z in mm, A C in degrees."""
     states: dict[str, float] = field(default_factory=dict)
-    """Machine states that models use: spindle_speed (1/min), speed_X .. speed_C (mm/min, 1/min), coolant (0/1)."""
+    """Machine states that models use: spindle_speed (1/min), speed_X .. speed_C (mm/min, 1/min), coolant (0/1).
+
+    A state that the control gave no good value for is missing."""
+    mode: OperatingMode = OperatingMode.UNKNOWN
+    program: ProgramState = ProgramState.UNKNOWN
+    tool: int | None = None
+    """Number of the tool in the spindle; None: not known."""
+    probe_in_spindle: bool | None = None
+    alarms: tuple[int, ...] = ()
+    """Numbers of the alarms that are shown, the first few of them."""
+    quality: Quality = Quality.GOOD
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,225 @@
+"""SINUMERIK over OPC UA: snapshot, probing handshake over R-parameters, compensation over setting data."""
+
+import math
+from typing import Final
+
+from drivers.base import BadAnswer, Clock, Quality, Refused
+from drivers.nc import (
+    LINEAR_AXES,
+    ROTARY_AXES,
+    NcSnapshot,
+    OperatingMode,
+    ProbingState,
+    ProbingStatus,
+    ProgramState,
+)
+from drivers.opcua import Number, OpcUaSession
+from drivers.sinumerik_settings import SinumerikSettings
+
+AXES = LINEAR_AXES + ROTARY_AXES
+
+RIGHTS: Final = {
+    "_SEA_ACX": "Sea",
+    "_TEA_ACX": "Tea",
+    "_N_NC_GD": "Gud",
+    "_N_CH_GD": "Gud",
+    "linShift": "Frame",
+    "/Plc/": "Plc",
+    "/Channel/": "State",
+    "/Bag/": "State",
+    "/Nck/": "State",
+}
+"""Part of a node's name, and the right it takes, to which Read or Write is added (manual, list of rights)."""
+
+MODES: Final = {0: OperatingMode.JOG, 1: OperatingMode.MDA, 2: OperatingMode.AUTO}
+PROGRAM_STATES: Final = {
+    1: ProgramState.INTERRUPTED,
+    2: ProgramState.STOPPED,
+    3: ProgramState.RUNNING,
+    4: ProgramState.WAITING,
+    5: ProgramState.ABORTED,
+}
+PROBING_STATES: Final = {
+    1: ProbingState.ACCEPTED,
+    2: ProbingState.RUNNING,
+    3: ProbingState.DONE,
+    4: ProbingState.REFUSED,
+    5: ProbingState.FAILED,
+}
+FINAL: Final = frozenset({ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED})
+REASONS: Final = {
+    0: "",
+    1: "an alarm is active",
+    2: "the touch probe is missing or does not answer",
+    3: "the control is not in AUTO",
+    4: "withdrawn",
+    5: "no safe point before the request expired",
+    6: "a touch found no sphere",
+    7: "the program was stopped",
+}
+LARGEST_NUMBER: Final = 2**31 - 1
+
+
+class Sinumerik:
+    """One control. Making it validates and touches no network; see NumericalControl for the verbs.
+
+    Every verb raises a DriverError: ConnectError and NoAnswer mean that the session is closed and `connect` is needed.
+    """
+
+    def __init__(self, settings: SinumerikSettings, clock: Clock) -> None:
+        self._settings = settings
+        self._clock = clock
+        self._session = OpcUaSession(settings, settings.device, RIGHTS)
+        paths = settings.paths
+        self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
+        self._states = settings.state_sources
+        condition = (paths.mode, paths.program, paths.tool, paths.probe_in_spindle, *paths.alarms)
+        self._snapshot = (*self._positions, *(source.path for source in self._states.values()), *condition)
+        hand = settings.handshake
+        self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
+        results = range(hand.results, hand.results + 3 * hand.poses)
+        self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in results))
+        self._offsets = self._offset_paths()
+        self._in_force = self._in_force_paths()
+
+    async def connect(self) -> None:
+        """Open the session and read everything once, so that a wrong path or a missing right shows at once."""
+        await self._session.connect()
+        await self._session.read(self._snapshot)
+        await self._session.read(self._result)
+        await self._session.read(self._in_force)
+
+    async def close(self) -> None:
+        await self._session.close()
+
+    async def snapshot(self) -> NcSnapshot:
+        """One request. Raises BadAnswer when an axis has no position."""
+        values = await self._session.read(self._snapshot)
+        time, monotonic_s = self._clock.utc(), self._clock.monotonic()
+        positions = self._numbers(self._positions, values[: len(AXES)])
+        values = values[len(AXES) :]
+        states = {
+            name: float(value) / source.divisor
+            for (name, source), value in zip(self._states.items(), values, strict=False)
+            if value is not None
+        }
+        mode, program, tool, probe, *alarms = values[len(self._states) :]
+        return NcSnapshot(
+            time=time,
+            monotonic_s=monotonic_s,
+            positions=dict(zip(AXES, positions, strict=True)),
+            states=states,
+            mode=MODES.get(_code(mode), OperatingMode.UNKNOWN),
+            program=PROGRAM_STATES.get(_code(program), ProgramState.UNKNOWN),
+            tool=None if tool is None else int(tool),
+            probe_in_spindle=None if probe is None else bool(probe),
+            alarms=tuple(int(alarm) for alarm in alarms if alarm),
+            quality=Quality.GOOD,
+        )
+
+    async def request_probing(self, number: int) -> None:
+        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last."""
+        _check_number(number)
+        request, answers, _, _ = self._numbers(self._status, await self._session.read(self._status))
+        if number in (request, answers):
+            raise Refused(
+                f"request number {number} was the last one: its old result could be taken for a new one",
+                device=self._settings.device,
+                hint="go on counting from a higher number",
+            )
+        hand = self._settings.handshake
+        # The number goes last and alone: the control acts on it.
+        await self._session.write({self._settings.r(hand.valid_for): hand.request_valid_for_s})
+        await self._session.write({self._settings.r(hand.request): float(number)})
+
+    async def probing_status(self, number: int) -> ProbingStatus:
+        """Where request `number` stands; idle when the control holds another request and has not answered this one."""
+        _check_number(number)
+        request, answers, state, reason = self._numbers(self._status, await self._session.read(self._status))
+        if answers != number or not state:
+            return ProbingStatus(number, ProbingState.REQUESTED if request == number else ProbingState.IDLE)
+        known = self._state(state)
+        if known not in FINAL:
+            return ProbingStatus(number, known)
+        # The four parameters need not stem from one moment. What is final stands still: read it again with the results.
+        again = self._numbers(self._result, await self._session.read(self._result))
+        _, answers_again, state_again, reason, result_of, *values = again
+        if answers_again != answers or state_again != state:
+            return ProbingStatus(number, ProbingState.REQUESTED)
+        if known is not ProbingState.DONE:
+            return ProbingStatus(number, known, reason=REASONS.get(_code(reason), f"reason {reason:g}"))
+        if result_of != number:
+            raise BadAnswer(
+                f"the control calls cycle {number} done, but its results belong to cycle {result_of:g}",
+                device=self._settings.device,
+                hint="the NC program must write the results and their number before the state",
+            )
+        centres = tuple((values[i], values[i + 1], values[i + 2]) for i in range(0, len(values), 3))
+        return ProbingStatus(number, known, centres_mm=centres)
+
+    async def withdraw_probing(self, number: int) -> None:
+        """Take the request back; a cycle under way is stopped at the control's next chance."""
+        _check_number(number)
+        await self._session.write({self._settings.r(self._settings.handshake.withdraw): float(number)})
+
+    async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
+        """Raises ValueError, before anything is sent, for a number that is not finite or beyond `largest_um`.
+
+        On Refused some of the three may have been set: read back.
+        """
+        comp = self._settings.compensation
+        if not all(math.isfinite(v) for v in offsets_um):
+            raise ValueError(f"offsets_um = {offsets_um!r}: expected three finite numbers; nothing was sent")
+        if any(abs(v) > comp.largest_um for v in offsets_um):
+            raise ValueError(f"offsets_um = {offsets_um!r}: beyond largest_um = {comp.largest_um:g}; nothing was sent")
+        values = {
+            path: comp.sign(axis) * offset * 1e-3
+            for axis, (path, offset) in enumerate(zip(self._offsets, offsets_um, strict=True))
+        }
+        await self._session.write(values)
+
+    async def read_compensation(self) -> tuple[float, float, float]:
+        """Route `k0`: K0 + tanβ (P - P0), with whatever slope somebody else has set (K3); route `r`: the parameters."""
+        values = self._numbers(self._in_force, await self._session.read(self._in_force))
+        if self._settings.compensation.route == "k0":
+            k0, slope, reference, position = (values[i : i + 3] for i in (0, 3, 6, 9))
+            values = [k + t * (p - p0) for k, t, p0, p in zip(k0, slope, reference, position, strict=True)]
+        x, y, z = (self._settings.compensation.sign(axis) * value * 1e3 for axis, value in enumerate(values))
+        return x, y, z
+
+    def _offset_paths(self) -> tuple[str, ...]:
+        comp = self._settings.compensation
+        if comp.route == "r":
+            return tuple(self._settings.r(comp.first_r + i) for i in range(3))
+        return self._linear(self._settings.paths.k0)
+
+    def _in_force_paths(self) -> tuple[str, ...]:
+        if self._settings.compensation.route == "r":
+            return self._offsets
+        paths = self._settings.paths
+        return tuple(p for path in (paths.k0, paths.slope, paths.reference, paths.position) for p in self._linear(path))
+
+    def _linear(self, path: str) -> tuple[str, ...]:
+        return tuple(path.format(n=self._settings.axis_numbers[axis]) for axis in LINEAR_AXES)
+
+    def _state(self, value: float) -> ProbingState:
+        state = PROBING_STATES.get(_code(value))
+        if state is None:
+            raise BadAnswer(f"probing state {value:g} is none of 0 to 5", device=self._settings.device)
+        return state
+
+    def _numbers(self, paths: tuple[str, ...], values: list[Number | None]) -> list[float]:
+        for path, value in zip(paths, values, strict=True):
+            if value is None:
+                raise BadAnswer(f"{path} has no value", device=self._settings.device)
+        return [float(value) for value in values if value is not None]
+
+
+def _check_number(number: int) -> None:
+    if not 1 <= number <= LARGEST_NUMBER:
+        raise ValueError(f"request number = {number!r}: expected 1 to {LARGEST_NUMBER}")
+
+
+def _code(value: Number | None) -> int:
+    """An R-parameter is a floating-point number even when it means a code; -1 for none."""
+    return -1 if value is None or not math.isfinite(value) else round(value)

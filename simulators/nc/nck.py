@@ -1,0 +1,296 @@
+"""The NC kernel: program, axes, R-parameters, setting data, probing; stepped by time. Knows no protocol."""
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, Reason
+from simulators.nc.program import Block, Kind, LoadCase, Loads
+
+AXES = ("X", "Y", "Z", "A", "C")
+
+R_COUNT = 100
+"""R-parameters of channel 1: R0 to R99, the control's default."""
+R_REQUEST, R_WITHDRAW, R_VALID_FOR = 60, 61, 62
+R_ANSWERS, R_STATE, R_REASON, R_RESULT_OF = 64, 65, 66, 67
+R_RESULTS = 70
+"""First of eighteen: X, Y, Z of the sphere's centre at each pose, mm."""
+R_OFFSETS = 90
+"""First of three: shift of the tool in X, Y, Z, mm, when the offsets go over R-parameters."""
+
+JOG, MDA, AUTO = 0, 1, 2
+INTERRUPTED, STOPPED, IN_PROGRESS = 1, 2, 3
+PROBE_TOOL = 99
+
+
+class MachineUnderControl(Protocol):
+    """The machine's mechanics, as far as the control can feel them."""
+
+    def tool_deviation_um(
+        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
+    ) -> tuple[float, float, float]:
+        """Thermal deviation (X, Y, Z) in µm of the workpiece side from where the tool meets it, uncompensated.
+
+        A sphere on the table that stands 5 µm too far in X is found at +5 µm. The time of a call may lie a few
+        seconds behind the simulated clock, as touches are worked off when the control's loop wakes.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class MachineState:
+    """What the machine does at one moment."""
+
+    time_s: float
+    positions: dict[str, float]
+    """X Y Z in mm, A C in degrees, machine coordinates."""
+    loads: Loads
+    mode: int
+    program_status: int
+    tool: int
+    probing: bool
+    alarms: tuple[int, ...]
+
+
+class Nck:
+    """Everything the control does, as a function of the time handed in.
+
+    Parameters
+    ----------
+    machine: what the probe touches
+    program: the machine's day
+    seed: of the probing noise; the draw of a cycle depends on the seed and its begin alone, not on how many
+        cycles went before
+    """
+
+    def __init__(
+        self,
+        machine: MachineUnderControl,
+        program: LoadCase,
+        *,
+        cycle: CycleSettings | None = None,
+        seed: int = 0,
+        compensation_sign: int = -1,
+    ) -> None:
+        self._machine = machine
+        self.program = program
+        self.cycle_settings = cycle if cycle is not None else CycleSettings()
+        self.cycle = ProbingCycle(self.cycle_settings, self._touch, program.next_safe_point)
+        self._cycle_loads = _cycle_loads(self.cycle_settings)
+        self._seed = seed
+        self._noise = np.zeros((len(self.cycle_settings.poses_deg), 3))
+        self._noise_of = math.nan
+        self._sign = compensation_sign
+        self.r = [0.0] * R_COUNT
+        self.k0_mm = [0.0] * 3
+        """SD43900 $SA_TEMP_COMP_ABS_VALUE of X, Y, Z."""
+        self.slope = [0.0] * 3
+        """SD43910 $SA_TEMP_COMP_SLOPE."""
+        self.reference_mm = [0.0] * 3
+        """SD43920 $SA_TEMP_COMP_REF_POSITION."""
+        self.mode = AUTO
+        self.alarms: tuple[int, ...] = ()
+        self.probe_available = True
+        self.sphere_present = True
+
+    # Time ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def next_event_s(self) -> float | None:
+        """When `advance` next has something to do."""
+        return self.cycle.next_event_s
+
+    def advance(self, now_s: float) -> None:
+        """Work off what was due until now and show the cycle's answer in the R-parameters."""
+        self.cycle.advance(now_s)
+        self._show_answer()
+
+    def state(self, time_s: float) -> MachineState:
+        """The machine at a time until now, or later if nobody asks for a cycle until then."""
+        began = self._cycle_at(time_s)
+        block = self.program.at(time_s)
+        if began is None:
+            positions, loads, tool = _positions(block, time_s), block.loads, _tool(block, time_s, self.program)
+        else:
+            positions, loads, tool = self._probing_positions(time_s - began), self._cycle_loads, PROBE_TOOL
+        status = IN_PROGRESS if block.cutting or began is not None else STOPPED
+        return MachineState(
+            time_s=time_s,
+            positions=positions,
+            loads=Loads() if self.alarms else loads,
+            mode=self.mode,
+            program_status=INTERRUPTED if self.alarms else status,
+            tool=tool,
+            probing=began is not None,
+            alarms=self.alarms,
+        )
+
+    def mean_loads(self, start_s: float, end_s: float) -> Loads:
+        """Exact mean of the loads over a stretch of time that is over, probing cycles included. Alarms are not."""
+        if not end_s > start_s:
+            raise ValueError(f"start_s = {start_s}, end_s = {end_s}: expected an end after the start")
+        total = self.program.integral(end_s) - self.program.integral(start_s)
+        cycle_loads = np.array(self._cycle_loads.as_tuple())
+        first = bisect_right(self.cycle.ended, start_s, key=lambda cycle: cycle[1])
+        cycles = self.cycle.ended[first:]
+        if self.cycle.started_s is not None:
+            cycles = [*cycles, (self.cycle.started_s, math.inf)]
+        for begin, end in cycles:
+            low, high = max(begin, start_s), min(end, end_s)
+            if high > low:
+                total += cycle_loads * (high - low) - (self.program.integral(high) - self.program.integral(low))
+        return Loads(*(float(v) for v in total / (end_s - start_s)))
+
+    # What the protocol side writes -----------------------------------------------------------------------------------
+
+    def write_r(self, number: int, value: float, now_s: float) -> None:
+        """Set an R-parameter; the handshake's own ones take effect."""
+        self.advance(now_s)
+        self.r[number] = value
+        if number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
+            valid_for = self.r[R_VALID_FOR]
+            self.cycle.ask(now_s, int(value), valid_for if valid_for > 0 else math.inf)
+        elif number == R_WITHDRAW and value > 0:
+            self.cycle.withdraw(now_s, int(value))
+        self._show_answer()
+
+    def raise_alarm(self, number: int, now_s: float) -> None:
+        """An alarm stops the program and a cycle under way."""
+        self.advance(now_s)
+        self.alarms = (*self.alarms, number)
+        self._inhibit(now_s)
+
+    def clear_alarms(self, now_s: float) -> None:
+        """Acknowledge all alarms; the program goes on."""
+        self.advance(now_s)
+        self.alarms = ()
+        self._inhibit(now_s)
+
+    def set_probe_available(self, available: bool, now_s: float) -> None:
+        """Whether the magazine holds a probe that answers."""
+        self.advance(now_s)
+        self.probe_available = available
+        self._inhibit(now_s)
+
+    def set_mode(self, mode: int, now_s: float) -> None:
+        """JOG, MDA or AUTO; the cycle runs in AUTO only."""
+        self.advance(now_s)
+        self.mode = mode
+        self._inhibit(now_s)
+
+    # Compensation ----------------------------------------------------------------------------------------------------
+
+    def shift_um(self, positions_mm: Centre) -> Centre:
+        """What the control adds to where the tool stands: SD43900-43920 and the R-parameters together, µm.
+
+        Position-dependent form: K = K0 + tanβ (P - P0) per axis (Function Manual Extended Functions, K3).
+        """
+        shift = []
+        for axis, position in enumerate(positions_mm):
+            value_mm = self.k0_mm[axis] + self.slope[axis] * (position - self.reference_mm[axis])
+            shift.append((self._sign * value_mm + self.r[R_OFFSETS + axis]) * 1e3)
+        return shift[0], shift[1], shift[2]
+
+    # Inside ----------------------------------------------------------------------------------------------------------
+
+    def _inhibit(self, now_s: float) -> None:
+        if self.alarms:
+            reason = Reason.ALARM
+        elif not self.probe_available:
+            reason = Reason.NO_PROBE
+        elif self.mode != AUTO:
+            reason = Reason.WRONG_MODE
+        else:
+            reason = Reason.NONE
+        self.cycle.inhibit(now_s, reason)
+        self._show_answer()
+
+    def _show_answer(self) -> None:
+        answer = self.cycle.answer
+        if answer.centres_mm:
+            self.r[R_RESULTS : R_RESULTS + 3 * len(answer.centres_mm)] = [v for c in answer.centres_mm for v in c]
+        self.r[R_RESULT_OF] = answer.number if answer.centres_mm else 0
+        self.r[R_ANSWERS], self.r[R_STATE], self.r[R_REASON] = answer.number, answer.state, answer.reason
+
+    def _touch(self, time_s: float, pose: int) -> Centre | None:
+        if not self.sphere_present:
+            return None
+        nominal = self.cycle_settings.nominal_centre_mm(pose)
+        deviation = self._machine.tool_deviation_um(time_s, *nominal, *self.cycle_settings.poses_deg[pose])
+        shift, noise = self.shift_um(nominal), self._noise_um()[pose]
+        x, y, z = (
+            at + (found - added + error) * 1e-3
+            for at, found, added, error in zip(nominal, deviation, shift, noise, strict=True)
+        )
+        return x, y, z
+
+    def _noise_um(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        started = self.cycle.started_s if self.cycle.started_s is not None else 0.0
+        if self._noise_of != started:
+            self._noise_of = started
+            draw = np.random.default_rng([self._seed, round(started * 1e3)])
+            self._noise = draw.normal(0.0, self.cycle_settings.noise_um, (len(self.cycle_settings.poses_deg), 3))
+        return self._noise
+
+    def _cycle_at(self, time_s: float) -> float | None:
+        """Begin of the cycle that is under way at a time."""
+        started = self.cycle.started_s
+        if started is not None and time_s >= started:
+            return started
+        index = bisect_right(self.cycle.ended, time_s, key=lambda cycle: cycle[0]) - 1
+        if index >= 0 and time_s < self.cycle.ended[index][1]:
+            return self.cycle.ended[index][0]
+        return None
+
+    def _probing_positions(self, since_s: float) -> dict[str, float]:
+        """Each pose is held from a third of its slot until its touches are done."""
+        settings = self.cycle_settings
+        slot = (settings.duration_s - 2 * settings.approach_s) / len(settings.poses_deg)
+        progress = (since_s - settings.approach_s) / slot
+        pose = min(max(math.floor(progress), 0), len(settings.poses_deg) - 1)
+        part = min(max((progress - pose) * 3.0, 0.0), 1.0)
+        before = max(pose - 1, 0)
+        start = (*settings.nominal_centre_mm(before), *settings.poses_deg[before])
+        end = (*settings.nominal_centre_mm(pose), *settings.poses_deg[pose])
+        return {axis: s + part * (e - s) for axis, s, e in zip(AXES, start, end, strict=True)}
+
+
+def _cycle_loads(settings: CycleSettings) -> Loads:
+    """Mean speeds of the moves from pose to pose and back, spindle at rest, no cutting fluid."""
+    points = [(*settings.nominal_centre_mm(pose), *settings.poses_deg[pose]) for pose in range(len(settings.poses_deg))]
+    path = np.abs(np.diff([*points, points[0]], axis=0)).sum(axis=0) / (settings.duration_s / 60.0)
+    x, y, z, a, c = (float(v) for v in path)
+    return Loads(x=x, y=y, z=z, a=a / 360.0, c=c / 360.0)
+
+
+_CENTRE_MM = {"X": 0.0, "Y": 0.0, "Z": 150.0}
+_STROKE_MM = {"X": 300.0, "Y": 300.0, "Z": 200.0}
+_A_STROKE_DEG = 120.0
+
+
+def _positions(block: Block, time_s: float) -> dict[str, float]:
+    """Axes go to and fro at their mean speed; C turns."""
+    since = max(0.0, time_s - block.start_s)
+    loads = block.loads
+    positions = {
+        axis: _CENTRE_MM[axis] + _triangle(speed / 60.0 * since, _STROKE_MM[axis])
+        for axis, speed in (("X", loads.x), ("Y", loads.y), ("Z", loads.z))
+    }
+    positions["A"] = _triangle(loads.a * 6.0 * since, _A_STROKE_DEG)
+    positions["C"] = math.fmod(loads.c * 6.0 * since, 360.0)
+    return positions
+
+
+def _triangle(path: float, stroke: float) -> float:
+    """Position after a path to and fro over a stroke, starting in its middle."""
+    phase = math.fmod(path + stroke / 2.0, 2.0 * stroke)
+    return (phase if phase <= stroke else 2.0 * stroke - phase) - stroke / 2.0
+
+
+def _tool(block: Block, time_s: float, program: LoadCase) -> int:
+    if block.kind in (Kind.PAUSE, Kind.NIGHT):
+        return 0
+    return 1 + int(block.start_s / 300.0 + max(0.0, time_s - block.start_s) / program.operation_s) % 20

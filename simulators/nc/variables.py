@@ -1,0 +1,97 @@
+"""The control's variables under their OPC UA names: which value is where, who may write it. Knows no protocol.
+
+Names as in the SINUMERIK Access MyMachine / OPC UA manual: R-parameters `/Channel/Parameter/R[u1,10]`, machine axes
+`/Channel/MachineAxis/...[u1,axis]`, setting data `/NC/_N_AX_SEA_ACX/$SA_...[u<axis>]`, PLC bits `/Plc/M120.0`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from simulators.nc.nck import AXES, R_COUNT, MachineState, Nck
+
+Value = float | int | bool
+
+
+class Right(StrEnum):
+    """Rights a user is given with the control's method GiveUserAccess."""
+
+    STATE_READ = "StateRead"
+    STATE_WRITE = "StateWrite"
+    SEA_READ = "SeaRead"
+    SEA_WRITE = "SeaWrite"
+    PLC_READ = "PlcRead"
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """One variable: `read` takes the machine's present state, `write` the value and the time."""
+
+    read: Callable[[MachineState], Value]
+    readable_with: Right = Right.STATE_READ
+    write: Callable[[float, float], None] | None = None
+    writable_with: Right | None = None
+
+
+COOLANT = "/Plc/M120.0"
+PROBE_IN_SPINDLE = "/Plc/M120.1"
+"""Bits that a machine builder would wire; the emulated control's choice."""
+
+ALARMS_SHOWN = 3
+
+
+def variables(nck: Nck) -> Mapping[str, Variable]:
+    """Every variable of the control, by name."""
+    table = {
+        "/Channel/Spindle/actSpeed[u1,1]": Variable(lambda s: s.loads.spindle),
+        "/Channel/State/progStatus[u1]": Variable(lambda s: s.program_status),
+        "/Channel/State/actTNumber[u1]": Variable(lambda s: s.tool),
+        "/Bag/State/opMode[u1]": Variable(lambda s: s.mode),
+        "/Nck/State/numAlarms": Variable(lambda s: len(s.alarms)),
+        COOLANT: Variable(lambda s: s.loads.coolant > 0.5, Right.PLC_READ),
+        PROBE_IN_SPINDLE: Variable(lambda s: s.probing, Right.PLC_READ),
+    }
+    for index in range(ALARMS_SHOWN):
+        table[f"/Nck/SequencedAlarms/textIndex[{index + 1}]"] = _alarm(index)
+    for index, axis in enumerate(AXES):
+        table[f"/Channel/MachineAxis/actToolBasePos[u1,{index + 1}]"] = _position(axis)
+        table[f"/Channel/MachineAxis/actFeedRate[u1,{index + 1}]"] = _feed(index)
+    for number in range(R_COUNT):
+        table[f"/Channel/Parameter/R[u1,{number}]"] = _r_parameter(nck, number)
+    for name, values in (
+        ("TEMP_COMP_ABS_VALUE", nck.k0_mm),
+        ("TEMP_COMP_SLOPE", nck.slope),
+        ("TEMP_COMP_REF_POSITION", nck.reference_mm),
+    ):
+        for index in range(3):
+            table[f"/NC/_N_AX_SEA_ACX/$SA_{name}[u{index + 1}]"] = _setting(nck, values, index)
+    return table
+
+
+def _alarm(index: int) -> Variable:
+    return Variable(lambda s: s.alarms[index] if index < len(s.alarms) else 0)
+
+
+def _position(axis: str) -> Variable:
+    return Variable(lambda s: s.positions[axis])
+
+
+def _feed(index: int) -> Variable:
+    scale = 360.0 if AXES[index] in "AC" else 1.0  # degrees per minute, as the control shows rotary axes
+    return Variable(lambda s: s.loads.as_tuple()[index] * scale)
+
+
+def _r_parameter(nck: Nck, number: int) -> Variable:
+    return Variable(
+        lambda _: nck.r[number],
+        write=lambda value, now_s: nck.write_r(number, value, now_s),
+        writable_with=Right.STATE_WRITE,
+    )
+
+
+def _setting(nck: Nck, values: list[float], index: int) -> Variable:
+    def write(value: float, now_s: float) -> None:
+        nck.advance(now_s)
+        values[index] = value
+
+    return Variable(lambda _: values[index], Right.SEA_READ, write, Right.SEA_WRITE)
