@@ -1,7 +1,8 @@
 """From predicted errors to offsets that are safe to send: bounded, slewed, declared when nothing is known. Pure."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from enum import StrEnum
 from typing import Literal
 
@@ -33,6 +34,23 @@ class Step:
     source: Source
     bounded: tuple[bool, bool, bool]
     """Which axes were cut by the bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """One step of the compensation with all that it rests on."""
+
+    time: datetime
+    mode: Literal["monitor", "advise", "compensate"]
+    step: Step
+    k: int | None
+    """Grid index of the decision that was used."""
+    positions: Mapping[str, float]
+    """Axis positions: X Y Z in mm, A C in degrees."""
+    written: bool
+    """Whether the offsets were sent to the control."""
+    read_back_um: Offsets | None
+    """What the control reports to have in force after the write; None when nothing was written."""
 
 
 class Slew:

@@ -1,0 +1,108 @@
+"""One probing cycle from the wish to the nine errors: ask the NC, wait, check, solve."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import assert_never
+
+import numpy as np
+
+from drivers.nc import NumericalControl, ProbingState, ProbingStatus
+from gateway.clock import ServiceClock
+from gateway.compensation import Offsets
+from talc import probing
+from talc.frame import FloatArray, Measurement, Why
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of one request; `measurement` is None when it was refused, failed or implausible."""
+
+    number: int
+    why: Why
+    asked: datetime
+    ended: datetime
+    centres_mm: FloatArray | None
+    """(poses, 3) as the control reported them."""
+    in_force_um: Offsets
+    """Compensation that stood frozen during the cycle, taken out of the centres before solving."""
+    measurement: Measurement | None
+    residual_um: float
+    """RMS of what the nine errors do not explain; NaN without a result."""
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """The sphere, its poses and the reference: turns the control's centres into thermal errors."""
+
+    poses_rad: FloatArray
+    """(poses, 2) A and C."""
+    radius_m: float
+    height_m: float
+    sigma_um: float
+    """Standard uncertainty of one coordinate of a measured centre."""
+
+    def deviations_um(self, centres_mm: FloatArray, reference_mm: FloatArray, in_force_um: Offsets) -> FloatArray:
+        """(poses, 3) movement of the sphere since the reference, µm, as if nothing had been compensated.
+
+        The control adds `in_force_um` to where the tool stands, so the probe finds the sphere displaced by that
+        much less; adding it back gives the machine's own deviation.
+        """
+        return (centres_mm - reference_mm) * 1e3 + np.asarray(in_force_um)
+
+    def solve(self, deviations_um: FloatArray) -> probing.ProbingResult:
+        """Nine errors by least squares; see talc.probing."""
+        return probing.solve(
+            deviations_um, self.poses_rad, radius_m=self.radius_m, height_m=self.height_m, sigma_um=self.sigma_um
+        )
+
+
+class Rejected(Exception):
+    """The control's answer cannot be used; the message says why."""
+
+
+async def run_cycle(
+    nc: NumericalControl, number: int, clock: ServiceClock, *, poll_s: float, timeout_s: float
+) -> ProbingStatus:
+    """Ask for cycle `number` and wait for its end.
+
+    Raises Rejected when it is refused, fails or does not end within `timeout_s` (the request is then withdrawn),
+    DriverError when the control cannot be reached.
+    """
+    deadline = clock.monotonic() + timeout_s
+    with clock.hold():
+        await nc.request_probing(number)
+    while True:
+        await clock.sleep_until(clock.monotonic() + poll_s)
+        with clock.hold():
+            status = await nc.probing_status(number)
+        match status.state:
+            case ProbingState.DONE:
+                return status
+            case ProbingState.REFUSED | ProbingState.FAILED:
+                raise Rejected(f"the control {status.state.value} cycle {number}: {status.reason or 'no reason given'}")
+            case ProbingState.IDLE | ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
+                pass
+            case _:
+                assert_never(status.state)
+        if clock.monotonic() > deadline:
+            with clock.hold():
+                await nc.withdraw_probing(number)
+            raise Rejected(f"cycle {number} did not end within {timeout_s:g} s; last state: {status.state.value}")
+
+
+def centres(status: ProbingStatus, poses: int) -> FloatArray:
+    """(poses, 3) mm. Raises Rejected when the count or a number is wrong."""
+    values = np.asarray(status.centres_mm if status.centres_mm is not None else [], dtype=float)
+    if values.shape != (poses, 3):
+        raise Rejected(f"cycle {status.number}: {values.size} result values, expected {poses * 3}")
+    if not np.all(np.isfinite(values)):
+        raise Rejected(f"cycle {status.number}: a result is not a finite number")
+    return values
+
+
+def poses_in_radians(poses_deg: Sequence[Sequence[float]]) -> FloatArray:
+    """(n, 2) A and C in radians."""
+    return np.asarray([[math.radians(a), math.radians(c)] for a, c in poses_deg])

@@ -1,0 +1,65 @@
+"""Where everything that happens goes: the store, the telemetry, the view. Each takes what it is told and returns at once."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from drivers.base import Reading
+from gateway.compensation import Write
+from gateway.measurement import Outcome
+from talc.frame import Decision, Event, Frame
+from talc.models import ModelSet
+
+
+class Outlet(Protocol):
+    """Told of everything, in the order in which it happens, from the event loop's thread."""
+
+    def readings(self, readings: Sequence[Reading]) -> None: ...
+
+    def frame(self, frame: Frame) -> None: ...
+
+    def decision(self, decision: Decision) -> None: ...
+
+    def measurement(self, outcome: Outcome) -> None: ...
+
+    def models(self, models: ModelSet, after_k: int) -> None:
+        """Models adopted after the step with index `after_k`; they act from the next step on."""
+        ...
+
+    def event(self, event: Event, k: int | None) -> None: ...
+
+    def compensation(self, write: Write) -> None: ...
+
+
+class Fanout:
+    """Hands everything to several outlets, in order: what is stored first is what is published next."""
+
+    def __init__(self, outlets: Sequence[Outlet]) -> None:
+        self._outlets = tuple(outlets)
+
+    def readings(self, readings: Sequence[Reading]) -> None:
+        for outlet in self._outlets:
+            outlet.readings(readings)
+
+    def frame(self, frame: Frame) -> None:
+        for outlet in self._outlets:
+            outlet.frame(frame)
+
+    def decision(self, decision: Decision) -> None:
+        for outlet in self._outlets:
+            outlet.decision(decision)
+
+    def measurement(self, outcome: Outcome) -> None:
+        for outlet in self._outlets:
+            outlet.measurement(outcome)
+
+    def models(self, models: ModelSet, after_k: int) -> None:
+        for outlet in self._outlets:
+            outlet.models(models, after_k)
+
+    def event(self, event: Event, k: int | None) -> None:
+        for outlet in self._outlets:
+            outlet.event(event, k)
+
+    def compensation(self, write: Write) -> None:
+        for outlet in self._outlets:
+            outlet.compensation(write)
