@@ -21,6 +21,7 @@ class Source(StrEnum):
     STALE = "stale"
     NO_MODEL = "no_model"
     FROZEN = "frozen"
+    STOPPED = "stopped"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Where everything that happens goes: the store, the telemetry, the view. Each takes what it is told and returns at once."""
+"""Where everything that happens goes: the store, the telemetry, the view. Each is told and returns at once."""
 
 from collections.abc import Sequence
 from typing import Protocol

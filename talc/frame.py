@@ -43,6 +43,9 @@ class EventKind(StrEnum):
     MODEL_REJECTED = "model_rejected"
     INPUT_SUBSTITUTED = "input_substituted"
     PREDICTION_BOUNDED = "prediction_bounded"
+    PROBLEM = "problem"
+    """Of the service: a bus, device, channel or the NC. The controller itself never reports one."""
+    PROBLEM_ENDED = "problem_ended"
 
 
 @dataclass(frozen=True, slots=True)

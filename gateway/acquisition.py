@@ -1,0 +1,269 @@
+"""Reads every device once per period of its bus, for ever. A dead device never takes its neighbours' time for long."""
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, replace
+from itertools import count
+from types import TracebackType
+from typing import Self
+
+from drivers.base import Bus, ConnectError, Driver, DriverError, Quality, Reading
+from gateway.breaker import Breaker, Change
+from gateway.clock import ServiceClock
+
+log = logging.getLogger(__name__)
+
+_CLOSE_LIMIT_S = 5.0
+"""Real seconds that closing a bus or device may take."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One bus with the drivers of its devices, and the policy for both."""
+
+    bus: Bus
+    drivers: tuple[Driver, ...]
+    period_s: float = 1.0
+    retry_max_periods: int = 60
+    read_limit_s: float = 10.0
+    """Real seconds that one read may take before the bus is closed and opened again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """A problem that began or ended. Told once each."""
+
+    subject: str
+    """`bus rtu1`, `device rtd1` or `channel bed_front_left`."""
+    text: str
+    ended: bool = False
+
+
+Publish = Callable[[Sequence[Reading]], None]
+"""Takes the readings of one device; must return at once."""
+Notify = Callable[[Notice], None]
+
+
+class _Device:
+    """One driver and what is known of it."""
+
+    def __init__(self, driver: Driver, period_s: float, longest_s: float) -> None:
+        self.driver = driver
+        self.breaker = Breaker(period_s, longest_s)
+        self.connected = False
+        self.cost_s = 0.0
+        """Time that its last failure took."""
+        self.detail = "not asked yet"
+        self.kind: type[BaseException] | None = None
+        self.units = dict.fromkeys(driver.channels, "")
+        self.qualities = dict.fromkeys(driver.channels, Quality.GOOD)
+
+
+class Runner:
+    """Polls the devices of one bus on a drift-free schedule.
+
+    Healthy devices come first, in the order of the configuration. Of the failing ones at most one is asked per
+    period, last, when its breaker allows it and when what its last failure cost still fits into the period; only when
+    put off for the longest wait is it asked regardless.
+    """
+
+    def __init__(self, line: Line, clock: ServiceClock, publish: Publish, notify: Notify, sequence: Callable[[], int]):
+        self.line = line
+        self._clock, self._publish, self._notify, self._sequence = clock, publish, notify, sequence
+        longest_s = line.period_s * line.retry_max_periods
+        self._devices = [_Device(driver, line.period_s, longest_s) for driver in line.drivers]
+        self._breaker = Breaker(line.period_s, longest_s)
+        self._open = False
+        self.missed = 0
+        """Periods that were skipped because the one before took too long."""
+
+    async def run(self) -> None:
+        """Poll until cancelled; then close the devices and the bus."""
+        due = self._clock.monotonic()
+        period = self.line.period_s
+        try:
+            while True:
+                await self._clock.sleep_until(due)
+                with self._clock.hold():
+                    await self._poll(due)
+                late = max(0, math.ceil((self._clock.monotonic() - due) / period) - 1)
+                self.missed += late
+                due += period * (1 + late)
+        finally:
+            with self._clock.hold():
+                await self._shut()
+
+    async def _poll(self, due: float) -> None:
+        """One period: read the healthy, try one of the failing, give the others' channels a fault reading."""
+        if not self._open and not await self._open_bus(due):
+            for device in self._devices:
+                self._publish_fault(device)
+            return
+        answered = asked = False
+        for device in [d for d in self._devices if not d.breaker.failing] + self._suspects(due):
+            if not self._open:
+                break
+            asked = True
+            answered = await self._ask(device, due) or answered
+        for device in self._devices:
+            if device.breaker.failing:
+                self._publish_fault(device)
+        if asked and not answered and self._open and not any(not d.breaker.failing for d in self._devices):
+            # Nobody answers any more: the fault may be the connection itself (half-open TCP, adapter unplugged).
+            await self._shut()
+
+    def _suspects(self, due: float) -> list[_Device]:
+        waiting = [d for d in self._devices if d.breaker.failing and d.breaker.allows(due)]
+        waiting.sort(key=lambda device: device.breaker.retry_at)
+        left = due + self.line.period_s - self._clock.monotonic()
+        fitting = (d for d in waiting if d.cost_s <= left or d.breaker.overdue(due) or len(self._devices) == 1)
+        return [device for device in fitting][:1]
+
+    async def _open_bus(self, due: float) -> bool:
+        if not self._breaker.allows(due):
+            return False
+        bus = self.line.bus
+        try:
+            async with asyncio.timeout(self.line.read_limit_s):
+                await bus.connect()
+        except Exception as error:
+            text = self._text(error, f"bus {bus.name}")
+            if self._breaker.failed(due) is Change.BROKE:
+                self._tell(f"bus {bus.name}", text, error)
+            for device in self._devices:
+                device.detail = text
+            await self._close(bus)
+            return False
+        if self._breaker.succeeded() is Change.HEALED:
+            self._tell_end(f"bus {bus.name}", "open again")
+        self._open = True
+        return True
+
+    async def _ask(self, device: _Device, due: float) -> bool:
+        """Read one device, publish what it says. False: it failed."""
+        before = self._clock.monotonic()
+        try:
+            async with asyncio.timeout(self.line.read_limit_s):
+                if not device.connected:
+                    await device.driver.connect()
+                    device.connected = True
+                readings = await device.driver.read()
+        except Exception as error:
+            device.cost_s = self._clock.monotonic() - before
+            await self._failed(device, due, error)
+            return False
+        if device.breaker.succeeded() is Change.HEALED:
+            device.kind = None
+            self._tell_end(f"device {device.driver.device}", "answers again")
+        number = self._sequence()
+        self._note_qualities(device, readings)
+        self._publish([replace(reading, sequence=number) for reading in readings])
+        return True
+
+    async def _failed(self, device: _Device, due: float, error: Exception) -> None:
+        subject = f"device {device.driver.device}"
+        device.detail = self._text(error, subject)
+        device.breaker.failed(due)
+        if device.kind is not type(error):  # begun, or turned into another problem
+            device.kind = type(error)
+            self._tell(subject, device.detail, error)
+        if device.connected:
+            device.connected = False
+            await self._close(device.driver)
+        if isinstance(error, ConnectError | TimeoutError):  # the connection is gone, or a read hangs in it
+            await self._shut()
+
+    def _text(self, error: Exception, subject: str) -> str:
+        match error:
+            case DriverError():
+                return str(error)
+            case TimeoutError():
+                return f"{subject}: did not finish within {self.line.read_limit_s:g} s"
+            case _:
+                return f"{subject}: unexpected {type(error).__name__}: {error}"
+
+    def _tell(self, subject: str, text: str, error: Exception) -> None:
+        expected = isinstance(error, DriverError | TimeoutError)
+        log.warning("%s", text, exc_info=None if expected else error)
+        self._notify(Notice(subject, text))
+
+    def _tell_end(self, subject: str, text: str) -> None:
+        log.info("%s: %s", subject, text)
+        self._notify(Notice(subject, text, ended=True))
+
+    def _note_qualities(self, device: _Device, readings: Sequence[Reading]) -> None:
+        """Tell of a channel whose quality changed while its device answers."""
+        for reading in readings:
+            device.units[reading.channel] = reading.unit
+            before = device.qualities.get(reading.channel)
+            if reading.quality is before:
+                continue
+            device.qualities[reading.channel] = reading.quality
+            subject = f"channel {reading.channel}"
+            if reading.quality in (Quality.GOOD, Quality.SIMULATED):
+                if before not in (Quality.GOOD, Quality.SIMULATED):
+                    self._tell_end(subject, "good again")
+            else:
+                text = f"{subject}: {reading.quality.value}" + (f": {reading.detail}" if reading.detail else "")
+                log.warning("%s", text)
+                self._notify(Notice(subject, text))
+
+    def _publish_fault(self, device: _Device) -> None:
+        utc, now, number = self._clock.utc(), self._clock.monotonic(), self._sequence()
+        self._publish(
+            [
+                Reading(channel, math.nan, unit, Quality.COMM_FAULT, utc, now, number, device.detail)
+                for channel, unit in device.units.items()
+            ]
+        )
+
+    async def _shut(self) -> None:
+        """Close the devices and the bus; what fails in closing is not worth more than a line."""
+        for device in self._devices:
+            if device.connected:
+                device.connected = False
+                await self._close(device.driver)
+        self._open = False
+        await self._close(self.line.bus)
+
+    async def _close(self, what: Bus | Driver) -> None:
+        try:
+            async with asyncio.timeout(_CLOSE_LIMIT_S):
+                await what.close()
+        except Exception:
+            log.debug("closing %s", what, exc_info=True)
+
+
+class Acquisition:
+    """One runner per bus, as an async context manager: inside, they run; at its end all are stopped and closed.
+
+    A runner that ends by an error of its own ends the whole: the exceptions come out as a group.
+
+    Parameters
+    ----------
+    lines: buses with their drivers; nothing is opened before the context is entered
+    clock: real or simulated
+    publish: takes each device's readings
+    notify: takes problems as they begin and end
+    """
+
+    def __init__(self, lines: Sequence[Line], clock: ServiceClock, publish: Publish, notify: Notify) -> None:
+        sequence = count(1).__next__
+        self.runners = tuple(Runner(line, clock, publish, notify, sequence) for line in lines)
+        self._stack = AsyncExitStack()
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def __aenter__(self) -> Self:
+        group = await self._stack.enter_async_context(asyncio.TaskGroup())
+        self._tasks = [group.create_task(r.run(), name=f"bus {r.line.bus.name}") for r in self.runners]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        for task in self._tasks:
+            task.cancel()
+        return await self._stack.__aexit__(kind, error, trace)

@@ -1,0 +1,154 @@
+"""`talc-gateway`: its commands, and what their exit codes mean."""
+
+import logging
+import sys
+from pathlib import Path
+
+import click
+
+from drivers.base import DriverError, SetupError
+from gateway.config import ConfigError, GatewayConfig, cautions, load
+from gateway.store import StoreError
+
+EXIT_CONFIG = 2
+"""The configuration (or what was typed) cannot be."""
+EXIT_WORLD = 3
+"""The outside world does not play along: a port in use, a device absent, an NC that refuses."""
+EXIT_DIFFERENT = 1
+"""A comparison found a difference."""
+
+ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
+
+
+class _Commands(click.Group):
+    """Turns what went wrong into one clear message and the right exit code."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except (ConfigError, SetupError) as error:
+            click.echo(f"error: {error}", err=True)
+            sys.exit(EXIT_CONFIG)
+        except (DriverError, StoreError, OSError) as error:
+            click.echo(f"error: {error}", err=True)
+            sys.exit(EXIT_WORLD)
+        except BaseExceptionGroup as group:
+            known, other = group.split((DriverError, StoreError, OSError))
+            if known is None or other is not None:
+                raise
+            for error in _leaves(known):
+                click.echo(f"error: {error}", err=True)
+            sys.exit(EXIT_WORLD)
+
+
+def _leaves(group: BaseExceptionGroup[BaseException]) -> list[BaseException]:
+    found: list[BaseException] = []
+    for error in group.exceptions:
+        found += _leaves(error) if isinstance(error, BaseExceptionGroup) else [error]
+    return found
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="talc-gateway")
+@click.option("-v", "--verbose", count=True, help="Log more; twice: everything.")
+def main(verbose: int) -> None:
+    """Keeps a five-axis machine tool accurate while its temperature changes.
+
+    \b
+    Exit codes: 0 fine; 1 a comparison found a difference; 2 the configuration or the command line is wrong;
+    3 the outside world does not play along (port in use, device absent, NC refuses).
+    """
+    level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    for name in ("asyncua", "pymodbus", "can", "canopen"):  # their problems reach us as exceptions
+        logging.getLogger(name).setLevel(logging.CRITICAL if verbose < 2 else logging.INFO)
+
+
+def read_config(path: Path) -> GatewayConfig:
+    """The checked configuration; its cautions go to standard error."""
+    config = load(path)
+    for caution in cautions(config):
+        click.echo(f"warning: {path}: {caution}", err=True)
+    return config
+
+
+@main.command()
+@ConfigPath
+def check(config: Path) -> None:
+    """Check CONFIG without touching the network."""
+    from gateway.clock import RealClock
+    from gateway.wiring import lines_of
+
+    checked = read_config(config)
+    lines_of(checked, RealClock())
+    channels, states = len(checked.channels), len(checked.states)
+    click.echo(
+        f"{config}: good. {len(checked.buses)} buses, {len(checked.devices)} devices, {channels} channels, "
+        f"{states} machine states; compensation {checked.compensation.mode}, "
+        f"probing {'armed' if checked.probing.armed else 'not armed'}; fingerprint {checked.fingerprint()[:16]}"
+    )
+
+
+@main.command()
+@ConfigPath
+def probe(config: Path) -> None:
+    """Read every device of CONFIG once and show each channel. Writes and publishes nothing."""
+    from gateway.cli.probe import show
+
+    sys.exit(0 if show(read_config(config)) else EXIT_WORLD)
+
+
+@main.command()
+@ConfigPath
+def run(config: Path) -> None:
+    """Run the gateway of CONFIG until SIGINT or SIGTERM."""
+    from gateway.cli.run import run_service
+
+    run_service(read_config(config))
+
+
+@main.command()
+@click.option("--hours", type=click.FloatRange(min=1), default=72.0, show_default=True, help="Simulated hours.")
+@click.option("--calibration-hours", type=click.FloatRange(min=1), default=24.0, show_default=True)
+@click.option("--speed", type=click.FloatRange(1, 20000), default=6000.0, show_default=True, help="Fastest clock.")
+@click.option("--seed", type=int, default=1, show_default=True, help="Of weather, loads and sensor noise.")
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default=Path("out/demo"), show_default=True)
+@click.option("--zenoh-port", type=int, default=7447, show_default=True, help="Where `watch` finds the run.")
+@click.option("--plain", is_flag=True, help="One line per event, also on a terminal.")
+def demo(
+    hours: float, calibration_hours: float, speed: float, seed: int, folder: Path, zenoh_port: int, plain: bool
+) -> None:
+    """Run an emulated machine and its gateway over real protocols, on this computer only."""
+    from gateway.cli.demo import Demo, run_demo
+
+    run_demo(Demo(hours, calibration_hours, speed, seed, folder, zenoh_port, plain))
+
+
+@main.command()
+@click.option("--connect", multiple=True, default=("tcp/127.0.0.1:7447",), show_default=True, help="Zenoh endpoint.")
+@click.option("--prefix", default="talc", show_default=True)
+@click.option("--machine", default="bench", show_default=True)
+def watch(connect: tuple[str, ...], prefix: str, machine: str) -> None:
+    """Follow a running gateway as an ordinary Zenoh subscriber."""
+    from gateway.watch import watch as follow
+
+    sys.exit(follow(connect=connect, prefix=prefix, machine=machine))
+
+
+@main.command()
+@click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+def replay(database: Path) -> None:
+    """Feed the frames of DATABASE to a fresh controller and compare every decision."""
+    from gateway.cli.replay import show
+
+    sys.exit(0 if show(database) else EXIT_DIFFERENT)
+
+
+@main.command()
+@click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Default: beside DATABASE.")
+def report(database: Path, output: Path | None) -> None:
+    """Write the HTML report of DATABASE and print its table."""
+    from gateway.cli.report import write
+
+    write(database, output or database.with_suffix(".html"))

@@ -1,0 +1,128 @@
+"""From readings at their own times to frames on the common grid. Pure: the service tells it the time."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from drivers.base import Quality, Reading
+from talc.frame import Frame, Measurement
+
+USABLE = frozenset({Quality.GOOD, Quality.SIMULATED})
+"""What may enter a model. Everything else is masked, however plausible its number."""
+
+
+def grid_index(utc: datetime, step_s: float) -> int:
+    """Index of the last grid instant at or before `utc`: UTC seconds // step.
+
+    A restart therefore continues the index. ValueError: a time without a zone.
+    """
+    if utc.tzinfo is None:
+        raise ValueError(f"utc = {utc!r}: expected an aware time")
+    return math.floor(utc.timestamp() / step_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """The end of one grid step."""
+
+    k: int
+    monotonic_s: float
+    """When it is reached on the monotonic clock."""
+    clock_moved_s: float = 0.0
+    """How much UTC had moved against the monotonic clock, when the grid was anchored anew; else 0."""
+
+
+class Schedule:
+    """Grid instants on the monotonic clock, numbered by UTC.
+
+    Between instants only the monotonic clock counts. When UTC has moved by more than half a step against it (NTP
+    found the time, somebody set it), the grid is anchored anew: forward leaves a gap in k; backward goes on with the
+    next index, because k must increase.
+
+    Parameters
+    ----------
+    step_s: grid step, s, > 0
+    last_k: index of the last stored frame, so that a restart with a clock that is behind never repeats one
+    """
+
+    def __init__(self, step_s: float, last_k: int | None = None) -> None:
+        if not (math.isfinite(step_s) and step_s > 0):
+            raise ValueError(f"step_s = {step_s!r}: expected a positive number")
+        self._step = step_s
+        self._last_k = last_k
+        self._anchor_s: float | None = None
+        """UTC seconds minus monotonic seconds, as used for the grid."""
+        self._seen_s = 0.0
+        """UTC seconds minus monotonic seconds, as last seen."""
+
+    def next(self, utc: datetime, monotonic_s: float) -> Instant:
+        """The next instant after now. Call it once per step: it counts the instant as used."""
+        offset = utc.timestamp() - monotonic_s
+        moved = 0.0 if self._anchor_s is None else offset - self._seen_s
+        anew = self._anchor_s is None or abs(moved) > self._step / 2
+        anchor = offset if self._anchor_s is None or anew else self._anchor_s
+        self._seen_s = offset
+        k = math.floor((monotonic_s + anchor) / self._step) + 1
+        if self._last_k is not None and k <= self._last_k:
+            if anew:  # UTC is behind: number on from the last frame, on the same instants
+                anchor += (self._last_k + 1 - k) * self._step
+            k = self._last_k + 1
+        self._anchor_s, self._last_k = anchor, k
+        return Instant(k, k * self._step - anchor, moved if anew else 0.0)
+
+
+class GridSampler:
+    """Collects what happens in a step and makes a frame of it.
+
+    An input's number is the mean of its usable readings in the step that ends at the frame's instant; without one it
+    is NaN and not valid. The mean, not the last reading, because temperatures are averaged over noise and
+    quantisation, and a machine state such as the cutting fluid becomes the share of the step in which it was on.
+
+    Parameters
+    ----------
+    input_names: order of the frame's inputs
+    step_s: grid step, s; older readings are dropped when a frame comes late
+    """
+
+    def __init__(self, input_names: Sequence[str], step_s: float) -> None:
+        self._step = step_s
+        self._index = {name: position for position, name in enumerate(input_names)}
+        if len(self._index) != len(input_names):
+            raise ValueError(f"input_names = {tuple(input_names)!r}: a name occurs twice")
+        self._samples: list[tuple[int, float, float]] = []
+        """(input, monotonic seconds, value) not yet in a frame."""
+
+    def add(self, readings: Iterable[Reading]) -> None:
+        """Take readings; those of unusable quality, and of channels that are no inputs, are passed over."""
+        for reading in readings:
+            position = self._index.get(reading.channel)
+            if position is not None and reading.quality in USABLE and math.isfinite(reading.value):
+                self._samples.append((position, reading.monotonic_s, reading.value))
+
+    def add_states(self, states: Mapping[str, float], monotonic_s: float) -> None:
+        """Take machine states read from the NC at `monotonic_s`; states that are no inputs are passed over."""
+        for name, value in states.items():
+            position = self._index.get(name)
+            if position is not None and math.isfinite(value):
+                self._samples.append((position, monotonic_s, value))
+
+    def frame(self, instant: Instant, measurement: Measurement | None = None) -> Frame:
+        """The frame of the step that ends at `instant`. What came after it stays for the next one."""
+        count = np.zeros(len(self._index), dtype=np.int64)
+        total = np.zeros(len(self._index))
+        later: list[tuple[int, float, float]] = []
+        for sample in self._samples:
+            position, at, value = sample
+            if at > instant.monotonic_s:
+                later.append(sample)
+            elif at > instant.monotonic_s - self._step:
+                count[position] += 1
+                total[position] += value
+        self._samples = later
+        valid = count > 0
+        inputs = np.full(len(self._index), np.nan)
+        inputs[valid] = total[valid] / count[valid]
+        return Frame(instant.k, inputs, valid, measurement)

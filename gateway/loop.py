@@ -1,0 +1,112 @@
+"""The grid loop: once per step make a frame, let the controller decide, and see to what it wants."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+from gateway.clock import ServiceClock
+from gateway.grid import GridSampler, Instant, Schedule
+from gateway.measurement import Outcome
+from gateway.nc_link import NcLink
+from gateway.outlet import Outlet
+from talc.control import Controller
+from talc.frame import Decision, Measurement, TrainingJob, Why
+from talc.models import ModelSet
+from talc.training import train
+
+log = logging.getLogger(__name__)
+
+
+class GridLoop:
+    """Drives the pure controller on the grid.
+
+    Parameters
+    ----------
+    controller: fresh, or rebuilt from the store
+    sampler, schedule: the grid
+    link: the NC; None when the gateway runs without one
+    lead_s: a measurement is asked for so long before the instant that shall hold it
+    outlet: told of frames, decisions, measurements, models and events
+    decided: told of every decision, after the outlet
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        sampler: GridSampler,
+        schedule: Schedule,
+        clock: ServiceClock,
+        link: NcLink | None,
+        lead_s: float,
+        outlet: Outlet,
+        decided: Callable[[Decision], None],
+        pending: tuple[TrainingJob | None, Why | None] = (None, None),
+    ) -> None:
+        self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
+        self._link, self._lead, self._outlet, self._decided = link, lead_s, outlet, decided
+        self._job, self._wish = pending
+        self._finished: Measurement | None = None
+        self._measuring: asyncio.Task[None] | None = None
+        self._training: asyncio.Task[None] | None = None
+        self._last_k = -1
+
+    async def run(self) -> None:
+        """Until cancelled."""
+        async with asyncio.TaskGroup() as tasks:
+            while True:
+                instant = self._schedule.next(self._clock.utc(), self._clock.monotonic())
+                if instant.clock_moved_s:
+                    log.warning("the clock was set by %+.0f s; the grid follows", instant.clock_moved_s)
+                self._see_to_wishes(tasks, instant)
+                await self._clock.sleep_until(instant.monotonic_s)
+                with self._clock.hold():
+                    self._step(instant)
+                    # Let the other tasks of this instant begin while time still stands.
+                    await asyncio.sleep(0)
+
+    def _see_to_wishes(self, tasks: asyncio.TaskGroup, instant: Instant) -> None:
+        if self._job is not None and (self._training is None or self._training.done()):
+            job, self._job = self._job, None
+            self._training = tasks.create_task(self._train(job), name="training")
+        if (
+            self._wish is not None
+            and self._link is not None
+            and self._link.may_probe
+            and (self._measuring is None or self._measuring.done())
+            and self._finished is None
+        ):
+            at = max(self._clock.monotonic(), instant.monotonic_s - self._lead)
+            self._measuring = tasks.create_task(self._measure(self._link, self._wish, at), name="measurement")
+
+    def _step(self, instant: Instant) -> None:
+        measurement, self._finished = self._finished, None
+        frame = self._sampler.frame(instant, measurement)
+        decision = self._controller.step(frame)
+        self._last_k = frame.k
+        self._outlet.frame(frame)
+        self._outlet.decision(decision)
+        for event in decision.events:
+            self._outlet.event(event, decision.k)
+        self._wish = decision.measure
+        if decision.training is not None:
+            self._job = decision.training
+        if self._link is not None:
+            self._link.follow(decision)
+        self._decided(decision)
+
+    async def _measure(self, link: NcLink, why: Why, at_s: float) -> None:
+        await self._clock.sleep_until(at_s)
+        outcome: Outcome = await link.measure(why)
+        self._outlet.measurement(outcome)
+        if outcome.measurement is None:
+            log.warning("no measurement: %s", outcome.reason)
+        self._finished = outcome.measurement
+
+    async def _train(self, job: TrainingJob) -> None:
+        # A training takes seconds; on a real machine that is less than a grid step.
+        with self._clock.hold():
+            models: ModelSet = await asyncio.to_thread(train, job)
+            events = self._controller.adopt(models)
+        self._outlet.models(models, self._last_k)
+        for event in events:
+            self._outlet.event(event, self._last_k)

@@ -1,0 +1,240 @@
+"""The gateway's side of the NC: keeps the connection, hands on its state, probes when asked, writes what is safe."""
+
+import logging
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from drivers.base import DriverError
+from drivers.nc import NcSnapshot, NumericalControl
+from gateway.breaker import Breaker, Change
+from gateway.clock import ServiceClock
+from gateway.compensation import Offsets, Slew, Source, Step, Write
+from gateway.config import GatewayConfig
+from gateway.measurement import Outcome, Probe, Rejected, centres, run_cycle
+from talc import kinematics
+from talc.frame import Decision, FloatArray, Measurement, Why
+
+log = logging.getLogger(__name__)
+
+_READ_BACK_TOLERANCE_UM = 0.05
+_LONGEST_RETRY_PERIODS = 30
+
+States = Callable[[Mapping[str, float], float], None]
+"""Takes machine states and the monotonic time they were read at."""
+Notify = Callable[[str, bool], None]
+"""Takes a problem's text, and whether it has ended."""
+
+
+class NcLink:
+    """One numerical control.
+
+    Parameters
+    ----------
+    nc: the driver; nothing is opened before `run`
+    config: sections nc, probing and compensation are used
+    states: told of the machine states of every snapshot
+    written: told of every step of the compensation
+    notify: told of problems as they begin and end
+    reference_mm: (poses, 3) centres that deviations are measured from; None: the first cycle sets them
+    first_number: number of the first probing request; must differ from every earlier one
+    """
+
+    def __init__(
+        self,
+        nc: NumericalControl,
+        config: GatewayConfig,
+        clock: ServiceClock,
+        probe: Probe,
+        *,
+        states: States,
+        written: Callable[[Write], None],
+        notify: Notify,
+        reference_mm: FloatArray | None,
+        first_number: int,
+    ) -> None:
+        if config.nc is None:
+            raise ValueError("config has no [nc] section")
+        self._nc, self._clock, self._probe = nc, clock, probe
+        self._period = config.nc.period_s
+        self._probing, self._settings = config.probing, config.compensation
+        self._states, self._written, self._notify = states, written, notify
+        self._reference, self._number = reference_mm, first_number
+        self._breaker = Breaker(self._period, self._period * _LONGEST_RETRY_PERIODS)
+        self._connected = False
+        self._disarmed = False
+        self._slew: Slew | None = None
+        self._frozen = False
+        self._decision: tuple[Decision, float] | None = None
+        self._last_step: Step | None = None
+        self.snapshot: NcSnapshot | None = None
+
+    @property
+    def armed(self) -> bool:
+        """Whether offsets are written to the control."""
+        return self._settings.mode == "compensate" and not self._disarmed
+
+    @property
+    def may_probe(self) -> bool:
+        """Whether a cycle can be asked for now."""
+        return self._probing.armed and self._connected
+
+    def follow(self, decision: Decision) -> None:
+        """Compensate from this decision on."""
+        self._decision = (decision, self._clock.monotonic())
+
+    async def run(self) -> None:
+        """Read and write once per period until cancelled."""
+        due = self._clock.monotonic()
+        while True:
+            await self._clock.sleep_until(due)
+            with self._clock.hold():
+                await self._cycle(due)
+            late = max(0, math.ceil((self._clock.monotonic() - due) / self._period) - 1)
+            due += self._period * (1 + late)
+
+    async def stop(self) -> None:
+        """Bring the compensation to its declared state, then let go of the control."""
+        if self._connected and self.armed and self._slew is not None and self._settings.when_stale == "zero":
+            bound = max(abs(v) for v in self._slew.offsets_um)
+            steps = math.ceil(bound / (self._settings.slew_um_per_s * self._period)) + 1
+            try:
+                due = self._clock.monotonic()
+                for _ in range(steps):
+                    due += self._period
+                    await self._clock.sleep_until(due)
+                    await self._send(self._slew.follow(self._clock.monotonic(), None, Source.STOPPED))
+                    if not any(self._slew.offsets_um):
+                        break
+            except DriverError as error:
+                log.warning("compensation could not be taken back: %s", error)
+        await self._close()
+
+    async def measure(self, why: Why) -> Outcome:
+        """One probing cycle. Never raises for what the control does: the outcome says why there is no result."""
+        asked, number = self._clock.utc(), self._number
+        self._number += 1
+        self._frozen = True
+        in_force: Offsets = (0.0, 0.0, 0.0)
+        found: FloatArray | None = None
+        measurement: Measurement | None = None
+        residual, reason = math.nan, ""
+        try:
+            with self._clock.hold():
+                in_force = await self._nc.read_compensation()
+            status = await run_cycle(
+                self._nc, number, self._clock, poll_s=self._probing.poll_s, timeout_s=self._probing.timeout_s
+            )
+            found = centres(status, len(self._probe.poses_rad))
+            measurement, residual = self._evaluate(found, in_force)
+        except Rejected as error:
+            reason = str(error)
+        except DriverError as error:
+            reason = f"the control could not be reached: {error}"
+        finally:
+            self._frozen = False
+        return Outcome(
+            number, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason
+        )
+
+    def _evaluate(self, found: FloatArray, in_force: Offsets) -> tuple[Measurement, float]:
+        if self._reference is None:
+            self._reference = found + np.asarray(in_force) * 1e-3
+        result = self._probe.solve(self._probe.deviations_um(found, self._reference, in_force))
+        if result.residual_rms > self._probing.max_residual_um:
+            raise Rejected(
+                f"the centres differ from the best fit by {result.residual_rms:.1f} µm RMS, "
+                f"more than max_residual_um = {self._probing.max_residual_um:g}: is the sphere clean and fixed?"
+            )
+        return Measurement(result.errors, result.sigma), result.residual_rms
+
+    async def _cycle(self, due: float) -> None:
+        if not self._connected and not await self._connect(due):
+            return
+        try:
+            self.snapshot = await self._nc.snapshot()
+            self._states(self.snapshot.states, self.snapshot.monotonic_s)
+            await self._compensate(self.snapshot)
+        except DriverError as error:
+            self._lost(error, due)
+
+    async def _connect(self, due: float) -> bool:
+        if not self._breaker.allows(due):
+            return False
+        try:
+            await self._nc.connect()
+            in_force = await self._nc.read_compensation()
+        except DriverError as error:
+            self._lost(error, due)
+            return False
+        self._connected = True
+        if self._breaker.succeeded() is Change.HEALED:
+            self._notify("NC: connected again", True)
+        # Whatever stands on the control is where the ramp begins: no step at start and none after a reconnect.
+        self._slew = Slew(
+            self._settings.bound_um,
+            self._settings.slew_um_per_s,
+            self._settings.when_stale,
+            self._period,
+            in_force,
+            self._clock.monotonic(),
+        )
+        return True
+
+    def _lost(self, error: DriverError, due: float) -> None:
+        self._connected = False
+        if self._breaker.failed(due) is Change.BROKE:
+            log.warning("NC: %s", error)
+            self._notify(f"NC: {error}", False)
+
+    async def _compensate(self, snapshot: NcSnapshot) -> None:
+        if self._slew is None:
+            return
+        now = self._clock.monotonic()
+        k = self._decision[0].k if self._decision else None
+        step = self._slew.freeze(now) if self._frozen else self._slew.follow(now, *self._wanted(snapshot, now))
+        read_back = await self._send(step) if self.armed and not self._frozen else None
+        if step != self._last_step:
+            self._written(
+                Write(snapshot.time, self._settings.mode, step, k, snapshot.positions, read_back is not None, read_back)
+            )
+        self._last_step = step
+
+    def _wanted(self, snapshot: NcSnapshot, now: float) -> tuple[FloatArray | None, Source]:
+        if self._decision is None:
+            return None, Source.NO_MODEL
+        decision, decided = self._decision
+        if now - decided > self._settings.stale_after_s:
+            return None, Source.STALE
+        if not np.any(np.isfinite(decision.corrected)):
+            return None, Source.NO_MODEL
+        # An error without an estimate is not compensated; the others still are.
+        return kinematics.tcp_offsets(np.nan_to_num(decision.corrected), positions(snapshot)), Source.PREDICTION
+
+    async def _send(self, step: Step) -> Offsets:
+        await self._nc.write_compensation(step.offsets_um)
+        read_back = await self._nc.read_compensation()
+        if any(abs(a - b) > _READ_BACK_TOLERANCE_UM for a, b in zip(step.offsets_um, read_back, strict=True)):
+            self._disarmed = True
+            self._notify(
+                f"NC: wrote offsets {step.offsets_um} µm but {read_back} are in force; compensation is disarmed "
+                "until a restart. Does something else write there?",
+                False,
+            )
+        return read_back
+
+    async def _close(self) -> None:
+        self._connected = False
+        try:
+            await self._nc.close()
+        except DriverError as error:
+            log.debug("closing the NC: %s", error)
+
+
+def positions(snapshot: NcSnapshot) -> FloatArray:
+    """(5,) X Y Z in mm, A C in radians."""
+    at = snapshot.positions
+    return np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])
+
+

@@ -1,0 +1,134 @@
+"""The service: builds everything from one configuration, runs it until told to stop, and leaves nothing behind."""
+
+import asyncio
+import logging
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+
+from drivers.base import Reading
+from drivers.nc import NumericalControl
+from drivers.sinumerik import Sinumerik
+from gateway.acquisition import Acquisition, Line, Notice
+from gateway.board import Board
+from gateway.clock import ServiceClock
+from gateway.config import GatewayConfig
+from gateway.grid import GridSampler, Schedule
+from gateway.loop import GridLoop
+from gateway.measurement import Probe, poses_in_radians
+from gateway.nc_link import NcLink
+from gateway.outlet import Outlet
+from gateway.wiring import lines_of, sinumerik_settings
+from talc.control import Controller
+from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
+
+log = logging.getLogger(__name__)
+
+_FIRST_NUMBER_BELOW = 1_000_000
+"""Request numbers travel in R-parameters (64-bit reals) and are read by people."""
+
+
+@dataclass(frozen=True, slots=True)
+class Past:
+    """What an earlier run left in the store."""
+
+    controller: Controller
+    last_k: int | None = None
+    pending: tuple[TrainingJob | None, Why | None] = (None, None)
+    reference_mm: FloatArray | None = None
+    last_number: int | None = None
+
+
+class Service:
+    """One gateway.
+
+    Parameters
+    ----------
+    config: checked configuration
+    clock: real or simulated
+    outlet: told of everything
+    past: the controller and what else an earlier run left
+    decided: told of every decision after it was stored
+    """
+
+    def __init__(
+        self,
+        config: GatewayConfig,
+        clock: ServiceClock,
+        outlet: Outlet,
+        past: Past,
+        decided: Callable[[Decision], None] = lambda _: None,
+    ) -> None:
+        self._config, self._clock, self._outlet, self._past, self._decided = config, clock, outlet, past, decided
+        self._sampler = GridSampler(config.input_names, config.grid.step_s)
+        self._schedule = Schedule(config.grid.step_s, past.last_k)
+        self.board = Board({c.name: c.period_s for c in config.channels})
+        self._lines: tuple[Line, ...] = lines_of(config, clock)
+        self.link = self._make_link()
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Until `stop` is set. Raises an exception group when a part of the service ends by an error of its own."""
+        async with AsyncExitStack() as stack:
+            if self.link is not None:
+                stack.push_async_callback(self.link.stop)
+            await stack.enter_async_context(
+                Acquisition(self._lines, self._clock, publish=self._take, notify=self._noticed)
+            )
+            async with asyncio.TaskGroup() as tasks:
+                running = [tasks.create_task(self._loop().run(), name="grid")]
+                if self.link is not None:
+                    running.append(tasks.create_task(self.link.run(), name="nc"))
+                await stop.wait()
+                for task in running:
+                    task.cancel()
+
+    def _loop(self) -> GridLoop:
+        return GridLoop(
+            self._past.controller,
+            self._sampler,
+            self._schedule,
+            self._clock,
+            self.link,
+            self._config.probing.lead_s,
+            self._outlet,
+            self._decided,
+            self._past.pending,
+        )
+
+    def _make_link(self) -> NcLink | None:
+        config = self._config
+        if config.nc is None:
+            return None
+        nc: NumericalControl = Sinumerik(sinumerik_settings(config.nc), self._clock)
+        probing = config.probing
+        probe = Probe(
+            poses_in_radians(probing.poses_deg),
+            probing.sphere_radius_mm * 1e-3,
+            probing.sphere_height_mm * 1e-3,
+            probing.sigma_um,
+        )
+        number = self._past.last_number
+        if number is None:
+            number = int(self._clock.utc().timestamp()) % _FIRST_NUMBER_BELOW
+        return NcLink(
+            nc,
+            config,
+            self._clock,
+            probe,
+            states=self._sampler.add_states,
+            written=self._outlet.compensation,
+            notify=self._nc_noticed,
+            reference_mm=self._past.reference_mm,
+            first_number=number + 1,
+        )
+
+    def _take(self, readings: Sequence[Reading]) -> None:
+        self.board.put(readings)
+        self._sampler.add(readings)
+        self._outlet.readings(readings)
+
+    def _noticed(self, notice: Notice) -> None:
+        self._outlet.event(Event(EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM, notice.text), None)
+
+    def _nc_noticed(self, text: str, ended: bool) -> None:
+        self._outlet.event(Event(EventKind.PROBLEM_ENDED if ended else EventKind.PROBLEM, text), None)
