@@ -83,6 +83,7 @@ class EmulatedControl:
         """Listen on loopback; returns the URL."""
         server = Server(user_manager=_UserManager(self._users))
         await server.init()
+        server.disable_clock()  # a task that only shows the time, and delays stopping by a second
         server.set_server_name("emulated SINUMERIK")
         server.set_endpoint(f"opc.tcp://127.0.0.1:{self._port}")
         server.set_security_policy([ua.SecurityPolicyType.NoSecurity])

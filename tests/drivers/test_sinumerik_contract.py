@@ -1,0 +1,373 @@
+"""What every NumericalControl must do, against an emulated control over its real protocol.
+
+Another implementation joins by another entry in IMPLEMENTATIONS.
+"""
+
+import asyncio
+import itertools
+import math
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.base import ConnectError, DriverError, Refused
+from drivers.nc import NumericalControl, OperatingMode, ProbingState, ProbingStatus
+from drivers.sinumerik import Sinumerik
+from drivers.sinumerik_settings import SinumerikSettings
+from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads, User
+from simulators.nc.nck import JOG
+from simulators.nc.variables import Right
+
+POSES = ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0))
+RADIUS_MM, HEIGHT_MM = 120.0, 80.0
+CUTTING_S = 1000.0
+"""The program cuts so long, with a safe point each 40 s, and stands still afterwards."""
+
+
+class ManualClock:
+    """Simulated time that moves when the test says so."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self._moved = asyncio.Event()
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def utc(self) -> datetime:
+        return datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=self.now)
+
+    async def sleep_until(self, monotonic_s: float) -> None:
+        while self.now < monotonic_s:
+            await self._moved.wait()
+
+    def move_to(self, now: float) -> None:
+        self.now = now
+        self._moved.set()
+        self._moved = asyncio.Event()
+
+
+@dataclass
+class Plant:
+    """A machine with constant errors: position errors in µm, orientation errors in µm/m."""
+
+    errors: dict[str, float] = field(default_factory=dict)
+    asked_at_s: list[float] = field(default_factory=list)
+
+    def tool_deviation_um(
+        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
+    ) -> tuple[float, float, float]:
+        self.asked_at_s.append(time_s)
+        x, y, z = expected_deviation_um(self.errors, a_deg, c_deg)
+        return x, y, z
+
+
+ERRORS = ("EY0A", "EZ0A", "EX0C", "EY0C", "EZ0T", "ER0T", "EA0C", "EB0C", "EC0C")
+
+
+def expected_deviation_um(errors: dict[str, float], a_deg: float, c_deg: float) -> NDArray[np.float64]:
+    """Small-angle deviation of the sphere's centre: A's position, then C's position and orientation, turned by A."""
+    e = {name: errors.get(name, 0.0) for name in ERRORS}
+    a, c = math.radians(a_deg), math.radians(c_deg)
+    turn_a = np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
+    turn_c = np.array([[math.cos(c), -math.sin(c), 0], [math.sin(c), math.cos(c), 0], [0, 0, 1]])
+    sphere_m = turn_c @ np.array([RADIUS_MM, 0, HEIGHT_MM]) * 1e-3
+    on_table = np.array([e["EX0C"], e["EY0C"], 0]) + np.cross([e["EA0C"], e["EB0C"], e["EC0C"]], sphere_m)
+    on_table = on_table + e["ER0T"] * turn_c[:, 0] + np.array([0, 0, e["EZ0T"]])
+    deviation: NDArray[np.float64] = np.array([0, e["EY0A"], e["EZ0A"]]) + turn_a @ on_table
+    return deviation
+
+
+@dataclass
+class Bench:
+    """One control and the driver under test, with what the tests do to the control."""
+
+    nc: NumericalControl
+    clock: ManualClock
+    plant: Plant
+    control: EmulatedControl
+    url: str
+
+    async def cycle(self, number: int) -> ProbingStatus:
+        """Ask and let a whole cycle pass."""
+        await self.nc.request_probing(number)
+        self.clock.move_to(self.clock.now + 200.0)
+        return await self.nc.probing_status(number)
+
+
+def day() -> LoadCase:
+    loads = Loads(x=1200.0, y=600.0, z=300.0, a=2.0, c=30.0, spindle=6000.0, coolant=1.0)
+    blocks = [Block(0.0, CUTTING_S, Kind.ROUGHING, loads), Block(CUTTING_S, 1e6, Kind.PAUSE, Loads())]
+    return LoadCase(blocks, operation_s=40.0)
+
+
+@asynccontextmanager
+async def sinumerik_bench(users: dict[str, User] | None = None, noise_um: float = 0.0) -> AsyncIterator[Bench]:
+    clock, plant = ManualClock(), Plant()
+    control = EmulatedControl(plant, clock, day(), cycle=CycleSettings(noise_um=noise_um), users=users)
+    url = await control.start()
+    nc = Sinumerik(SinumerikSettings(url=url), clock)
+    try:
+        if users is None:
+            await nc.connect()
+        yield Bench(nc, clock, plant, control, url)
+    finally:
+        await nc.close()
+        await control.stop()
+        await asyncio.get_running_loop().shutdown_default_executor()  # the server library loads its nodes in it
+
+
+IMPLEMENTATIONS = {"sinumerik": sinumerik_bench}
+
+
+@pytest.fixture(params=IMPLEMENTATIONS)
+async def bench(request: pytest.FixtureRequest) -> AsyncIterator[Bench]:
+    opened: AbstractAsyncContextManager[Bench] = IMPLEMENTATIONS[request.param]()
+    async with opened as bench:
+        yield bench
+
+
+async def test_the_snapshot_shows_what_the_machine_does(bench: Bench) -> None:
+    bench.clock.move_to(30.0)
+    snapshot = await bench.nc.snapshot()
+    assert snapshot.monotonic_s == 30.0
+    assert set(snapshot.positions) == {"X", "Y", "Z", "A", "C"}
+    assert snapshot.positions["C"] == pytest.approx(30.0 * 6.0 * 30.0 % 360.0)
+    assert snapshot.states == pytest.approx(
+        {"spindle_speed": 6000, "coolant": 1, "speed_X": 1200, "speed_Y": 600, "speed_Z": 300}
+        | {"speed_A": 2, "speed_C": 30}
+    )
+    assert snapshot.mode is OperatingMode.AUTO
+    assert not snapshot.probe_in_spindle
+    assert snapshot.alarms == ()
+
+
+async def test_a_cycle_goes_from_the_request_to_the_nine_errors_deviations(bench: Bench) -> None:
+    bench.clock.move_to(50.0)
+    before = await bench.cycle(1)
+    errors = {"EY0A": 4.0, "EZ0A": -7.0, "EX0C": 12.0, "EY0C": 3.0, "EZ0T": 6.0, "ER0T": -2.0}
+    bench.plant.errors = errors | {"EA0C": 20.0, "EB0C": -35.0, "EC0C": 50.0}
+    after = await bench.cycle(2)
+    assert before.centres_mm is not None
+    assert after.centres_mm is not None
+    found = (np.array(after.centres_mm) - np.array(before.centres_mm)) * 1e3
+    expected = [expected_deviation_um(bench.plant.errors, a, c) for a, c in POSES]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+async def test_the_cycle_waits_for_a_safe_point_and_takes_two_minutes(bench: Bench) -> None:
+    bench.clock.move_to(50.0)  # safe points at 80, 120, ...
+    await bench.nc.request_probing(5)
+    seen = []
+    for now in (79.0, 81.0, 95.0, 199.0, 201.0):
+        bench.clock.move_to(now)
+        seen.append((await bench.nc.probing_status(5)).state)
+    assert seen == [
+        ProbingState.REQUESTED,
+        ProbingState.ACCEPTED,
+        ProbingState.RUNNING,
+        ProbingState.RUNNING,
+        ProbingState.DONE,
+    ]
+    assert len(bench.plant.asked_at_s) == len(POSES)
+    assert 80.0 < min(bench.plant.asked_at_s) < max(bench.plant.asked_at_s) < 200.0
+
+
+async def test_the_machine_probes_instead_of_cutting_and_then_goes_on(bench: Bench) -> None:
+    await bench.nc.request_probing(5)
+    bench.clock.move_to(100.0)
+    probing = await bench.nc.snapshot()
+    bench.clock.move_to(130.0)
+    cutting = await bench.nc.snapshot()
+    assert probing.probe_in_spindle
+    assert probing.states["spindle_speed"] == 0.0
+    assert (round(probing.positions["A"]), round(probing.positions["C"])) in POSES
+    assert not cutting.probe_in_spindle
+    assert cutting.states["spindle_speed"] == 6000.0
+
+
+async def test_nobody_has_asked(bench: Bench) -> None:
+    assert (await bench.nc.probing_status(3)).state is ProbingState.IDLE
+
+
+async def test_an_old_result_is_never_taken_for_a_new_one(bench: Bench) -> None:
+    assert (await bench.cycle(1)).state is ProbingState.DONE
+    await bench.nc.request_probing(2)
+    status = await bench.nc.probing_status(2)
+    assert status.state in (ProbingState.REQUESTED, ProbingState.ACCEPTED)
+    assert status.centres_mm is None
+    bench.clock.move_to(bench.clock.now + 200.0)
+    await bench.nc.probing_status(2)
+    assert (await bench.nc.probing_status(1)).state is ProbingState.IDLE
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 200.0])
+async def test_a_number_cannot_be_used_twice_in_a_row(bench: Bench, wait_s: float) -> None:
+    await bench.nc.request_probing(9)
+    bench.clock.move_to(wait_s)
+    with pytest.raises(Refused, match="request number 9"):
+        await bench.nc.request_probing(9)
+
+
+async def test_a_number_that_the_control_cannot_hold(bench: Bench) -> None:
+    for number in (0, -1, 2**31):
+        with pytest.raises(ValueError, match="request number"):
+            await bench.nc.request_probing(number)
+
+
+async def test_refused_when_an_alarm_is_active(bench: Bench) -> None:
+    bench.control.nck.raise_alarm(21612, bench.clock.now)
+    status = await bench.cycle(1)
+    assert status.state is ProbingState.REFUSED
+    assert "alarm" in status.reason
+    assert (await bench.nc.snapshot()).alarms == (21612,)
+    bench.control.nck.clear_alarms(bench.clock.now)
+    assert (await bench.cycle(2)).state is ProbingState.DONE
+
+
+async def test_refused_when_the_probe_is_missing(bench: Bench) -> None:
+    bench.control.nck.set_probe_available(False, bench.clock.now)
+    status = await bench.cycle(1)
+    assert (status.state, status.reason) == (ProbingState.REFUSED, "the touch probe is missing or does not answer")
+
+
+async def test_refused_when_the_operator_has_taken_over_while_it_waited(bench: Bench) -> None:
+    bench.clock.move_to(50.0)
+    await bench.nc.request_probing(1)
+    bench.control.nck.set_mode(JOG, bench.clock.now)
+    status = await bench.nc.probing_status(1)
+    assert (status.state, status.reason) == (ProbingState.REFUSED, "the control is not in AUTO")
+    assert (await bench.nc.snapshot()).mode is OperatingMode.JOG
+
+
+async def test_failed_when_a_touch_finds_nothing(bench: Bench) -> None:
+    bench.control.nck.sphere_present = False
+    status = await bench.cycle(1)
+    assert status.state is ProbingState.FAILED
+    assert status.centres_mm is None
+    assert "no sphere" in status.reason
+
+
+async def test_failed_when_an_alarm_stops_the_cycle(bench: Bench) -> None:
+    await bench.nc.request_probing(1)
+    bench.clock.move_to(60.0)
+    assert (await bench.nc.probing_status(1)).state is ProbingState.RUNNING
+    bench.control.nck.raise_alarm(3000, bench.clock.now)
+    bench.clock.move_to(300.0)
+    status = await bench.nc.probing_status(1)
+    assert (status.state, status.reason) == (ProbingState.FAILED, "an alarm is active")
+
+
+@pytest.mark.parametrize(("wait_s", "state"), [(20.0, ProbingState.REFUSED), (90.0, ProbingState.FAILED)])
+async def test_withdrawn_before_and_during_the_cycle(bench: Bench, wait_s: float, state: ProbingState) -> None:
+    bench.clock.move_to(10.0)
+    await bench.nc.request_probing(1)
+    bench.clock.move_to(wait_s)
+    await bench.nc.withdraw_probing(1)
+    status = await bench.nc.probing_status(1)
+    assert (status.state, status.reason) == (state, "withdrawn")
+    bench.clock.move_to(400.0)
+    assert (await bench.nc.probing_status(1)).state is state
+    assert (await bench.cycle(2)).state is ProbingState.DONE
+
+
+async def test_withdrawing_another_number_changes_nothing(bench: Bench) -> None:
+    await bench.nc.request_probing(4)
+    await bench.nc.withdraw_probing(3)
+    bench.clock.move_to(200.0)
+    assert (await bench.nc.probing_status(4)).state is ProbingState.DONE
+
+
+async def test_compensation_is_read_back_and_moves_what_the_probe_finds(bench: Bench) -> None:
+    assert await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
+    before = await bench.cycle(1)
+    await bench.nc.write_compensation((12.5, -7.25, 3.0))
+    assert await bench.nc.read_compensation() == pytest.approx((12.5, -7.25, 3.0))
+    after = await bench.cycle(2)
+    assert before.centres_mm is not None
+    assert after.centres_mm is not None
+    found = (np.array(after.centres_mm) - np.array(before.centres_mm)) * 1e3
+    np.testing.assert_allclose(found, np.tile([-12.5, 7.25, -3.0], (6, 1)), atol=1e-6)
+
+
+async def test_compensating_the_deviation_makes_it_disappear(bench: Bench) -> None:
+    reference = await bench.cycle(1)
+    bench.plant.errors = {"EX0C": 15.0, "EZ0A": -6.0}
+    await bench.nc.write_compensation((15.0, 0.0, -6.0))
+    compensated = await bench.cycle(2)
+    assert reference.centres_mm is not None
+    assert compensated.centres_mm is not None
+    np.testing.assert_allclose(compensated.centres_mm, reference.centres_mm, atol=1e-9)
+
+
+async def test_an_offset_that_cannot_be_is_refused_before_anything_is_sent(bench: Bench) -> None:
+    await bench.nc.write_compensation((1.0, 2.0, 3.0))
+    for bad, axis in itertools.product((math.nan, math.inf, -math.inf, 501.0), range(3)):
+        offsets = [4.0, 5.0, 6.0]
+        offsets[axis] = bad
+        with pytest.raises(ValueError, match="nothing was sent"):
+            await bench.nc.write_compensation((offsets[0], offsets[1], offsets[2]))
+    assert await bench.nc.read_compensation() == pytest.approx((1.0, 2.0, 3.0))
+
+
+async def test_a_control_that_is_not_there() -> None:
+    nc = Sinumerik(SinumerikSettings(url="opc.tcp://127.0.0.1:1", device="mill"), ManualClock())
+    with pytest.raises(ConnectError, match=r"device mill: cannot open opc\.tcp://127\.0\.0\.1:1"):
+        await nc.connect()
+    with pytest.raises(ConnectError, match="connect first"):
+        await nc.snapshot()
+    await nc.close()
+
+
+async def test_a_control_that_goes_away_and_comes_back(bench: Bench) -> None:
+    await bench.nc.snapshot()
+    await bench.control.stop()
+    with pytest.raises(DriverError):
+        await bench.nc.snapshot()
+    with pytest.raises(ConnectError):
+        await bench.nc.connect()
+    await bench.control.start()
+    await bench.nc.connect()
+    await bench.nc.snapshot()
+
+
+ALL = frozenset(Right)
+
+
+@pytest.mark.parametrize(
+    ("rights", "verb", "missing"),
+    [
+        (ALL - {Right.SEA_WRITE}, "write_compensation", "SeaWrite"),
+        (ALL - {Right.STATE_WRITE}, "request_probing", "StateWrite"),
+        (ALL - {Right.STATE_WRITE}, "withdraw_probing", "StateWrite"),
+    ],
+)
+async def test_a_missing_right_is_named(tmp_path: Path, rights: frozenset[Right], verb: str, missing: str) -> None:
+    password = tmp_path / "password"
+    password.write_text("secret\n")
+    async with sinumerik_bench({"gateway": User("secret", rights)}) as bench:
+        settings = SinumerikSettings(url=bench.url, user="gateway", password_file=password)
+        nc = Sinumerik(settings, bench.clock)
+        await nc.connect()
+        argument = (1.0, 2.0, 3.0) if verb == "write_compensation" else 7
+        with pytest.raises(Refused, match=f"'gateway' the right {missing}"):
+            await getattr(nc, verb)(argument)
+        assert await nc.read_compensation() == (0.0, 0.0, 0.0)
+        await nc.close()
+
+
+async def test_a_wrong_password_and_no_user_are_refused(tmp_path: Path) -> None:
+    password = tmp_path / "password"
+    password.write_text("guess")
+    async with sinumerik_bench({"gateway": User("secret")}) as bench:
+        wrong = Sinumerik(SinumerikSettings(url=bench.url, user="gateway", password_file=password), bench.clock)
+        with pytest.raises(Refused, match="refuses user 'gateway'"):
+            await wrong.connect()
+        with pytest.raises(Refused, match="anonymous"):
+            await bench.nc.connect()
