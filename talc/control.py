@@ -1,0 +1,231 @@
+"""The adaptive control of Z22 and B19 as a pure state machine: frame in, decision out."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from talc.frame import Decision, Event, EventKind, Frame, Phase, TrainingJob, Why
+from talc.free_running import FreeRunningModel
+from talc.models import ModelSet
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.record import Record
+from talc.settings import TalcSettings
+
+_ENOUGH = 0.75
+"""Share of the calibration's steps that must have been measured."""
+_LONGEST_GAP_STEPS = 2016
+"""After a longer silence (a week at 5 min) the record starts anew; models stay."""
+_ERRORS = len(THERMAL_ERRORS)
+
+
+class Controller:
+    """Phases, action control limits, state and model updates (Z22 §2-3, Table 2; B19 §2-3).
+
+    `calibration` measures at every step until enough is known for the first models. `compensation` predicts at every
+    step and measures at an interval; a measurement resets the models' output history (state update). A residual above
+    its limit leads to `no_good`: measurements at every step, then a training on all that is known, then
+    `compensation` again. While a training is under way predictions go on with the models there are.
+
+    Inputs without a good value are replaced by their last good one, or by the training's mean if there never was one;
+    a decision tells when that begins and ends for an input that a model uses. A thermal error without a model is
+    corrected by its last measurement once other models are live.
+
+    Parameters
+    ----------
+    input_names: order of a frame's inputs
+    settings: choices; `training` is handed on to the training jobs
+    """
+
+    def __init__(self, input_names: Sequence[str], settings: TalcSettings) -> None:
+        self._names = tuple(input_names)
+        if len(set(self._names)) != len(self._names):
+            raise ValueError(f"input_names = {self._names!r}: a name occurs twice")
+        self._control, self._training = settings.control, settings.training
+        self._record = Record(len(self._names), settings.training.window_steps)
+        self._phase = Phase.CALIBRATION
+        self._models: list[FreeRunningModel | None] = [None] * _ERRORS
+        self._held = np.full(_ERRORS, np.nan)
+        self._learning = False
+        self._measured = 0
+        """Measurements since the phase began, or since the last training that found nothing."""
+        self._last_measured: int | None = None
+        self._substituted: frozenset[str] = frozenset()
+        self._bounded: frozenset[str] = frozenset()
+        self._static: tuple[tuple[str, ...], ...] | None = None
+
+    @property
+    def phase(self) -> Phase:
+        return self._phase
+
+    def step(self, frame: Frame) -> Decision:
+        """Take one frame. ValueError: wrong shapes, or an index that is not above the last one."""
+        last = self._record.last_k
+        if last is not None and frame.k <= last:
+            raise ValueError(f"k = {frame.k}: expected more than {last}, the last frame's")
+        if last is not None and frame.k - last > _LONGEST_GAP_STEPS:
+            self._record.clear()
+        elif last is not None and frame.k > last + 1:
+            self._bridge(frame.k)
+        self._record.append(frame)
+        events: list[Event] = []
+        self._note_substitutes(events)
+        measured = self._record.measured[-1]
+        predicted, corrected, sigma = self._predict(measured, events)
+        limits = self._limits()
+        if np.isfinite(measured).any():
+            self._last_measured = frame.k
+            self._measured += 1
+            self._held = np.where(np.isfinite(measured), measured, self._held)
+            self._judge(predicted, measured, limits, events)
+        if self._phase is not Phase.CALIBRATION:
+            no_model = [m is None for m in self._models]
+            corrected = np.where(no_model, self._held, corrected)
+        training = self._job(frame.k, events)
+        return Decision(
+            k=frame.k,
+            phase=self._phase,
+            predicted=predicted,
+            corrected=corrected,
+            sigma=sigma,
+            limits=limits,
+            measure=self._wish(frame.k),
+            training=training,
+            events=tuple(events),
+        )
+
+    def adopt(self, models: ModelSet) -> tuple[Event, ...]:
+        """Take new models in; they act from the next step on. An error without a new model keeps its former one.
+
+        ValueError: the models were trained on other inputs.
+        """
+        if models.input_names != self._names:
+            raise ValueError("the models were trained on other inputs than this controller has")
+        self._learning = False
+        events = [Event(EventKind.MODEL_REJECTED, note) for note in models.notes]
+        for i, model in enumerate(models.models):
+            if model is None:
+                continue
+            columns = [self._names.index(name) for name in model.inputs]
+            fresh = FreeRunningModel(model, columns)
+            fresh.warm_up(self._record.inputs, self._record.measured[:, i])
+            self._models[i] = fresh
+            text = f"{model.error}: inputs {', '.join(model.inputs) or 'none'}; na {model.na}"
+            events.append(Event(EventKind.MODELS_ADOPTED, text, model.error, model.residual_std, model.limit))
+        self._measured = 0
+        if all(m is None for m in self._models):
+            events.append(Event(EventKind.MODEL_REJECTED, "no usable model was found; measuring goes on"))
+        else:
+            if self._training.static_inputs and self._static is None:
+                self._static = tuple(() if m is None else m.model.inputs for m in self._models)
+            self._enter(Phase.COMPENSATION, events)
+        return tuple(events)
+
+    # Parts of a step -------------------------------------------------------------------------------------------------
+
+    def _bridge(self, until_k: int) -> None:
+        """Let the models run through steps of which there is no frame, on held inputs."""
+        last = self._record.last_k
+        if last is None:
+            return
+        missing = until_k - last - 1
+        self._record.append_gap(until_k)
+        for model in self._models:
+            if model is not None:
+                for back in range(missing, 0, -1):
+                    model.step(self._record.inputs[: len(self._record) - back + 1], float("nan"))
+
+    def _predict(
+        self, measured: np.ndarray[tuple[int], np.dtype[np.float64]], events: list[Event]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        predicted, corrected, sigma = np.full((3, _ERRORS), np.nan)
+        bounded = set()
+        for i, model in enumerate(self._models):
+            if model is None:
+                continue
+            estimate = model.step(self._record.inputs, float(measured[i]))
+            predicted[i], corrected[i], sigma[i] = estimate.predicted, estimate.corrected, estimate.sigma
+            if estimate.bounded:
+                bounded.add(THERMAL_ERRORS[i])
+        events.extend(
+            Event(EventKind.PREDICTION_BOUNDED, f"{error}: far outside what training saw; held at the bound", error)
+            for error in sorted(bounded - self._bounded)
+        )
+        self._bounded = frozenset(bounded)
+        return predicted, corrected, sigma
+
+    def _note_substitutes(self, events: list[Event]) -> None:
+        used = {name for m in self._models if m is not None for name in m.model.inputs}
+        valid = self._record.valid[-1]
+        missing = frozenset(name for name, ok in zip(self._names, valid, strict=True) if not ok and name in used)
+        began, ended = sorted(missing - self._substituted), sorted((self._substituted - missing) & used)
+        texts = [f"{name}: no good value; its last good one is used" for name in began]
+        texts += [f"{name}: good again" for name in ended]
+        events.extend(Event(EventKind.INPUT_SUBSTITUTED, text) for text in texts)
+        self._substituted = missing
+
+    def _judge(self, predicted: np.ndarray, measured: np.ndarray, limits: np.ndarray, events: list[Event]) -> None:
+        if self._phase is Phase.CALIBRATION:
+            return
+        events.append(Event(EventKind.STATE_UPDATE, "a measurement corrected the models' state"))
+        residual = np.abs(measured - predicted)
+        for i in np.flatnonzero(residual > limits):  # NaN compares false: no model, not measured
+            name = THERMAL_ERRORS[i]
+            text = f"{name}: residual {residual[i]:.1f} {ERROR_UNITS[name]} above its limit {limits[i]:.1f}"
+            events.append(Event(EventKind.LIMIT_EXCEEDED, text, name, float(residual[i]), float(limits[i])))
+            if self._phase is Phase.COMPENSATION and not self._learning:
+                self._enter(Phase.NO_GOOD, events)
+
+    def _job(self, k: int, events: list[Event]) -> TrainingJob | None:
+        if self._learning:
+            return None
+        match self._phase:
+            case Phase.CALIBRATION:
+                steps = self._control.calibration_steps
+                enough = len(self._record) >= steps and self._measured >= _ENOUGH * steps
+                why = Why.CALIBRATION
+            case Phase.NO_GOOD:
+                enough, why = self._measured >= self._control.no_good_measurements, Why.NO_GOOD
+            case Phase.COMPENSATION:
+                return None
+        if not enough:
+            return None
+        self._learning = True
+        events.append(Event(EventKind.TRAINING_WANTED, f"after {self._measured} measurements ({why.value})"))
+        rows = slice(-self._training.window_steps if self._training.window_steps else None, None)
+        return TrainingJob(
+            k=k,
+            why=why,
+            input_names=self._names,
+            inputs=self._record.inputs[rows].copy(),
+            valid=self._record.valid[rows].copy(),
+            measured=self._record.measured[rows].copy(),
+            settings=self._training,
+            static_inputs=self._static,
+        )
+
+    def _wish(self, k: int) -> Why | None:
+        match self._phase:
+            case Phase.CALIBRATION:
+                return Why.CALIBRATION
+            case Phase.NO_GOOD:
+                return None if self._learning else Why.NO_GOOD
+            case Phase.COMPENSATION:
+                since = k + 1 - self._last_measured if self._last_measured is not None else k + 1
+                return Why.INTERVAL if since >= self._control.measurement_interval_steps else None
+
+    def _limits(self) -> np.ndarray:
+        limits = np.full(_ERRORS, np.nan)
+        for i, (name, model) in enumerate(zip(THERMAL_ERRORS, self._models, strict=True)):
+            if model is None:
+                continue
+            if self._control.acl == "fixed":
+                position = ERROR_UNITS[name] == MICROMETRE
+                limits[i] = self._control.acl_fixed_um if position else self._control.acl_fixed_um_per_m
+            else:
+                limits[i] = model.model.limit
+        return limits
+
+    def _enter(self, phase: Phase, events: list[Event]) -> None:
+        if phase is not self._phase:
+            events.append(Event(EventKind.PHASE_CHANGED, f"{self._phase.value} -> {phase.value}"))
+        self._phase, self._measured = phase, 0

@@ -1,0 +1,80 @@
+"""What the controller has seen: consecutive grid steps of inputs and measurements, growing."""
+
+import numpy as np
+
+from talc.frame import BoolArray, FloatArray, Frame
+from talc.names import THERMAL_ERRORS
+
+_FIRST_CAPACITY = 512
+_ERRORS = len(THERMAL_ERRORS)
+
+
+class Record:
+    """Rows of consecutive grid steps. A missing input is filled with its last good value, before that with NaN.
+
+    Parameters
+    ----------
+    inputs: number of inputs
+    window: rows to keep; None: all
+    """
+
+    def __init__(self, inputs: int, window: int | None) -> None:
+        self._n, self._window = inputs, window
+        self._inputs = np.empty((_FIRST_CAPACITY, inputs))
+        self._valid = np.empty((_FIRST_CAPACITY, inputs), dtype=np.bool_)
+        self._measured = np.empty((_FIRST_CAPACITY, _ERRORS))
+        self._rows = 0
+        self.last_k: int | None = None
+
+    def __len__(self) -> int:
+        return self._rows
+
+    @property
+    def inputs(self) -> FloatArray:
+        """(T, n) filled inputs, oldest first."""
+        return self._inputs[: self._rows]
+
+    @property
+    def valid(self) -> BoolArray:
+        """(T, n)"""
+        return self._valid[: self._rows]
+
+    @property
+    def measured(self) -> FloatArray:
+        """(T, 9) NaN where nothing was measured."""
+        return self._measured[: self._rows]
+
+    def append(self, frame: Frame) -> None:
+        """The next step. ValueError: a wrong shape, or an index that is not the next one."""
+        if frame.inputs.shape != (self._n,) or frame.valid.shape != (self._n,):
+            raise ValueError(f"inputs {frame.inputs.shape}, valid {frame.valid.shape}: expected ({self._n},)")
+        if self.last_k is not None and frame.k != self.last_k + 1:
+            raise ValueError(f"k = {frame.k}: expected {self.last_k + 1}")
+        valid = frame.valid & np.isfinite(frame.inputs)
+        before = self._inputs[self._rows - 1] if self._rows else np.full(self._n, np.nan)
+        self._make_room()
+        self._inputs[self._rows] = np.where(valid, frame.inputs, before)
+        self._valid[self._rows] = valid
+        self._measured[self._rows] = np.nan if frame.measurement is None else frame.measurement.errors
+        self._rows += 1
+        self.last_k = frame.k
+
+    def append_gap(self, until_k: int) -> None:
+        """Steps without anything, up to but without `until_k`."""
+        nothing = np.full(self._n, np.nan), np.zeros(self._n, dtype=np.bool_)
+        while self.last_k is not None and self.last_k + 1 < until_k:
+            self.append(Frame(self.last_k + 1, *nothing))
+
+    def clear(self) -> None:
+        """Forget all rows."""
+        self._rows, self.last_k = 0, None
+
+    def _make_room(self) -> None:
+        if self._window is not None and self._rows >= 2 * self._window:
+            for array in (self._inputs, self._valid, self._measured):
+                array[: self._window] = array[self._rows - self._window : self._rows].copy()
+            self._rows = self._window
+        if self._rows == len(self._inputs):
+            self._inputs = np.concatenate([self._inputs, np.empty_like(self._inputs)])
+            self._valid = np.concatenate([self._valid, np.empty_like(self._valid)])
+            self._measured = np.concatenate([self._measured, np.empty_like(self._measured)])
