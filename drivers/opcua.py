@@ -3,6 +3,7 @@
 from collections.abc import Awaitable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, TypeVar
 from urllib.parse import urlsplit
@@ -13,6 +14,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uaerrors import UaError, UaStatusCodeError
 from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Variant, VariantType
+from cryptography import x509
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
 
@@ -256,8 +258,13 @@ class OpcUaSession:
             if error.code in CERTIFICATE:
                 hint = "check certificate, private_key and server_certificate; let the control trust our certificate"
                 return Refused(f"{url} refuses our certificate or security ({_name(error)})", device=device, hint=hint)
+        elif isinstance(error, UaError):
+            hint = "set security = 'Basic256Sha256'" if self._settings.security == "none" else ""
+            return Refused(f"{url} offers no such session: {_say(error)}", device=device, hint=hint)
         if isinstance(error, TimeoutError):
-            hint = "is this an OPC UA server, and does it trust our certificate?"
+            hint = "is this an OPC UA server?"
+            if self._settings.security != "none":
+                hint = "is server_certificate this control's own, and does the control trust our certificate?"
             return NoAnswer(f"{url} does not answer within {self._settings.timeout_s:g} s", device=device, hint=hint)
         hint = "is the control on, is its OPC UA server licensed and running, is the port right?"
         return ConnectError(f"cannot open {url}: {_say(error)}", device=device, hint=hint)
@@ -270,7 +277,12 @@ class OpcUaSession:
 
     async def _secure(self, client: Client) -> None:
         settings = self._settings
-        theirs = None if settings.server_certificate is None else str(settings.server_certificate)
+        ours = _usable(settings.certificate, "certificate", self._device)
+        client.application_uri = _application_uri(ours, settings.certificate, self._device)
+        theirs = None
+        if settings.server_certificate is not None:
+            _usable(settings.server_certificate, "server_certificate", self._device)
+            theirs = str(settings.server_certificate)
         try:
             await client.set_security(
                 SecurityPolicyBasic256Sha256,
@@ -280,13 +292,47 @@ class OpcUaSession:
             )
         except (ConnectionError, TimeoutError) as error:
             raise self._unreachable(error) from error
-        except (OSError, ValueError, TypeError, UaError) as error:
-            raise SetupError(
-                f"certificates cannot be used: {_say(error)}",
+        except UaError as error:
+            raise Refused(
+                f"{settings.url} offers no Basic256Sha256 with SignAndEncrypt: {_say(error)}",
                 device=self._device,
-                hint=f"certificate = {settings.certificate}, private_key = {settings.private_key}, "
-                f"server_certificate = {settings.server_certificate}",
+                hint="switch this endpoint on in the control's OPC UA settings",
             ) from error
+        except (OSError, ValueError, TypeError) as error:
+            raise SetupError(
+                f"private_key = {str(settings.private_key)!r} cannot be used: {_say(error)}", device=self._device
+            ) from error
+
+
+def _usable(path: Path | None, name: str, device: str) -> x509.Certificate:
+    """The certificate in a file, if it is one and its time has come and not gone."""
+    try:
+        content = path.read_bytes() if path is not None else b""
+        pem = content.startswith(b"-----BEGIN")
+        certificate = x509.load_pem_x509_certificate(content) if pem else x509.load_der_x509_certificate(content)
+    except (OSError, ValueError) as error:
+        raise SetupError(f"{name} = {str(path)!r} cannot be used: {_say(error)}", device=device) from error
+    begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+    if not begin <= datetime.now(UTC) <= end:
+        raise SetupError(
+            f"{name} = {str(path)!r} is valid from {begin:%Y-%m-%d %H:%M} to {end:%Y-%m-%d %H:%M} UTC, not now",
+            device=device,
+            hint="renew it; if it is new, check this computer's clock",
+        )
+    return certificate
+
+
+def _application_uri(certificate: x509.Certificate, path: Path | None, device: str) -> str:
+    """The name that the certificate gives us; servers compare it with what we say of ourselves (Part 6, 6.2.2)."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        uris = []
+    else:
+        uris = names.get_values_for_type(x509.UniformResourceIdentifier)
+    if not uris:
+        raise SetupError(f"certificate = {str(path)!r} holds no application URI as alternative name", device=device)
+    return uris[0]
 
 
 def _with_port(url: str) -> str:

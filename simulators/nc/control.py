@@ -4,18 +4,23 @@ import asyncio
 import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Protocol, cast
 
 from asyncua import ua
+from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import User as Session
 from asyncua.crypto.permission_rules import UserRole
+from asyncua.crypto.uacrypto import load_certificate
+from asyncua.crypto.validator import CertificateValidatorMethod
 from asyncua.server.address_space import AddressSpace, AttributeService
 from asyncua.server.server import Server
 from asyncua.server.user_managers import UserManager
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uatypes import DateTime, Int16, NodeId, StatusCode, String, UInt32
+from cryptography import x509
 
 from simulators.nc.cycle import CycleSettings
 from simulators.nc.nck import MachineUnderControl, Nck
@@ -23,6 +28,7 @@ from simulators.nc.program import LoadCase
 from simulators.nc.variables import Right, Value, Variable, variables
 
 NAMESPACE_URI = "SinumerikVarProvider"
+APPLICATION_URI = "urn:emulated:sinumerik"
 ALL_RIGHTS = frozenset(Right)
 _NOBODY = Session(role=UserRole.Anonymous)
 
@@ -45,6 +51,17 @@ class User:
     rights: frozenset[Right] = ALL_RIGHTS
 
 
+@dataclass(frozen=True, slots=True)
+class Security:
+    """Basic256Sha256 with SignAndEncrypt, and nothing else."""
+
+    certificate: Path
+    """The control's, .pem or .der; its application URI is APPLICATION_URI."""
+    private_key: Path
+    trusted: tuple[Path, ...]
+    """Certificates of the clients that are let in."""
+
+
 class EmulatedControl:
     """A SINUMERIK-like control behind OPC UA, on loopback.
 
@@ -56,6 +73,7 @@ class EmulatedControl:
     machine, program, cycle, seed, compensation_sign: see Nck
     clock: simulated or real time
     users: name to password and rights
+    security: None speaks without any
     port: 0 takes a free one
     """
 
@@ -69,11 +87,13 @@ class EmulatedControl:
         seed: int = 0,
         compensation_sign: int = -1,
         users: Mapping[str, User] | None = None,
+        security: Security | None = None,
         port: int = 0,
     ) -> None:
         self.nck = Nck(machine, program, cycle=cycle, seed=seed, compensation_sign=compensation_sign)
         self._clock = clock
         self._users = users
+        self._security = security
         self._port = port
         self._server: Server | None = None
         self._loop_task: asyncio.Task[None] | None = None
@@ -86,7 +106,14 @@ class EmulatedControl:
         server.disable_clock()  # a task that only shows the time, and delays stopping by a second
         server.set_server_name("emulated SINUMERIK")
         server.set_endpoint(f"opc.tcp://127.0.0.1:{self._port}")
-        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        await server.set_application_uri(APPLICATION_URI)
+        if self._security is None:
+            server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        else:
+            server.set_security_policy([ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt])
+            await server.load_certificate(self._security.certificate)
+            await server.load_private_key(self._security.private_key)
+            server.set_certificate_validator(_trust(self._security.trusted))
         tokens: list[type] = [ua.AnonymousIdentityToken if self._users is None else ua.UserNameIdentityToken]
         server.set_identity_tokens(tokens)
         index = await server.register_namespace(NAMESPACE_URI)
@@ -145,6 +172,18 @@ class EmulatedControl:
                 for wait in waits:
                     wait.cancel()
                 await asyncio.gather(*waits, return_exceptions=True)
+
+
+def _trust(files: tuple[Path, ...]) -> CertificateValidatorMethod:
+    """Let in who shows one of the certificates, while it is valid."""
+
+    async def validate(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:
+        if certificate not in [await load_certificate(file) for file in files]:
+            raise ServiceError(StatusCodes.BadCertificateUntrusted)
+        if not certificate.not_valid_before_utc <= datetime.now(UTC) <= certificate.not_valid_after_utc:
+            raise ServiceError(StatusCodes.BadCertificateTimeInvalid)
+
+    return validate
 
 
 class _UserManager(UserManager):
