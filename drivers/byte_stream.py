@@ -1,0 +1,268 @@
+"""Bytes to and from one peer: a serial port or a TCP connection, with a deadline on every wait."""
+
+import asyncio
+import os
+import socket
+import termios
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Protocol
+
+import serial
+
+from drivers.base import ConnectError
+
+_READ_SIZE = 4096
+_MOST_UNREAD = 65536
+
+
+@dataclass(frozen=True, slots=True)
+class SerialSettings:
+    """Where a serial line is and how fast it talks."""
+
+    port: str
+    baud: int
+    parity: str
+    stopbits: int
+
+
+class ByteStream(Protocol):
+    """What a bus needs from its wire. One user at a time."""
+
+    @property
+    def is_open(self) -> bool: ...
+
+    async def open(self, timeout_s: float) -> None:
+        """Raises ConnectError."""
+        ...
+
+    async def close(self) -> None: ...
+
+    def write(self, data: bytes) -> None:
+        """Raises ConnectError when the wire is gone."""
+        ...
+
+    async def read(self, timeout_s: float) -> bytes:
+        """Some bytes, at least one. Raises TimeoutError, or ConnectError when the wire is gone."""
+        ...
+
+    def discard(self) -> int:
+        """Throw away what came and was not read; returns how many bytes that were."""
+        ...
+
+
+class _Inbox:
+    """Bytes that came, and one who waits for them."""
+
+    def __init__(self, bus: str) -> None:
+        self._bus = bus
+        self._bytes = bytearray()
+        self._waiter: asyncio.Future[None] | None = None
+        self._lost: str | None = "not connected"
+
+    @property
+    def lost(self) -> str | None:
+        return self._lost
+
+    def opened(self) -> None:
+        self._lost = None
+        self._bytes.clear()
+
+    def lose(self, reason: str) -> None:
+        if self._lost is None:
+            self._lost = reason
+        self._wake()
+
+    def put(self, data: bytes) -> None:
+        self._bytes += data
+        if len(self._bytes) > _MOST_UNREAD:  # a babbling line must not fill the memory
+            del self._bytes[:-_MOST_UNREAD]
+        self._wake()
+
+    async def take(self, timeout_s: float) -> bytes:
+        if not self._bytes:
+            self.check()
+            self._waiter = asyncio.get_running_loop().create_future()
+            try:
+                async with asyncio.timeout(timeout_s):
+                    await self._waiter
+            finally:
+                self._waiter = None
+            if not self._bytes:
+                self.check()
+        data = bytes(self._bytes)
+        self._bytes.clear()
+        return data
+
+    def check(self) -> None:
+        """Raise ConnectError when the wire is gone."""
+        if self._lost is not None:
+            raise ConnectError(self._lost, bus=self._bus, hint="connect the bus again")
+
+    def discard(self) -> int:
+        count = len(self._bytes)
+        self._bytes.clear()
+        return count
+
+    def _wake(self) -> None:
+        if self._waiter is not None and not self._waiter.done():
+            self._waiter.set_result(None)
+
+
+class SerialStream:
+    """A serial port, watched by the event loop; no thread, no polling."""
+
+    def __init__(self, bus: str, settings: SerialSettings) -> None:
+        self._bus, self._settings = bus, settings
+        self._inbox = _Inbox(bus)
+        self._port: serial.Serial | None = None
+
+    @property
+    def is_open(self) -> bool:
+        return self._port is not None and self._inbox.lost is None
+
+    async def open(self, timeout_s: float) -> None:  # noqa: ARG002 - opening a port does not wait
+        await self.close()
+        s = self._settings
+        try:
+            self._port = serial.Serial(
+                s.port, baudrate=s.baud, parity=s.parity, stopbits=s.stopbits, timeout=0, exclusive=True
+            )
+        except (OSError, ValueError, termios.error) as error:
+            raise ConnectError(
+                f"cannot open serial port {s.port}: {error}", bus=self._bus, hint=self._hint(error)
+            ) from error
+        self._inbox.opened()
+        asyncio.get_running_loop().add_reader(self._port.fileno(), self._on_readable, self._port.fileno())
+
+    async def close(self) -> None:
+        if self._port is None:
+            return
+        port, self._port = self._port, None
+        self._inbox.lose("not connected")
+        asyncio.get_running_loop().remove_reader(port.fileno())
+        with suppress(OSError, termios.error):  # an unplugged adapter cannot be told anything any more
+            port.close()
+
+    def write(self, data: bytes) -> None:
+        self._inbox.check()
+        if self._port is None:
+            raise ConnectError("not connected", bus=self._bus)
+        try:
+            written = os.write(self._port.fileno(), data)
+        except OSError as error:
+            self._inbox.lose(f"serial port {self._settings.port} is gone: {error}")
+            self._inbox.check()
+        else:
+            if written < len(data):
+                self._inbox.lose(f"serial port {self._settings.port} accepts no more data")
+                self._inbox.check()
+
+    async def read(self, timeout_s: float) -> bytes:
+        return await self._inbox.take(timeout_s)
+
+    def discard(self) -> int:
+        return self._inbox.discard()
+
+    def _on_readable(self, descriptor: int) -> None:
+        try:
+            data = os.read(descriptor, _READ_SIZE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            data, reason = b"", str(error)
+        else:
+            reason = "hung up"
+        if data:
+            self._inbox.put(data)
+        else:
+            asyncio.get_running_loop().remove_reader(descriptor)
+            self._inbox.lose(f"serial port {self._settings.port} is gone: {reason}")
+
+    def _hint(self, error: Exception) -> str:
+        text = str(error)
+        if "xclusive" in text or "Errno 11" in text:
+            return "another program has it open"
+        if "Errno 2" in text:
+            return "is the adapter plugged in? ls -l /dev/serial/by-id shows what there is"
+        if "Errno 13" in text:
+            return "add the user to the group dialout"
+        if self._settings.parity != "N" and ("Invalid argument" in text or "Errno 22" in text):
+            return "this port cannot do parity (pseudo-terminals cannot); set parity = 'N'"
+        return "check port, baud, parity and stopbits"
+
+
+class TcpStream:
+    """A TCP connection that the kernel itself finds dead after a few seconds without acknowledgement."""
+
+    def __init__(self, bus: str, host: str, port: int) -> None:
+        self._bus, self._host, self._tcp_port = bus, host, port
+        self._inbox = _Inbox(bus)
+        self._transport: asyncio.Transport | None = None
+
+    @property
+    def is_open(self) -> bool:
+        return self._transport is not None and self._inbox.lost is None
+
+    async def open(self, timeout_s: float) -> None:
+        await self.close()
+        loop = asyncio.get_running_loop()
+        try:
+            async with asyncio.timeout(timeout_s):
+                transport, _ = await loop.create_connection(
+                    lambda: _Connection(self._inbox.put, self._inbox.lose), self._host, self._tcp_port
+                )
+        except TimeoutError as error:
+            raise ConnectError(
+                f"{self._host}:{self._tcp_port} did not answer within {timeout_s:g} s",
+                bus=self._bus,
+                hint="check power, cable and address",
+            ) from error
+        except OSError as error:
+            raise ConnectError(
+                f"cannot connect to {self._host}:{self._tcp_port}: {error}", bus=self._bus, hint="check host and port"
+            ) from error
+        _notice_dead_peer(transport.get_extra_info("socket"))
+        self._transport = transport
+        self._inbox.opened()
+
+    async def close(self) -> None:
+        if self._transport is None:
+            return
+        transport, self._transport = self._transport, None
+        self._inbox.lose("not connected")
+        transport.abort()
+        await asyncio.sleep(0)  # lets the loop close the socket
+
+    def write(self, data: bytes) -> None:
+        self._inbox.check()
+        if self._transport is None:
+            raise ConnectError("not connected", bus=self._bus)
+        self._transport.write(data)
+
+    async def read(self, timeout_s: float) -> bytes:
+        return await self._inbox.take(timeout_s)
+
+    def discard(self) -> int:
+        return self._inbox.discard()
+
+
+class _Connection(asyncio.Protocol):
+    def __init__(self, put: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
+        self._put, self._lose = put, lose
+
+    def data_received(self, data: bytes) -> None:
+        self._put(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._lose(f"connection lost: {exc}" if exc else "the device closed the connection")
+
+
+def _notice_dead_peer(sock: socket.socket) -> None:
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 5)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 2)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 8000)

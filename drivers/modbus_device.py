@@ -1,0 +1,140 @@
+"""A Modbus device as its profile describes it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from drivers.base import Clock, Quality, Reading, WrongDevice
+from drivers.faults import Fault, first_fault
+from drivers.modbus_bus import ModbusBus
+from drivers.modbus_profile import BIT_FUNCTIONS, Block, ModbusProfile, Plausibility, Span
+from drivers.readings import ReadingMaker
+
+_MOST_BITS = 2000
+_WIDEST_GAP = 8
+"""Registers read for nothing rather than asking twice: a request costs about as much as 8 registers on the line."""
+
+
+class ModbusDevice:
+    """One unit; `channels` maps names to the device's channel numbers, counted from 0."""
+
+    def __init__(
+        self, device: str, bus: ModbusBus, profile: ModbusProfile, unit: int, channels: Mapping[str, int], clock: Clock
+    ) -> None:
+        self._device, self._bus, self._profile, self._unit = device, bus, profile, unit
+        self._channels = dict(channels)
+        self._maker = ReadingMaker(profile.unit, clock)
+        self._value_blocks = plan_blocks(self._measured_places(), profile.max_registers)
+        self._code_blocks = plan_blocks(self._type_code_places(), profile.max_registers)
+        self._spans: dict[int, Span] = {}
+
+    @property
+    def device(self) -> str:
+        return self._device
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(self._channels)
+
+    async def connect(self) -> None:
+        """Check the type codes of the channels in use, or just that the unit answers. Raises WrongDevice and what
+        the bus raises."""
+        codes = self._profile.type_codes
+        if codes is None:
+            await self._fetch(self._value_blocks[:1])
+            return
+        words = await self._fetch(self._code_blocks)
+        for channel, index in self._channels.items():
+            code = words[codes.function, codes.address + index]
+            if code not in codes.spans:
+                raise WrongDevice(
+                    f"type code 0x{code:04X} at input {index}, which profile {self._profile.name} cannot read",
+                    bus=self._bus.name,
+                    device=self._device,
+                    channel=channel,
+                    hint=f"set the input to one of {', '.join(f'0x{c:04X}' for c in codes.spans)}, or check the unit id",
+                )
+            self._spans[index] = codes.spans[code]
+
+    async def read(self) -> Sequence[Reading]:
+        """One reading per channel; connects first when the scaling depends on type codes not read yet."""
+        if self._profile.type_codes is not None and not self._spans:
+            await self.connect()
+        words = await self._fetch(self._value_blocks)
+        return self._maker.make({name: self._value(index, words) for name, index in self._channels.items()})
+
+    async def close(self) -> None:
+        """Forget what was learnt about the unit; another one may stand there next time."""
+        self._spans.clear()
+
+    async def _fetch(self, blocks: Iterable[Block]) -> dict[tuple[int, int], int]:
+        words: dict[tuple[int, int], int] = {}
+        for block in blocks:
+            answer = await self._bus.read(self._device, self._unit, block)
+            words.update(((block.function, block.address + i), word) for i, word in enumerate(answer))
+        return words
+
+    def _value(self, index: int, words: Mapping[tuple[int, int], int]) -> float | Fault:
+        profile, values = self._profile, self._profile.values
+        start = values.address + index * values.stride
+        raw = values.format.decode([words[values.function, start + i] for i in range(values.format.registers)])
+        sentinel = next((s.fault for s in profile.sentinels if s.raw == raw), None)
+        if (bits := profile.fault_bits) is not None and words[bits.function, bits.address + index]:
+            return (
+                bits.fault if sentinel is None else Fault(bits.fault.quality, f"{bits.fault.detail}; {sentinel.detail}")
+            )
+        if (status := profile.status) is not None:
+            code = words[status.function, status.address + index * status.stride]
+            if code not in status.good:
+                unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{code:X}, which the profile does not explain")
+                return first_fault(status.rules, code) or unknown
+        if sentinel is not None:
+            return sentinel
+        if values.scaled_by_type_code:
+            value = self._spans[index].apply(raw)
+        else:
+            value = raw * values.scale + values.offset
+        return _implausible(profile.plausibility, value, profile.unit) or value
+
+    def _measured_places(self) -> list[tuple[int, int, int]]:
+        """(function, address, width) of everything that one read needs."""
+        profile, values = self._profile, self._profile.values
+        places = []
+        for index in self._channels.values():
+            places.append((values.function, values.address + index * values.stride, values.format.registers))
+            if (bits := profile.fault_bits) is not None:
+                places.append((bits.function, bits.address + index, 1))
+            if (status := profile.status) is not None:
+                places.append((status.function, status.address + index * status.stride, 1))
+        return places
+
+    def _type_code_places(self) -> list[tuple[int, int, int]]:
+        codes = self._profile.type_codes
+        return [] if codes is None else [(codes.function, codes.address + i, 1) for i in self._channels.values()]
+
+
+def plan_blocks(places: Iterable[tuple[int, int, int]], max_registers: int) -> tuple[Block, ...]:
+    """The read requests that cover all places (function, address, width), few and within the device's limit.
+
+    Neighbours are joined when the gap between them costs less than another request.
+    """
+    blocks: list[Block] = []
+    for function, address, width in sorted(set(places)):
+        limit = _MOST_BITS if function in BIT_FUNCTIONS else max_registers
+        if blocks:
+            last = blocks[-1]
+            end = max(last.address + last.count, address + width)
+            gap = address - (last.address + last.count)
+            if last.function == function and gap <= _WIDEST_GAP and end - last.address <= limit:
+                blocks[-1] = Block(function, last.address, end - last.address)
+                continue
+        blocks.append(Block(function, address, width))
+    return tuple(blocks)
+
+
+def _implausible(rule: Plausibility | None, value: float, unit: str) -> Fault | None:
+    if rule is None:
+        return None
+    if not rule.low <= value <= rule.high:
+        return Fault(Quality.OUT_OF_RANGE, f"{value:.4g} {unit} is outside {rule.low:g} to {rule.high:g} {unit}")
+    if rule.suspicious is not None and rule.suspicious[0] <= value <= rule.suspicious[1]:
+        return Fault(Quality.SENSOR_FAULT, f"{value:.4g} {unit} is what this device shows with an open input")
+    return None

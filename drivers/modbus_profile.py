@@ -1,0 +1,260 @@
+"""What a Modbus profile says: where a device's registers are, what they mean, how it reports a broken sensor."""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from drivers.faults import CodeRule, Fault, code_rule, fault
+from drivers.toml_table import Table
+
+Order = Literal["big", "little"]
+
+REGISTER_FUNCTIONS = (3, 4)
+BIT_FUNCTIONS = (1, 2)
+
+_FORMATS = {"int16": ("h", 1), "uint16": ("H", 1), "int32": ("i", 2), "uint32": ("I", 2), "float32": ("f", 2)}
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One read request: function code 1 to 4, first address (counted from 0), count of registers or bits."""
+
+    function: int
+    address: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class NumberFormat:
+    """How a number lies in registers."""
+
+    type: str
+    byte_order: Order = "big"
+    """Order of the two bytes in a register; Modbus says big."""
+    word_order: Order = "big"
+    """Order of the registers of a 32-bit number; Modbus does not say, vendors differ."""
+
+    @property
+    def registers(self) -> int:
+        return _FORMATS[self.type][1]
+
+    def decode(self, registers: Sequence[int]) -> int | float:
+        """The number in `registers` (as many as `self.registers`, each 0..65535)."""
+        words = registers if self.word_order == "big" else tuple(reversed(registers))
+        raw = b"".join(word.to_bytes(2, self.byte_order) for word in words)
+        number: int | float = struct.unpack(">" + _FORMATS[self.type][0], raw)[0]
+        return number
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Linear scaling: raw low and high (numbers) stand for low and high in the profile's unit."""
+
+    raw_low: float
+    raw_high: float
+    low: float
+    high: float
+
+    def apply(self, raw: float) -> float:
+        return self.low + (raw - self.raw_low) * (self.high - self.low) / (self.raw_high - self.raw_low)
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """Where the measured values are. Channel i starts at `address + i * stride`."""
+
+    function: int
+    address: int
+    stride: int
+    format: NumberFormat
+    scale: float
+    """Value = raw * scale + offset, unless the type code gives the scaling."""
+    offset: float
+    scaled_by_type_code: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TypeCodes:
+    """Registers that say what is connected and how it is scaled; checked whenever the device is connected."""
+
+    function: int
+    address: int
+    spans: dict[int, Span]
+    """Every code that this profile can read, with its scaling."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultBits:
+    """One bit a channel, from `address` on, set when the device finds its sensor broken."""
+
+    function: int
+    address: int
+    fault: Fault
+
+
+@dataclass(frozen=True, slots=True)
+class StatusRegister:
+    """One register a channel that tells the sensor's state by number or bits; channel i at `address + i * stride`."""
+
+    function: int
+    address: int
+    stride: int
+    good: frozenset[int]
+    rules: tuple[CodeRule, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Sentinel:
+    """A raw number that the device sends instead of a value."""
+
+    raw: int
+    fault: Fault
+
+
+@dataclass(frozen=True, slots=True)
+class Plausibility:
+    """For devices that report nothing: a value outside, or a sensor changing faster than physics allows, is doubtful.
+
+    Only a guess: an open input may still show a plausible number.
+    """
+
+    low: float
+    high: float
+    suspicious: tuple[float, float] | None
+    """Values (low, high) that this device is known to show with an open input."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModbusProfile:
+    """A Modbus device with equal channels."""
+
+    name: str
+    title: str
+    buses: tuple[str, ...]
+    channels: int
+    unit: str
+    confirm: tuple[str, ...]
+    """What was not found in a manual: check it on the device."""
+    max_registers: int
+    """Most registers that the device gives in one answer."""
+    values: Values
+    type_codes: TypeCodes | None
+    fault_bits: FaultBits | None
+    status: StatusRegister | None
+    sentinels: tuple[Sentinel, ...]
+    plausibility: Plausibility | None
+
+
+def modbus_profile(name: str, table: Table) -> ModbusProfile:
+    """Read a profile of `protocol = "modbus"`. Raises SetupError."""
+    profile = ModbusProfile(
+        name=name,
+        title=table.text("title"),
+        buses=table.texts("buses"),
+        channels=table.integer("channels", low=1, high=1000),
+        unit=table.text("unit"),
+        confirm=table.texts("confirm", ()),
+        max_registers=table.integer("max_registers", 125, low=1, high=125),
+        values=_values(table.table("value")),
+        type_codes=_type_codes(table.table("type_code")) if table.has("type_code") else None,
+        fault_bits=_fault_bits(table.table("fault_bits")) if table.has("fault_bits") else None,
+        status=_status(table.table("status")) if table.has("status") else None,
+        sentinels=tuple(_sentinel(entry) for entry in table.tables("sentinel")),
+        plausibility=_plausibility(table.table("plausibility")) if table.has("plausibility") else None,
+    )
+    if profile.values.scaled_by_type_code and profile.type_codes is None:
+        raise table.error("type_code", 'value.scaled_by = "type_code" needs this table')
+    for bus in profile.buses:
+        if bus not in ("modbus_rtu", "modbus_tcp"):
+            raise table.error("buses", f"{bus!r} is none of modbus_rtu, modbus_tcp")
+    table.finish()
+    return profile
+
+
+def _function(table: Table, allowed: tuple[int, ...]) -> int:
+    function = table.integer("function", low=1, high=4)
+    if function not in allowed:
+        raise table.error("function", f"{function} does not read {'bits' if allowed == BIT_FUNCTIONS else 'registers'}")
+    return function
+
+
+def _address(table: Table) -> int:
+    return table.integer("address", low=0, high=65535)
+
+
+def _order(table: Table, key: str) -> Order:
+    return "little" if table.text(key, "big", choices=("big", "little")) == "little" else "big"
+
+
+def _values(table: Table) -> Values:
+    number = NumberFormat(
+        table.text("type", choices=_FORMATS), _order(table, "byte_order"), _order(table, "word_order")
+    )
+    values = Values(
+        function=_function(table, REGISTER_FUNCTIONS),
+        address=_address(table),
+        stride=table.integer("stride", number.registers, low=number.registers, high=1000),
+        format=number,
+        scale=table.number("scale", 1.0),
+        offset=table.number("offset", 0.0),
+        scaled_by_type_code=table.text("scaled_by", "fixed", choices=("fixed", "type_code")) == "type_code",
+    )
+    if values.scale == 0:
+        raise table.error("scale", "0 would make every value equal")
+    table.finish()
+    return values
+
+
+def _type_codes(table: Table) -> TypeCodes:
+    function, address = _function(table, REGISTER_FUNCTIONS), _address(table)
+    raw_low, raw_high = table.number("raw_low", 0.0), table.number("raw_high", 1.0)
+    spans: dict[int, Span] = {}
+    for entry in table.tables("code"):
+        code = entry.integer("code", low=0, high=65535)
+        spans[code] = Span(
+            entry.number("raw_low", raw_low),
+            entry.number("raw_high", raw_high),
+            entry.number("low"),
+            entry.number("high"),
+        )
+        entry.finish()
+    if not spans:
+        raise table.error("code", "at least one type code is needed")
+    table.finish()
+    return TypeCodes(function, address, spans)
+
+
+def _fault_bits(table: Table) -> FaultBits:
+    bits = FaultBits(_function(table, BIT_FUNCTIONS), _address(table), fault(table))
+    table.finish()
+    return bits
+
+
+def _status(table: Table) -> StatusRegister:
+    status = StatusRegister(
+        function=_function(table, REGISTER_FUNCTIONS),
+        address=_address(table),
+        stride=table.integer("stride", 1, low=1, high=1000),
+        good=frozenset(table.integers("good", (0,))),
+        rules=tuple(code_rule(entry) for entry in table.tables("rule")),
+    )
+    table.finish()
+    return status
+
+
+def _sentinel(table: Table) -> Sentinel:
+    sentinel = Sentinel(table.integer("raw", low=-(2**31), high=2**32 - 1), fault(table))
+    table.finish()
+    return sentinel
+
+
+def _plausibility(table: Table) -> Plausibility:
+    low, high = table.number("low"), table.number("high")
+    if low >= high:
+        raise table.error("low", f"{low} is not below high = {high}")
+    suspicious = None
+    if table.has("open_input_low"):
+        suspicious = (table.number("open_input_low"), table.number("open_input_high"))
+    table.finish()
+    return Plausibility(low, high, suspicious)

@@ -1,0 +1,29 @@
+"""Building one device's readings: same times and sequence for all channels of one read."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import nan
+
+from drivers.base import Clock, Quality, Reading
+from drivers.faults import Fault
+
+
+@dataclass(slots=True)
+class ReadingMaker:
+    """Stamps what one driver reads."""
+
+    unit: str
+    clock: Clock
+    _sequence: int = field(default=0, init=False)
+
+    def make(self, values: Mapping[str, float | Fault]) -> list[Reading]:
+        """One reading per channel, in the order of `values`; a fault becomes NaN with the fault's quality."""
+        self._sequence += 1
+        utc, monotonic_s = self.clock.utc(), self.clock.monotonic()
+        readings = []
+        for channel, value in values.items():
+            number, quality, detail = (
+                (nan, value.quality, value.detail) if isinstance(value, Fault) else (value, Quality.GOOD, "")
+            )
+            readings.append(Reading(channel, number, self.unit, quality, utc, monotonic_s, self._sequence, detail))
+        return readings
