@@ -50,7 +50,7 @@ def cia404_profile(name: str, table: Table) -> Cia404Profile:
 
 def _vendors(table: Table) -> dict[str, tuple[CodeRule, ...]]:
     vendors = {}
-    for vendor in table.keys():
+    for vendor in table.names():
         entry = table.table(vendor)
         vendors[vendor] = tuple(code_rule(rule) for rule in entry.tables("status"))
         entry.finish()

@@ -1,6 +1,7 @@
 """A Modbus device as its profile describes it."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import isnan
 
 from drivers.base import Clock, Quality, Reading, WrongDevice
 from drivers.faults import Fault, first_fault
@@ -45,12 +46,13 @@ class ModbusDevice:
         for channel, index in self._channels.items():
             code = words[codes.function, codes.address + index]
             if code not in codes.spans:
+                known = ", ".join(f"0x{c:04X}" for c in codes.spans)
                 raise WrongDevice(
                     f"type code 0x{code:04X} at input {index}, which profile {self._profile.name} cannot read",
                     bus=self._bus.name,
                     device=self._device,
                     channel=channel,
-                    hint=f"set the input to one of {', '.join(f'0x{c:04X}' for c in codes.spans)}, or check the unit id",
+                    hint=f"set the input to one of {known}, or check the unit id",
                 )
             self._spans[index] = codes.spans[code]
 
@@ -88,10 +90,9 @@ class ModbusDevice:
                 return first_fault(status.rules, code) or unknown
         if sentinel is not None:
             return sentinel
-        if values.scaled_by_type_code:
-            value = self._spans[index].apply(raw)
-        else:
-            value = raw * values.scale + values.offset
+        if isnan(raw):
+            return Fault(Quality.SENSOR_FAULT, "the device sends NaN instead of a value")
+        value = self._spans[index].apply(raw) if values.scaled_by_type_code else raw * values.scale + values.offset
         return _implausible(profile.plausibility, value, profile.unit) or value
 
     def _measured_places(self) -> list[tuple[int, int, int]]:

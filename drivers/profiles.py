@@ -1,6 +1,7 @@
 """Devices are data: profiles from `drivers/profiles/*.toml`, or a user's own file of the same form."""
 
 import tomllib
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,7 +13,11 @@ from drivers.toml_table import Table
 
 Profile = ModbusProfile | Cia404Profile | MeRs485Profile
 
-_READERS = {"modbus": modbus_profile, "cia404": cia404_profile, "me_rs485": me_rs485_profile}
+_READERS: Mapping[str, Callable[[str, Table], Profile]] = {
+    "modbus": modbus_profile,
+    "cia404": cia404_profile,
+    "me_rs485": me_rs485_profile,
+}
 _SUPPLIED = files("drivers") / "profiles"
 
 

@@ -18,7 +18,7 @@ class Table:
     def has(self, key: str) -> bool:
         return key in self._values
 
-    def keys(self) -> tuple[str, ...]:
+    def names(self) -> tuple[str, ...]:
         return tuple(self._values)
 
     def text(self, key: str, default: str | None = None, *, choices: Collection[str] = ()) -> str:

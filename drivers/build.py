@@ -1,0 +1,127 @@
+"""Buses and devices from a configuration's fields. Making validates everything and never touches the network."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from drivers.base import Bus, Clock, Driver, SetupError
+from drivers.bus_settings import (
+    BUS_KINDS,
+    BusSettings,
+    CanOpenSettings,
+    MeRs485Settings,
+    ModbusRtuSettings,
+    ModbusTcpSettings,
+    settings_from,
+)
+from drivers.canopen_bus import CanOpenBus
+from drivers.canopen_profile import Cia404Profile
+from drivers.cia404 import Cia404Device, Cia404Options
+from drivers.displacement_profile import MeRs485Profile
+from drivers.me_rs485 import MeRs485Bus, MeRs485Device, MeRs485Options
+from drivers.modbus_bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
+from drivers.modbus_device import ModbusDevice
+from drivers.modbus_profile import ModbusProfile
+from drivers.profiles import Profile, load_profile
+
+__all__ = ["BUS_KINDS", "make_bus", "make_device"]
+
+
+def make_bus(name: str, kind: str, options: Mapping[str, object]) -> Bus:
+    """The bus of that kind (a key of BUS_KINDS); `options` are the fields of its settings class.
+
+    Raises SetupError naming the bus, the field and the value.
+    """
+    if kind not in BUS_KINDS:
+        raise SetupError(f"kind {kind!r} does not exist", bus=name, hint=f"there are {', '.join(BUS_KINDS)}")
+    return bus_from_settings(name, settings_from(BUS_KINDS[kind], options, bus=name))
+
+
+def bus_from_settings(name: str, settings: BusSettings) -> Bus:
+    """The bus that these settings describe."""
+    match settings:
+        case ModbusRtuSettings():
+            return ModbusRtuBus(name, settings)
+        case ModbusTcpSettings():
+            return ModbusTcpBus(name, settings)
+        case CanOpenSettings():
+            return CanOpenBus(name, settings)
+        case MeRs485Settings():
+            return MeRs485Bus(name, settings)
+
+
+def make_device(
+    device_name: str,
+    bus: Bus,
+    profile: str | Profile,
+    unit: int,
+    channels: Mapping[str, int],
+    options: Mapping[str, object],
+    clock: Clock,
+) -> Driver:
+    """The driver of one device on a bus made here.
+
+    profile: a name, the path of a .toml file, or a loaded profile
+    unit: unit id, node id or address on the bus
+    channels: channel name to the device's channel number, counted from 0
+
+    Raises SetupError naming the bus, the device, the channel and the value.
+    """
+    if isinstance(profile, str):
+        profile = load_profile(profile)
+    _Place(device_name, bus).check(profile, unit, channels)
+    match profile, bus:
+        case ModbusProfile(), ModbusBus():
+            settings_from(_NoOptions, options, bus=bus.name, device=device_name)
+            return ModbusDevice(device_name, bus, profile, unit, channels, clock)
+        case Cia404Profile(), CanOpenBus():
+            chosen = settings_from(Cia404Options, options, bus=bus.name, device=device_name)
+            if chosen.vendor not in profile.vendors:
+                raise SetupError(
+                    f"vendor = {chosen.vendor!r} is not in profile {profile.name}",
+                    bus=bus.name,
+                    device=device_name,
+                    hint=f"there are {', '.join(profile.vendors)}",
+                )
+            return Cia404Device(device_name, bus, profile, unit, channels, chosen, clock)
+        case MeRs485Profile(), MeRs485Bus():
+            growth = settings_from(MeRs485Options, options, bus=bus.name, device=device_name)
+            return MeRs485Device(device_name, bus, profile, unit, channels, growth, clock)
+        case _:
+            raise SetupError(f"{type(bus).__name__} was not made by make_bus", bus=bus.name, device=device_name)
+
+
+@dataclass(frozen=True, slots=True)
+class _NoOptions:
+    """A device without options."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A device on a bus, while it is checked."""
+
+    device: str
+    bus: Bus
+
+    def check(self, profile: Profile, unit: int, channels: Mapping[str, int]) -> None:
+        kind = getattr(self.bus, "kind", type(self.bus).__name__)
+        if kind not in profile.buses:
+            raise self._error(
+                f"profile {profile.name} does not fit a {kind} bus", hint=f"it needs {' or '.join(profile.buses)}"
+            )
+        low, high = getattr(self.bus, "units", (0, 255))
+        if not low <= unit <= high:
+            raise self._error(f"unit = {unit}: expected {low} to {high} on a {kind} bus")
+        if not channels:
+            raise self._error("no channels", hint="name at least one")
+        seen: dict[int, str] = {}
+        for channel, number in channels.items():
+            if not 0 <= number < profile.channels:
+                raise self._error(
+                    f"channel number {number}: {profile.name} has 0 to {profile.channels - 1}", channel=channel
+                )
+            if number in seen:
+                raise self._error(f"channel number {number} is taken by {seen[number]} already", channel=channel)
+            seen[number] = channel
+
+    def _error(self, what: str, *, channel: str = "", hint: str = "") -> SetupError:
+        return SetupError(what, bus=self.bus.name, device=self.device, channel=channel, hint=hint)

@@ -1,0 +1,171 @@
+"""A CAN interface with CANopen nodes. The canopen library blocks, so it lives in threads that this bus owns and joins.
+
+Two threads while connected: one receives, one asks. Nothing of the library is touched from the event loop.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import can
+import canopen
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
+from drivers.bus_settings import CanOpenSettings
+
+R = TypeVar("R")
+
+_SERIAL_WAIT_S = 0.1
+"""How long python-can's slcan blocks for a byte. Its 1 ms would wake the thread a thousand times a second for
+nothing; a byte that comes ends the wait at once, so a longer wait costs no latency."""
+_RECEIVE_WAIT_S = 0.1
+"""How long closing may have to wait for the receiving thread."""
+
+logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs, we raise
+
+
+@dataclass(frozen=True, slots=True)
+class CanObject:
+    """One entry of a node's object dictionary."""
+
+    index: int
+    subindex: int
+
+    def __str__(self) -> str:
+        return f"{self.index:04X}:{self.subindex:02X}"
+
+
+class CanOpenBus:
+    """Nodes on one CAN interface. Reads of all nodes queue up in one thread."""
+
+    kind = "canopen"
+    units = (1, 127)
+
+    def __init__(self, name: str, settings: CanOpenSettings) -> None:
+        self._name, self._settings = name, settings
+        self._network: Any = None
+        self._thread: ThreadPoolExecutor | None = None
+        self._doubtful: set[int] = set()
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    async def connect(self) -> None:
+        """Open the interface; an open one stays. Raises ConnectError."""
+        if self._thread is not None:
+            if self._network is not None and self._network.notifier.exception is None:
+                return
+            await self.close()
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"canopen {self._name}")
+        try:
+            await self._in_thread(self._open)
+        except BaseException:
+            await self.close()
+            raise
+
+    async def close(self) -> None:
+        if self._thread is None:
+            return
+        thread, self._thread = self._thread, None
+        await asyncio.get_running_loop().run_in_executor(thread, self._shut)
+        thread.shutdown(wait=True)
+
+    async def upload(self, device: str, node: int, objects: Sequence[CanObject]) -> list[bytes]:
+        """Read objects of one node by SDO, little-endian bytes each.
+
+        Raises NoAnswer, BadAnswer, Refused (SDO abort) or ConnectError (interface gone).
+        """
+        return await self._in_thread(lambda: self._upload(device, node, objects))
+
+    async def _in_thread(self, work: Callable[[], R]) -> R:
+        """Run in the bus's thread; whoever stops waiting does not stop the work, so no answer is left unread."""
+        if self._thread is None:
+            raise ConnectError("not connected", bus=self._name, hint="connect the bus first")
+        future = asyncio.get_running_loop().run_in_executor(self._thread, work)
+        future.add_done_callback(lambda done: done.cancelled() or done.exception())
+        return await asyncio.shield(future)
+
+    def _open(self) -> None:
+        s = self._settings
+        options: dict[str, Any] = {"interface": s.interface, "channel": s.channel}
+        if s.interface == "slcan":
+            options |= {"bitrate": s.bitrate, "sleep_after_open": 0.0, "timeout": _SERIAL_WAIT_S}
+        elif s.interface == "udp_multicast":
+            options |= {"port": s.port, "hop_limit": 0}
+        try:
+            interface = can.Bus(**options)
+        except (can.CanError, OSError, ValueError, ImportError) as error:
+            raise ConnectError(
+                f"cannot open {s.interface} {s.channel}: {error}",
+                bus=self._name,
+                hint="is the adapter plugged in, or the interface up? another program may have it open",
+            ) from error
+        network = canopen.Network(interface)
+        network.NOTIFIER_CYCLE = _RECEIVE_WAIT_S
+        network.connect()
+        self._network = network
+        self._doubtful.clear()
+
+    def _shut(self) -> None:
+        network, self._network = self._network, None
+        if network is not None:
+            interface = network.bus
+            with suppress(can.CanError, OSError):  # an unplugged adapter cannot be told anything any more
+                network.disconnect()
+            if interface is not None and network.bus is not None:
+                _release(interface)
+
+    def _upload(self, device: str, node: int, objects: Sequence[CanObject]) -> list[bytes]:
+        if self._network is None:
+            raise ConnectError("not connected", bus=self._name, device=device)
+        if node not in self._network:
+            self._network.add_node(canopen.RemoteNode(node, canopen.ObjectDictionary())  # type: ignore[no-untyped-call])
+        sdo = self._network[node].sdo
+        sdo.RESPONSE_TIMEOUT = self._settings.timeout_s
+        if node in self._doubtful:
+            # The late answer may still come. This object is never a value, and the node answers in order.
+            self._one(sdo, device, node, CanObject(0x1000, 0))
+            self._doubtful.discard(node)
+        return [self._one(sdo, device, node, wanted) for wanted in objects]
+
+    def _one(self, sdo: Any, device: str, node: int, wanted: CanObject) -> bytes:
+        try:
+            return bytes(sdo.upload(wanted.index, wanted.subindex))
+        except SdoAbortedError as error:
+            raise Refused(
+                f"node {node} refused object {wanted}: {error}",
+                bus=self._name,
+                device=device,
+                hint="does the profile fit the device?",
+            ) from error
+        except SdoCommunicationError as error:
+            raise self._communication(device, node, wanted, error) from error
+        except (can.CanError, OSError) as error:
+            raise ConnectError(
+                f"interface {self._settings.channel} is gone: {error}", bus=self._name, device=device
+            ) from error
+
+    def _communication(self, device: str, node: int, wanted: CanObject, error: Exception) -> DriverError:
+        self._doubtful.add(node)
+        if "No SDO response" not in str(error):
+            return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self._name, device=device)
+        return NoAnswer(
+            f"node {node} did not answer within {self._settings.timeout_s:g} s",
+            bus=self._name,
+            device=device,
+            hint="check power, termination (60 ohm between CAN_H and CAN_L), node id and bitrate",
+        )
+
+
+def _release(interface: Any) -> None:
+    """Close what python-can left open when its own shutdown failed."""
+    port = getattr(interface, "serialPortOrig", None)
+    with suppress(OSError):
+        if port is not None:
+            port.close()

@@ -1,0 +1,195 @@
+"""Micro-Epsilon displacement sensors on RS-485.
+
+Request `10 DA SA 4C FCS 16`; answer `68 LE LE 68 DA SA 08 data FCS 16`, LE counting DA to the last data byte, FCS
+their sum modulo 256. Answers carry no number: see `MeRs485Bus.measure` for what keeps a late one out.
+"""
+
+import asyncio
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from drivers.base import BadAnswer, Clock, NoAnswer, Quality, Reading
+from drivers.bus_settings import MeRs485Settings
+from drivers.byte_stream import SerialStream
+from drivers.displacement_profile import MeRs485Profile
+from drivers.faults import Fault
+from drivers.readings import ReadingMaker
+
+_MASTER = 0x01
+_MEASURE = 0x4C
+_RESPONSE = 0x08
+_END = 0x16
+_SHORTEST_LE = 3
+_FLOATS = struct.Struct("<ff")
+
+
+class MeRs485Bus:
+    """Sensors on one serial line; requests queue up."""
+
+    kind = "me_rs485"
+    units = (2, 126)
+
+    def __init__(self, name: str, settings: MeRs485Settings) -> None:
+        self._name, self._timeout_s = name, settings.timeout_s
+        self._stream = SerialStream(name, settings.serial)
+        self._lock = asyncio.Lock()
+        self._answer_due = False
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    async def connect(self) -> None:
+        """Open the port; an open one stays. Raises ConnectError."""
+        async with self._lock:
+            if not self._stream.is_open:
+                await self._stream.open(self._timeout_s)
+
+    async def close(self) -> None:
+        async with self._lock:
+            await self._stream.close()
+
+    async def measure(self, device: str, address: int) -> bytes:
+        """The data of one answer. Raises NoAnswer, BadAnswer or ConnectError.
+
+        After a timeout or a cancelled wait an answer is still due, and it would look like the next one. Then this
+        request takes the last of the answers that come within the timeout, so it lasts that long.
+        """
+        async with self._lock:
+            expect_late = self._answer_due
+            self._stream.discard()
+            self._stream.write(request_frame(address))
+            self._answer_due = True
+            heard = bytearray()
+            loop = asyncio.get_running_loop()
+            deadline = loop.time() + self._timeout_s
+            try:
+                while True:
+                    heard += await self._stream.read(deadline - loop.time())
+                    if not expect_late and (answers := find_answers(heard, address)):
+                        break
+            except TimeoutError:
+                answers = find_answers(heard, address)
+                if not answers:
+                    raise self._nothing_valid(device, address, heard) from None
+            self._answer_due = False
+            return answers[-1]
+
+    def _nothing_valid(self, device: str, address: int, heard: bytes | bytearray) -> NoAnswer | BadAnswer:
+        if not heard:
+            return NoAnswer(
+                f"sensor 0x{address:02X} did not answer within {self._timeout_s:g} s",
+                bus=self._name,
+                device=device,
+                hint="check power, wiring, address and baud",
+            )
+        return BadAnswer(
+            f"{len(heard)} bytes came, none of them a valid answer of 0x{address:02X}: {heard[:16].hex(' ')}",
+            bus=self._name,
+            device=device,
+            hint="wrong baud or parity, missing termination, or noise",
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeRs485Options:
+    """What a configuration says about one sensor."""
+
+    range_um: float
+    """Measuring range."""
+    zero_um: float = 0.0
+    """Distance that counts as no growth; subtracted from every value."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.range_um <= 1e6:
+            raise ValueError(f"range_um = {self.range_um!r}: expected more than 0, at most 1000000")
+
+
+class MeRs485Device:
+    """One sensor, one channel."""
+
+    def __init__(
+        self,
+        device: str,
+        bus: MeRs485Bus,
+        profile: MeRs485Profile,
+        address: int,
+        channels: Mapping[str, int],
+        options: MeRs485Options,
+        clock: Clock,
+    ) -> None:
+        self._device, self._bus, self._profile, self._address = device, bus, profile, address
+        (self._channel,) = channels
+        self._options = options
+        self._maker = ReadingMaker(profile.unit, clock)
+
+    @property
+    def device(self) -> str:
+        return self._device
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (self._channel,)
+
+    async def connect(self) -> None:
+        """Check that the sensor answers in the expected form. Raises what the bus raises."""
+        await self._distance()
+
+    async def read(self) -> Sequence[Reading]:
+        """One reading, in µm."""
+        return self._maker.make({self._channel: await self._distance()})
+
+    async def close(self) -> None:
+        """Nothing of a sensor's own stays open."""
+
+    async def _distance(self) -> float | Fault:
+        data = await self._bus.measure(self._device, self._address)
+        if len(data) != _FLOATS.size:
+            raise BadAnswer(
+                f"{len(data)} data bytes, not {_FLOATS.size}",
+                bus=self._bus.name,
+                device=self._device,
+                hint="other payload form",
+            )
+        unscaled, _scaled = _FLOATS.unpack(data)
+        if not isfinite(unscaled):
+            return Fault(Quality.SENSOR_FAULT, "the sensor sends no number: no target, or the probe is not connected")
+        fraction = unscaled / self._profile.full_scale
+        if not 0.0 <= fraction <= 1.0:
+            return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
+        return float(fraction * self._options.range_um - self._options.zero_um)
+
+
+def request_frame(address: int) -> bytes:
+    """The request for one measurement."""
+    body = bytes((address, _MASTER, _MEASURE))
+    return b"\x10" + body + bytes((sum(body) % 256, _END))
+
+
+def find_answers(heard: bytes | bytearray, address: int) -> list[bytes]:
+    """The data of every valid answer of this sensor in `heard`, in order; garbage and broken frames are passed over."""
+    answers: list[bytes] = []
+    start = 0
+    while (start := heard.find(b"\x68", start)) >= 0:
+        data = _answer_at(heard, start, address)
+        if data is None:
+            start += 1
+        else:
+            answers.append(data)
+            start += 9 + len(data)
+    return answers
+
+
+def _answer_at(heard: bytes | bytearray, start: int, address: int) -> bytes | None:
+    if len(heard) < start + 4:
+        return None
+    length = heard[start + 1]
+    end = start + 4 + length + 2
+    if heard[start + 2] != length or heard[start + 3] != 0x68 or length < _SHORTEST_LE or len(heard) < end:
+        return None
+    body = bytes(heard[start + 4 : end - 2])
+    if heard[end - 1] != _END or sum(body) % 256 != heard[end - 2]:
+        return None
+    return body[3:] if body[:3] == bytes((_MASTER, address, _RESPONSE)) else None
