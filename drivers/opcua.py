@@ -1,5 +1,6 @@
 """One OPC UA session: batch reads and writes by node name, and the library's errors as ours."""
 
+import asyncio
 from collections.abc import Awaitable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Literal, TypeVar
 from urllib.parse import urlsplit
 
 from asyncua.client.client import Client
+from asyncua.client.ua_client import UaClientState
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes
@@ -149,6 +151,9 @@ class OpcUaSession:
             await client.connect()
         except (UaError, OSError, TimeoutError) as error:
             raise self._unreachable(error) from error
+        finally:
+            if client.state is not UaClientState.CONNECTED:
+                await _drop(client)
         self._client = client
         self._nodes.clear()
         namespaces = await self._ask(client.get_namespace_array(), "reads the namespaces")
@@ -333,6 +338,13 @@ def _application_uri(certificate: x509.Certificate, path: Path | None, device: s
     if not uris:
         raise SetupError(f"certificate = {str(path)!r} holds no application URI as alternative name", device=device)
     return uris[0]
+
+
+async def _drop(client: Client) -> None:
+    """Close the socket of a session that never was one, which a cancelled or failed `connect` leaves open."""
+    if client.uaclient.has_transport:
+        client.disconnect_socket()
+        await asyncio.sleep(0)  # the transport closes in the loop's next round
 
 
 def _with_port(url: str) -> str:

@@ -85,9 +85,13 @@ class Sinumerik:
     async def connect(self) -> None:
         """Open the session and read everything once, so that a wrong path or a missing right shows at once."""
         await self._session.connect()
-        await self._session.read(self._snapshot)
-        await self._session.read(self._result)
-        await self._session.read(self._in_force)
+        try:
+            await self._session.read(self._snapshot)
+            await self._session.read(self._result)
+            await self._session.read(self._in_force)
+        except BaseException:
+            await self._session.close()
+            raise
 
     async def close(self) -> None:
         await self._session.close()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from asyncua import ua
+from asyncua.common.callback import CallbackType, ServerItemCallback
 from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import User as Session
 from asyncua.crypto.permission_rules import UserRole
@@ -118,7 +119,9 @@ class EmulatedControl:
         server.set_identity_tokens(tokens)
         index = await server.register_namespace(NAMESPACE_URI)
         table = variables(self.nck)
-        server.iserver.attribute_service = _Attributes(server.iserver.aspace, index, table, self)
+        attributes = _Attributes(server.iserver.aspace, index, table, self)
+        server.iserver.attribute_service = attributes
+        server.subscribe_server_callback(CallbackType.PreRead, attributes.note_reader)
         await _add_nodes(server, index, table)
         await server.start()
         self._server = server
@@ -215,6 +218,11 @@ class _Attributes(AttributeService):
         self._namespace = namespace
         self._table = table
         self._control = control
+        self._reader = _NOBODY
+
+    def note_reader(self, event: ServerItemCallback, _: object) -> None:
+        """The library tells who reads only here, just before `read`."""
+        self._reader = event.user
 
     def _variable(self, node: NodeId, attribute: AttributeIds) -> Variable | None:
         if node.NamespaceIndex != self._namespace or attribute != AttributeIds.Value:
@@ -223,12 +231,15 @@ class _Attributes(AttributeService):
 
     def read(self, params: ua.ReadParameters) -> list[ua.DataValue]:
         state = self._control.nck.state(self._control.now())
+        rights = self._control.rights(self._reader)
         time = cast(DateTime, self._control.utc())
         results = []
         for item in params.NodesToRead:
             variable = self._variable(item.NodeId, item.AttributeId)
             if variable is None:
                 results.append(self._aspace.read_attribute_value(item.NodeId, item.AttributeId))
+            elif variable.readable_with not in rights:
+                results.append(ua.DataValue(StatusCode=StatusCode(UInt32(StatusCodes.BadUserAccessDenied))))
             else:
                 results.append(ua.DataValue(_variant(variable.read(state)), SourceTimestamp=time))
         return results

@@ -1,0 +1,255 @@
+"""What goes wrong between the gateway and a control, and what the driver makes of it."""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import monotonic
+
+import pytest
+
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SystemClock, WrongDevice
+from drivers.nc import ProbingState
+from drivers.sinumerik import Sinumerik
+from drivers.sinumerik_settings import Compensation, Paths, SinumerikSettings, Source
+from gateway.clock import RealClock
+from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads, User
+from simulators.nc.nck import R_ANSWERS, R_REQUEST, R_RESULT_OF, R_STATE
+from simulators.nc.variables import Right
+
+
+class Rigid:
+    """A machine without errors."""
+
+    def tool_deviation_um(
+        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
+    ) -> tuple[float, float, float]:
+        return 0.0, 0.0, 0.0
+
+
+class FrozenProgram(EmulatedControl):
+    """A control whose part program never looks at the handshake: what the test writes to R-parameters stays."""
+
+    def now(self) -> float:
+        return 0.0
+
+
+@asynccontextmanager
+async def running(control: EmulatedControl) -> AsyncIterator[str]:
+    url = await control.start()
+    try:
+        yield url
+    finally:
+        await control.stop()
+        await asyncio.get_running_loop().shutdown_default_executor()
+
+
+def emulated(users: dict[str, User] | None = None, kind: type[EmulatedControl] = EmulatedControl) -> EmulatedControl:
+    work = Loads(x=60.0)  # 1 mm/s
+    return kind(Rigid(), RealClock(), LoadCase([Block(0.0, 1e9, Kind.ROUGHING, work)]), users=users)
+
+
+@dataclass
+class Line:
+    """A line between the two that can be cut, or go silent while it stays open."""
+
+    target: int
+    silent: bool = False
+    _writers: list[asyncio.StreamWriter] = field(default_factory=list)
+    _tasks: set[asyncio.Task[None]] = field(default_factory=set)
+    _server: asyncio.Server | None = None
+
+    async def open(self) -> str:
+        self._server = await asyncio.start_server(self._join, "127.0.0.1", 0)
+        return f"opc.tcp://127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
+
+    async def _join(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        onward_reader, onward_writer = await asyncio.open_connection("127.0.0.1", self.target)
+        self._writers += [writer, onward_writer]
+        for source, sink in ((reader, onward_writer), (onward_reader, writer)):
+            task = asyncio.create_task(self._pass_on(source, sink))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _pass_on(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
+        while data := await source.read(65536):
+            if not self.silent:
+                sink.write(data)
+        sink.close()
+
+    async def cut(self) -> None:
+        for writer in self._writers:
+            writer.close()
+        await asyncio.gather(*(writer.wait_closed() for writer in self._writers), return_exceptions=True)
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._writers.clear()
+
+    async def close(self) -> None:
+        if self._server is not None:
+            self._server.close()
+        await self.cut()
+
+
+@asynccontextmanager
+async def line_to(url: str) -> AsyncIterator[tuple[Line, str]]:
+    line = Line(int(url.rsplit(":", 1)[1]))
+    joined = await line.open()
+    try:
+        yield line, joined
+    finally:
+        await line.close()
+
+
+async def test_a_server_that_accepts_and_says_nothing() -> None:
+    hung_up = asyncio.Event()
+
+    async def sink(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+        writer.close()
+        await writer.wait_closed()
+        hung_up.set()
+
+    server = await asyncio.start_server(sink, "127.0.0.1", 0)
+    url = f"opc.tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    nc = Sinumerik(SinumerikSettings(url=url, timeout_s=0.3), SystemClock())
+    began = monotonic()
+    with pytest.raises(NoAnswer, match=r"does not answer within 0\.3 s"):
+        await nc.connect()
+    assert monotonic() - began < 2.0
+    async with asyncio.timeout(1.0):
+        await hung_up.wait()
+    await nc.close()
+    server.close()
+    await server.wait_closed()
+
+
+async def test_a_line_that_goes_silent_in_a_session_and_comes_back() -> None:
+    async with running(emulated()) as url, line_to(url) as (line, joined):
+        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=0.3), SystemClock())
+        await nc.connect()
+        line.silent = True
+        began = monotonic()
+        with pytest.raises(NoAnswer):
+            await nc.snapshot()
+        with pytest.raises(ConnectError, match="connect first"):
+            await nc.snapshot()
+        assert monotonic() - began < 2.0
+        line.silent = False
+        await nc.connect()
+        await nc.snapshot()
+        await nc.close()
+
+
+async def test_a_line_that_is_cut_in_a_session(caplog: pytest.LogCaptureFixture) -> None:
+    async with running(emulated()) as url, line_to(url) as (line, joined):
+        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=0.5), SystemClock())
+        await nc.connect()
+        await line.cut()
+        with pytest.raises(ConnectError):
+            await nc.snapshot()
+        ours = [r for r in caplog.records if r.name.startswith("asyncua.client") and r.levelno >= logging.ERROR]
+        assert not ours, "a lost line is told once, by the driver"
+        await nc.connect()
+        await nc.snapshot()
+        await nc.close()
+
+
+async def test_connecting_can_be_cancelled_and_leaves_nothing() -> None:
+    async with running(emulated()) as url, line_to(url) as (line, joined):
+        line.silent = True
+        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=5.0), SystemClock())
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.2):
+                await nc.connect()
+        line.silent = False
+        await nc.connect()
+        await nc.close()
+
+
+async def test_what_is_written_is_in_force_after_reconnecting() -> None:
+    control = emulated()
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        await nc.write_compensation((4.0, 5.0, 6.0))
+        await nc.request_probing(8)
+        await control.stop()
+        with pytest.raises(DriverError):
+            await nc.read_compensation()
+        await control.start()
+        await nc.connect()
+        assert await nc.read_compensation() == pytest.approx((4.0, 5.0, 6.0))
+        assert (await nc.probing_status(8)).state is not ProbingState.IDLE
+        await nc.close()
+
+
+async def test_a_server_that_is_no_sinumerik() -> None:
+    async with running(emulated()) as url:
+        nc = Sinumerik(SinumerikSettings(url=url, namespace_uri="urn:some:lathe"), SystemClock())
+        with pytest.raises(WrongDevice, match=r"no namespace 'urn:some:lathe' \(it has .*SinumerikVarProvider"):
+            await nc.connect()
+
+
+async def test_a_path_that_does_not_exist_is_named_when_connecting() -> None:
+    async with running(emulated()) as url:
+        wrong_state = SinumerikSettings(url=url, states={"coolant": Source("/Plc/Q77.7")})
+        wrong_axis = SinumerikSettings(url=url, paths=Paths(position="/Channel/machineAxis/pos[u1,{n}]"))
+        for settings, path in ((wrong_state, r"/Plc/Q77\.7"), (wrong_axis, r"machineAxis/pos\[u1,1\]")):
+            with pytest.raises(WrongDevice, match=f"{path} does not exist"):
+                await Sinumerik(settings, SystemClock()).connect()
+
+
+@pytest.mark.parametrize("right", [Right.STATE_READ, Right.SEA_READ, Right.PLC_READ])
+async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, right: Right) -> None:
+    password = tmp_path / "password"
+    password.write_text("secret")
+    async with running(emulated({"watcher": User("secret", frozenset(Right) - {right})})) as url:
+        nc = Sinumerik(SinumerikSettings(url=url, user="watcher", password_file=password), SystemClock())
+        with pytest.raises(Refused, match=f"'watcher' the right {right.value}"):
+            await nc.connect()
+        await nc.close()
+
+
+async def test_done_without_the_results_of_this_request_is_no_answer() -> None:
+    control = emulated(kind=FrozenProgram)
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        r = control.nck.r
+        r[R_REQUEST], r[R_ANSWERS], r[R_STATE], r[R_RESULT_OF] = 7.0, 7.0, 3.0, 6.0
+        with pytest.raises(BadAnswer, match="results belong to cycle 6"):
+            await nc.probing_status(7)
+        r[R_STATE] = 11.0
+        with pytest.raises(BadAnswer, match="probing state 11"):
+            await nc.probing_status(7)
+        await nc.close()
+
+
+async def test_a_slope_that_somebody_set_shows_in_what_is_in_force() -> None:
+    control = emulated(kind=FrozenProgram)
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        await nc.write_compensation((10.0, 0.0, 0.0))
+        control.nck.slope[2], control.nck.reference_mm[2] = 20e-6, 100.0  # Z stands at 150 mm
+        assert await nc.read_compensation() == pytest.approx((10.0, 0.0, -1.0))
+        assert control.nck.shift_um((0.0, 0.0, 150.0)) == pytest.approx((10.0, 0.0, -1.0))
+        await nc.close()
+
+
+@pytest.mark.parametrize("route", ["k0", "r"])
+@pytest.mark.parametrize("machine_sign", [-1, 1])
+async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: int) -> None:
+    work = LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())])
+    control = EmulatedControl(Rigid(), RealClock(), work, compensation_sign=machine_sign)
+    async with running(control) as url:
+        signs = (machine_sign,) * 3 if route == "k0" else None
+        compensation = Compensation(route="r" if route == "r" else "k0", signs=signs)
+        nc = Sinumerik(SinumerikSettings(url=url, compensation=compensation), SystemClock())
+        await nc.connect()
+        await nc.write_compensation((10.0, -20.0, 30.0))
+        assert control.nck.shift_um((0.0, 0.0, 0.0)) == pytest.approx((10.0, -20.0, 30.0))
+        assert await nc.read_compensation() == pytest.approx((10.0, -20.0, 30.0))
+        await nc.close()
