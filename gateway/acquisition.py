@@ -120,7 +120,7 @@ class Runner:
         waiting.sort(key=lambda device: device.breaker.retry_at)
         left = due + self.line.period_s - self._clock.monotonic()
         fitting = (d for d in waiting if d.cost_s <= left or d.breaker.overdue(due) or len(self._devices) == 1)
-        return [device for device in fitting][:1]
+        return list(fitting)[:1]
 
     async def _open_bus(self, due: float) -> bool:
         if not self._breaker.allows(due):
@@ -129,7 +129,7 @@ class Runner:
         try:
             async with asyncio.timeout(self.line.read_limit_s):
                 await bus.connect()
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
             text = self._text(error, f"bus {bus.name}")
             if self._breaker.failed(due) is Change.BROKE:
                 self._tell(f"bus {bus.name}", text, error)
@@ -151,7 +151,7 @@ class Runner:
                     await device.driver.connect()
                     device.connected = True
                 readings = await device.driver.read()
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - nor this
             device.cost_s = self._clock.monotonic() - before
             await self._failed(device, due, error)
             return False

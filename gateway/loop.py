@@ -4,6 +4,8 @@ import asyncio
 import logging
 from collections.abc import Callable
 
+from talc.training import train
+
 from gateway.clock import ServiceClock
 from gateway.grid import GridSampler, Instant, Schedule
 from gateway.measurement import Outcome
@@ -12,7 +14,6 @@ from gateway.outlet import Outlet
 from talc.control import Controller
 from talc.frame import Decision, Measurement, TrainingJob, Why
 from talc.models import ModelSet
-from talc.training import train
 
 log = logging.getLogger(__name__)
 

@@ -50,7 +50,7 @@ class Probe:
         The control adds `in_force_um` to where the tool stands, so the probe finds the sphere displaced by that
         much less; adding it back gives the machine's own deviation.
         """
-        return (centres_mm - reference_mm) * 1e3 + np.asarray(in_force_um)
+        return np.asarray((centres_mm - reference_mm) * 1e3 + np.asarray(in_force_um), dtype=np.float64)
 
     def solve(self, deviations_um: FloatArray) -> probing.ProbingResult:
         """Nine errors by least squares; see talc.probing."""

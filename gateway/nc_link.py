@@ -134,9 +134,7 @@ class NcLink:
             reason = f"the control could not be reached: {error}"
         finally:
             self._frozen = False
-        return Outcome(
-            number, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason
-        )
+        return Outcome(number, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason)
 
     def _evaluate(self, found: FloatArray, in_force: Offsets) -> tuple[Measurement, float]:
         if self._reference is None:
@@ -236,5 +234,3 @@ def positions(snapshot: NcSnapshot) -> FloatArray:
     """(5,) X Y Z in mm, A C in radians."""
     at = snapshot.positions
     return np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])
-
-

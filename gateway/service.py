@@ -99,7 +99,7 @@ class Service:
         config = self._config
         if config.nc is None:
             return None
-        nc: NumericalControl = Sinumerik(sinumerik_settings(config.nc), self._clock)
+        nc: NumericalControl = Sinumerik(sinumerik_settings(config.nc, len(config.probing.poses_deg)), self._clock)
         probing = config.probing
         probe = Probe(
             poses_in_radians(probing.poses_deg),

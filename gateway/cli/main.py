@@ -36,8 +36,8 @@ class _Commands(click.Group):
             known, other = group.split((DriverError, StoreError, OSError))
             if known is None or other is not None:
                 raise
-            for error in _leaves(known):
-                click.echo(f"error: {error}", err=True)
+            for leaf in _leaves(known):
+                click.echo(f"error: {leaf}", err=True)
             sys.exit(EXIT_WORLD)
 
 

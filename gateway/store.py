@@ -1,0 +1,390 @@
+"""Everything that happened, in one SQLite file: bounded, safe against power cuts, exact enough to replay.
+
+Arrays are stored as little-endian float64 blobs and models as JSON whose floats round-trip, so what is read is bit for
+bit what was written. The journal is a write-ahead log. Frames, decisions and models are committed at once, because a
+decision that was acted upon must not be lost; readings are committed in groups, at the latest after `commit_s`.
+"""
+
+import fcntl
+import json
+import queue
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from drivers.base import Clock, Reading
+from gateway.compensation import Write
+from gateway.measurement import Outcome
+from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
+from talc.models import ModelSet
+
+SCHEMA_VERSION = 1
+_SCHEMA = """
+CREATE TABLE boot (id TEXT PRIMARY KEY, began TEXT NOT NULL, config TEXT NOT NULL, fingerprint TEXT NOT NULL,
+    versions TEXT NOT NULL);
+CREATE TABLE sample (boot TEXT NOT NULL, sequence INTEGER NOT NULL, channel TEXT NOT NULL, time REAL NOT NULL,
+    value REAL, unit TEXT NOT NULL, quality TEXT NOT NULL, detail TEXT NOT NULL,
+    PRIMARY KEY (boot, sequence, channel)) WITHOUT ROWID;
+CREATE INDEX sample_time ON sample (time);
+CREATE TABLE frame (k INTEGER PRIMARY KEY, boot TEXT NOT NULL, inputs BLOB NOT NULL, valid BLOB NOT NULL,
+    errors BLOB, sigma BLOB);
+CREATE TABLE decision (k INTEGER PRIMARY KEY, phase TEXT NOT NULL, predicted BLOB NOT NULL, corrected BLOB NOT NULL,
+    sigma BLOB NOT NULL, limits BLOB NOT NULL, measure TEXT, training TEXT, events TEXT NOT NULL);
+CREATE TABLE measurement (id INTEGER PRIMARY KEY, number INTEGER NOT NULL, why TEXT NOT NULL, asked TEXT NOT NULL,
+    ended TEXT NOT NULL, centres BLOB, in_force BLOB NOT NULL, errors BLOB, sigma BLOB, residual REAL,
+    reason TEXT NOT NULL);
+CREATE TABLE model (id INTEGER PRIMARY KEY, after_k INTEGER NOT NULL, fingerprint TEXT NOT NULL, models TEXT NOT NULL);
+CREATE TABLE event (id INTEGER PRIMARY KEY, time TEXT NOT NULL, k INTEGER, kind TEXT NOT NULL, text TEXT NOT NULL,
+    error TEXT, value REAL, bound REAL);
+CREATE TABLE compensation (id INTEGER PRIMARY KEY, time TEXT NOT NULL, mode TEXT NOT NULL, source TEXT NOT NULL,
+    k INTEGER, target BLOB NOT NULL, offsets BLOB NOT NULL, positions TEXT NOT NULL, written INTEGER NOT NULL,
+    read_back BLOB);
+"""
+
+_SECONDS_PER_DAY = 86400.0
+_PRUNE_EVERY_S = 600.0
+_QUEUE = 20_000
+"""Statements that may wait for the disk; beyond, the oldest readings would have to go, so writing waits instead."""
+
+
+class StoreError(Exception):
+    """The database cannot be used; the message says which file, why and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredStep:
+    """One grid step as it was, and the models that were adopted after it."""
+
+    frame: Frame
+    decision: Decision
+    """Its training job, if any, is left out: `training_wanted` tells."""
+    training_wanted: str | None
+    adopted: tuple[ModelSet, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StoredMeasurement:
+    """One probing cycle as it was."""
+
+    number: int
+    why: str
+    ended: datetime
+    centres_mm: FloatArray | None
+    in_force_um: FloatArray
+    errors: FloatArray | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class StoredCompensation:
+    """One step of the compensation as it was."""
+
+    time: datetime
+    mode: str
+    source: str
+    offsets_um: FloatArray
+    written: bool
+
+
+def _blob(values: object) -> bytes:
+    return np.ascontiguousarray(values, dtype="<f8").tobytes()
+
+
+def _array(blob: bytes) -> FloatArray:
+    return np.frombuffer(blob, dtype="<f8").astype(np.float64)
+
+
+class Store:
+    """Writes one gateway's database. An Outlet; a context manager. One gateway per database.
+
+    Parameters
+    ----------
+    path: the file; it and its folder are made if missing
+    boot: identifies this run of the process; with a reading's sequence number it tells duplicates
+    clock: for the time of events
+    commit_s: readings are committed at least so often, real seconds
+    keep_samples_days: older readings are deleted
+
+    Raises StoreError: not a database of ours, of a newer version, locked by another gateway, or not writable.
+    """
+
+    def __init__(
+        self, path: Path, boot: str, clock: Clock, *, commit_s: float = 1.0, keep_samples_days: float = 60.0
+    ) -> None:
+        self._path, self._boot, self._clock = path, boot, clock
+        self._commit_s, self._keep_s = commit_s, keep_samples_days * _SECONDS_PER_DAY
+        self._queue: queue.Queue[tuple[str, Sequence[Sequence[object]], bool] | None] = queue.Queue(_QUEUE)
+        self._failure: BaseException | None = None
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._lock = path.with_name(path.name + ".lock").open("w")
+        except OSError as error:
+            raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._lock.close()
+            raise StoreError(f"{path}: another gateway writes to it; stop it or give [storage] another path") from None
+        try:
+            with closing(_connect(path)) as connection:
+                _make_schema(connection, path)
+        except BaseException:
+            self._lock.close()
+            raise
+        self._thread = threading.Thread(target=self._write, name=f"store {path.name}", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._queue.put(None)
+        self._thread.join()
+        self._lock.close()
+        self._path.with_name(self._path.name + ".lock").unlink(missing_ok=True)
+        if self._failure is not None:
+            raise StoreError(f"{self._path}: {self._failure}") from self._failure
+
+    def flush(self) -> None:
+        """Return when everything handed in so far is committed."""
+        self._put("", (), commit=True)
+        self._queue.join()
+
+    def begin(self, config: str, fingerprint: str, versions: str) -> None:
+        """Note what runs: configuration text, its hash, and the versions of what matters."""
+        self._put(
+            "INSERT INTO boot VALUES (?, ?, ?, ?, ?)",
+            [(self._boot, self._clock.utc().isoformat(), config, fingerprint, versions)],
+            commit=True,
+        )
+
+    # Outlet ----------------------------------------------------------------------------------------------------------
+
+    def readings(self, readings: Sequence[Reading]) -> None:
+        rows = [
+            (self._boot, r.sequence, r.channel, r.source_time.timestamp(), None if r.value != r.value else r.value,
+             r.unit, r.quality.value, r.detail)
+            for r in readings
+        ]  # fmt: skip
+        self._put("INSERT OR IGNORE INTO sample VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
+
+    def frame(self, frame: Frame) -> None:
+        m = frame.measurement
+        row = (
+            frame.k, self._boot, _blob(frame.inputs), np.packbits(frame.valid).tobytes(),
+            None if m is None else _blob(m.errors), None if m is None else _blob(m.sigma),
+        )  # fmt: skip
+        self._put("INSERT INTO frame VALUES (?, ?, ?, ?, ?, ?)", [row])
+
+    def decision(self, decision: Decision) -> None:
+        events = [[e.kind.value, e.text, e.error, e.value, e.limit] for e in decision.events]
+        row = (
+            decision.k, decision.phase.value, _blob(decision.predicted), _blob(decision.corrected),
+            _blob(decision.sigma), _blob(decision.limits), decision.measure and decision.measure.value,
+            decision.training and decision.training.why.value, json.dumps(events),
+        )  # fmt: skip
+        self._put("INSERT INTO decision VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [row], commit=True)
+
+    def measurement(self, outcome: Outcome) -> None:
+        m = outcome.measurement
+        row = (
+            outcome.number, outcome.why.value, outcome.asked.isoformat(), outcome.ended.isoformat(),
+            None if outcome.centres_mm is None else _blob(outcome.centres_mm), _blob(outcome.in_force_um),
+            None if m is None else _blob(m.errors), None if m is None else _blob(m.sigma), outcome.residual_um,
+            outcome.reason,
+        )  # fmt: skip
+        self._put("INSERT INTO measurement VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row], commit=True)
+
+    def models(self, models: ModelSet, after_k: int) -> None:
+        row = (after_k, models.fingerprint(), json.dumps(models.to_dict()))
+        self._put("INSERT INTO model VALUES (NULL, ?, ?, ?)", [row], commit=True)
+
+    def event(self, event: Event, k: int | None) -> None:
+        time_ = self._clock.utc().isoformat()
+        row = (time_, k, event.kind.value, event.text, event.error, event.value, event.limit)
+        self._put("INSERT INTO event VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", [row])
+
+    def compensation(self, write: Write) -> None:
+        row = (
+            write.time.isoformat(), write.mode, write.step.source.value, write.k, _blob(write.step.target_um),
+            _blob(write.step.offsets_um), json.dumps(dict(write.positions)), int(write.written),
+            None if write.read_back_um is None else _blob(write.read_back_um),
+        )  # fmt: skip
+        self._put("INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row])
+
+    # Writing ---------------------------------------------------------------------------------------------------------
+
+    def _put(self, statement: str, rows: Sequence[Sequence[object]], *, commit: bool = False) -> None:
+        if self._failure is not None:
+            raise StoreError(f"{self._path}: {self._failure}") from self._failure
+        self._queue.put((statement, rows, commit))
+
+    def _write(self) -> None:
+        try:
+            with closing(_connect(self._path)) as connection:
+                self._write_to(connection)
+        except BaseException as error:  # noqa: BLE001 - handed to the caller by the next call
+            self._failure = error
+            while self._queue.get() is not None:  # never let a producer wait for a writer that is gone
+                self._queue.task_done()
+            self._queue.task_done()
+
+    def _write_to(self, connection: sqlite3.Connection) -> None:
+        committed = pruned = time.monotonic()
+        while True:
+            try:
+                item = self._queue.get(timeout=self._commit_s)
+            except queue.Empty:
+                connection.commit()
+                continue
+            if item is None:
+                connection.commit()
+                self._queue.task_done()
+                return
+            statement, rows, commit = item
+            if statement:
+                connection.executemany(statement, rows)
+            now = time.monotonic()
+            if (commit and self._queue.empty()) or now - committed >= self._commit_s:
+                connection.commit()
+                committed = now
+            if now - pruned >= _PRUNE_EVERY_S:
+                oldest = self._clock.utc().timestamp() - self._keep_s
+                connection.execute("DELETE FROM sample WHERE time < ?", (oldest,))
+                pruned = now
+            self._queue.task_done()
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    connection = sqlite3.connect(path, timeout=10.0)
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = NORMAL")  # a power cut may cost the last commits, never the file
+    return connection
+
+
+def _make_schema(connection: sqlite3.Connection, path: Path) -> None:
+    try:
+        version = connection.execute("PRAGMA user_version").fetchone()[0]
+        if version == 0:
+            connection.executescript(_SCHEMA)
+            connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+            connection.commit()
+    except sqlite3.DatabaseError as error:
+        raise StoreError(f"{path}: is not a database of this gateway: {error}") from error
+    if version not in (0, SCHEMA_VERSION):
+        raise StoreError(f"{path}: schema version {version}, this program knows {SCHEMA_VERSION}; use a newer program")
+
+
+class History:
+    """Reads a database, also while a gateway writes to it. A context manager.
+
+    Raises StoreError when the file is not a database of this gateway.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_file():
+            raise StoreError(f"{path}: no such file")
+        self._path = path
+        self._connection = sqlite3.connect(path, timeout=10.0)
+        try:
+            version = self._connection.execute("PRAGMA user_version").fetchone()[0]
+        except sqlite3.DatabaseError as error:
+            self._connection.close()
+            raise StoreError(f"{path}: is not a database of this gateway: {error}") from error
+        if version != SCHEMA_VERSION:
+            self._connection.close()
+            raise StoreError(f"{path}: schema version {version}, expected {SCHEMA_VERSION}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._connection.close()
+
+    def config(self) -> tuple[str, str, str] | None:
+        """Canonical configuration, its fingerprint and the versions of the latest run."""
+        row = self._connection.execute(
+            "SELECT config, fingerprint, versions FROM boot ORDER BY began DESC, rowid DESC LIMIT 1"
+        ).fetchone()
+        return None if row is None else (str(row[0]), str(row[1]), str(row[2]))
+
+    def steps(self) -> Iterator[StoredStep]:
+        """Every grid step, oldest first."""
+        adopted: dict[int, list[ModelSet]] = {}
+        for after_k, text in self._connection.execute("SELECT after_k, models FROM model ORDER BY id"):
+            adopted.setdefault(after_k, []).append(ModelSet.from_dict(json.loads(text)))
+        rows = self._connection.execute(
+            "SELECT f.k, f.inputs, f.valid, f.errors, f.sigma, d.phase, d.predicted, d.corrected, d.sigma, d.limits,"
+            " d.measure, d.training, d.events FROM frame f JOIN decision d ON d.k = f.k ORDER BY f.k"
+        )
+        for row in rows:
+            inputs = _array(row[1])
+            measurement = None if row[3] is None else Measurement(_array(row[3]), _array(row[4]))
+            frame = Frame(row[0], inputs, _mask(row[2], inputs.size), measurement)
+            decision = Decision(
+                k=row[0], phase=Phase(row[5]), predicted=_array(row[6]), corrected=_array(row[7]),
+                sigma=_array(row[8]), limits=_array(row[9]), measure=None if row[10] is None else Why(row[10]),
+                training=None, events=tuple(_event(e) for e in json.loads(row[12])),
+            )  # fmt: skip
+            yield StoredStep(frame, decision, row[11], tuple(adopted.get(row[0], ())))
+
+    def measurements(self) -> list[StoredMeasurement]:
+        """Every probing cycle, oldest first; `centres_mm` has three columns."""
+        rows = self._connection.execute(
+            "SELECT number, why, ended, centres, in_force, errors, reason FROM measurement ORDER BY id"
+        )
+        return [
+            StoredMeasurement(
+                n, why, datetime.fromisoformat(ended), None if c is None else _array(c).reshape(-1, 3), _array(force),
+                None if e is None else _array(e), reason,
+            )
+            for n, why, ended, c, force, e, reason in rows
+        ]  # fmt: skip
+
+    def events(self) -> list[tuple[datetime, int | None, Event]]:
+        """Every event, oldest first."""
+        rows = self._connection.execute("SELECT time, k, kind, text, error, value, bound FROM event ORDER BY id")
+        return [(datetime.fromisoformat(t), k, _event(rest)) for t, k, *rest in rows]
+
+    def compensation(self) -> list[StoredCompensation]:
+        """Every step of the compensation, oldest first."""
+        rows = self._connection.execute("SELECT time, mode, source, offsets, written FROM compensation ORDER BY id")
+        return [
+            StoredCompensation(datetime.fromisoformat(t), mode, source, _array(o), bool(w))
+            for t, mode, source, o, w in rows
+        ]
+
+    def channel_health(self) -> dict[str, dict[str, int]]:
+        """Channel to the number of stored readings of each quality."""
+        found: dict[str, dict[str, int]] = {}
+        rows = self._connection.execute("SELECT channel, quality, count(*) FROM sample GROUP BY channel, quality")
+        for channel, quality, count in rows:
+            found.setdefault(channel, {})[quality] = count
+        return found
+
+
+def _mask(blob: bytes, size: int) -> BoolArray:
+    return np.unpackbits(np.frombuffer(blob, dtype=np.uint8), count=size).astype(np.bool_)
+
+
+def _event(parts: Sequence[Any]) -> Event:
+    kind, text, error, value, limit = parts
+    return Event(EventKind(kind), text, error, value, limit)
+
+
+def boot_id() -> str:
+    """A name for this run of the process, from the kernel."""
+    return Path("/proc/sys/kernel/random/uuid").read_text(encoding="ascii").strip()
+
+
+def utc_of(k: int, step_s: float) -> datetime:
+    """UTC of a grid index."""
+    return datetime.fromtimestamp(k * step_s, UTC)
