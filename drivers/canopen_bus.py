@@ -108,6 +108,7 @@ class CanOpenBus:
             ) from error
         network = canopen.Network(interface)
         network.NOTIFIER_CYCLE = _RECEIVE_WAIT_S
+        network.listeners.append(_EndOnError(network))
         network.connect()
         self._network = network
         self._doubtful.clear()
@@ -125,7 +126,8 @@ class CanOpenBus:
         if self._network is None:
             raise ConnectError("not connected", bus=self._name, device=device)
         if node not in self._network:
-            self._network.add_node(canopen.RemoteNode(node, canopen.ObjectDictionary())  # type: ignore[no-untyped-call])
+            dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
+            self._network.add_node(canopen.RemoteNode(node, dictionary))
         sdo = self._network[node].sdo
         sdo.RESPONSE_TIMEOUT = self._settings.timeout_s
         if node in self._doubtful:
@@ -147,12 +149,20 @@ class CanOpenBus:
         except SdoCommunicationError as error:
             raise self._communication(device, node, wanted, error) from error
         except (can.CanError, OSError) as error:
-            raise ConnectError(
-                f"interface {self._settings.channel} is gone: {error}", bus=self._name, device=device
-            ) from error
+            raise self._lost(device, error) from error
+
+    def _lost(self, device: str, error: Exception) -> ConnectError:
+        return ConnectError(
+            f"interface {self._settings.channel} is gone: {error}",
+            bus=self._name,
+            device=device,
+            hint="connect the bus again",
+        )
 
     def _communication(self, device: str, node: int, wanted: CanObject, error: Exception) -> DriverError:
         self._doubtful.add(node)
+        if (lost := self._network.notifier.exception) is not None:
+            return self._lost(device, lost)
         if "No SDO response" not in str(error):
             return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self._name, device=device)
         return NoAnswer(
@@ -161,6 +171,20 @@ class CanOpenBus:
             device=device,
             hint="check power, termination (60 ohm between CAN_H and CAN_L), node id and bitrate",
         )
+
+
+class _EndOnError(can.Listener):
+    """Ends the receiving thread when the interface fails; python-can would print a traceback or try for ever."""
+
+    def __init__(self, network: Any) -> None:
+        self._network = network
+
+    def on_message_received(self, msg: can.Message) -> None:
+        """The network has its own listener."""
+
+    def on_error(self, exc: Exception) -> None:  # noqa: ARG002 - python-can keeps it in Notifier.exception
+        if self._network.notifier is not None:
+            self._network.notifier.stop(0.0)
 
 
 def _release(interface: Any) -> None:

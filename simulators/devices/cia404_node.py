@@ -1,0 +1,138 @@
+"""An emulated CANopen measuring device (CiA 404) with RTD inputs. Written from CiA 301 and CiA 404."""
+
+from collections.abc import Sequence
+from enum import IntEnum
+
+from simulators.devices.slcan_adapter import Frame
+from simulators.devices.source import Fault, Faults, ValueSource
+
+PT100 = 30
+DEGREE_CELSIUS = 0x002D0000
+
+_UPLOAD = 0x40
+_ABORT = 0x80
+_NO_OBJECT = 0x06020000
+_NO_SUBINDEX = 0x06090011
+_BAD_COMMAND = 0x05040001
+_READ_ONLY = 0x06010002
+_LOW, _HIGH = -200.0, 850.0
+
+_STATUS_BITS = {
+    "jumo": {Fault.OPEN: 0x01, Fault.SHORT: 0x01, Fault.OVER: 0x02, Fault.UNDER: 0x04},
+    "axiomatic": {Fault.OPEN: 0x03, Fault.SHORT: 0x10, Fault.OVER: 0x20, Fault.UNDER: 0x10},
+    "esd": {Fault.OPEN: 0x01, Fault.SHORT: 0x01, Fault.OVER: 0x02, Fault.UNDER: 0x04},
+}
+
+
+class Nmt(IntEnum):
+    """Commands of network management (CiA 301)."""
+
+    START = 1
+    STOP = 2
+    PRE_OPERATIONAL = 128
+    RESET_NODE = 129
+    RESET_COMMUNICATION = 130
+
+
+class Cia404Node:
+    """A node for an SlcanAdapter: SDO server (expedited uploads) and boot-up after a reset."""
+
+    def __init__(
+        self,
+        node_id: int,
+        source: ValueSource,
+        *,
+        inputs: int,
+        vendor: str = "jumo",
+        digits: int = 1,
+        sensor_types: Sequence[int] | None = None,
+    ) -> None:
+        self._node_id, self._source, self._inputs, self._digits = node_id, source, inputs, digits
+        self._status_bits = _STATUS_BITS[vendor]
+        self._sensor_types = list(sensor_types or [PT100] * inputs)
+        self._stopped = False
+        self.faults = Faults()
+
+    def set_sensor_type(self, channel: int, code: int) -> None:
+        """What a service man does with the maker's tool."""
+        self._sensor_types[channel] = code
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        if self.faults.silent:
+            return ()
+        if identifier == 0x600 + self._node_id and len(data) == 8 and not self._stopped:
+            reply = self._sdo(data)
+            return () if reply is None else ((0x580 + self._node_id, reply),)
+        if identifier == 0 and len(data) == 2 and data[1] in (0, self._node_id):
+            return self._network_management(data[0])
+        return ()
+
+    def _network_management(self, command: int) -> Sequence[Frame]:
+        self._stopped = command == Nmt.STOP
+        if command in (Nmt.RESET_NODE, Nmt.RESET_COMMUNICATION):
+            return ((0x700 + self._node_id, b"\0"),)
+        return ()
+
+    def _sdo(self, request: bytes) -> bytes | None:
+        command, place = request[0], request[1:4]
+        if command == _ABORT:
+            return None
+        index, subindex = int.from_bytes(request[1:3], "little"), request[3]
+        if command & 0xE0 == 0x20:
+            return _abort(place, _READ_ONLY)
+        if command != _UPLOAD:
+            return _abort(place, _BAD_COMMAND)
+        found = self._object(index, subindex)
+        if isinstance(found, int):
+            return _abort(place, found)
+        unused = 4 - len(found)
+        return bytes((0x43 | unused << 2,)) + place + found + bytes(unused)
+
+    def _object(self, index: int, subindex: int) -> bytes | int:
+        """Value of an object in little-endian bytes, or an abort code."""
+        if index == 0x1000:
+            return (0x0002_0000 + 404).to_bytes(4, "little") if subindex == 0 else _NO_SUBINDEX
+        if index not in (0x6110, 0x6131, 0x6132, 0x6150, 0x7130, 0x9130):
+            return _NO_OBJECT
+        if subindex == 0:
+            return bytes((self._inputs,))
+        if subindex > self._inputs:
+            return _NO_SUBINDEX
+        channel = subindex - 1
+        match index:
+            case 0x6110:
+                return self._sensor_types[channel].to_bytes(2, "little")
+            case 0x6131:
+                return DEGREE_CELSIUS.to_bytes(4, "little")
+            case 0x6132:
+                return bytes((self._digits,))
+            case 0x6150:
+                return bytes((self._status(channel),))
+            case 0x7130:
+                return self._value(channel, 16).to_bytes(2, "little", signed=True)
+            case _:
+                return self._value(channel, 32).to_bytes(4, "little", signed=True)
+
+    def _status(self, channel: int) -> int:
+        fault = self.faults.by_channel.get(channel)
+        if fault is None:
+            value = self._source()[channel]
+            fault = Fault.OVER if value > _HIGH else Fault.UNDER if value < _LOW else None
+        return 0 if fault is None else self._status_bits[fault]
+
+    def _value(self, channel: int, bits: int) -> int:
+        """The value in steps of 10^-digits; a broken input shows an end of the range."""
+        match self.faults.by_channel.get(channel):
+            case Fault.OPEN | Fault.OVER:
+                value = _HIGH
+            case Fault.SHORT | Fault.UNDER:
+                value = _LOW
+            case None:
+                value = min(max(self._source()[channel], _LOW), _HIGH)
+        most = 2 ** (bits - 1) - 1
+        counts = round(value * 10.0 ** float(self._digits))
+        return min(max(counts, -most - 1), most)
+
+
+def _abort(place: bytes, code: int) -> bytes:
+    return bytes((_ABORT,)) + place + code.to_bytes(4, "little")

@@ -1,0 +1,57 @@
+"""An emulated displacement sensor with Micro-Epsilon's RS-485 framing."""
+
+import struct
+from math import nan
+
+from simulators.devices.pty_port import PtyPort
+from simulators.devices.source import Fault, Faults, ValueSource
+
+ADDRESS = 0x7E
+_MASTER = 0x01
+_MEASURE = 0x4C
+_RESPONSE = 0x08
+_REQUEST_BYTES = 6
+
+
+class MeSensor:
+    """One sensor on a pseudo-terminal; its source gives one distance in µm, 0 to `range_um`."""
+
+    def __init__(self, source: ValueSource, *, range_um: float, address: int = ADDRESS) -> None:
+        self._source, self._range_um, self._address = source, range_um, address
+        self._port = PtyPort(self._on_bytes)
+        self._heard = b""
+        self.faults = Faults()
+
+    async def start(self) -> str:
+        return await self._port.start()
+
+    async def stop(self) -> None:
+        await self._port.stop()
+
+    def _on_bytes(self, data: bytes) -> None:
+        self._heard += data
+        while len(self._heard) >= _REQUEST_BYTES:
+            frame = self._heard[:_REQUEST_BYTES]
+            if frame[0] != 0x10 or frame[5] != 0x16 or sum(frame[1:4]) & 0xFF != frame[4]:
+                self._heard = self._heard[1:]
+                continue
+            self._heard = self._heard[_REQUEST_BYTES:]
+            if frame[1] == self._address and frame[3] == _MEASURE and not self.faults.silent:
+                self._port.write(answer_frame(self._address, self._unscaled(), 0.0))
+
+    def _unscaled(self) -> float:
+        match self.faults.by_channel.get(0):
+            case Fault.OPEN | Fault.SHORT:
+                return nan
+            case Fault.OVER:
+                return 1.1
+            case Fault.UNDER:
+                return -0.1
+            case None:
+                return self._source()[0] / self._range_um
+
+
+def answer_frame(address: int, unscaled: float, scaled: float) -> bytes:
+    """The answer that carries these two values."""
+    body = bytes((_MASTER, address, _RESPONSE)) + struct.pack("<ff", unscaled, scaled)
+    return bytes((0x68, len(body), len(body), 0x68)) + body + bytes((sum(body) & 0xFF, 0x16))

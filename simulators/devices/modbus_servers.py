@@ -1,0 +1,121 @@
+"""Where emulated Modbus units stand: on one serial line, or behind one TCP port."""
+
+import asyncio
+import struct
+from collections.abc import Mapping
+
+from simulators.devices.modbus_unit import ModbusUnit, answer
+from simulators.devices.pty_port import PtyPort
+
+_REQUEST_BYTES = 8
+_MBAP = struct.Struct(">HHHB")
+
+
+def _crc_table() -> list[int]:
+    table = []
+    for byte in range(256):
+        crc = byte
+        for _ in range(8):
+            crc = crc >> 1 ^ 0xA001 if crc & 1 else crc >> 1
+        table.append(crc)
+    return table
+
+
+_CRC_TABLE = _crc_table()
+
+
+def crc16(data: bytes) -> bytes:
+    """CRC-16/MODBUS, low byte first (MODBUS over serial line V1.02, appendix B)."""
+    crc = 0xFFFF
+    for byte in data:
+        crc = crc >> 8 ^ _CRC_TABLE[(crc ^ byte) & 0xFF]
+    return crc.to_bytes(2, "little")
+
+
+class RtuLine:
+    """Several units on one pseudo-terminal. `await start()` gives its path."""
+
+    def __init__(self, units: Mapping[int, ModbusUnit]) -> None:
+        self._units = dict(units)
+        self._port = PtyPort(self._on_bytes)
+        self._heard = b""
+
+    async def start(self) -> str:
+        return await self._port.start()
+
+    async def stop(self) -> None:
+        await self._port.stop()
+
+    def _on_bytes(self, data: bytes) -> None:
+        """Read requests of 8 bytes each; a byte that starts no valid request is skipped."""
+        self._heard += data
+        while len(self._heard) >= _REQUEST_BYTES:
+            frame, rest = self._heard[:_REQUEST_BYTES], self._heard[_REQUEST_BYTES:]
+            if crc16(frame[:-2]) != frame[-2:]:
+                self._heard = self._heard[1:]
+                continue
+            self._heard = rest
+            unit = self._units.get(frame[0])
+            if unit is not None and not unit.silent:
+                reply = frame[:1] + answer(unit, frame[1:-2])
+                self._port.write(reply + crc16(reply))
+
+
+class TcpHost:
+    """Units behind one loopback port. `await start()` gives the port number."""
+
+    def __init__(self, units: Mapping[int, ModbusUnit]) -> None:
+        self._units = dict(units)
+        self._server: asyncio.Server | None = None
+        self._connections: set[_TcpConnection] = set()
+
+    async def start(self, port: int = 0) -> int:
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(
+            lambda: _TcpConnection(self._units, self._connections), "127.0.0.1", port
+        )
+        return int(self._server.sockets[0].getsockname()[1])
+
+    async def stop(self) -> None:
+        if self._server is None:
+            return
+        self._server.close()
+        for connection in tuple(self._connections):
+            connection.abort()
+        await self._server.wait_closed()
+        self._server = None
+        await asyncio.sleep(0)
+
+
+class _TcpConnection(asyncio.Protocol):
+    def __init__(self, units: Mapping[int, ModbusUnit], open_connections: "set[_TcpConnection]") -> None:
+        self._units, self._open = units, open_connections
+        self._transport: asyncio.Transport | None = None
+        self._heard = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        if isinstance(transport, asyncio.Transport):
+            self._transport = transport
+            self._open.add(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's interface
+        self._open.discard(self)
+
+    def abort(self) -> None:
+        if self._transport is not None:
+            self._transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        self._heard += data
+        while len(self._heard) >= _MBAP.size:
+            number, protocol, length, unit_id = _MBAP.unpack_from(self._heard)
+            if protocol != 0 or not 2 <= length <= 254:
+                self.abort()
+                return
+            if len(self._heard) < 6 + length:
+                return
+            pdu, self._heard = self._heard[_MBAP.size : 6 + length], self._heard[6 + length :]
+            unit = self._units.get(unit_id)
+            if unit is not None and not unit.silent and self._transport is not None:
+                reply = answer(unit, pdu)
+                self._transport.write(_MBAP.pack(number, 0, len(reply) + 1, unit_id) + reply)

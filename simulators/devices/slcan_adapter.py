@@ -1,0 +1,81 @@
+"""An emulated USB-CAN adapter with the LAWICEL (slcan) ASCII protocol, and the nodes on its bus."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from simulators.devices.pty_port import PtyPort
+
+Frame = tuple[int, bytes]
+"""Identifier (11 bits) and up to 8 data bytes."""
+
+_OK, _ERROR = b"\r", b"\a"
+_LONGEST_LINE = 64
+
+
+class CanNode(Protocol):
+    """Something on the CAN bus."""
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        """What the node sends when this frame passes."""
+        ...
+
+
+class SlcanAdapter:
+    """`await start()` gives the path of its serial port. Frames pass only while the channel is open (`O`)."""
+
+    def __init__(self, nodes: Sequence[CanNode]) -> None:
+        self._nodes = tuple(nodes)
+        self._port = PtyPort(self._on_bytes)
+        self._heard = b""
+        self._open = False
+
+    async def start(self) -> str:
+        return await self._port.start()
+
+    async def stop(self) -> None:
+        await self._port.stop()
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Frames that nodes send by themselves: boot-up, heartbeat, emergency."""
+        if self._open:
+            self._port.write(b"".join(_line(identifier, data) for identifier, data in frames))
+
+    def _on_bytes(self, data: bytes) -> None:
+        *lines, rest = (self._heard + data).split(b"\r")
+        self._heard = rest[-_LONGEST_LINE:]
+        for line in lines:
+            reply = self._on_line(line)
+            if reply:
+                self._port.write(reply)
+
+    def _on_line(self, line: bytes) -> bytes:
+        match line[:1]:
+            case b"":
+                return _OK
+            case b"O" | b"L":
+                self._open = True
+                return _OK
+            case b"C":
+                self._open = False
+                return _OK
+            case b"S" | b"s" | b"Y" if not self._open:
+                return _OK
+            case b"t" if self._open:
+                return self._transmit(line)
+            case _:
+                return _ERROR
+
+    def _transmit(self, line: bytes) -> bytes:
+        try:
+            identifier, count = int(line[1:4], 16), int(line[4:5])
+            data = bytes.fromhex(line[5 : 5 + 2 * count].decode("ascii"))
+        except (ValueError, UnicodeDecodeError):
+            return _ERROR
+        if count > 8 or len(data) != count:
+            return _ERROR
+        answers = [frame for node in self._nodes for frame in node.on_frame(identifier, data)]
+        return _OK + b"".join(_line(*frame) for frame in answers)
+
+
+def _line(identifier: int, data: bytes) -> bytes:
+    return f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode("ascii")

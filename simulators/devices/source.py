@@ -1,0 +1,38 @@
+"""What drives an emulated device: a value source, and the faults somebody wants to see."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+ValueSource = Callable[[], Sequence[float]]
+"""Physical values of all channels (degC, or µm) at this moment; called once per request for values."""
+
+
+class Fault(StrEnum):
+    """What can be wrong with one sensor."""
+
+    OPEN = "open"
+    SHORT = "short"
+    OVER = "over"
+    UNDER = "under"
+
+
+@dataclass(slots=True)
+class Faults:
+    """Faults in force; changed at any time, seen at the next request."""
+
+    by_channel: dict[int, Fault] = field(default_factory=dict)
+    silent: bool = False
+    """The device hears and does not answer."""
+
+    def set(self, channel: int, fault: Fault | None) -> None:
+        """Break a channel's sensor, or mend it with None."""
+        if fault is None:
+            self.by_channel.pop(channel, None)
+        else:
+            self.by_channel[channel] = fault
+
+
+def clamp(value: float, low: float, high: float) -> float:
+    """The value, or the limit that it passes."""
+    return min(max(value, low), high)
