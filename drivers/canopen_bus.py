@@ -108,7 +108,7 @@ class CanOpenBus:
             ) from error
         network = canopen.Network(interface)
         network.NOTIFIER_CYCLE = _RECEIVE_WAIT_S
-        network.listeners.append(_EndOnError(network))
+        network.listeners.append(_EndOnError(network))  # type: ignore[arg-type]
         network.connect()
         self._network = network
         self._doubtful.clear()

@@ -129,8 +129,8 @@ class Cia404Node:
                 value = _LOW
             case None:
                 value = min(max(self._source()[channel], _LOW), _HIGH)
-        most = 2 ** (bits - 1) - 1
-        counts = round(value * 10.0 ** float(self._digits))
+        most = (1 << bits - 1) - 1
+        counts = round(value * float(10**self._digits))
         return min(max(counts, -most - 1), most)
 
 
