@@ -19,6 +19,7 @@ from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Var
 from cryptography import x509
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
+from drivers.opcua_watch import Watch
 
 DEFAULT_PORT = 4840
 T = TypeVar("T")
@@ -124,6 +125,7 @@ class OpcUaSession:
         self._client: Client | None = None
         self._namespace = 0
         self._nodes: dict[tuple[str, ...], list[NodeId]] = {}
+        self._watches: dict[tuple[str, ...], Watch | None] = {}
 
     @property
     def connected(self) -> bool:
@@ -169,6 +171,7 @@ class OpcUaSession:
     async def close(self) -> None:
         """Close the session; harmless when there is none."""
         client, self._client = self._client, None
+        self._watches.clear()
         if client is None:
             return
         with suppress(UaError, OSError, TimeoutError):
@@ -184,6 +187,21 @@ class OpcUaSession:
         if len(answer) != len(paths):
             raise BadAnswer(f"{len(answer)} values for {len(paths)} nodes", device=self._device)
         return [self._value(path, value) for path, value in zip(paths, answer, strict=True)]
+
+    async def watch(self, paths: tuple[str, ...], interval_s: float) -> bool:
+        """Have the server tell of changes of these nodes from now until the session ends; False when it will not."""
+        watch = Watch(self._open(), self._ids(paths), interval_s)
+        started = await self._ask(watch.start(), "subscribes")
+        self._watches[paths] = watch if started else None
+        return started
+
+    async def latest(self, paths: tuple[str, ...]) -> list[Number | None]:
+        """As `read`, without a request while a watch over the same nodes is alive."""
+        watch = self._watches.get(paths)
+        values = watch.latest() if watch is not None else None
+        if values is None:
+            return await self.read(paths)
+        return [self._value(path, value) for path, value in zip(paths, values, strict=True)]
 
     async def write(self, values: Mapping[str, float]) -> None:
         """Set several nodes in one request.

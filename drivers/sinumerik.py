@@ -87,6 +87,8 @@ class Sinumerik:
         await self._session.connect()
         try:
             await self._session.read(self._snapshot)
+            if self._settings.subscribe_s > 0:
+                await self._session.watch(self._snapshot, self._settings.subscribe_s)
             await self._session.read(self._result)
             await self._session.read(self._in_force)
         except BaseException:
@@ -97,8 +99,8 @@ class Sinumerik:
         await self._session.close()
 
     async def snapshot(self) -> NcSnapshot:
-        """One request. Raises BadAnswer when an axis has no position."""
-        values = await self._session.read(self._snapshot)
+        """One request, or none while the control tells of changes. Raises BadAnswer when an axis has no position."""
+        values = await self._session.latest(self._snapshot)
         time, monotonic_s = self._clock.utc(), self._clock.monotonic()
         positions = self._numbers(self._positions, values[: len(AXES)])
         values = values[len(AXES) :]

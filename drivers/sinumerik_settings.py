@@ -99,7 +99,7 @@ class Compensation:
     def __post_init__(self) -> None:
         if self.route not in ("k0", "r"):
             raise SetupError(f"route = {self.route!r}: expected 'k0' or 'r'")
-        if self.signs is not None and (len(self.signs) != 3 or any(s not in (-1, 1) for s in self.signs)):
+        if self.signs is not None and sorted({-1, 1, *self.signs}) != [-1, 1]:
             raise SetupError(f"signs = {self.signs!r}: expected three of +1 or -1")
         if self.first_r < 0:
             raise SetupError(f"first_r = {self.first_r!r}: expected 0 or more")
@@ -122,6 +122,9 @@ class SinumerikSettings(OpcUaSettings):
     axis_numbers: Mapping[str, int] = field(default_factory=lambda: {"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
     """Number of each machine axis on the control."""
     paths: Paths = field(default_factory=Paths)
+    subscribe_s: float = 0.0
+    """Have the control tell of changes this often instead of asking at every snapshot; 0: ask. A control that offers
+    no subscription, or falls silent, is asked."""
     states: Mapping[str, Source] | None = None
     """Machine states to read; None: default_states."""
     handshake: Handshake = field(default_factory=Handshake)
@@ -129,6 +132,8 @@ class SinumerikSettings(OpcUaSettings):
 
     def __post_init__(self) -> None:
         OpcUaSettings.__post_init__(self)
+        if not self.subscribe_s >= 0:
+            raise SetupError(f"subscribe_s = {self.subscribe_s!r}: expected 0 or more")
         wanted = set(LINEAR_AXES + ROTARY_AXES)
         if set(self.axis_numbers) != wanted or len(set(self.axis_numbers.values())) != len(wanted):
             raise SetupError(
@@ -154,17 +159,17 @@ class SinumerikSettings(OpcUaSettings):
         Raises SetupError for a name that is neither.
         """
         known = {f.name for f in fields(Paths)} - {"alarms"}
-        states, paths = dict(self.state_sources), {}
+        states, paths = dict(self.state_sources), self.paths
         for name, path in nodes.items():
             state = name.removeprefix("states.")
             if name in known:
-                paths[name] = path
+                paths = replace(paths, **{name: path})  # type: ignore[arg-type]  # `known` holds the plain names only
             elif name.startswith("states.") and state in states:
                 states[state] = replace(states[state], path=path)
             else:
                 every = sorted(known | {f"states.{s}" for s in states})
                 raise SetupError(f"nodes.{name}: unknown", hint=f"one of {', '.join(every)}")
-        return replace(self, paths=replace(self.paths, **paths), states=states)
+        return replace(self, paths=paths, states=states)
 
     def r(self, number: int) -> str:
         """Node name of an R-parameter."""

@@ -1,8 +1,7 @@
 """The emulated control on the wire: an OPC UA server that maps the NC kernel's variables to nodes, nothing else."""
 
 import asyncio
-import contextlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,6 +25,7 @@ from cryptography import x509
 from simulators.nc.cycle import CycleSettings
 from simulators.nc.nck import MachineUnderControl, Nck
 from simulators.nc.program import LoadCase
+from simulators.nc.sampler import Sampler
 from simulators.nc.variables import Right, Value, Variable, variables
 
 NAMESPACE_URI = "SinumerikVarProvider"
@@ -75,6 +75,7 @@ class EmulatedControl:
     clock: simulated or real time
     users: name to password and rights
     security: None speaks without any
+    subscriptions: False refuses them, as a control with too many clients does
     port: 0 takes a free one
     """
 
@@ -89,15 +90,17 @@ class EmulatedControl:
         compensation_sign: int = -1,
         users: Mapping[str, User] | None = None,
         security: Security | None = None,
+        subscriptions: bool = True,
         port: int = 0,
     ) -> None:
         self.nck = Nck(machine, program, cycle=cycle, seed=seed, compensation_sign=compensation_sign)
         self._clock = clock
         self._users = users
         self._security = security
+        self._subscriptions = subscriptions
         self._port = port
         self._server: Server | None = None
-        self._loop_task: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
         self._wake = asyncio.Event()
 
     async def start(self) -> str:
@@ -122,21 +125,26 @@ class EmulatedControl:
         attributes = _Attributes(server.iserver.aspace, index, table, self)
         server.iserver.attribute_service = attributes
         server.subscribe_server_callback(CallbackType.PreRead, attributes.note_reader)
-        await _add_nodes(server, index, table)
+        await _add_nodes(server, index, table, self)
+        if not self._subscriptions:
+            server.iserver.max_subscriptions = 0
+        sampler = Sampler(server, index)
         await server.start()
         self._server = server
         self._port = _port(server)
-        self._loop_task = asyncio.create_task(self._work_off(), name="emulated control")
+        self._tasks = [asyncio.create_task(self._work_off()), asyncio.create_task(sampler.run())]
         return f"opc.tcp://127.0.0.1:{self._port}"
 
     async def stop(self) -> None:
         """Close the server and end the task."""
-        if self._loop_task is not None:
-            self._loop_task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._loop_task
-            self._loop_task = None
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._tasks = []
         if self._server is not None:
+            # The library keeps a session with subscriptions for a client that may come back; here nobody will.
+            for session in list(self._server.iserver._external_sessions.values()):
+                await session.close_session()
             await self._server.stop()
             self._server = None
 
@@ -286,12 +294,16 @@ def _variant(value: Value) -> ua.Variant:
             return ua.Variant(float(value), ua.VariantType.Double)
 
 
-async def _add_nodes(server: Server, index: int, table: Mapping[str, Variable]) -> None:
+async def _add_nodes(server: Server, index: int, table: Mapping[str, Variable], control: EmulatedControl) -> None:
     """The same variables as nodes, so that clients can browse and monitor them."""
+
+    def value_of(variable: Variable) -> Callable[[NodeId, AttributeIds], ua.DataValue]:
+        return lambda _node, _attribute: ua.DataValue(_variant(variable.read(control.nck.state(control.now()))))
+
     folder = await server.nodes.objects.add_folder(_node_id("/Sinumerik", index), "Sinumerik")
-    for path in table:
+    for path, variable in table.items():
         node = await folder.add_variable(_node_id(path, index), path, 0.0)
-        await node.set_writable()
+        server.set_attribute_value_callback(node.nodeid, value_of(variable))
 
 
 def _node_id(path: str, index: int) -> NodeId:

@@ -1,0 +1,69 @@
+"""Values that an OPC UA server tells of by itself: one subscription, and whether it is alive."""
+
+import math
+from collections.abc import Sequence
+
+from asyncua import ua
+from asyncua.client.client import Client
+from asyncua.client.ua_client import UaClientState
+from asyncua.common.node import Node
+from asyncua.common.subscription import DataChangeNotif, Subscription
+from asyncua.ua.uaerrors import UaStatusCodeError
+from asyncua.ua.uatypes import DataValue, NodeId
+
+_KEEP_ALIVE_S = 1.0
+_MARGIN = 2.5
+"""Keep-alives that may be missed before the watch counts as silent."""
+
+
+class Watch:
+    """The latest value of every watched node.
+
+    Parameters
+    ----------
+    client: an open session
+    nodes: what to watch
+    interval_s: how often the server may tell of changes
+    """
+
+    def __init__(self, client: Client, nodes: Sequence[NodeId], interval_s: float) -> None:
+        self._client = client
+        self._nodes = tuple(nodes)
+        self._interval_s = interval_s
+        self._values: dict[NodeId, DataValue] = {}
+        self._subscription: Subscription | None = None
+
+    async def start(self) -> bool:
+        """Subscribe to all nodes; False when the server offers no subscription or refuses one of the nodes."""
+        interval = ua.Duration(self._interval_s * 1e3)
+        wanted = ua.CreateSubscriptionParameters(
+            RequestedPublishingInterval=interval,
+            RequestedLifetimeCount=ua.Counter(10_000),
+            RequestedMaxKeepAliveCount=ua.Counter(max(1, math.ceil(_KEEP_ALIVE_S / self._interval_s))),
+            MaxNotificationsPerPublish=ua.Counter(10_000),
+            PublishingEnabled=True,
+        )
+        try:
+            self._subscription = await self._client.create_subscription(wanted, self)
+            items = await self._subscription.subscribe_data_change(
+                [self._client.get_node(node) for node in self._nodes], queuesize=1, sampling_interval=interval
+            )
+        except UaStatusCodeError:
+            return False
+        return all(isinstance(item, int) for item in items)
+
+    def datachange_notification(self, node: Node, _value: object, data: DataChangeNotif) -> None:
+        """What the library calls."""
+        self._values[node.nodeid] = data.monitored_item.Value
+
+    def status_change_notification(self, _status: ua.StatusChangeNotification) -> None:
+        """The subscription has ended or moved: what was told before counts no more."""
+        self._values.clear()
+
+    def latest(self) -> list[DataValue] | None:
+        """One value per node; None while some are missing or when the server has gone silent."""
+        if self._client.state is not UaClientState.CONNECTED or self._subscription is None:
+            return None
+        if self._subscription.is_stale(_MARGIN) or len(self._values) < len(self._nodes):
+            return None
+        return [self._values[node] for node in self._nodes]

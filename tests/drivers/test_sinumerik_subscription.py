@@ -1,0 +1,92 @@
+"""Snapshots without asking: the control tells of changes, and is asked when it does not."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+
+import pytest
+
+from drivers.base import DriverError, SystemClock
+from drivers.nc import NcSnapshot, OperatingMode
+from drivers.sinumerik import Sinumerik
+from drivers.sinumerik_settings import SinumerikSettings
+from gateway.clock import RealClock
+from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc.nck import AUTO, JOG
+
+
+class Rigid:
+    """A machine without errors."""
+
+    def tool_deviation_um(
+        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
+    ) -> tuple[float, float, float]:
+        return 0.0, 0.0, 0.0
+
+
+class Counting(EmulatedControl):
+    """Counts how often a client asks for the time-dependent state."""
+
+    requests = 0
+
+    def rights(self, session):  # type: ignore[no-untyped-def]
+        self.requests += 1
+        return super().rights(session)
+
+
+@asynccontextmanager
+async def watched(subscriptions: bool = True) -> AsyncIterator[tuple[Sinumerik, Counting]]:
+    still = LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())])
+    control = Counting(Rigid(), RealClock(), still, subscriptions=subscriptions)
+    url = await control.start()
+    nc = Sinumerik(SinumerikSettings(url=url, subscribe_s=0.05, timeout_s=1.0), SystemClock())
+    try:
+        await nc.connect()
+        yield nc, control
+    finally:
+        await nc.close()
+        await control.stop()
+        await asyncio.get_running_loop().shutdown_default_executor()
+
+
+async def until(snapshot: Callable[[], Awaitable[NcSnapshot]], shows: Callable[[NcSnapshot], bool]) -> NcSnapshot:
+    """The first snapshot that shows something; fails after 3 s."""
+    async with asyncio.timeout(3.0):
+        while not shows(seen := await snapshot()):
+            await asyncio.sleep(0.01)
+    return seen
+
+
+async def test_changes_arrive_without_asking() -> None:
+    async with watched() as (nc, control):
+        assert (await until(nc.snapshot, lambda s: s.mode is OperatingMode.AUTO)).alarms == ()
+        await asyncio.sleep(0.2)  # the first values of all nodes have come
+        before = control.requests
+        control.nck.set_mode(JOG, 0.0)
+        control.nck.raise_alarm(21612, 0.0)
+        seen = await until(nc.snapshot, lambda s: s.mode is OperatingMode.JOG and s.alarms != ())
+        assert seen.alarms == (21612,)
+        assert seen.positions["Z"] == 150.0
+        assert control.requests == before
+
+
+async def test_a_control_that_refuses_subscriptions_is_asked() -> None:
+    async with watched(subscriptions=False) as (nc, control):
+        control.nck.set_mode(JOG, 0.0)
+        assert (await nc.snapshot()).mode is OperatingMode.JOG
+
+
+async def test_the_subscription_is_back_after_the_control_was_away() -> None:
+    async with watched() as (nc, control):
+        await control.stop()
+        with pytest.raises(DriverError):
+            await nc.snapshot()
+        control.nck.set_mode(JOG, 0.0)
+        await control.start()
+        await nc.connect()
+        assert (await nc.snapshot()).mode is OperatingMode.JOG
+        await asyncio.sleep(0.2)
+        before = control.requests
+        control.nck.set_mode(AUTO, 0.0)
+        await until(nc.snapshot, lambda s: s.mode is OperatingMode.AUTO)
+        assert control.requests == before
