@@ -1,0 +1,117 @@
+"""`talc-gateway probe`: touch every device once and show what comes back."""
+
+import asyncio
+import time
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.table import Table
+
+from drivers.base import DriverError, Quality
+from drivers.sinumerik import Sinumerik
+from gateway.acquisition import Line
+from gateway.clock import RealClock
+from gateway.config import GatewayConfig
+from gateway.wiring import lines_of, sinumerik_settings
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    bus: str
+    device: str
+    channel: str
+    value: str
+    quality: str
+    latency_ms: float | None
+    detail: str = ""
+
+    @property
+    def good(self) -> bool:
+        return self.quality == Quality.GOOD.value
+
+
+def show(config: GatewayConfig) -> bool:
+    """Print a table of all channels; True when every one is good. Nothing is written, stored or published."""
+    rows = asyncio.run(_rows(config))
+    table = Table("bus", "device", "channel", "value", "quality", "latency", "detail", title=config.machine.name)
+    for row in rows:
+        latency = "" if row.latency_ms is None else f"{row.latency_ms:.1f} ms"
+        style = "" if row.good else "red"
+        table.add_row(row.bus, row.device, row.channel, row.value, row.quality, latency, row.detail, style=style)
+    console = Console()
+    console.print(table)
+    bad = sum(not row.good for row in rows)
+    console.print(f"{len(rows) - bad} of {len(rows)} good")
+    return bad == 0
+
+
+async def _rows(config: GatewayConfig) -> list[_Row]:
+    per_line = await asyncio.gather(*(_line(line) for line in lines_of(config, RealClock())))
+    rows = [row for line in per_line for row in line]
+    return rows + await _nc(config)
+
+
+async def _line(line: Line) -> list[_Row]:
+    """The devices of one bus, one after the other; buses run beside each other."""
+    rows: list[_Row] = []
+    try:
+        await line.bus.connect()
+    except DriverError as error:
+        await line.bus.close()
+        return [
+            _Row(line.bus.name, driver.device, channel, "", Quality.COMM_FAULT.value, None, str(error))
+            for driver in line.drivers
+            for channel in driver.channels
+        ]
+    for driver in line.drivers:
+        began = time.perf_counter()
+        try:
+            await driver.connect()
+            began = time.perf_counter()
+            readings = await driver.read()
+        except DriverError as error:
+            rows += [
+                _Row(line.bus.name, driver.device, channel, "", Quality.COMM_FAULT.value, None, str(error))
+                for channel in driver.channels
+            ]
+        else:
+            latency = (time.perf_counter() - began) * 1e3
+            rows += [
+                _Row(
+                    line.bus.name,
+                    driver.device,
+                    r.channel,
+                    f"{r.value:.2f} {r.unit}",
+                    r.quality.value,
+                    latency,
+                    r.detail,
+                )
+                for r in readings
+            ]
+        finally:
+            await driver.close()
+    await line.bus.close()
+    return rows
+
+
+async def _nc(config: GatewayConfig) -> list[_Row]:
+    if config.nc is None:
+        return []
+    nc = Sinumerik(sinumerik_settings(config.nc, len(config.probing.poses_deg)), RealClock())
+    try:
+        await nc.connect()
+        began = time.perf_counter()
+        snapshot = await nc.snapshot()
+        latency = (time.perf_counter() - began) * 1e3
+        values = {f"position {axis}": value for axis, value in snapshot.positions.items()}
+        values |= {state.name: snapshot.states[state.name] for state in config.states if state.name in snapshot.states}
+        missing = [state.name for state in config.states if state.name not in snapshot.states]
+        rows = [_Row("nc", config.nc.kind, n, f"{v:.3f}", Quality.GOOD.value, latency) for n, v in values.items()]
+        gone = Quality.COMM_FAULT.value
+        return rows + [
+            _Row("nc", config.nc.kind, n, "", gone, latency, "the NC reports no such state") for n in missing
+        ]
+    except DriverError as error:
+        return [_Row("nc", config.nc.kind, "snapshot", "", Quality.COMM_FAULT.value, None, str(error))]
+    finally:
+        await nc.close()

@@ -1,0 +1,75 @@
+"""What `run` and `demo` share: store, telemetry and service around one configuration, until a signal."""
+
+import asyncio
+import platform
+import signal
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+from importlib.metadata import version
+
+from gateway.clock import ServiceClock
+from gateway.config import GatewayConfig
+from gateway.outlet import Fanout, Outlet
+from gateway.replay import past_of
+from gateway.service import Service
+from gateway.store import History, Store, boot_id
+from gateway.telemetry import Telemetry
+from talc.frame import Decision
+
+_VERSIONS_OF = ("talc-gateway", "numpy", "scipy", "osqp", "pymodbus", "canopen", "asyncua", "eclipse-zenoh")
+
+
+def versions() -> str:
+    """Of Python and of what matters for results, for the record."""
+    return ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in _VERSIONS_OF)])
+
+
+async def serve(
+    config: GatewayConfig,
+    clock: ServiceClock,
+    stop: asyncio.Event,
+    *,
+    simulated: bool,
+    more: Sequence[Outlet] = (),
+    decided: Callable[[Decision], None] = lambda _: None,
+    started: Callable[[Service], None] = lambda _: None,
+) -> None:
+    """Run the service of a configuration until `stop`; everything is stored before it is published.
+
+    Raises DriverError, StoreError, TelemetryError, or an exception group of them.
+    """
+    boot = boot_id()
+    async with AsyncExitStack() as stack:
+        store = stack.enter_context(
+            Store(
+                config.storage.path,
+                boot,
+                clock,
+                commit_s=config.storage.commit_s,
+                keep_samples_days=config.storage.keep_samples_days,
+            )
+        )
+        with History(config.storage.path) as history:
+            past = past_of(history, config)
+        store.begin(config.canonical(), config.fingerprint(), versions())
+        outlets: list[Outlet] = [store]
+        if config.telemetry.enabled:
+            telemetry = Telemetry(
+                config.telemetry, config.machine.name, config.input_names, clock, boot, simulated=simulated
+            )
+            outlets.append(await stack.enter_async_context(telemetry))
+        service = Service(config, clock, Fanout([*outlets, *more]), past, decided)
+        started(service)
+        await service.run(stop)
+
+
+def stop_on_signals(stop: asyncio.Event) -> None:
+    """SIGINT and SIGTERM set `stop`; a second SIGINT ends the process at once."""
+    loop = asyncio.get_running_loop()
+
+    def asked() -> None:
+        stop.set()
+        loop.remove_signal_handler(signal.SIGINT)
+
+    loop.add_signal_handler(signal.SIGINT, asked)
+    loop.add_signal_handler(signal.SIGTERM, stop.set)

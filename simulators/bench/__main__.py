@@ -1,0 +1,5 @@
+"""`python -m simulators.bench`."""
+
+from simulators.bench.process import main
+
+main()

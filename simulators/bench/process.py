@@ -1,0 +1,73 @@
+"""The emulated machine as a process of its own: starts everything, says where it is, ends when its starter is gone."""
+
+import asyncio
+import json
+import signal
+import sys
+from contextlib import AsyncExitStack
+from datetime import datetime
+from pathlib import Path
+
+from simulators.bench.machine import BenchMachine, TruthRecorder
+from simulators.clock import SharedClock
+from simulators.devices.adam6015 import Adam6015
+from simulators.devices.cia404_node import Cia404Node
+from simulators.devices.m7015 import M7015
+from simulators.devices.me_sensor import MeSensor
+from simulators.devices.modbus_servers import RtuLine, TcpHost
+from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.plant.sensors import SENSORS
+
+GROWTH_RANGE_UM = 500.0
+"""The eddy-current sensor's measuring range; as in gateway.toml."""
+CAN_NODE = 5
+_RTU, _TCP, _CAN = SENSORS[:18], SENSORS[18:25], SENSORS[25:]
+
+
+async def _start(machine: BenchMachine, stack: AsyncExitStack) -> dict[str, str | int]:
+    """Start every device and the control; their addresses under the names that gateway.toml uses."""
+    units = {unit: M7015(machine.temperatures(_RTU[6 * (unit - 1) : 6 * unit])) for unit in (1, 2, 3)}
+    line = RtuLine(units)
+    host = TcpHost({1: Adam6015(machine.temperatures(_TCP))})
+    adapter = SlcanAdapter([Cia404Node(CAN_NODE, machine.temperatures(_CAN), inputs=len(_CAN))])
+    sensor = MeSensor(machine.growth(), range_um=GROWTH_RANGE_UM)
+    addresses: dict[str, str | int] = {"rtu_port": await line.start()}
+    stack.push_async_callback(line.stop)
+    addresses["tcp_port"] = await host.start()
+    stack.push_async_callback(host.stop)
+    addresses["can_port"] = await adapter.start()
+    stack.push_async_callback(adapter.stop)
+    addresses["growth_port"] = await sensor.start()
+    stack.push_async_callback(sensor.stop)
+    url = await machine.control.start()
+    stack.push_async_callback(machine.control.stop)
+    addresses["nc_port"] = int(url.rsplit(":", 1)[1].split("/")[0])
+    return addresses
+
+
+async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: float) -> None:
+    loop, stop = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.set)
+    # Standard input closes when the starter ends, however it ends: no machine stays behind.
+    loop.add_reader(sys.stdin.fileno(), stop.set)
+    clock = SharedClock(folder / "clock", epoch=epoch, speed=speed)
+    async with AsyncExitStack() as stack:
+        stack.callback(clock.close)
+        machine = BenchMachine(seed, clock, hours)
+        print(json.dumps(await _start(machine, stack)), flush=True)
+        recorder = asyncio.create_task(TruthRecorder(machine, clock, folder / "truth.csv").run(stop.is_set))
+        waiting = asyncio.create_task(stop.wait())
+        await asyncio.wait([recorder, waiting], return_when=asyncio.FIRST_COMPLETED)
+        for task in (recorder, waiting):
+            task.cancel()
+        results = await asyncio.gather(recorder, waiting, return_exceptions=True)
+        for result in results:
+            if isinstance(result, Exception):
+                raise result
+
+
+def main() -> None:
+    """`python -m simulators.bench FOLDER EPOCH SPEED SEED HOURS`: prints its addresses as one JSON line when ready."""
+    folder, epoch, speed, seed, hours = sys.argv[1:6]
+    asyncio.run(_run(Path(folder), datetime.fromisoformat(epoch), float(speed), int(seed), float(hours)))
