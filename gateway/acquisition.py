@@ -98,29 +98,33 @@ class Runner:
 
     async def _poll(self, due: float) -> None:
         """One period: read the healthy, try one of the failing, give the others' channels a fault reading."""
-        if not self._open and not await self._open_bus(due):
-            for device in self._devices:
-                self._publish_fault(device)
-            return
-        answered = asked = False
-        for device in [d for d in self._devices if not d.breaker.failing] + self._suspects(due):
-            if not self._open:
-                break
-            asked = True
-            answered = await self._ask(device, due) or answered
+        healthy = [device for device in self._devices if not device.breaker.failing]
+        answered: list[_Device] = []
+        asked = False
+        if (healthy or self._waiting(due)) and (self._open or await self._open_bus(due)):
+            for device in healthy:
+                if self._open and (asked := True) and await self._ask(device, due):
+                    answered.append(device)
+            for device in self._suspects(due):
+                if self._open and (asked := True) and await self._ask(device, due):
+                    answered.append(device)
         for device in self._devices:
-            if device.breaker.failing:
+            if device not in answered:
                 self._publish_fault(device)
-        if asked and not answered and self._open and not any(not d.breaker.failing for d in self._devices):
-            # Nobody answers any more: the fault may be the connection itself (half-open TCP, adapter unplugged).
+        if asked and not answered:
+            # Nobody answers: the fault may be the connection itself (half-open TCP, adapter unplugged).
             await self._shut()
 
-    def _suspects(self, due: float) -> list[_Device]:
+    def _waiting(self, due: float) -> list[_Device]:
+        """Failing devices whose turn it is, the longest waiting first."""
         waiting = [d for d in self._devices if d.breaker.failing and d.breaker.allows(due)]
-        waiting.sort(key=lambda device: device.breaker.retry_at)
+        return sorted(waiting, key=lambda device: device.breaker.retry_at)
+
+    def _suspects(self, due: float) -> list[_Device]:
+        """At most one failing device that fits into what is left of the period."""
         left = due + self.line.period_s - self._clock.monotonic()
-        fitting = (d for d in waiting if d.cost_s <= left or d.breaker.overdue(due) or len(self._devices) == 1)
-        return list(fitting)[:1]
+        alone = len(self._devices) == 1
+        return [d for d in self._waiting(due) if alone or d.cost_s <= left or d.breaker.overdue(due)][:1]
 
     async def _open_bus(self, due: float) -> bool:
         if not self._breaker.allows(due):
@@ -173,7 +177,9 @@ class Runner:
         if device.connected:
             device.connected = False
             await self._close(device.driver)
-        if isinstance(error, ConnectError | TimeoutError):  # the connection is gone, or a read hangs in it
+        if isinstance(error, ConnectError | OSError):  # the connection is gone, or a read hangs in it
+            for other in self._devices:
+                other.detail = device.detail
             await self._shut()
 
     def _text(self, error: Exception, subject: str) -> str:

@@ -12,7 +12,7 @@ class _Bus(Section):
     """Name that devices refer to and messages use."""
     period_s: Positive = 1.0
     """Every device of the bus is read once in each period."""
-    timeout_s: Positive = 0.5
+    timeout_s: float = Field(default=0.5, gt=0, le=60)
     """How long one answer may take."""
     read_limit_s: Positive = 10.0
     """How long one device may take for a whole read; after that the bus is closed and opened again."""
@@ -23,11 +23,11 @@ class _Bus(Section):
 class _SerialBus(_Bus):
     port: str = Field(min_length=1)
     """Serial port. Give a udev name (/dev/serial/by-id/...): /dev/ttyUSB0 may be another adapter after a reboot."""
-    baud: int = Field(default=9600, ge=1200, le=12_000_000)
+    baud: int = Field(default=9600, ge=1200, le=4_000_000)
     """Bits per second."""
-    parity: Literal["none", "even", "odd"] = "none"
-    """Parity bit; must be the same on every device of the bus."""
-    stop_bits: Literal[1, 2] = 1
+    parity: Literal["N", "E", "O"] = "N"
+    """None, even or odd; the same on every device of the bus."""
+    stopbits: Literal[1, 2] = 1
     """Stop bits."""
 
     @property
@@ -48,69 +48,44 @@ class MeRs485Bus(_SerialBus):
 
     kind: Literal["me_rs485"]
     """`me_rs485`."""
-    baud: int = Field(default=230400, ge=1200, le=12_000_000)
+    baud: int = Field(default=230400, ge=1200, le=4_000_000)
     """Bits per second."""
 
 
-class _HostBus(_Bus):
+class ModbusTcpBus(_Bus):
+    """Modbus TCP: one host, itself a device or a gateway to several units."""
+
+    kind: Literal["modbus_tcp"]
+    """`modbus_tcp`."""
     host: str = Field(min_length=1)
     """Host name or address."""
+    port: int = Field(default=502, ge=1, le=65535)
+    """TCP port."""
 
     @property
     def place(self) -> str:
         """What two buses may not share."""
         return f"{self.host}:{self.port}"
 
-    port: int = Field(ge=1, le=65535)
-    """TCP port."""
 
+class CanopenBus(_Bus):
+    """CANopen nodes on a CAN bus."""
 
-class ModbusTcpBus(_HostBus):
-    """Modbus TCP: one host, itself a device or a gateway to several units."""
-
-    kind: Literal["modbus_tcp"]
-    """`modbus_tcp`."""
-    port: int = Field(default=502, ge=1, le=65535)
-    """TCP port."""
-
-
-class MeEthernetBus(_HostBus):
-    """Micro-Epsilon displacement sensors on Ethernet (data port)."""
-
-    kind: Literal["me_ethernet"]
-    """`me_ethernet`."""
-    port: int = Field(default=10001, ge=1, le=65535)
-    """TCP port of the measured values."""
-
-
-class _CanBus(_Bus):
+    kind: Literal["canopen"]
+    """`canopen`."""
     interface: Literal["socketcan", "slcan", "udp_multicast", "virtual"] = "socketcan"
     """How the CAN bus is reached: the kernel, a serial adapter, or (for tests) the network or this process."""
     channel: str = Field(min_length=1)
     """`can0` for socketcan, the serial port for slcan, the group's address for udp_multicast."""
-    bitrate: int = Field(default=125_000, ge=10_000, le=1_000_000)
-    """Bits per second; with socketcan the interface itself is set up by the system."""
+    bitrate: Literal[10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_000] = 125_000
+    """Bits per second. Only slcan sets it; a socketcan interface is set up by the system."""
+    port: int = Field(default=43113, ge=1, le=65535)
+    """UDP port, for udp_multicast only."""
 
     @property
     def place(self) -> str:
         """What two buses may not share."""
-        return f"{self.interface} {self.channel}"
+        return f"{self.interface} {self.channel}" + (f":{self.port}" if self.interface == "udp_multicast" else "")
 
 
-class CanopenBus(_CanBus):
-    """CANopen nodes."""
-
-    kind: Literal["canopen"]
-    """`canopen`."""
-
-
-class CanBus(_CanBus):
-    """Plain CAN frames, decoded by a DBC file."""
-
-    kind: Literal["can"]
-    """`can`."""
-
-
-Bus = Annotated[
-    ModbusRtuBus | ModbusTcpBus | CanopenBus | CanBus | MeRs485Bus | MeEthernetBus, Field(discriminator="kind")
-]
+Bus = Annotated[ModbusRtuBus | ModbusTcpBus | CanopenBus | MeRs485Bus, Field(discriminator="kind")]

@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
-from gateway.config.buses import CanBus, CanopenBus, MeEthernetBus, MeRs485Bus, ModbusRtuBus, ModbusTcpBus
+from gateway.config.buses import Bus, CanopenBus, MeRs485Bus, ModbusRtuBus
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem, suggestion
 
@@ -41,12 +41,10 @@ def cautions(config: GatewayConfig) -> list[Problem]:
     return found
 
 
-def _serial_port(
-    bus: ModbusRtuBus | ModbusTcpBus | CanopenBus | CanBus | MeRs485Bus | MeEthernetBus,
-) -> tuple[str, str | None]:
+def _serial_port(bus: Bus) -> tuple[str, str | None]:
     if isinstance(bus, ModbusRtuBus | MeRs485Bus):
         return "port", bus.port
-    if isinstance(bus, CanopenBus | CanBus) and bus.interface == "slcan":
+    if isinstance(bus, CanopenBus) and bus.interface == "slcan":
         return "channel", bus.channel
     return "", None
 
