@@ -99,15 +99,11 @@ class Runner:
     async def _poll(self, due: float) -> None:
         """One period: read the healthy, try one of the failing, give the others' channels a fault reading."""
         healthy = [device for device in self._devices if not device.breaker.failing]
-        answered: list[_Device] = []
-        asked = False
-        if (healthy or self._waiting(due)) and (self._open or await self._open_bus(due)):
-            for device in healthy:
-                if self._open and (asked := True) and await self._ask(device, due):
-                    answered.append(device)
-            for device in self._suspects(due):
-                if self._open and (asked := True) and await self._ask(device, due):
-                    answered.append(device)
+        answered: set[_Device] = set()
+        asked = (healthy or self._waiting(due)) and (self._open or await self._open_bus(due))
+        if asked:
+            answered |= {device for device in healthy if await self._ask(device, due)}
+            answered |= {device for device in self._suspects(due) if await self._ask(device, due)}
         for device in self._devices:
             if device not in answered:
                 self._publish_fault(device)
@@ -148,6 +144,8 @@ class Runner:
 
     async def _ask(self, device: _Device, due: float) -> bool:
         """Read one device, publish what it says. False: it failed."""
+        if not self._open:  # closed by the one before
+            return False
         before = self._clock.monotonic()
         try:
             async with asyncio.timeout(self.line.read_limit_s):
