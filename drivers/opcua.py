@@ -22,6 +22,7 @@ from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.opcua_watch import Watch
 
 DEFAULT_PORT = 4840
+SECURE = "set security = 'Basic256Sha256' and the certificates"
 T = TypeVar("T")
 Number = float | int | bool
 
@@ -151,7 +152,7 @@ class OpcUaSession:
             await self._secure(client)
         try:
             await client.connect()
-        except (UaError, OSError, TimeoutError) as error:
+        except (UaError, OSError, TimeoutError, AssertionError) as error:
             raise self._unreachable(error) from error
         finally:
             if client.state is not UaClientState.CONNECTED:
@@ -278,12 +279,19 @@ class OpcUaSession:
                 who = f"user {self._settings.user!r}" if self._settings.user else "anonymous access"
                 hint = "check user and password_file, and the control's list of OPC UA users"
                 return Refused(f"{url} refuses {who} ({_name(error)})", device=device, hint=hint)
+            if error.code in CERTIFICATE and self._settings.security == "none":
+                return Refused(f"{url} does not speak in the clear ({_name(error)})", device=device, hint=SECURE)
             if error.code in CERTIFICATE:
                 hint = "check certificate, private_key and server_certificate; let the control trust our certificate"
                 return Refused(f"{url} refuses our certificate or security ({_name(error)})", device=device, hint=hint)
         elif isinstance(error, UaError):
-            hint = "set security = 'Basic256Sha256'" if self._settings.security == "none" else ""
+            hint = SECURE if self._settings.security == "none" else ""
             return Refused(f"{url} offers no such session: {_say(error)}", device=device, hint=hint)
+        if isinstance(error, AssertionError):  # how the library takes a fault in answer to opening the channel
+            hint = "does the control trust our certificate, and is server_certificate its own?"
+            return Refused(
+                f"{url} refuses the secure channel, so our certificate or its policy", device=device, hint=hint
+            )
         if isinstance(error, TimeoutError):
             hint = "is this an OPC UA server?"
             if self._settings.security != "none":

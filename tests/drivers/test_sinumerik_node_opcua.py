@@ -1,0 +1,171 @@
+"""The driver against another maker's OPC UA stack (node-opcua), so that two mistakes of one library cannot agree.
+
+Needs Node.js; the first run fetches the locked packages into tests/drivers/peers/node_opcua/node_modules.
+"""
+
+import asyncio
+import shutil
+import subprocess
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from asyncua.crypto.cert_gen import setup_self_signed_certificate
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+from drivers.base import ConnectError, DriverError, Refused, SystemClock, WrongDevice
+from drivers.nc import OperatingMode, ProbingState, ProgramState
+from drivers.sinumerik import Sinumerik
+from drivers.sinumerik_settings import SinumerikSettings
+
+PEER = Path(__file__).parent / "peers" / "node_opcua"
+
+
+@pytest.fixture(scope="module")
+def node() -> str:
+    """The Node.js program, with the peer's packages in place."""
+    program, npm = shutil.which("node"), shutil.which("npm")
+    assert program is not None, "Node.js is missing: install Debian's nodejs and npm"
+    assert npm is not None, "npm is missing: install Debian's npm"
+    if not (PEER / "node_modules" / "node-opcua").is_dir():
+        command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
+        done = subprocess.run(command, cwd=PEER, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, f"npm ci failed: {done.stderr[-2000:]}"
+    return program
+
+
+@asynccontextmanager
+async def peer(node: str, *arguments: Path) -> AsyncIterator[tuple[str, asyncio.subprocess.Process]]:
+    """The server, from its URL until its standard input ends."""
+    process = await asyncio.create_subprocess_exec(
+        node,
+        str(PEER / "server.js"),
+        *map(str, arguments),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        async with asyncio.timeout(30.0):
+            while b"listening on" not in (line := await process.stdout.readline()):
+                assert line, "the peer ended without listening"
+        yield line.decode().split()[-1], process
+    finally:
+        process.stdin.close()
+        try:
+            await asyncio.wait_for(process.wait(), 5.0)
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+
+
+async def done(nc: Sinumerik, number: int) -> tuple[tuple[float, float, float], ...]:
+    async with asyncio.timeout(5.0):
+        while (status := await nc.probing_status(number)).state is not ProbingState.DONE:
+            assert status.centres_mm is None
+            await asyncio.sleep(0.02)
+    assert status.centres_mm is not None
+    return status.centres_mm
+
+
+async def works(nc: Sinumerik) -> None:
+    """Everything a NumericalControl does, once."""
+    snapshot = await nc.snapshot()
+    assert snapshot.positions == {"X": 10.5, "Y": -20.25, "Z": 150.0, "A": 30.0, "C": 270.0}
+    assert snapshot.states["speed_X"] == 720.0
+    assert snapshot.states["speed_C"] == 2.0
+    assert snapshot.states["coolant"] == 1.0
+    assert (snapshot.mode, snapshot.program) == (OperatingMode.AUTO, ProgramState.RUNNING)
+    assert snapshot.alarms == (4711,)
+    for number in (41, 42):
+        await nc.request_probing(number)
+        centres = await done(nc, number)
+        assert len(centres) == 6
+        assert centres[5] == pytest.approx((number + 0.015, number + 0.016, number + 0.017))
+    with pytest.raises(Refused, match="request number 42"):
+        await nc.request_probing(42)
+    await nc.write_compensation((1.5, -2.5, 3.5))
+    assert await nc.read_compensation() == pytest.approx((1.5, -2.5, 3.5))
+
+
+@pytest.mark.parametrize("subscribe_s", [0.0, 0.05])
+async def test_in_the_clear_asking_and_being_told(node: str, tmp_path: Path, subscribe_s: float) -> None:
+    async with peer(node, tmp_path) as (url, _):
+        nc = Sinumerik(SinumerikSettings(url=url, subscribe_s=subscribe_s), SystemClock())
+        await nc.connect()
+        await works(nc)
+        await nc.close()
+
+
+async def test_signed_and_encrypted(node: str, tmp_path: Path) -> None:
+    usage = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
+    for name, uri in (("peer", "urn:peer:server"), ("gateway", "urn:talc:gateway"), ("stranger", "urn:talc:gateway")):
+        await setup_self_signed_certificate(
+            tmp_path / f"{name}_key.pem", tmp_path / f"{name}.der", uri, "localhost", usage, {"commonName": name}
+        )
+    password = tmp_path / "password"
+    password.write_text("secret\n")
+
+    def driver(name: str) -> Sinumerik:
+        settings = SinumerikSettings(
+            url=url,
+            security="Basic256Sha256",
+            user="gateway",
+            password_file=password,
+            certificate=tmp_path / f"{name}.der",
+            private_key=tmp_path / f"{name}_key.pem",
+            server_certificate=tmp_path / "peer.der",
+        )
+        return Sinumerik(settings, SystemClock())
+
+    files = (tmp_path / "pki", tmp_path / "peer.pem", tmp_path / "peer_key.pem", tmp_path / "gateway.der")
+    (tmp_path / "peer.pem").write_text(pem(tmp_path / "peer.der"))
+    async with peer(node, *files) as (url, _):
+        nc = driver("gateway")
+        await nc.connect()
+        await works(nc)
+        await nc.close()
+        with pytest.raises(DriverError, match="our certificate"):
+            await driver("stranger").connect()
+        password.write_text("guess\n")
+        with pytest.raises(Refused, match="refuses user 'gateway'"):
+            await driver("gateway").connect()
+        in_the_clear = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        with pytest.raises(DriverError, match="Basic256Sha256"):
+            await in_the_clear.connect()
+
+
+async def test_killed_in_a_session(node: str, tmp_path: Path) -> None:
+    async with peer(node, tmp_path) as (url, process):
+        nc = Sinumerik(SinumerikSettings(url=url, subscribe_s=0.05), SystemClock())
+        await nc.connect()
+        process.kill()
+        await process.wait()
+        with pytest.raises(ConnectError):
+            await nc.write_compensation((1.0, 1.0, 1.0))
+        with pytest.raises(ConnectError):
+            await nc.connect()
+
+
+async def test_what_the_server_does_not_have_or_does_not_let_us_write(node: str, tmp_path: Path) -> None:
+    async with peer(node, tmp_path) as (url, _):
+        wrong = SinumerikSettings(url=url).with_nodes({"tool": "/Channel/State/actTNo[u1]"})
+        with pytest.raises(WrongDevice, match=r"actTNo\[u1\] does not exist"):
+            await Sinumerik(wrong, SystemClock()).connect()
+        # tanβ is shown, not writable
+        locked = SinumerikSettings(url=url).with_nodes({"k0": "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"})
+        nc = Sinumerik(locked, SystemClock())
+        await nc.connect()
+        with pytest.raises(Refused, match=r"SLOPE\[u1\].*SeaWrite"):
+            await nc.write_compensation((1.0, 1.0, 1.0))
+        await nc.close()
+
+
+def pem(der: Path) -> str:
+    """The same certificate in the form the peer reads."""
+    return x509.load_der_x509_certificate(der.read_bytes()).public_bytes(Encoding.PEM).decode()
