@@ -102,7 +102,7 @@ class DriverError(Exception):
     def __init__(self, what: str, *, bus: str = "", device: str = "", channel: str = "", hint: str = "") -> None:
         self.what, self.bus, self.device, self.channel, self.hint = what, bus, device, channel, hint
         where = ", ".join(f"{k} {v}" for k, v in (("bus", bus), ("device", device), ("channel", channel)) if v)
-        super().__init__(f"{where}: {what}" + (f" ({hint})" if hint else "") if where else what)
+        super().__init__((f"{where}: " if where else "") + what + (f" ({hint})" if hint else ""))
 
 
 class SetupError(DriverError):

@@ -11,11 +11,13 @@ class Table:
     def __init__(self, values: Mapping[str, object], *, file: str, path: str = "") -> None:
         self._values, self._file, self._path = dict(values), file, path
         self._asked: set[str] = set()
+        self._possible: set[str] = set()
 
     def error(self, key: str, problem: str) -> SetupError:
         return SetupError(f"{self._file}: {self._path}{key}: {problem}")
 
     def has(self, key: str) -> bool:
+        self._possible.add(key)
         return key in self._values
 
     def names(self) -> tuple[str, ...]:
@@ -74,7 +76,7 @@ class Table:
         """Raise SetupError when the table holds a key that nobody asked for."""
         for key in self._values:
             if key not in self._asked:
-                raise self.error(key, f"unknown key; known here: {', '.join(sorted(self._asked))}")
+                raise self.error(key, f"unknown key; known here: {', '.join(sorted(self._asked | self._possible))}")
 
     def _take(self, key: str, default: object) -> object:
         self._asked.add(key)

@@ -1,0 +1,120 @@
+"""Profiles: those supplied are right, those of users are checked key by key."""
+
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+import pytest
+
+from drivers.base import SetupError, SystemClock
+from drivers.build import make_bus, make_device
+from drivers.modbus_profile import ModbusProfile, NumberFormat
+from drivers.profiles import load_profile, profile_names
+
+CASES = Path(__file__).parent / "profile_cases"
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_supplied_profiles_load_and_are_frozen(name: str) -> None:
+    profile = load_profile(name)
+    assert profile.name == name
+    assert profile.title
+    with pytest.raises(FrozenInstanceError):
+        profile.title = "changed"  # type: ignore[misc]
+
+
+def test_missing_profile_lists_those_that_exist() -> None:
+    with pytest.raises(SetupError, match=r"'icpdas' does not exist .*icpdas_m7015"):
+        load_profile("icpdas")
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(SetupError, match=r"nowhere\.toml: cannot be read"):
+        load_profile(str(tmp_path / "nowhere.toml"))
+
+
+@pytest.mark.parametrize("case", sorted(path.name for path in CASES.iterdir()))
+def test_golden_cases(case: str) -> None:
+    """Each folder holds a user's profile and the error it gives, after the file's name; an empty file: it is right."""
+    expected = (CASES / case / "error.txt").read_text(encoding="utf-8").strip()
+    path = CASES / case / "profile.toml"
+    if not expected:
+        assert load_profile(str(path)).name == "profile"
+        return
+    with pytest.raises(SetupError) as caught:
+        load_profile(str(path))
+    assert str(caught.value).removeprefix(f"{path}: ") == expected
+
+
+@pytest.mark.parametrize(
+    ("number", "registers", "value"),
+    [
+        (NumberFormat("int16"), [0xFFFF], -1),
+        (NumberFormat("uint16"), [0xFFFF], 65535),
+        (NumberFormat("int16", byte_order="little"), [0x0100], 1),
+        (NumberFormat("int32"), [0x0001, 0x0000], 65536),
+        (NumberFormat("int32", word_order="little"), [0x0000, 0x0001], 65536),
+        (NumberFormat("uint32"), [0xFFFF, 0xFFFF], 2**32 - 1),
+        (NumberFormat("float32"), [0x3F80, 0x0000], 1.0),
+        (NumberFormat("float32", word_order="little"), [0x0000, 0x3F80], 1.0),
+        (NumberFormat("float32", byte_order="little", word_order="little"), [0x0000, 0x803F], 1.0),
+    ],
+)
+def test_numbers_are_read_in_every_order(number: NumberFormat, registers: list[int], value: float) -> None:
+    assert number.decode(registers) == value
+
+
+RTU = {"port": "/dev/null"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "message"),
+    [
+        ("modbus", {}, "bus b: kind 'modbus' does not exist (there are modbus_rtu, "),
+        ("modbus_rtu", {}, "bus b: port is missing"),
+        ("modbus_rtu", RTU | {"bauds": 9600}, "bus b: unknown option 'bauds' (options are: port, baud, "),
+        ("modbus_rtu", RTU | {"baud": "fast"}, "bus b: baud = 'fast': expected a whole number"),
+        ("modbus_rtu", RTU | {"parity": "X"}, "bus b: parity = 'X': expected N, E or O"),
+        ("modbus_tcp", {"host": "h", "port": 70000}, "bus b: port = 70000: expected 1 to 65535"),
+        ("modbus_tcp", {"host": "h", "timeout_s": 0}, "bus b: timeout_s = 0: expected more than 0"),
+        ("canopen", {"interface": "usb", "channel": "x"}, "bus b: interface = 'usb': expected one of slcan, "),
+        ("canopen", {"interface": "slcan", "channel": "x", "bitrate": 1}, "bus b: bitrate = 1: expected one of 10000"),
+    ],
+)
+def test_wrong_bus_settings_name_field_and_value(kind: str, options: dict[str, object], message: str) -> None:
+    with pytest.raises(SetupError) as caught:
+        make_bus("b", kind, options)
+    assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("profile", "unit", "channels", "options", "message"),
+    [
+        ("icpdas_m7015", 0, {"a": 0}, {}, "bus b, device d: unit = 0: expected 1 to 247 on a modbus_rtu bus"),
+        ("icpdas_m7015", 248, {"a": 0}, {}, "bus b, device d: unit = 248: expected 1 to 247 on a modbus_rtu bus"),
+        ("icpdas_m7015", 1, {"a": 6}, {}, "bus b, device d, channel a: channel number 6: icpdas_m7015 has 0 to 5"),
+        ("icpdas_m7015", 1, {"a": 1, "b": 1}, {}, "bus b, device d, channel b: channel number 1 is taken by a already"),
+        ("icpdas_m7015", 1, {}, {}, "bus b, device d: no channels (name at least one)"),
+        ("icpdas_m7015", 1, {"a": 0}, {"vendor": "x"}, "bus b, device d: unknown option 'vendor' (options are: none)"),
+        ("cia404", 1, {"a": 0}, {}, "bus b, device d: profile cia404 does not fit a modbus_rtu bus (it needs canopen)"),
+    ],
+)
+def test_wrong_devices_name_bus_device_and_channel(
+    profile: str, unit: int, channels: dict[str, int], options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(SetupError) as caught:
+        make_device("d", make_bus("b", "modbus_rtu", RTU), profile, unit, channels, options, SystemClock())
+    assert str(caught.value) == message
+
+
+def test_unknown_vendor_lists_those_known() -> None:
+    bus = make_bus("b", "canopen", {"interface": "virtual", "channel": "x"})
+    with pytest.raises(SetupError, match="there are jumo, axiomatic, esd"):
+        make_device("d", bus, "cia404", 5, {"a": 0}, {"vendor": "acme"}, SystemClock())
+
+
+def test_supplied_tables_are_those_of_the_manuals() -> None:
+    adam = load_profile("advantech_adam6015")
+    assert isinstance(adam, ModbusProfile)
+    assert adam.type_codes is not None
+    span = adam.type_codes.spans[0x03A4]
+    assert (span.apply(0), span.apply(65535)) == (-50.0, 150.0)
