@@ -1,7 +1,6 @@
 """From the configuration to drivers. Validates everything that drivers validate; never touches the network."""
 
 from dataclasses import replace
-from typing import assert_never
 
 from drivers.base import SetupError
 from drivers.build import make_bus, make_device
@@ -9,24 +8,21 @@ from drivers.sinumerik_settings import Paths, SinumerikSettings
 from gateway.acquisition import Line
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
-from gateway.config.buses import Bus, CanBus, CanopenBus, MeEthernetBus, MeRs485Bus, ModbusRtuBus, ModbusTcpBus
 from gateway.config.sections import SinumerikNc
-
-_PARITY = {"none": "N", "even": "E", "odd": "O"}
 
 
 def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
     """Every bus with its devices. Raises SetupError naming bus, device, channel and value."""
     lines = []
     for section in config.buses:
-        bus = make_bus(section.name, section.kind, _options(section))
+        bus = make_bus(section.name, section.kind, section.options())
         drivers = tuple(
             make_device(
                 device.name,
                 bus,
                 device.profile,
                 device.unit,
-                {name: _number(device.name, name, channel) for name, channel in device.channels.items()},
+                device.channels,
                 device.options,
                 clock,
             )
@@ -54,28 +50,3 @@ def sinumerik_settings(nc: SinumerikNc, poses: int) -> SinumerikSettings:
         paths=replace(standard.paths, **dict(nc.nodes)),  # type: ignore[arg-type]
         handshake=replace(standard.handshake, poses=poses),
     )
-
-
-def _options(bus: Bus) -> dict[str, object]:
-    """The fields of the driver's settings class."""
-    common: dict[str, object] = {"timeout_s": bus.timeout_s}
-    match bus:
-        case ModbusRtuBus() | MeRs485Bus():
-            return common | {
-                "port": bus.port,
-                "baud": bus.baud,
-                "parity": _PARITY[bus.parity],
-                "stopbits": bus.stop_bits,
-            }
-        case ModbusTcpBus() | MeEthernetBus():
-            return common | {"host": bus.host, "port": bus.port}
-        case CanopenBus() | CanBus():
-            return common | {"interface": bus.interface, "channel": bus.channel, "bitrate": bus.bitrate}
-        case _:
-            assert_never(bus)
-
-
-def _number(device: str, name: str, channel: int | str) -> int:
-    if isinstance(channel, str):
-        raise SetupError(f"channel = {channel!r}: expected a number", device=device, channel=name)
-    return channel

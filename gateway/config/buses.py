@@ -19,6 +19,10 @@ class _Bus(Section):
     retry_max_periods: int = Field(default=60, ge=1, le=3600)
     """A silent device, or a bus that does not open, is tried again after 1, 2, 4 ... periods, at most this many."""
 
+    def options(self) -> dict[str, object]:
+        """What the driver's settings class takes: everything but the name and the gateway's own policy."""
+        return self.model_dump(exclude={"name", "kind", "period_s", "read_limit_s", "retry_max_periods"})
+
 
 class _SerialBus(_Bus):
     port: str = Field(min_length=1)

@@ -61,14 +61,13 @@ class Device(Section):
     bus: str
     """Name of the bus it is on."""
     profile: str
-    """Profile that says where its values are; see drivers/profiles."""
+    """Profile that says where its values are: one of drivers/profiles, or the path of a .toml file."""
     unit: int = Field(default=1, ge=0, le=0xFFFF)
     """Address on its bus: Modbus unit 1 to 247, CANopen node 1 to 127."""
     options: Mapping[str, str | int | float | bool] = Field(default_factory=dict)
     """What its profile leaves open, such as the vendor or the range."""
-    channels: Mapping[Name, int | str] = Field(min_length=1)
-    """Model input = the device's channel (counted from 0; a signal's name with can_dbc). The order in the file is
-    the order of the inputs."""
+    channels: Mapping[Name, int] = Field(min_length=1)
+    """Model input = the device's channel, counted from 0. The order in the file is the order of the inputs."""
 
 
 class State(Section):
