@@ -6,11 +6,13 @@ from pathlib import Path
 
 from simulators.clock import SharedClock
 from simulators.devices.source import ValueSource
-from simulators.nc import EmulatedControl, LoadCase
+from simulators.nc import CycleSettings, EmulatedControl, LoadCase
 from simulators.plant import MachinePlant
 from simulators.plant.machine import Drive
 from talc.names import THERMAL_ERRORS
 
+SPHERE_RADIUS_MM = 200.0
+"""Distance of the sphere from the C axis; as in gateway.toml. 1 µm of probing noise is 2-4 µm/m of tilt there."""
 TRUTH_STEP_S = 60.0
 TRUTH_COLUMNS = ("time_s", *THERMAL_ERRORS, "dx", "dy", "dz", "rx", "ry", "rz")
 """Simulated time; the nine errors; tool-to-workpiece deviation without (d) and with compensation (r), µm."""
@@ -31,7 +33,9 @@ class BenchMachine:
         start_hour = clock.utc().hour + clock.utc().minute / 60.0
         program = LoadCase.random(seed, (hours + 24.0) * 3600.0, start_hour=start_hour)
         self.plant = MachinePlant(seed, self._drive, start_hour=start_hour)
-        self.control = EmulatedControl(self.plant, clock, program, seed=seed)
+        self.control = EmulatedControl(
+            self.plant, clock, program, cycle=CycleSettings(radius_mm=SPHERE_RADIUS_MM), seed=seed
+        )
 
     def temperatures(self, names: Sequence[str]) -> ValueSource:
         """A value source for a device that these sensors are wired to."""
