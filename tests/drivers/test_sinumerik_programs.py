@@ -1,0 +1,87 @@
+"""The NC programs that are shipped keep to the handshake that the driver speaks.
+
+They cannot run here: this reads them, it does not prove that a control takes them.
+"""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from drivers.nc import ProbingState
+from drivers.sinumerik import PROBING_STATES, REASONS
+from drivers.sinumerik_settings import Handshake
+
+FOLDER = Path(__file__).parents[2] / "deploy" / "nc" / "sinumerik"
+PROGRAMS = sorted(FOLDER.glob("*.SPF"))
+HAND = Handshake()
+
+
+def statements(name: str) -> list[str]:
+    """Lines without comments."""
+    lines = (line.split(";")[0].strip() for line in (FOLDER / name).read_text().splitlines())
+    return [line for line in lines if line]
+
+
+def assigned(name: str) -> list[tuple[int, str]]:
+    """R-parameter and what it is set to, in order."""
+    found = (re.fullmatch(r"R(\d+) = (.+)", line) for line in statements(name))
+    return [(int(match[1]), match[2]) for match in found if match]
+
+
+def test_the_control_writes_its_own_parameters_only() -> None:
+    own = {HAND.answers, HAND.state, HAND.reason, HAND.result_of}
+    for program in PROGRAMS:
+        assert {number for number, _ in assigned(program.name)} <= own
+
+
+def test_what_the_gateway_writes_is_what_the_program_reads() -> None:
+    text = "\n".join(statements("TALC_SAFE_POINT.SPF"))
+    for number in (HAND.request, HAND.withdraw, HAND.valid_for):
+        assert re.search(rf"\bR{number}\b", text)
+    assert f"$R[{HAND.request}] <> $R[{HAND.answers}]" in "\n".join(statements("TALC_START.SPF"))
+
+
+def test_states_and_reasons_are_those_the_driver_knows() -> None:
+    for program in PROGRAMS:
+        for number, value in assigned(program.name):
+            if number == HAND.state:
+                assert int(value) in {0, *PROBING_STATES}
+    reasons = re.findall(r"\bREASON = (\d+)|\bR66 = (\d+)", "\n".join(statements("TALC_SAFE_POINT.SPF")))
+    assert {int(a or b) for a, b in reasons} <= set(REASONS)
+
+
+def test_old_state_and_results_go_before_the_new_number_comes() -> None:
+    order = assigned("TALC_SAFE_POINT.SPF")
+    new_number = order.index((HAND.answers, "NUMBER"))
+    assert order.index((HAND.state, "0")) < new_number
+    assert order.index((HAND.result_of, "0")) < new_number
+    accepted = next(code for code, state in PROBING_STATES.items() if state is ProbingState.ACCEPTED)
+    assert new_number < order.index((HAND.state, str(accepted)))
+
+
+def test_results_have_their_number_before_the_state_vouches_for_them() -> None:
+    lines = statements("TALC_SAFE_POINT.SPF")
+    finished = next(code for code, state in PROBING_STATES.items() if state is ProbingState.DONE)
+    at = lines.index(f"R{HAND.state} = {finished}")
+    assert lines[at - 2 : at] == [f"R{HAND.result_of} = NUMBER", "STOPRE"]
+    assert lines.index("TALC_SPHERE(POSE)") < at - 2
+
+
+def test_eighteen_results_in_their_order() -> None:
+    found = [re.fullmatch(r"R\[(\d+) \+ 3 \* POSE\] = C([XYZ])", line) for line in statements("TALC_SPHERE.SPF")]
+    assert [(int(m[1]), m[2]) for m in found if m] == [(HAND.results + i, axis) for i, axis in enumerate("XYZ")]
+    assert f"FOR POSE = 0 TO {HAND.poses - 1}" in statements("TALC_SAFE_POINT.SPF")
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.name)
+def test_blocks_are_closed_and_the_interpreter_waits_before_it_tells(program: Path) -> None:
+    lines = statements(program.name)
+    for opening, closing in (("IF ", "ENDIF"), ("FOR ", "ENDFOR")):
+        assert sum(line.startswith(opening) for line in lines) == sum(line == closing for line in lines)
+    assert lines[-1] == "RET"
+    assert "HAS NOT RUN ON A REAL CONTROL" in program.read_text()
+    touches = [index for index, line in enumerate(lines) if line.startswith("MEAS=1")]
+    assert all(lines[index + 1] == "STOPRE" for index in touches)
+    finals = [i for i, line in enumerate(lines) if re.fullmatch(rf"R{HAND.state} = [35]", line)]
+    assert all(lines[index - 1] == "STOPRE" for index in finals)
