@@ -24,6 +24,12 @@ def _beside_the_file(path: Path, info: ValidationInfo) -> Path:
     return path if folder is None or path.is_absolute() else Path(folder) / path
 
 
+def _profile_beside_the_file(profile: str, info: ValidationInfo) -> str:
+    return str(_beside_the_file(Path(profile), info)) if profile.endswith(".toml") else profile
+
+
+ProfileName = Annotated[str, AfterValidator(_profile_beside_the_file)]
+"""A profile's name, or the path of a user's own profile."""
 FilePath = Annotated[Path, AfterValidator(_beside_the_file)]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.base import SetupError, SystemClock
 from drivers.build import make_bus, make_device
+from drivers.profiles import profile_names
 from gateway.config.buses import Bus, CanopenBus, MeRs485Bus, ModbusRtuBus
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem, suggestion
@@ -146,7 +147,10 @@ def _poses(config: GatewayConfig) -> Iterator[Problem]:
 
 def _built(config: GatewayConfig) -> Iterator[Problem]:
     """What the drivers themselves find, without network: profiles, units, channel numbers, options."""
+    names = Counter(bus.name for bus in config.buses)
     for section in config.buses:
+        if names[section.name] > 1:
+            continue
         try:
             bus = make_bus(section.name, section.kind, section.options())
         except SetupError as error:
@@ -154,6 +158,12 @@ def _built(config: GatewayConfig) -> Iterator[Problem]:
             continue
         for device in config.devices_of(section.name):
             where = f"device '{device.name}'"
+            if not device.profile.endswith(".toml") and device.profile not in profile_names():
+                yield Problem(
+                    f"{where}, profile",
+                    f"unknown profile '{device.profile}'; {suggestion(device.profile, profile_names())}",
+                )
+                continue
             try:
                 make_device(
                     device.name, bus, device.profile, device.unit, device.channels, device.options, SystemClock()

@@ -6,7 +6,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from gateway.config.fields import LARGEST_BOUND_UM, MOST_POSES, FilePath, Name, NotNegative, Positive, Section, matching
+from gateway.config.fields import (
+    LARGEST_BOUND_UM,
+    MOST_POSES,
+    FilePath,
+    Name,
+    NotNegative,
+    Positive,
+    ProfileName,
+    Section,
+    matching,
+)
 
 
 class Machine(Section):
@@ -60,7 +70,7 @@ class Device(Section):
     """Name that messages use."""
     bus: str
     """Name of the bus it is on."""
-    profile: str
+    profile: ProfileName
     """Profile that says where its values are: one of drivers/profiles, or the path of a .toml file."""
     unit: int = Field(default=1, ge=0, le=0xFFFF)
     """Address on its bus: Modbus unit 1 to 247, CANopen node 1 to 127."""

@@ -1,0 +1,127 @@
+"""The configuration: golden cases of every mistake, and what a good file becomes."""
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from gateway.config import ConfigError, GatewayConfig, cautions, load, parse
+from gateway.config.model import validate
+
+CASES = Path(__file__).parent / "cases"
+BENCH = Path(__file__).parents[2] / "simulators" / "bench" / "gateway.toml"
+PLACES = {
+    "folder": "/tmp",
+    "zenoh_port": "7447",
+    "rtu_port": "/dev/pts/1",
+    "tcp_port": "5020",
+    "can_port": "/dev/pts/2",
+    "growth_port": "/dev/pts/3",
+    "nc_port": "4840",
+    "calibration_steps": "288",
+}
+
+
+def bench() -> GatewayConfig:
+    text = BENCH.read_text(encoding="utf-8")
+    for name, value in PLACES.items():
+        text = text.replace(f"{{{name}}}", value)
+    return parse(text, BENCH)
+
+
+def valid_text() -> str:
+    return (CASES / "valid" / "gateway.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("case", sorted(CASES.iterdir()), ids=lambda case: case.name)
+def test_every_mistake_gets_its_line(case: Path) -> None:
+    file = case / "gateway.toml"
+    expected = (case / "expected.txt").read_text(encoding="utf-8")
+    try:
+        load(file)
+        found = ""
+    except ConfigError as error:
+        found = str(error).replace(str(file), "gateway.toml") + "\n"
+    assert found == expected
+
+
+def test_no_message_shows_the_validation_library() -> None:
+    texts = [(case / "expected.txt").read_text(encoding="utf-8") for case in CASES.iterdir()]
+    assert not [text for text in texts if "pydantic" in text or "http" in text or "Input should" in text]
+
+
+def test_bench_has_thirty_channels_then_the_states_in_file_order() -> None:
+    config = bench()
+    names = config.input_names
+    assert len(config.channels) == 30
+    assert names[:2] == ("bed_front_left", "bed_front_right")
+    assert names[29:] == ("spindle_growth", "spindle_speed", "speed_X", "speed_Y", "speed_A", "speed_C", "coolant")
+    assert [c.name for c in config.channels] == list(names[:30])
+    assert (config.channels[18].device, config.channels[18].bus) == ("adam", "tcp1")
+
+
+def test_canonical_text_is_the_same_configuration_again() -> None:
+    config = bench()
+    again = validate(config.canonical())
+    assert again == config
+    assert again.fingerprint() == config.fingerprint()
+
+
+def test_fingerprint_tells_behaviour_not_layout() -> None:
+    text = valid_text()
+    path = CASES / "valid" / "gateway.toml"
+    plain = parse(text, path).fingerprint()
+    assert parse("# a remark\n" + text.replace("unit = 1\n", "unit = 1   # left\n"), path).fingerprint() == plain
+    assert parse(text + "period_s = 1.0\n", path).fingerprint() == plain, "a default written out changes nothing"
+    assert parse(text.replace("unit = 1", "unit = 2"), path).fingerprint() != plain
+    swapped = text.replace("bed_front = 0\nbed_rear = 1\n", "bed_rear = 1\nbed_front = 0\n")
+    assert parse(swapped, path).fingerprint() != plain, "the order of channels is the order of inputs"
+
+
+def test_configuration_cannot_be_changed() -> None:
+    config = bench()
+    with pytest.raises(ValidationError):
+        config.grid.step_s = 10.0  # type: ignore[misc]
+
+
+def test_relative_paths_start_at_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(valid_text() + '\n[storage]\npath = "data/mill.sqlite"\n')
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    assert load(file).storage.path == tmp_path / "data" / "mill.sqlite"
+
+
+def test_unreadable_files_say_so(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file"):
+        load(tmp_path / "none.toml")
+    with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
+        load(tmp_path)
+    (tmp_path / "latin.toml").write_bytes(b'name = "M\xfchle"')
+    with pytest.raises(ConfigError, match=r"is not UTF-8 text: byte 9 is 0xfc"):
+        load(tmp_path / "latin.toml")
+
+
+def test_profile_of_the_user_is_found_beside_the_file(tmp_path: Path) -> None:
+    supplied = Path(__file__).parents[2] / "drivers" / "profiles" / "icpdas_m7015.toml"
+    (tmp_path / "mine.toml").write_text(supplied.read_text(encoding="utf-8"))
+    file = tmp_path / "gateway.toml"
+    file.write_text(valid_text().replace("icpdas_m7015", "mine.toml"))
+    assert load(file).devices[0].profile == str(tmp_path / "mine.toml")
+
+
+def test_raw_usb_port_is_a_caution_not_an_error() -> None:
+    path = CASES / "valid" / "gateway.toml"
+    assert cautions(parse(valid_text(), path)) == []
+    raw = parse(valid_text().replace("/dev/serial/by-id/usb-adapter", "/dev/ttyUSB0"), path)
+    (caution,) = cautions(raw)
+    assert caution.where == "bus 'rtu1', port"
+    assert "/dev/serial/by-id" in caution.what
+
+
+def test_password_is_not_in_the_canonical_text(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("hunter2")
+    file = tmp_path / "gateway.toml"
+    file.write_text(valid_text() + 'user = "gw"\npassword_file = "secret"\n')
+    assert "hunter2" not in load(file).canonical()
