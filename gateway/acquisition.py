@@ -3,9 +3,9 @@
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from types import TracebackType
 from typing import Self
@@ -13,6 +13,7 @@ from typing import Self
 from drivers.base import Bus, ConnectError, Driver, DriverError, Quality, Reading
 from gateway.breaker import Breaker, Change
 from gateway.clock import ServiceClock
+from gateway.plausibility import Check, Plausible
 
 log = logging.getLogger(__name__)
 
@@ -30,6 +31,8 @@ class Line:
     retry_max_periods: int = 60
     read_limit_s: float = 10.0
     """Real seconds that one read may take before the bus is closed and opened again."""
+    plausible: Mapping[str, Plausible] = field(default_factory=dict)
+    """Stated limits, by channel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +53,7 @@ Notify = Callable[[Notice], None]
 class _Device:
     """One driver and what is known of it."""
 
-    def __init__(self, driver: Driver, period_s: float, longest_s: float) -> None:
+    def __init__(self, driver: Driver, period_s: float, longest_s: float, plausible: Mapping[str, Plausible]) -> None:
         self.driver = driver
         self.breaker = Breaker(period_s, longest_s)
         self.connected = False
@@ -60,6 +63,12 @@ class _Device:
         self.kind: type[BaseException] | None = None
         self.units = dict.fromkeys(driver.channels, "")
         self.qualities = dict.fromkeys(driver.channels, Quality.GOOD)
+        self.checks = {name: Check(limits) for name, limits in plausible.items() if name in self.units}
+
+    def checked(self, reading: Reading) -> Reading:
+        """The reading after the checks that the configuration states for its channel."""
+        check = self.checks.get(reading.channel)
+        return reading if check is None else check.judge(reading)
 
 
 class Runner:
@@ -74,7 +83,7 @@ class Runner:
         self.line = line
         self._clock, self._publish, self._notify, self._sequence = clock, publish, notify, sequence
         longest_s = line.period_s * line.retry_max_periods
-        self._devices = [_Device(driver, line.period_s, longest_s) for driver in line.drivers]
+        self._devices = [_Device(driver, line.period_s, longest_s, line.plausible) for driver in line.drivers]
         self._breaker = Breaker(line.period_s, longest_s)
         self._open = False
         self.missed = 0
@@ -161,8 +170,9 @@ class Runner:
             device.kind = None
             self._tell_end(f"device {device.driver.device}", "answers again")
         number = self._sequence()
-        self._note_qualities(device, readings)
-        self._publish([replace(reading, sequence=number) for reading in readings])
+        checked = [device.checked(replace(reading, sequence=number)) for reading in readings]
+        self._note_qualities(device, checked)
+        self._publish(checked)
         return True
 
     async def _failed(self, device: _Device, due: float, error: Exception) -> None:

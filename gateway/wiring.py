@@ -9,10 +9,20 @@ from gateway.acquisition import Line
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 from gateway.config.sections import SinumerikNc
+from gateway.plausibility import Plausible
 
 
 def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
     """Every bus with its devices. Raises SetupError naming bus, device, channel and value."""
+    plausible = {
+        name: Plausible(
+            smallest=limits.min,
+            largest=limits.max,
+            rate_per_min=limits.max_rate_per_min,
+            stuck_after_s=limits.stuck_after_s,
+        )
+        for name, limits in config.limits.items()
+    }
     lines = []
     for section in config.buses:
         bus = make_bus(section.name, section.kind, section.options())
@@ -28,7 +38,7 @@ def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
             )
             for device in config.devices_of(section.name)
         )
-        lines.append(Line(bus, drivers, section.period_s, section.retry_max_periods, section.read_limit_s))
+        lines.append(Line(bus, drivers, section.period_s, section.retry_max_periods, section.read_limit_s, plausible))
     return tuple(lines)
 
 

@@ -64,7 +64,7 @@ class Telemetry(Section):
 
 
 class Device(Section):
-    """One device on a bus: `[[device]]`."""
+    """One device on a bus."""
 
     name: Name
     """Name that messages use."""
@@ -81,21 +81,24 @@ class Device(Section):
 
 
 class State(Section):
-    """One machine state, read from the NC, that models may use as an input: `[[state]]`."""
+    """One machine state, read from the NC, that models may use as an input."""
 
     name: Name
     """Name under which the NC driver reports it."""
 
 
 class Limits(Section):
-    """What is plausible for one channel: `[limits.<channel>]`. Outside, its quality is `out_of_range`."""
+    """What is plausible for one channel. A value that is not keeps its number and loses its quality."""
 
     min: float | None = None
-    """Smallest plausible value, in the channel's unit."""
+    """Smallest plausible value, in the channel's unit; below, the quality is `out_of_range`."""
     max: float | None = None
-    """Largest plausible value, in the channel's unit."""
+    """Largest plausible value, in the channel's unit; above, the quality is `out_of_range`."""
     max_rate_per_min: Positive | None = None
-    """Largest plausible change per minute, in the channel's unit."""
+    """Largest plausible change within a minute, in the channel's unit; beyond (a spike, a step) the quality is
+    `out_of_range` until the change since the last plausible value has had time enough."""
+    stuck_after_s: Positive | None = None
+    """A value that has not changed at all for so long is `stale`. Mind the sensor's resolution."""
 
     @model_validator(mode="after")
     def _in_order(self) -> "Limits":
@@ -105,7 +108,7 @@ class Limits(Section):
 
 
 class SinumerikNc(Section):
-    """A SINUMERIK control over OPC UA: `[nc]`."""
+    """A SINUMERIK control over OPC UA."""
 
     kind: Literal["sinumerik"]
     """`sinumerik`."""

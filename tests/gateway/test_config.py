@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from gateway.config import ConfigError, GatewayConfig, cautions, load, parse
 from gateway.config.model import validate
+from gateway.config.reference import reference
 
 CASES = Path(__file__).parent / "cases"
 BENCH = Path(__file__).parents[2] / "simulators" / "bench" / "gateway.toml"
@@ -125,3 +126,14 @@ def test_password_is_not_in_the_canonical_text(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(valid_text() + 'user = "gw"\npassword_file = "secret"\n')
     assert "hunter2" not in load(file).canonical()
+
+
+def test_reference_is_the_program_s() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "configuration.md").read_text(encoding="utf-8")
+    assert page == reference(), "run: python -m gateway.config.reference > docs/configuration.md"
+
+
+def test_every_key_of_the_reference_says_what_it_means() -> None:
+    rows = [line for line in reference().splitlines() if line.startswith("| `")]
+    assert len(rows) > 60
+    assert not [row for row in rows if row.endswith("|  |")]

@@ -1,0 +1,106 @@
+"""The reference of every key, from the sections themselves: `python -m gateway.config.reference` prints it."""
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+
+from gateway.config.model import GatewayConfig
+
+_HEAD = """\
+# Configuration
+
+One TOML file describes one gateway. This page is made from the program by `python -m gateway.config.reference`;
+a test holds it to that. Unknown keys are errors, and types are strict: `"9600"` is not `9600`. Relative paths start at
+the folder of the file. `talc-gateway check FILE` reads it, builds every device without touching the network, and names
+every mistake with file, field, value and what would be right.
+
+What runs is identified by a fingerprint: SHA-256 of the configuration with all defaults written out, so remarks and
+layout do not matter and a changed default does.
+"""
+
+
+def reference() -> str:
+    """The whole page as Markdown."""
+    schema = GatewayConfig.model_json_schema(by_alias=True)
+    definitions: Mapping[str, Mapping[str, object]] = schema["$defs"]
+    return "\n".join([_HEAD, *_tables("", schema, definitions)])
+
+
+def _tables(path: str, table: Mapping[str, object], definitions: Mapping[str, Mapping[str, object]]) -> Iterator[str]:
+    properties = table.get("properties")
+    if not isinstance(properties, dict):
+        return
+    required = table.get("required")
+    names = set(required) if isinstance(required, list) else set()
+    rows, below = [], []
+    for key, field in properties.items():
+        here = f"{path}.{key}".removeprefix(".")
+        members = list(_members(field, definitions))
+        if members:
+            listed = field.get("type") == "array"
+            mapped = field.get("type") == "object"
+            for member in members:
+                title = f"[[{here}]]" if listed else f"[{here}.<name>]" if mapped else f"[{here}]"
+                below.append((title, here, member))
+        else:
+            rows.append(
+                f"| `{key}` | {_type(field)} | {_default(key, field, names)} | {_cell(field.get('description'))} |"
+            )
+    if rows:
+        yield from ("| key | type | default | meaning |", "|---|---|---|---|", *rows, "")
+    for title, here, member in below:
+        kind = _kind(member)
+        yield f"## `{title}`" + (f" of kind `{kind}`" if kind and title.startswith("[[") else "")
+        yield ""
+        yield from (str(member.get("description", "")), "")
+        yield from _tables(here, member, definitions)
+
+
+def _members(
+    field: Mapping[str, object], definitions: Mapping[str, Mapping[str, object]]
+) -> Iterator[Mapping[str, object]]:
+    """The sections a field can hold."""
+    for holder in (field, field.get("items"), field.get("additionalProperties")):
+        if not isinstance(holder, dict):
+            continue
+        choices = [holder, *holder.get("anyOf", ()), *holder.get("oneOf", ()), *holder.get("allOf", ())]
+        for choice in choices:
+            if isinstance(choice, dict) and "$ref" in choice:
+                yield definitions[str(choice["$ref"]).rsplit("/", 1)[-1]]
+
+
+def _kind(section: Mapping[str, object]) -> str | None:
+    properties = section.get("properties")
+    kind = properties.get("kind") if isinstance(properties, dict) else None
+    return str(kind["const"]) if isinstance(kind, dict) and "const" in kind else None
+
+
+def _type(field: Mapping[str, object]) -> str:
+    choices = field.get("anyOf")
+    if isinstance(choices, list):
+        return " or ".join(_type(choice) for choice in choices if choice.get("type") != "null")
+    if "enum" in field or "const" in field:
+        values = field.get("enum", [field.get("const")])
+        return ", ".join(f"`{value}`" for value in values) if isinstance(values, list) else ""
+    words = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true or false"}
+    words |= {"array": "list", "object": "table"}
+    limits = {"exclusiveMinimum": "> {}", "minimum": "≥ {}", "maximum": "≤ {}", "exclusiveMaximum": "< {}"}
+    bounds = [text.format(field[name]) for name, text in limits.items() if name in field]
+    return " ".join([words.get(str(field.get("type")), ""), ", ".join(bounds)]).strip()
+
+
+def _default(key: str, field: Mapping[str, object], required: set[str]) -> str:
+    if key in required:
+        return "required"
+    value = field.get("default")
+    if value is None:
+        return "none"
+    return f"`{json.dumps(value)}`"
+
+
+def _cell(text: object) -> str:
+    return " ".join(str(text or "").split()).replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    sys.stdout.write(reference())
