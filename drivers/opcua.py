@@ -3,11 +3,8 @@
 import asyncio
 from collections.abc import Awaitable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, TypeVar
-from urllib.parse import urlsplit
+from typing import TypeVar
 
 from asyncua.client.client import Client
 from asyncua.client.ua_client import UaClientState
@@ -16,12 +13,11 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uaerrors import UaError, UaStatusCodeError
 from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Variant, VariantType
-from cryptography import x509
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
+from drivers.opcua_settings import OpcUaSettings, application_uri, valid_certificate, with_port
 from drivers.opcua_watch import Watch
 
-DEFAULT_PORT = 4840
 SECURE = "set security = 'Basic256Sha256' and the certificates"
 T = TypeVar("T")
 Number = float | int | bool
@@ -66,52 +62,6 @@ CERTIFICATE = frozenset(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OpcUaSettings:
-    """Where a server is and how it is spoken to. Raises SetupError naming the field that cannot be."""
-
-    url: str
-    """opc.tcp://host:port; port 4840 when it is left out."""
-    timeout_s: float = 2.0
-    """Longest wait for one answer."""
-    security: Literal["none", "Basic256Sha256"] = "none"
-    """`Basic256Sha256` signs and encrypts and needs the three certificate files."""
-    user: str = ""
-    """Empty: anonymous."""
-    password_file: Path | None = None
-    """Holds the password alone, readable by the service only."""
-    certificate: Path | None = None
-    """Ours, .pem or .der; the control must trust it."""
-    private_key: Path | None = None
-    """Ours, .pem or .der."""
-    server_certificate: Path | None = None
-    """The control's, copied from it at commissioning: nobody else is taken for the control. None: whichever
-    certificate the server shows is believed, which protects against listeners, not against impostors."""
-    namespace_uri: str = "SinumerikVarProvider"
-    """The index of this namespace is looked up at every connect."""
-
-    def __post_init__(self) -> None:
-        parts = urlsplit(self.url)
-        if parts.scheme != "opc.tcp" or not parts.hostname:
-            raise SetupError(f"url = {self.url!r}: expected opc.tcp://host:port")
-        if not self.timeout_s > 0:
-            raise SetupError(f"timeout_s = {self.timeout_s!r}: expected more than 0")
-        if self.security not in ("none", "Basic256Sha256"):
-            raise SetupError(f"security = {self.security!r}: expected 'none' or 'Basic256Sha256'")
-        if bool(self.user) != (self.password_file is not None):
-            raise SetupError("user and password_file: expected both or neither")
-        for name in ("certificate", "private_key", "server_certificate"):
-            path = getattr(self, name)
-            if self.security == "none":
-                continue
-            if path is None:
-                if name == "server_certificate":
-                    continue
-                raise SetupError(f"{name} is missing: security = 'Basic256Sha256' needs it")
-            if path.suffix not in (".pem", ".der"):
-                raise SetupError(f"{name} = {str(path)!r}: expected a file ending in .pem or .der")
-
-
 class OpcUaSession:
     """A session that reads and writes numbers by node name. Never retries.
 
@@ -141,7 +91,7 @@ class OpcUaSession:
         await self.close()
         settings = self._settings
         client = Client(
-            _with_port(settings.url), timeout=settings.timeout_s, watchdog_intervall=max(settings.timeout_s, 5.0)
+            with_port(settings.url), timeout=settings.timeout_s, watchdog_intervall=max(settings.timeout_s, 5.0)
         )
         client.name = "talc-gateway"
         client.session_timeout = 60_000
@@ -308,11 +258,11 @@ class OpcUaSession:
 
     async def _secure(self, client: Client) -> None:
         settings = self._settings
-        ours = _usable(settings.certificate, "certificate", self._device)
-        client.application_uri = _application_uri(ours, settings.certificate, self._device)
+        ours = valid_certificate(settings.certificate, "certificate", self._device)
+        client.application_uri = application_uri(ours, settings.certificate, self._device)
         theirs = None
         if settings.server_certificate is not None:
-            _usable(settings.server_certificate, "server_certificate", self._device)
+            valid_certificate(settings.server_certificate, "server_certificate", self._device)
             theirs = str(settings.server_certificate)
         try:
             await client.set_security(
@@ -335,47 +285,11 @@ class OpcUaSession:
             ) from error
 
 
-def _usable(path: Path | None, name: str, device: str) -> x509.Certificate:
-    """The certificate in a file, if it is one and its time has come and not gone."""
-    try:
-        content = path.read_bytes() if path is not None else b""
-        pem = content.startswith(b"-----BEGIN")
-        certificate = x509.load_pem_x509_certificate(content) if pem else x509.load_der_x509_certificate(content)
-    except (OSError, ValueError) as error:
-        raise SetupError(f"{name} = {str(path)!r} cannot be used: {_say(error)}", device=device) from error
-    begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
-    if not begin <= datetime.now(UTC) <= end:
-        raise SetupError(
-            f"{name} = {str(path)!r} is valid from {begin:%Y-%m-%d %H:%M} to {end:%Y-%m-%d %H:%M} UTC, not now",
-            device=device,
-            hint="renew it; if it is new, check this computer's clock",
-        )
-    return certificate
-
-
-def _application_uri(certificate: x509.Certificate, path: Path | None, device: str) -> str:
-    """The name that the certificate gives us; servers compare it with what we say of ourselves (Part 6, 6.2.2)."""
-    try:
-        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except x509.ExtensionNotFound:
-        uris = []
-    else:
-        uris = names.get_values_for_type(x509.UniformResourceIdentifier)
-    if not uris:
-        raise SetupError(f"certificate = {str(path)!r} holds no application URI as alternative name", device=device)
-    return uris[0]
-
-
 async def _drop(client: Client) -> None:
     """Close the socket of a session that never was one, which a cancelled or failed `connect` leaves open."""
     if client.uaclient.has_transport:
         client.disconnect_socket()
         await asyncio.sleep(0)  # the transport closes in the loop's next round
-
-
-def _with_port(url: str) -> str:
-    parts = urlsplit(url)
-    return url if parts.port is not None else parts._replace(netloc=f"{parts.netloc}:{DEFAULT_PORT}").geturl()
 
 
 def _name(error: UaStatusCodeError) -> str:

@@ -84,8 +84,8 @@ class Sinumerik:
 
     async def connect(self) -> None:
         """Open the session and read everything once, so that a wrong path or a missing right shows at once."""
-        await self._session.connect()
         try:
+            await self._session.connect()
             await self._session.read(self._snapshot)
             if self._settings.subscribe_s > 0:
                 await self._session.watch(self._snapshot, self._settings.subscribe_s)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from drivers.base import SetupError
 from drivers.nc import LINEAR_AXES, ROTARY_AXES
-from drivers.opcua import OpcUaSettings
+from drivers.opcua_settings import OpcUaSettings
 
 _DEGREES_PER_TURN = 360.0
 

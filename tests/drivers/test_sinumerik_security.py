@@ -17,7 +17,7 @@ from drivers.sinumerik import Sinumerik
 from drivers.sinumerik_settings import SinumerikSettings
 from gateway.clock import RealClock
 from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads, Security, User
-from simulators.nc.control import APPLICATION_URI
+from simulators.nc.access import APPLICATION_URI
 
 GATEWAY_URI = "urn:talc:gateway:test"
 

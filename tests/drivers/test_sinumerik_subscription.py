@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from datetime import datetime
 
 import pytest
 
@@ -25,13 +26,13 @@ class Rigid:
 
 
 class Counting(EmulatedControl):
-    """Counts how often a client asks for the time-dependent state."""
+    """Counts how often a client asks."""
 
     requests = 0
 
-    def rights(self, session):  # type: ignore[no-untyped-def]
-        self.requests += 1
-        return super().rights(session)
+    def utc(self) -> datetime:
+        self.requests += 1  # every read request stamps its values with the time, once
+        return super().utc()
 
 
 @asynccontextmanager

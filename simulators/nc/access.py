@@ -1,0 +1,79 @@
+"""Who may do what on the emulated control: users with rights, and certificates that are trusted."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.permission_rules import User as Session
+from asyncua.crypto.permission_rules import UserRole
+from asyncua.crypto.uacrypto import load_certificate
+from asyncua.crypto.validator import CertificateValidatorMethod
+from asyncua.server.user_managers import UserManager
+from asyncua.ua.status_codes import StatusCodes
+from cryptography import x509
+
+from simulators.nc.variables import Right
+
+APPLICATION_URI = "urn:emulated:sinumerik"
+ALL_RIGHTS = frozenset(Right)
+NOBODY = Session(role=UserRole.Anonymous)
+
+
+@dataclass(frozen=True, slots=True)
+class User:
+    """Someone the control lets in, and what for."""
+
+    password: str
+    rights: frozenset[Right] = ALL_RIGHTS
+
+
+@dataclass(frozen=True, slots=True)
+class Security:
+    """Basic256Sha256 with SignAndEncrypt, and nothing else."""
+
+    certificate: Path
+    """The control's, .pem or .der; its application URI is APPLICATION_URI."""
+    private_key: Path
+    trusted: tuple[Path, ...]
+    """Certificates of the clients that are let in."""
+
+
+def only(files: tuple[Path, ...]) -> CertificateValidatorMethod:
+    """Let in who shows one of the certificates, while it is valid."""
+
+    async def validate(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:
+        if certificate not in [await load_certificate(file) for file in files]:
+            raise ServiceError(StatusCodes.BadCertificateUntrusted)
+        if not certificate.not_valid_before_utc <= datetime.now(UTC) <= certificate.not_valid_after_utc:
+            raise ServiceError(StatusCodes.BadCertificateTimeInvalid)
+
+    return validate
+
+
+class Users(UserManager):
+    """Checks name and password, and knows everybody's rights. None: everybody may do everything."""
+
+    def __init__(self, users: Mapping[str, User] | None) -> None:
+        self._users = users
+
+    def get_user(
+        self,
+        iserver: object,  # noqa: ARG002 the library's interface
+        username: str | None = None,
+        password: str | None = None,
+        certificate: object = None,  # noqa: ARG002
+    ) -> Session | None:
+        if self._users is None:
+            return Session(role=UserRole.User)
+        user = self._users.get(username or "")
+        return Session(role=UserRole.User, name=username) if user is not None and user.password == password else None
+
+    def rights(self, session: Session) -> frozenset[Right]:
+        """What somebody who logged in may do."""
+        if self._users is None:
+            return ALL_RIGHTS
+        user = self._users.get(session.name or "")
+        return user.rights if user is not None else frozenset()

@@ -1,0 +1,122 @@
+"""The attribute service of the emulated control: reads and writes of its variables, with the rights they take."""
+
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Protocol, cast
+
+from asyncua import ua
+from asyncua.common.callback import ServerItemCallback
+from asyncua.crypto.permission_rules import User as Session
+from asyncua.server.address_space import AddressSpace, AttributeService
+from asyncua.server.server import Server
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.status_codes import StatusCodes
+from asyncua.ua.uatypes import DateTime, Int16, NodeId, StatusCode, String, UInt32
+
+from simulators.nc.access import NOBODY, Users
+from simulators.nc.nck import MachineState
+from simulators.nc.variables import Right, Value, Variable
+
+
+class Kernel(Protocol):
+    """What the service asks of the control."""
+
+    def now(self) -> float:
+        """Simulated seconds, with everything worked off that was due."""
+        ...
+
+    def utc(self) -> datetime: ...
+
+    def state(self) -> MachineState:
+        """Of the machine now."""
+        ...
+
+    def wake(self) -> None:
+        """Something was written: there may be something new to wait for."""
+        ...
+
+
+class Attributes(AttributeService):
+    """Answers for the control's variables itself; everything else is the server's own business."""
+
+    def __init__(
+        self, aspace: AddressSpace, namespace: int, table: Mapping[str, Variable], kernel: Kernel, users: Users
+    ) -> None:
+        super().__init__(aspace)
+        self._namespace = namespace
+        self._table = table
+        self._kernel = kernel
+        self._users = users
+        self._reader = NOBODY
+
+    def note_reader(self, event: ServerItemCallback, _: object) -> None:
+        """The library tells who reads only here, just before `read`."""
+        self._reader = event.user
+
+    def _variable(self, node: NodeId, attribute: AttributeIds) -> Variable | None:
+        if node.NamespaceIndex != self._namespace or attribute != AttributeIds.Value:
+            return None
+        return self._table.get(str(node.Identifier))
+
+    def read(self, params: ua.ReadParameters) -> list[ua.DataValue]:
+        state = self._kernel.state()
+        rights = self._users.rights(self._reader)
+        time = cast(DateTime, self._kernel.utc())
+        results = []
+        for item in params.NodesToRead:
+            variable = self._variable(item.NodeId, item.AttributeId)
+            if variable is None:
+                results.append(self._aspace.read_attribute_value(item.NodeId, item.AttributeId))
+            elif variable.readable_with not in rights:
+                results.append(ua.DataValue(StatusCode=StatusCode(UInt32(StatusCodes.BadUserAccessDenied))))
+            else:
+                results.append(ua.DataValue(_variant(variable.read(state)), SourceTimestamp=time))
+        return results
+
+    async def write(self, params: ua.WriteParameters, user: Session = NOBODY) -> list[StatusCode]:
+        results = []
+        rights = self._users.rights(user)
+        for item in params.NodesToWrite:
+            variable = self._variable(item.NodeId, item.AttributeId)
+            if variable is None:
+                results += await super().write(ua.WriteParameters(NodesToWrite=[item]), user)
+            else:
+                results.append(StatusCode(UInt32(self._write(variable, item.Value, rights))))
+        self._kernel.wake()
+        return results
+
+    def _write(self, variable: Variable, value: ua.DataValue, rights: frozenset[Right]) -> int:
+        if variable.write is None:
+            return int(StatusCodes.BadNotWritable)
+        if variable.writable_with not in rights:
+            return int(StatusCodes.BadUserAccessDenied)
+        if value.Value is None or value.Value.VariantType is not ua.VariantType.Double:
+            return int(StatusCodes.BadTypeMismatch)
+        variable.write(value.Value.Value, self._kernel.now())
+        return int(StatusCodes.Good)
+
+
+def _variant(value: Value) -> ua.Variant:
+    match value:
+        case bool():
+            return ua.Variant(value, ua.VariantType.Boolean)
+        case int():
+            return ua.Variant(value, ua.VariantType.UInt32)
+        case _:
+            return ua.Variant(float(value), ua.VariantType.Double)
+
+
+async def add_nodes(server: Server, index: int, table: Mapping[str, Variable], kernel: Kernel) -> None:
+    """The same variables as nodes, so that clients can browse and monitor them."""
+
+    def value_of(variable: Variable) -> Callable[[NodeId, AttributeIds], ua.DataValue]:
+        return lambda _node, _attribute: ua.DataValue(_variant(variable.read(kernel.state())))
+
+    folder = await server.nodes.objects.add_folder(_node_id("/Sinumerik", index), "Sinumerik")
+    for path, variable in table.items():
+        node = await folder.add_variable(_node_id(path, index), path, 0.0)
+        server.set_attribute_value_callback(node.nodeid, value_of(variable))
+
+
+def _node_id(path: str, index: int) -> NodeId:
+    return NodeId(String(path), Int16(index))
