@@ -19,11 +19,13 @@ from drivers.cia404 import Cia404Device, Cia404Options
 from drivers.displacement_profile import MeRs485Profile
 from drivers.me_rs485 import MeRs485Bus, MeRs485Device, MeRs485Options
 from drivers.modbus_bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
-from drivers.modbus_device import ModbusDevice
+from drivers.modbus_device import ModbusDevice, ModbusOptions
 from drivers.modbus_profile import ModbusProfile
 from drivers.profiles import Profile, load_profile
 
 __all__ = ["BUS_KINDS", "make_bus", "make_device"]
+
+_LAST_ADDRESS = 65535
 
 
 def make_bus(name: str, kind: str, options: Mapping[str, object]) -> Bus:
@@ -71,8 +73,16 @@ def make_device(
     _Place(device_name, bus).check(profile, unit, channels)
     match profile, bus:
         case ModbusProfile(), ModbusBus():
-            settings_from(_NoOptions, options, bus=bus.name, device=device_name)
-            return ModbusDevice(device_name, bus, profile, unit, channels, clock)
+            where = settings_from(ModbusOptions, options, bus=bus.name, device=device_name)
+            device = ModbusDevice(device_name, bus, profile, unit, channels, where, clock)
+            if device.last_address > _LAST_ADDRESS:
+                raise SetupError(
+                    f"address_offset = {where.address_offset}: address {device.last_address} does not exist",
+                    bus=bus.name,
+                    device=device_name,
+                    hint=f"addresses end at {_LAST_ADDRESS}",
+                )
+            return device
         case Cia404Profile(), CanOpenBus():
             chosen = settings_from(Cia404Options, options, bus=bus.name, device=device_name)
             if chosen.vendor not in profile.vendors:
@@ -88,11 +98,6 @@ def make_device(
             return MeRs485Device(device_name, bus, profile, unit, channels, growth, clock)
         case _:
             raise SetupError(f"{type(bus).__name__} was not made by make_bus", bus=bus.name, device=device_name)
-
-
-@dataclass(frozen=True, slots=True)
-class _NoOptions:
-    """A device without options."""
 
 
 @dataclass(frozen=True, slots=True)

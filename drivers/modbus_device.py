@@ -1,6 +1,7 @@
 """A Modbus device as its profile describes it."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from math import isnan
 
 from drivers.base import Clock, Quality, Reading, WrongDevice
@@ -10,21 +11,38 @@ from drivers.modbus_profile import BIT_FUNCTIONS, Block, ModbusProfile, Plausibi
 from drivers.readings import ReadingMaker
 
 _MOST_BITS = 2000
-_WIDEST_GAP = 8
-"""Registers read for nothing rather than asking twice: a request costs about as much as 8 registers on the line."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModbusOptions:
+    """What a configuration may say about one Modbus device."""
+
+    address_offset: int = 0
+    """Added to every address of the profile: where a module stands in a coupler's process image."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.address_offset <= 65535:
+            raise ValueError(f"address_offset = {self.address_offset!r}: expected 0 to 65535")
 
 
 class ModbusDevice:
     """One unit; `channels` maps names to the device's channel numbers, counted from 0."""
 
     def __init__(
-        self, device: str, bus: ModbusBus, profile: ModbusProfile, unit: int, channels: Mapping[str, int], clock: Clock
+        self,
+        device: str,
+        bus: ModbusBus,
+        profile: ModbusProfile,
+        unit: int,
+        channels: Mapping[str, int],
+        options: ModbusOptions,
+        clock: Clock,
     ) -> None:
         self._device, self._bus, self._profile, self._unit = device, bus, profile, unit
-        self._channels = dict(channels)
+        self._channels, self._offset = dict(channels), options.address_offset
         self._maker = ReadingMaker(profile.unit, clock)
-        self._value_blocks = plan_blocks(self._measured_places(), profile.max_registers)
-        self._code_blocks = plan_blocks(self._type_code_places(), profile.max_registers)
+        self._value_blocks = plan_blocks(self._measured_places(), profile.max_registers, profile.max_gap)
+        self._code_blocks = plan_blocks(self._type_code_places(), profile.max_registers, profile.max_gap)
         self._spans: dict[int, Span] = {}
 
     @property
@@ -35,6 +53,11 @@ class ModbusDevice:
     def channels(self) -> tuple[str, ...]:
         return tuple(self._channels)
 
+    @property
+    def last_address(self) -> int:
+        """Highest register or bit address that is read."""
+        return max(block.address + block.count - 1 for block in self._value_blocks + self._code_blocks)
+
     async def connect(self) -> None:
         """Check the type codes of the channels in use, or just that the unit answers. Raises WrongDevice and what
         the bus raises."""
@@ -44,7 +67,7 @@ class ModbusDevice:
             return
         words = await self._fetch(self._code_blocks)
         for channel, index in self._channels.items():
-            code = words[codes.function, codes.address + index]
+            code = words[codes.function, codes.address + self._offset + index]
             if code not in codes.spans:
                 known = ", ".join(f"0x{c:04X}" for c in codes.spans)
                 raise WrongDevice(
@@ -76,15 +99,15 @@ class ModbusDevice:
 
     def _value(self, index: int, words: Mapping[tuple[int, int], int]) -> float | Fault:
         profile, values = self._profile, self._profile.values
-        start = values.address + index * values.stride
+        start = values.address + self._offset + index * values.stride
         raw = values.format.decode([words[values.function, start + i] for i in range(values.format.registers)])
         sentinel = next((s.fault for s in profile.sentinels if s.raw == raw), None)
-        if (bits := profile.fault_bits) is not None and words[bits.function, bits.address + index]:
+        if (bits := profile.fault_bits) is not None and words[bits.function, bits.address + self._offset + index]:
             return (
                 bits.fault if sentinel is None else Fault(bits.fault.quality, f"{bits.fault.detail}; {sentinel.detail}")
             )
         if (status := profile.status) is not None:
-            code = words[status.function, status.address + index * status.stride]
+            code = words[status.function, status.address + self._offset + index * status.stride] & status.mask
             if code not in status.good:
                 unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{code:X}, which the profile does not explain")
                 return first_fault(status.rules, code) or unknown
@@ -100,22 +123,25 @@ class ModbusDevice:
         profile, values = self._profile, self._profile.values
         places = []
         for index in self._channels.values():
-            places.append((values.function, values.address + index * values.stride, values.format.registers))
+            start = values.address + self._offset + index * values.stride
+            places.append((values.function, start, values.format.registers))
             if (bits := profile.fault_bits) is not None:
-                places.append((bits.function, bits.address + index, 1))
+                places.append((bits.function, bits.address + self._offset + index, 1))
             if (status := profile.status) is not None:
-                places.append((status.function, status.address + index * status.stride, 1))
+                places.append((status.function, status.address + self._offset + index * status.stride, 1))
         return places
 
     def _type_code_places(self) -> list[tuple[int, int, int]]:
         codes = self._profile.type_codes
-        return [] if codes is None else [(codes.function, codes.address + i, 1) for i in self._channels.values()]
+        if codes is None:
+            return []
+        return [(codes.function, codes.address + self._offset + i, 1) for i in self._channels.values()]
 
 
-def plan_blocks(places: Iterable[tuple[int, int, int]], max_registers: int) -> tuple[Block, ...]:
+def plan_blocks(places: Iterable[tuple[int, int, int]], max_registers: int, max_gap: int) -> tuple[Block, ...]:
     """The read requests that cover all places (function, address, width), few and within the device's limit.
 
-    Neighbours are joined when the gap between them costs less than another request.
+    Neighbours are joined over a gap of up to max_gap addresses: a request costs about as much as 8 registers.
     """
     blocks: list[Block] = []
     for function, address, width in sorted(set(places)):
@@ -124,7 +150,7 @@ def plan_blocks(places: Iterable[tuple[int, int, int]], max_registers: int) -> t
             last = blocks[-1]
             end = max(last.address + last.count, address + width)
             gap = address - (last.address + last.count)
-            if last.function == function and gap <= _WIDEST_GAP and end - last.address <= limit:
+            if last.function == function and gap <= max_gap and end - last.address <= limit:
                 blocks[-1] = Block(function, last.address, end - last.address)
                 continue
         blocks.append(Block(function, address, width))
@@ -134,8 +160,8 @@ def plan_blocks(places: Iterable[tuple[int, int, int]], max_registers: int) -> t
 def _implausible(rule: Plausibility | None, value: float, unit: str) -> Fault | None:
     if rule is None:
         return None
-    if not rule.low <= value <= rule.high:
-        return Fault(Quality.OUT_OF_RANGE, f"{value:.4g} {unit} is outside {rule.low:g} to {rule.high:g} {unit}")
     if rule.suspicious is not None and rule.suspicious[0] <= value <= rule.suspicious[1]:
         return Fault(Quality.SENSOR_FAULT, f"{value:.4g} {unit} is what this device shows with an open input")
+    if not rule.low <= value <= rule.high:
+        return Fault(Quality.OUT_OF_RANGE, f"{value:.4g} {unit} is outside {rule.low:g} to {rule.high:g} {unit}")
     return None

@@ -100,6 +100,8 @@ class StatusRegister:
     function: int
     address: int
     stride: int
+    mask: int
+    """The bits of the register that are status; the others are not looked at."""
     good: frozenset[int]
     rules: tuple[CodeRule, ...]
 
@@ -138,6 +140,8 @@ class ModbusProfile:
     """What was not found in a manual: check it on the device."""
     max_registers: int
     """Most registers that the device gives in one answer."""
+    max_gap: int
+    """Most addresses read for nothing rather than asking twice; 0 for a device that refuses addresses between."""
     values: Values
     type_codes: TypeCodes | None
     fault_bits: FaultBits | None
@@ -156,6 +160,7 @@ def modbus_profile(name: str, table: Table) -> ModbusProfile:
         unit=table.text("unit"),
         confirm=table.texts("confirm", ()),
         max_registers=table.integer("max_registers", 125, low=1, high=125),
+        max_gap=table.integer("max_gap", 8, low=0, high=125),
         values=_values(table.table("value")),
         type_codes=_type_codes(table.table("type_code")) if table.has("type_code") else None,
         fault_bits=_fault_bits(table.table("fault_bits")) if table.has("fault_bits") else None,
@@ -236,6 +241,7 @@ def _status(table: Table) -> StatusRegister:
         function=_function(table, REGISTER_FUNCTIONS),
         address=_address(table),
         stride=table.integer("stride", 1, low=1, high=1000),
+        mask=table.integer("mask", 0xFFFF, low=1, high=0xFFFF),
         good=frozenset(table.integers("good", (0,))),
         rules=tuple(code_rule(entry) for entry in table.tables("rule")),
     )

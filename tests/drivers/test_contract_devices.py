@@ -3,11 +3,12 @@
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from datetime import timedelta
 from math import isnan
+from types import MappingProxyType
 
 import pytest
 
@@ -18,12 +19,17 @@ from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015
 from simulators.devices.me_sensor import MeSensor
 from simulators.devices.modbus_servers import RtuLine, TcpHost
+from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import Fault, Faults
+from simulators.devices.voltage_input import VoltageInput
+from simulators.devices.wago464 import Wago464
 
 TIMEOUT_S = 0.1
 TEMPERATURES = [20.04, 21.26, -3.3, 40.0, 99.96, 22.22, 23.456]
 DISTANCE_UM = [123.4]
+NEIGHBOUR = 10.0
+"""What every channel of a neighbour measures."""
 
 
 @dataclass
@@ -67,7 +73,7 @@ StartRig = Callable[[AsyncExitStack], Awaitable[Rig]]
 
 
 async def _rtu_rig(stack: AsyncExitStack) -> Rig:
-    device, neighbour = M7015(lambda: TEMPERATURES[:6]), M7015(lambda: [1.0] * 6)
+    device, neighbour = M7015(lambda: TEMPERATURES[:6]), M7015(lambda: [NEIGHBOUR] * 6)
     line = RtuLine({3: device, 4: neighbour})
     path = await line.start()
     stack.push_async_callback(line.stop)
@@ -88,7 +94,7 @@ async def _rtu_rig(stack: AsyncExitStack) -> Rig:
 
 
 async def _tcp_rig(stack: AsyncExitStack) -> Rig:
-    device, neighbour = Adam6015(lambda: TEMPERATURES), Adam6015(lambda: [1.0] * 7)
+    device, neighbour = Adam6015(lambda: TEMPERATURES), Adam6015(lambda: [NEIGHBOUR] * 7)
     host = TcpHost({1: device, 2: neighbour})
     port = await host.start()
     stack.push_async_callback(host.stop)
@@ -113,10 +119,86 @@ async def _tcp_rig(stack: AsyncExitStack) -> Rig:
     )
 
 
+def _plain_rig(
+    kind: str,
+    profile: str,
+    count: int,
+    device: Wago464 | Pta8d08 | VoltageInput,
+    neighbour: Wago464 | Pta8d08 | VoltageInput,
+    qualities: Sequence[Quality],
+    *,
+    truth: Sequence[float] = TEMPERATURES,
+    unit: str = "degC",
+    step: float = 0.1,
+    options: Mapping[str, object] = MappingProxyType({}),
+) -> StartRig:
+    """A Modbus module without type codes as unit 1; qualities of open, short, over, under."""
+
+    async def start(stack: AsyncExitStack) -> Rig:
+        wire: RtuLine | TcpHost
+        if kind == "modbus_rtu":
+            wire = RtuLine({1: device, 2: neighbour})
+            address: dict[str, object] = {"port": await wire.start(), "baud": 115200}
+        else:
+            wire = TcpHost({1: device, 2: neighbour})
+            address = {"host": "127.0.0.1", "port": await wire.start()}
+        stack.push_async_callback(wire.stop)
+        return Rig(
+            kind=kind,
+            unit=unit,
+            true_values=list(truth[:count]),
+            tolerance=step / 2,
+            faults=device.faults,
+            options=address | {"timeout_s": TIMEOUT_S},
+            make=_maker(profile, 1, count, options),
+            stop_wire=wire.stop,
+            make_neighbour=_maker(profile, 2, count, {}, "neighbour"),
+            spoil_identity=_no_identity,
+            fault_qualities=dict(zip(Fault, qualities, strict=True)),
+        )
+
+    return start
+
+
+def _wago(stack: AsyncExitStack) -> Awaitable[Rig]:
+    device, neighbour = Wago464(lambda: TEMPERATURES[:4], start=8), Wago464(lambda: [NEIGHBOUR] * 4)
+    qualities = [Quality.SENSOR_FAULT, Quality.SENSOR_FAULT, Quality.OUT_OF_RANGE, Quality.OUT_OF_RANGE]
+    return _plain_rig("modbus_tcp", "wago_750_464", 4, device, neighbour, qualities, options={"address_offset": 8})(
+        stack
+    )
+
+
+def _pta(stack: AsyncExitStack) -> Awaitable[Rig]:
+    """An open input shows 97.7 degC, so no machine part may be near that."""
+    truth = [20.04, 21.26, -3.3, 40.0, 94.96, 22.22, 23.456, 0.0]
+    device, neighbour = Pta8d08(lambda: truth), Pta8d08(lambda: [NEIGHBOUR] * 8)
+    qualities = [Quality.SENSOR_FAULT, Quality.OUT_OF_RANGE, Quality.OUT_OF_RANGE, Quality.OUT_OF_RANGE]
+    return _plain_rig("modbus_rtu", "eletechsup_pta8d08", 8, device, neighbour, qualities, truth=truth)(stack)
+
+
+def _voltage(stack: AsyncExitStack) -> Awaitable[Rig]:
+    truth = [5.02, 250.0, 499.99, 123.45, 60.0, 70.0, 80.0, 90.0]
+    device, neighbour = (
+        VoltageInput(lambda: truth, range_um=500.0),
+        VoltageInput(lambda: [NEIGHBOUR] * 8, range_um=500.0),
+    )
+    return _plain_rig(
+        "modbus_rtu",
+        "analogue_displacement",
+        8,
+        device,
+        neighbour,
+        [Quality.OUT_OF_RANGE] * 4,
+        truth=truth,
+        unit="µm",
+        step=0.05,
+    )(stack)
+
+
 def _can_rig(vendor: str, short: Quality) -> StartRig:
     async def start(stack: AsyncExitStack) -> Rig:
         node = Cia404Node(5, lambda: TEMPERATURES[:4], inputs=4, vendor=vendor)
-        neighbour = Cia404Node(6, lambda: [1.0] * 4, inputs=4)
+        neighbour = Cia404Node(6, lambda: [NEIGHBOUR] * 4, inputs=4)
         adapter = SlcanAdapter([node, neighbour])
         path = await adapter.start()
         stack.push_async_callback(adapter.stop)
@@ -180,10 +262,15 @@ RIGS: dict[str, StartRig] = {
     "cia404-jumo": _can_rig("jumo", Quality.SENSOR_FAULT),
     "cia404-axiomatic": _can_rig("axiomatic", Quality.OUT_OF_RANGE),
     "cia404-esd": _can_rig("esd", Quality.SENSOR_FAULT),
+    "wago464": _wago,
+    "pta8d08": _pta,
+    "voltage": _voltage,
     "me_rs485": _displacement_rig,
 }
 SHARED = [name for name in RIGS if name != "me_rs485"]
-"""Wires that carry several devices, whose inputs can be set to several sensors."""
+"""Wires that carry several devices."""
+TYPED = [name for name in RIGS if name.startswith(("m7015", "adam", "cia404"))]
+"""Devices that tell which sensor is connected."""
 
 
 @pytest.fixture(params=RIGS)
@@ -243,7 +330,7 @@ async def test_silent_device_leaves_its_neighbour_alone(rig: Rig) -> None:
         for _ in range(3):
             with pytest.raises(NoAnswer):
                 await driver.read()
-            assert [r.value for r in await neighbour.read()][1] == pytest.approx(1.0, abs=rig.tolerance)
+            assert [r.value for r in await neighbour.read()][1] == pytest.approx(NEIGHBOUR, abs=rig.tolerance)
 
 
 @pytest.mark.parametrize("rig", SHARED, indirect=True)
@@ -253,10 +340,10 @@ async def test_concurrent_reads_on_one_bus_do_not_mix(rig: Rig) -> None:
         for _ in range(5):
             mine, theirs = await asyncio.gather(driver.read(), neighbour.read())
             assert mine[1].value == pytest.approx(rig.true_values[1], abs=rig.tolerance * 1.0001)
-            assert theirs[1].value == pytest.approx(1.0, abs=rig.tolerance)
+            assert theirs[1].value == pytest.approx(NEIGHBOUR, abs=rig.tolerance)
 
 
-@pytest.mark.parametrize("rig", SHARED, indirect=True)
+@pytest.mark.parametrize("rig", TYPED, indirect=True)
 async def test_wrong_sensor_is_refused_at_connect(rig: Rig) -> None:
     rig.spoil_identity()
     with pytest.raises(WrongDevice) as caught:

@@ -94,7 +94,13 @@ def test_wrong_bus_settings_name_field_and_value(kind: str, options: dict[str, o
         ("icpdas_m7015", 1, {"a": 6}, {}, "bus b, device d, channel a: channel number 6: icpdas_m7015 has 0 to 5"),
         ("icpdas_m7015", 1, {"a": 1, "b": 1}, {}, "bus b, device d, channel b: channel number 1 is taken by a already"),
         ("icpdas_m7015", 1, {}, {}, "bus b, device d: no channels (name at least one)"),
-        ("icpdas_m7015", 1, {"a": 0}, {"vendor": "x"}, "bus b, device d: unknown option 'vendor' (options are: none)"),
+        (
+            "icpdas_m7015",
+            1,
+            {"a": 0},
+            {"unit": 1},
+            "bus b, device d: unknown option 'unit' (options are: address_offset)",
+        ),
         ("cia404", 1, {"a": 0}, {}, "bus b, device d: profile cia404 does not fit a modbus_rtu bus (it needs canopen)"),
     ],
 )
