@@ -1,0 +1,64 @@
+"""A clock that stands still until the test moves it: the service's time without waiting."""
+
+import asyncio
+import heapq
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from itertools import count
+
+EPOCH = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
+_IDLE_TURNS = 50
+"""Turns of the event loop after which tasks that only await each other have come to rest."""
+
+
+class SteppedClock:
+    """Implements ServiceClock. Time moves in `run_until` from one sleeper to the next, or by `spend`."""
+
+    def __init__(self) -> None:
+        self._now = 0.0
+        self._utc_shift = timedelta()
+        self._sleepers: list[tuple[float, int, asyncio.Future[None]]] = []
+        self._number = count()
+        self.holds = 0
+
+    def monotonic(self) -> float:
+        return self._now
+
+    def utc(self) -> datetime:
+        return EPOCH + timedelta(seconds=self._now) + self._utc_shift
+
+    async def sleep_until(self, monotonic_s: float) -> None:
+        if monotonic_s <= self._now:
+            await asyncio.sleep(0)
+            return
+        future = asyncio.get_running_loop().create_future()
+        heapq.heappush(self._sleepers, (monotonic_s, next(self._number), future))
+        await future
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        self.holds += 1
+        try:
+            yield
+        finally:
+            self.holds -= 1
+
+    def spend(self, seconds: float) -> None:
+        """A device that takes its time."""
+        self._now += seconds
+
+    async def run_until(self, monotonic_s: float) -> None:
+        """Let time pass, waking every sleeper at its time."""
+        await self._rest()
+        while self._sleepers and self._sleepers[0][0] <= monotonic_s:
+            at, _, future = heapq.heappop(self._sleepers)
+            self._now = max(self._now, at)
+            if not future.done():
+                future.set_result(None)
+            await self._rest()
+        self._now = max(self._now, monotonic_s)
+
+    async def _rest(self) -> None:
+        for _ in range(_IDLE_TURNS):
+            await asyncio.sleep(0)
