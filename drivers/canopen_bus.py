@@ -17,6 +17,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.bus_settings import CanOpenSettings
+from drivers.canopen_events import NodeEvents
 
 R = TypeVar("R")
 
@@ -51,6 +52,7 @@ class CanOpenBus:
         self._network: Any = None
         self._thread: ThreadPoolExecutor | None = None
         self._doubtful: set[int] = set()
+        self._events: dict[int, NodeEvents] = {}
 
     @property
     def name(self) -> str:
@@ -82,6 +84,10 @@ class CanOpenBus:
         Raises NoAnswer, BadAnswer, Refused (SDO abort) or ConnectError (interface gone).
         """
         return await self._in_thread(lambda: self._upload(device, node, objects))
+
+    def events(self, node: int) -> NodeEvents:
+        """What the node says unasked, since its first upload on this connection."""
+        return self._events.setdefault(node, NodeEvents())
 
     async def _in_thread(self, work: Callable[[], R]) -> R:
         """Run in the bus's thread; whoever stops waiting does not stop the work, so no answer is left unread."""
@@ -128,6 +134,11 @@ class CanOpenBus:
         if node not in self._network:
             dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
             self._network.add_node(canopen.RemoteNode(node, dictionary))
+            remote = self._network[node]
+            # The library keeps every emergency for ever; a node in trouble must not fill the memory.
+            self._network.unsubscribe(0x80 + node, remote.emcy.on_emcy)
+            self._network.subscribe(0x80 + node, self.events(node).on_emergency)
+            self._network.subscribe(0x700 + node, self.events(node).on_heartbeat)
         sdo = self._network[node].sdo
         sdo.RESPONSE_TIMEOUT = self._settings.timeout_s
         if node in self._doubtful:

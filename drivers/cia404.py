@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.base import BadAnswer, Clock, Quality, Reading, WrongDevice
+from drivers.base import BadAnswer, Clock, DriverError, Quality, Reading, WrongDevice
 from drivers.canopen_bus import CanObject, CanOpenBus
 from drivers.canopen_profile import Cia404Profile
 from drivers.faults import Fault, first_fault
@@ -45,6 +45,7 @@ class Cia404Device:
         self._maker = ReadingMaker(profile.unit, clock)
         self._size = 2 if profile.process_value == 0x7130 else 4
         self._scales: dict[int, float] = {}
+        self._boots = 0
         self._polled = [
             CanObject(index, number + 1) for number in channels.values() for index in (profile.process_value, STATUS)
         ]
@@ -62,6 +63,8 @@ class Cia404Device:
 
         Raises WrongDevice, or what the bus raises.
         """
+        self._scales = {}
+        boots = self._bus.events(self._node).boots
         (device_type,) = await self._upload([CanObject(DEVICE_TYPE, 0)])
         if (number := int.from_bytes(device_type, "little") & 0xFFFF) != _CIA_404:
             raise self._wrong(f"node {self._node} follows device profile {number}, not 404", hint="check the node id")
@@ -84,13 +87,17 @@ class Cia404Device:
                     f"set object 6131:{number + 1:02X} to 0x{self._profile.unit_code:08X}",
                 )
             scales[number] = 10.0 ** -int.from_bytes(digits[:1], "little", signed=True)
-        self._scales = scales
+        self._scales, self._boots = scales, boots
 
     async def read(self) -> Sequence[Reading]:
-        """One reading per channel; connects first when the scaling is not known yet."""
-        if not self._scales:
+        """One reading per channel. The node's sensors are checked again after it was silent or has started anew."""
+        if not self._scales or self._boots != self._bus.events(self._node).boots:
             await self.connect()
-        answers = await self._upload(self._polled)
+        try:
+            answers = await self._upload(self._polled)
+        except DriverError:
+            self._scales = {}
+            raise
         values: dict[str, float | Fault] = {}
         pairs = zip(answers[::2], answers[1::2], strict=True)
         for (channel, number), (value, status) in zip(self._channels.items(), pairs, strict=True):
@@ -107,7 +114,9 @@ class Cia404Device:
     def _value(self, channel: str, number: int, value: bytes, status: int) -> float | Fault:
         if status:
             unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{status:02X}, which the profile does not explain")
-            return first_fault(self._rules, status) or unknown
+            fault = first_fault(self._rules, status) or unknown
+            emergency = self._bus.events(self._node).emergency
+            return fault if emergency is None else Fault(fault.quality, f"{fault.detail}; the node reports {emergency}")
         if len(value) < self._size:
             raise BadAnswer(
                 f"object {self._profile.process_value:04X} holds {len(value)} bytes, not {self._size}",

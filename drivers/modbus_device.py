@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isnan
 
-from drivers.base import Clock, Quality, Reading, WrongDevice
+from drivers.base import Clock, DriverError, Quality, Reading, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus_bus import ModbusBus
 from drivers.modbus_profile import BIT_FUNCTIONS, Block, ModbusProfile, Plausibility, Span
@@ -65,7 +65,9 @@ class ModbusDevice:
         if codes is None:
             await self._fetch(self._value_blocks[:1])
             return
+        self._spans.clear()
         words = await self._fetch(self._code_blocks)
+        spans: dict[int, Span] = {}
         for channel, index in self._channels.items():
             code = words[codes.function, codes.address + self._offset + index]
             if code not in codes.spans:
@@ -77,13 +79,18 @@ class ModbusDevice:
                     channel=channel,
                     hint=f"set the input to one of {known}, or check the unit id",
                 )
-            self._spans[index] = codes.spans[code]
+            spans[index] = codes.spans[code]
+        self._spans = spans
 
     async def read(self) -> Sequence[Reading]:
-        """One reading per channel; connects first when the scaling depends on type codes not read yet."""
+        """One reading per channel. Type codes are checked again after the unit was silent: another may stand there."""
         if self._profile.type_codes is not None and not self._spans:
             await self.connect()
-        words = await self._fetch(self._value_blocks)
+        try:
+            words = await self._fetch(self._value_blocks)
+        except DriverError:
+            self._spans.clear()
+            raise
         return self._maker.make({name: self._value(index, words) for name, index in self._channels.items()})
 
     async def close(self) -> None:

@@ -353,6 +353,20 @@ async def test_wrong_sensor_is_refused_at_connect(rig: Rig) -> None:
     assert caught.value.hint
 
 
+@pytest.mark.parametrize("rig", TYPED, indirect=True)
+async def test_device_that_returns_with_another_sensor_is_refused(rig: Rig) -> None:
+    async with rig.connected() as (_, driver):
+        await driver.read()
+        rig.faults.silent = True
+        with pytest.raises(NoAnswer):
+            await driver.read()
+        rig.spoil_identity()
+        rig.faults.silent = False
+        for _ in range(2):
+            with pytest.raises(WrongDevice):
+                await driver.read()
+
+
 async def test_cancelled_read_does_not_spoil_the_next(rig: Rig) -> None:
     async with rig.connected() as (_, driver):
         for _ in range(5):

@@ -1,0 +1,202 @@
+"""CANopen: nodes that start anew, emergencies, foreign frames; and a node of a library that is not ours."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+
+import canopen
+import pytest
+from canopen.objectdictionary import ODArray, ODVariable
+from canopen.objectdictionary.datatypes import INTEGER32, UNSIGNED8, UNSIGNED16, UNSIGNED32
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.base import Driver, NoAnswer, Quality, Refused, SystemClock, WrongDevice
+from drivers.build import make_bus, make_device
+from drivers.canopen_events import NodeEvents
+from simulators.devices.cia404_node import Cia404Node
+from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+from simulators.devices.source import Fault
+
+TEMPERATURES = [20.0, -3.3]
+JUMO = {"vendor": "jumo"}
+
+
+@asynccontextmanager
+async def bench(node: Cia404Node, node_id: int = 5) -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
+    adapter = SlcanAdapter([node])
+    options = {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.1}
+    bus = make_bus("can1", "canopen", options)
+    driver = make_device("node", bus, "cia404", node_id, {"a": 0, "b": 1}, JUMO, SystemClock())
+    try:
+        await bus.connect()
+        yield adapter, driver
+    finally:
+        await bus.close()
+        await adapter.stop()
+
+
+@pytest.fixture
+def node() -> Cia404Node:
+    return Cia404Node(5, lambda: TEMPERATURES, inputs=2)
+
+
+async def passed(adapter: SlcanAdapter, *frames: Frame) -> None:
+    """Send the frames and let the receiving thread see them."""
+    adapter.send(frames)
+    await asyncio.sleep(0.05)
+
+
+async def test_sensors_are_checked_again_after_the_node_started_anew(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        await driver.read()
+        node.set_sensor_type(1, 1)
+        assert len(await driver.read()) == 2  # nobody told
+        await passed(adapter, (0x705, b"\0"))
+        with pytest.raises(WrongDevice, match="sensor type 1 at input 1"):
+            await driver.read()
+        node.set_sensor_type(1, 30)
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def test_emergency_explains_a_fault_until_it_is_taken_back(node: Cia404Node) -> None:
+    node.faults.set(0, Fault.OPEN)
+    async with bench(node) as (adapter, driver):
+        assert (await driver.read())[0].detail == "sensor fault"
+        await passed(adapter, (0x085, bytes.fromhex("30 FF 81 00 00 00 00 00")))
+        broken, good = await driver.read()
+        assert broken.detail == "sensor fault; the node reports emergency 0xFF30, error register 0x81"
+        assert good.quality is Quality.GOOD
+        await passed(adapter, (0x085, bytes(8)))
+        assert (await driver.read())[0].detail == "sensor fault"
+
+
+async def test_storm_of_emergencies_does_not_disturb_reading(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        for _ in range(20):
+            adapter.send([(0x085, bytes.fromhex("00 10 01 00 00 00 00 00"))] * 20)
+            assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def test_answers_of_other_nodes_and_objects_are_not_taken(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        adapter.send([(0x586, bytes.fromhex("43 30 91 01 63 00 00 00"))])
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def test_answer_after_the_timeout_is_not_taken_for_the_next(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        node.faults.silent = True
+        with pytest.raises(NoAnswer):
+            await driver.read()
+        node.faults.silent = False
+        adapter.send([(0x585, bytes.fromhex("43 30 91 01 63 00 00 00"))])
+        await asyncio.sleep(0.02)
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def test_garbage_from_the_adapter_is_survived(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        adapter.send([(0x7FF, b""), (0x000, bytes(8)), (0x705, b""), (0x085, b"\x01")])
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def test_another_device_profile_is_refused() -> None:
+    class Drive(Cia404Node):
+        def _object(self, index: int, subindex: int) -> bytes | int:
+            return (402).to_bytes(4, "little") if index == 0x1000 else super()._object(index, subindex)
+
+    async with bench(Drive(5, lambda: TEMPERATURES, inputs=2)) as (_, driver):
+        with pytest.raises(WrongDevice, match="device profile 402, not 404"):
+            await driver.connect()
+
+
+async def test_input_that_does_not_exist_is_refused() -> None:
+    async with bench(Cia404Node(5, lambda: [20.0], inputs=1)) as (_, driver):
+        with pytest.raises(Refused, match="6110:02"):
+            await driver.connect()
+
+
+async def test_four_channels_take_less_than_15_ms() -> None:
+    node = Cia404Node(5, lambda: [20.0] * 4, inputs=4)
+    adapter = SlcanAdapter([node])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start()})
+    driver = make_device("node", bus, "cia404", 5, {f"c{i}": i for i in range(4)}, JUMO, SystemClock())
+    try:
+        await bus.connect()
+        await driver.connect()
+        times = []
+        for _ in range(30):
+            started = time.perf_counter()
+            await driver.read()
+            times.append(time.perf_counter() - started)
+    finally:
+        await bus.close()
+        await adapter.stop()
+    assert sorted(times)[15] < 0.015
+
+
+@given(st.lists(st.tuples(st.booleans(), st.binary(max_size=8))))
+def test_any_frames_from_a_node_are_survived(frames: list[tuple[bool, bytes]]) -> None:
+    events = NodeEvents()
+    for heartbeat, data in frames:
+        (events.on_heartbeat if heartbeat else events.on_emergency)(0, data, 0.0)
+    assert events.boots == sum(heartbeat and data[:1] == b"\0" for heartbeat, data in frames)
+
+
+def _variable(name: str, index: int, subindex: int, kind: int, value: int) -> ODVariable:
+    variable = ODVariable(name, index, subindex)
+    variable.data_type, variable.access_type, variable.default = kind, "ro", value
+    return variable
+
+
+def _dictionary() -> canopen.ObjectDictionary:
+    dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
+    dictionary.add_object(_variable("device type", 0x1000, 0, UNSIGNED32, 0x20000 + 404))
+    for index, kind, values in (
+        (0x6110, UNSIGNED16, (30, 30)),
+        (0x6131, UNSIGNED32, (0x002D0000, 0x002D0000)),
+        (0x6132, UNSIGNED8, (2, 2)),
+        (0x6150, UNSIGNED8, (0, 1)),
+        (0x9130, INTEGER32, (-1234, 0)),
+    ):
+        array = ODArray(f"array {index:04X}", index)
+        array.add_member(_variable("count", index, 0, UNSIGNED8, 2))
+        for subindex, value in enumerate(values, start=1):
+            array.add_member(_variable(f"input {subindex}", index, subindex, kind, value))
+        dictionary.add_object(array)
+    return dictionary
+
+
+VIRTUAL: dict[str, object] = {"interface": "virtual", "channel": "test_canopen"}
+
+
+@pytest.fixture
+def local_node() -> Iterator[dict[str, object]]:
+    """A node of the canopen library on a virtual interface; gives the bus options to reach it."""
+    network = canopen.Network()
+    network.NOTIFIER_CYCLE = 0.1
+    network.connect(**VIRTUAL)
+    network.add_node(canopen.LocalNode(5, _dictionary()))
+    yield VIRTUAL
+    network.disconnect()
+
+
+async def test_node_of_the_canopen_library_is_read(local_node: dict[str, object]) -> None:
+    bus = make_bus("can1", "canopen", local_node | {"timeout_s": 1.0})
+    driver = make_device("node", bus, "cia404", 5, {"a": 0, "b": 1}, JUMO, SystemClock())
+    try:
+        await bus.connect()
+        await driver.connect()
+        good, broken = await driver.read()
+    finally:
+        await bus.close()
+    assert good.quality is Quality.GOOD
+    assert good.value == pytest.approx(-12.34)
+    assert broken.quality is Quality.SENSOR_FAULT
