@@ -208,7 +208,8 @@ class NcLink:
         if not np.any(np.isfinite(decision.corrected)):
             return None, Source.NO_MODEL
         # An error without an estimate is not compensated; the others still are.
-        return kinematics.tcp_offsets(np.nan_to_num(decision.corrected), positions(snapshot)), Source.PREDICTION
+        known = np.nan_to_num(decision.corrected)
+        return kinematics.tcp_offsets(known, positions(snapshot), self._probe.radius_m), Source.PREDICTION
 
     async def _send(self, step: Step) -> Offsets:
         await self._nc.write_compensation(step.offsets_um)

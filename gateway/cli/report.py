@@ -12,6 +12,9 @@ from gateway.report import AdoptedModels, ReportData, Truth, build, summary, tab
 from gateway.store import History, StoreError
 from talc.frame import FloatArray
 
+_TRUTH_COLUMNS = 17
+"""Time, nine errors, tool deviation without and with compensation, probing; a last line may be cut."""
+
 
 def write(database: Path, output: Path, truth: Path | None = None) -> None:
     """Print the table and write the page. StoreError: nothing is stored yet."""
@@ -56,21 +59,19 @@ def collect(database: Path, truth: Path | None = None) -> ReportData:
             channel_health=history.channel_health(),
             cycles=len(cycles),
             rejected_cycles=sum(m.errors is None for m in cycles),
-            truth=None if truth is None else _truth(truth, config, start),
+            truth=None if truth is None else _truth(truth, config),
         )
 
 
-def _truth(path: Path, config: GatewayConfig, start: float) -> Truth:
+def _truth(path: Path, config: GatewayConfig) -> Truth:
     """The emulated machine's own record, on the report's time axis."""
     with path.open(newline="", encoding="ascii") as file:
         rows = list(csv.reader(file))[1:]
-    values: FloatArray = np.array([[float(v) for v in row] for row in rows if len(row) == 16])
-    # Simulated seconds count from the bench's epoch, which lies on a grid instant.
-    first_frame_s = config.grid.step_s
-    _ = start
+    values: FloatArray = np.array([[float(v) for v in row] for row in rows if len(row) == _TRUTH_COLUMNS])
     return Truth(
-        time_s=values[:, 0] - first_frame_s,
+        time_s=values[:, 0] - config.grid.step_s,  # the bench begins on a grid instant, one step before the first frame
         errors=values[:, 1:10],
         uncompensated_um=values[:, 10:13],
         compensated_um=values[:, 13:16],
+        probing=values[:, 16] > 0,
     )

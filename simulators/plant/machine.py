@@ -68,14 +68,17 @@ class MachinePlant:
     ----------
     seed: of weather, door and sensor noise; the noise of a value depends on seed, sensor and time alone
     drive: mean drive over a stretch (begin, end) of time that is over
+    sphere_radius_m: radius at which ER0T is defined; radial growth is proportional to the radius
     start_hour: hour of the day at 0 s
     """
 
-    def __init__(self, seed: int, drive: Callable[[float, float], Drive], *, start_hour: float = 6.0) -> None:
+    def __init__(
+        self, seed: int, drive: Callable[[float, float], Drive], sphere_radius_m: float, *, start_hour: float = 6.0
+    ) -> None:
         self._network = Network(NODES, LINKS, BOUNDARIES)
         self._environment = Environment(seed, start_hour)
         self._drive = drive
-        self._seed = seed
+        self._seed, self._sphere_radius = seed, sphere_radius_m
         self._errors = self._rows([ERROR_ROWS[name] for name in THERMAL_ERRORS])
         self._growth = self._rows([SPINDLE_GROWTH_ROW])[0]
         self._sensors = SensorModel(seed)
@@ -139,8 +142,7 @@ class MachinePlant:
         turn_a = _about_x(a)
         nominal = np.array([x_mm, y_mm, z_mm]) * 1e-3
         in_cradle = turn_a.T @ nominal  # where the point is, seen from the cradle; C has turned it there
-        radius = math.hypot(in_cradle[0], in_cradle[1])
-        outward = np.array([in_cradle[0], in_cradle[1], 0.0]) / radius if radius > 0 else np.zeros(3)
+        outward = np.array([in_cradle[0], in_cradle[1], 0.0]) / self._sphere_radius
         tilted = _about_z(ec0c) @ _about_y(eb0c) @ _about_x(ea0c) @ in_cradle
         grown = tilted + er0t * outward + np.array([ex0c, ey0c, ez0t])
         real = turn_a @ grown + np.array([0.0, ey0a, ez0a])
