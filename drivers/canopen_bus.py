@@ -5,10 +5,12 @@ Two threads while connected: one receives, one asks. Nothing of the library is t
 
 import asyncio
 import logging
+import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from time import monotonic
 from typing import Any, TypeVar
 
 import can
@@ -20,6 +22,9 @@ from drivers.bus_settings import CanOpenSettings
 from drivers.canopen_events import NodeEvents
 
 R = TypeVar("R")
+
+_SYNC = 0x080
+_NMT_START = 1
 
 _SERIAL_WAIT_S = 0.1
 """How long python-can's slcan blocks for a byte. Its 1 ms would wake the thread a thousand times a second for
@@ -85,6 +90,14 @@ class CanOpenBus:
         """
         return await self._in_thread(lambda: self._upload(device, node, objects))
 
+    async def start_node(self, device: str, node: int) -> None:
+        """Make the node operational (NMT), so that it sends PDOs. Raises ConnectError."""
+        await self._in_thread(lambda: self._send(device, 0, bytes((_NMT_START, node))))
+
+    async def synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
+        """Send SYNC and wait for these TPDOs of the node. Raises NoAnswer or ConnectError."""
+        return await self._in_thread(lambda: self._synchronise(device, node, identifiers))
+
     def events(self, node: int) -> NodeEvents:
         """What the node says unasked, since its first upload on this connection."""
         return self._events.setdefault(node, NodeEvents())
@@ -147,6 +160,42 @@ class CanOpenBus:
             self._doubtful.discard(node)
         return [self._one(sdo, device, node, wanted) for wanted in objects]
 
+    def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
+        if node in self._doubtful:
+            self._upload(device, node, ())  # frames of an earlier SYNC are before this answer
+        frames: queue.SimpleQueue[tuple[int, bytes]] = queue.SimpleQueue()
+
+        def put(identifier: int, data: bytes | bytearray, _: float) -> None:
+            frames.put((identifier, bytes(data)))
+
+        if self._network is None:
+            raise ConnectError("not connected", bus=self._name, device=device)
+        for identifier in identifiers:
+            self._network.subscribe(identifier, put)
+        try:
+            self._send(device, _SYNC, b"")
+            deadline = monotonic() + self._settings.timeout_s
+            found: dict[int, bytes] = {}
+            while missing := set(identifiers) - set(found):
+                try:
+                    identifier, data = frames.get(timeout=max(0.0, deadline - monotonic()))
+                except queue.Empty:
+                    listed = ", ".join(f"0x{identifier:03X}" for identifier in sorted(missing))
+                    raise self._silence(device, node, f"TPDO {listed} did not come after SYNC") from None
+                found[identifier] = data
+            return found
+        finally:
+            for identifier in identifiers:
+                self._network.unsubscribe(identifier, put)
+
+    def _send(self, device: str, identifier: int, data: bytes) -> None:
+        if self._network is None:
+            raise ConnectError("not connected", bus=self._name, device=device)
+        try:
+            self._network.send_message(identifier, data)
+        except (can.CanError, OSError) as error:
+            raise self._lost(device, error) from error
+
     def _one(self, sdo: Any, device: str, node: int, wanted: CanObject) -> bytes:
         try:
             return bytes(sdo.upload(wanted.index, wanted.subindex))
@@ -171,13 +220,17 @@ class CanOpenBus:
         )
 
     def _communication(self, device: str, node: int, wanted: CanObject, error: Exception) -> DriverError:
+        if "No SDO response" in str(error):
+            return self._silence(device, node, "no answer")
+        self._doubtful.add(node)
+        return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self._name, device=device)
+
+    def _silence(self, device: str, node: int, what: str) -> DriverError:
         self._doubtful.add(node)
         if (lost := self._network.notifier.exception) is not None:
             return self._lost(device, lost)
-        if "No SDO response" not in str(error):
-            return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self._name, device=device)
         return NoAnswer(
-            f"node {node} did not answer within {self._settings.timeout_s:g} s",
+            f"node {node}: {what} within {self._settings.timeout_s:g} s",
             bus=self._name,
             device=device,
             hint="check power, termination (60 ohm between CAN_H and CAN_L), node id and bitrate",

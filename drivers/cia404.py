@@ -1,10 +1,11 @@
-"""A CANopen measuring device (CiA 404), polled by SDO."""
+"""A CANopen measuring device (CiA 404), read by SDO, or by TPDOs after SYNC."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.base import BadAnswer, Clock, DriverError, Quality, Reading, WrongDevice
 from drivers.canopen_bus import CanObject, CanOpenBus
+from drivers.canopen_pdo import COMMUNICATION, EVERY_SYNC, MAPPING, TPDOS, PdoMap, pdo_map
 from drivers.canopen_profile import Cia404Profile
 from drivers.faults import Fault, first_fault
 from drivers.readings import ReadingMaker
@@ -24,6 +25,12 @@ class Cia404Options:
 
     vendor: str
     """Whose table of status bits applies; the profile lists them."""
+    transfer: str = "sdo"
+    """`sdo`: ask for each value; `sync`: send SYNC and take the node's TPDOs, much cheaper on the bus."""
+
+    def __post_init__(self) -> None:
+        if self.transfer not in ("sdo", "sync"):
+            raise ValueError(f"transfer = {self.transfer!r}: expected sdo or sync")
 
 
 class Cia404Device:
@@ -46,9 +53,11 @@ class Cia404Device:
         self._size = 2 if profile.process_value == 0x7130 else 4
         self._scales: dict[int, float] = {}
         self._boots = 0
-        self._polled = [
+        self._by_sync = options.transfer == "sync"
+        self._maps: tuple[PdoMap, ...] = ()
+        self._wanted = tuple(
             CanObject(index, number + 1) for number in channels.values() for index in (profile.process_value, STATUS)
-        ]
+        )
 
     @property
     def device(self) -> str:
@@ -87,6 +96,9 @@ class Cia404Device:
                     f"set object 6131:{number + 1:02X} to 0x{self._profile.unit_code:08X}",
                 )
             scales[number] = 10.0 ** -int.from_bytes(digits[:1], "little", signed=True)
+        if self._by_sync:
+            self._maps = await self._pdo_maps()
+            await self._bus.start_node(self._device, self._node)
         self._scales, self._boots = scales, boots
 
     async def read(self) -> Sequence[Reading]:
@@ -94,19 +106,60 @@ class Cia404Device:
         if not self._scales or self._boots != self._bus.events(self._node).boots:
             await self.connect()
         try:
-            answers = await self._upload(self._polled)
+            objects = await self._objects()
         except DriverError:
             self._scales = {}
             raise
         values: dict[str, float | Fault] = {}
-        pairs = zip(answers[::2], answers[1::2], strict=True)
-        for (channel, number), (value, status) in zip(self._channels.items(), pairs, strict=True):
-            values[channel] = self._value(channel, number, value, int.from_bytes(status, "little"))
+        for channel, number in self._channels.items():
+            value = objects[CanObject(self._profile.process_value, number + 1)]
+            status = int.from_bytes(objects[CanObject(STATUS, number + 1)], "little")
+            values[channel] = self._value(channel, number, value, status)
         return self._maker.make(values)
 
     async def close(self) -> None:
         """Forget what was learnt about the node."""
         self._scales = {}
+
+    async def _objects(self) -> dict[CanObject, bytes]:
+        """Values and status of all channels."""
+        if not self._by_sync:
+            return dict(zip(self._wanted, await self._upload(self._wanted), strict=True))
+        frames = await self._bus.synchronise(self._device, self._node, [pdo.identifier for pdo in self._maps])
+        objects = {place: data for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
+        for wanted in self._wanted:
+            if wanted not in objects:
+                raise BadAnswer(f"object {wanted} is missing in its TPDO", bus=self._bus.name, device=self._device)
+        return objects
+
+    async def _pdo_maps(self) -> tuple[PdoMap, ...]:
+        """The TPDOs that hold what we want; each must be sent after every SYNC. Raises WrongDevice."""
+        found: list[PdoMap] = []
+        for number in range(TPDOS):
+            cob_id, kind, count = await self._upload(
+                [
+                    CanObject(COMMUNICATION + number, 1),
+                    CanObject(COMMUNICATION + number, 2),
+                    CanObject(MAPPING + number, 0),
+                ]
+            )
+            entries = await self._upload([CanObject(MAPPING + number, i + 1) for i in range(min(count[0], 8))])
+            try:
+                pdo = pdo_map(int.from_bytes(cob_id, "little"), [int.from_bytes(entry, "little") for entry in entries])
+            except ValueError as error:
+                raise self._wrong(f"TPDO {number + 1}: {error}", hint="use transfer = 'sdo'") from error
+            if pdo is None or not any(wanted in pdo.places for wanted in self._wanted):
+                continue
+            if kind[0] != EVERY_SYNC:
+                raise self._wrong(
+                    f"TPDO {number + 1} has transmission type {kind[0]}, not {EVERY_SYNC}",
+                    hint=f"set object {COMMUNICATION + number:04X}:02 to {EVERY_SYNC}, or use transfer = 'sdo'",
+                )
+            found.append(pdo)
+        for wanted in self._wanted:
+            if not any(wanted in pdo.places for pdo in found):
+                raise self._wrong(f"object {wanted} is in no TPDO", hint="map it, or use transfer = 'sdo'")
+        return tuple(found)
 
     async def _upload(self, objects: Sequence[CanObject]) -> list[bytes]:
         return await self._bus.upload(self._device, self._node, objects)

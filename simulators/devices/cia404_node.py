@@ -35,7 +35,7 @@ class Nmt(IntEnum):
 
 
 class Cia404Node:
-    """A node for an SlcanAdapter: SDO server (expedited uploads) and boot-up after a reset."""
+    """A node for an SlcanAdapter: SDO server (expedited uploads), TPDOs on SYNC, boot-up."""
 
     def __init__(
         self,
@@ -50,26 +50,35 @@ class Cia404Node:
         self._node_id, self._source, self._inputs, self._digits = node_id, source, inputs, digits
         self._status_bits = _STATUS_BITS[vendor]
         self._sensor_types = list(sensor_types or [PT100] * inputs)
-        self._stopped = False
+        self._state = Nmt.PRE_OPERATIONAL
+        self._transmission_type = 1
         self.faults = Faults()
 
     def set_sensor_type(self, channel: int, code: int) -> None:
         """What a service man does with the maker's tool."""
         self._sensor_types[channel] = code
 
+    def set_transmission_type(self, kind: int) -> None:
+        """When all TPDOs are sent: 1 after each SYNC, 254 and 255 on events (which this node does not have)."""
+        self._transmission_type = kind
+
     def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
         if self.faults.silent:
             return ()
-        if identifier == 0x600 + self._node_id and len(data) == 8 and not self._stopped:
+        if identifier == 0x600 + self._node_id and len(data) == 8 and self._state != Nmt.STOP:
             reply = self._sdo(data)
             return () if reply is None else ((0x580 + self._node_id, reply),)
         if identifier == 0 and len(data) == 2 and data[1] in (0, self._node_id):
             return self._network_management(data[0])
+        if identifier == 0x080 and self._state == Nmt.START and self._transmission_type == 1:
+            return tuple(self._tpdo(number) for number in range(len(self._mapping())))
         return ()
 
     def _network_management(self, command: int) -> Sequence[Frame]:
-        self._stopped = command == Nmt.STOP
+        if command in (Nmt.START, Nmt.STOP, Nmt.PRE_OPERATIONAL):
+            self._state = Nmt(command)
         if command in (Nmt.RESET_NODE, Nmt.RESET_COMMUNICATION):
+            self._state = Nmt.PRE_OPERATIONAL
             return ((0x700 + self._node_id, b"\0"),)
         return ()
 
@@ -92,6 +101,8 @@ class Cia404Node:
         """Value of an object in little-endian bytes, or an abort code."""
         if index == 0x1000:
             return (0x0002_0000 + 404).to_bytes(4, "little") if subindex == 0 else _NO_SUBINDEX
+        if 0x1800 <= index <= 0x1803 or 0x1A00 <= index <= 0x1A03:
+            return self._pdo_object(index, subindex)
         if index not in (0x6110, 0x6131, 0x6132, 0x6150, 0x7130, 0x9130):
             return _NO_OBJECT
         if subindex == 0:
@@ -112,6 +123,33 @@ class Cia404Node:
                 return self._value(channel, 16).to_bytes(2, "little", signed=True)
             case _:
                 return self._value(channel, 32).to_bytes(4, "little", signed=True)
+
+    def _mapping(self) -> list[list[tuple[int, int, int]]]:
+        """Index, sub-index and bytes of what each TPDO holds: two values each, then the status of the first inputs."""
+        subindices = range(1, min(self._inputs, 6) + 1)
+        pairs = [[(0x9130, i, 4) for i in subindices[start : start + 2]] for start in range(0, len(subindices), 2)]
+        return [*pairs, [(0x6150, i, 1) for i in subindices]]
+
+    def _tpdo(self, number: int) -> Frame:
+        parts = (self._object(index, subindex) for index, subindex, _ in self._mapping()[number])
+        data = b"".join(part for part in parts if isinstance(part, bytes))
+        return 0x180 + 0x100 * number + self._node_id, data
+
+    def _pdo_object(self, index: int, subindex: int) -> bytes | int:
+        mapping = self._mapping()
+        number = index & 0xF
+        used = number < len(mapping)
+        if index < 0x1A00:
+            identifier = 0x180 + 0x100 * number + self._node_id | (0 if used else 1 << 31)
+            values = (bytes((2,)), identifier.to_bytes(4, "little"), bytes((self._transmission_type,)))
+            return values[subindex] if subindex < len(values) else _NO_SUBINDEX
+        entries = mapping[number] if used else []
+        if subindex == 0:
+            return bytes((len(entries),))
+        if subindex > len(entries):
+            return _NO_SUBINDEX
+        mapped, part, size = entries[subindex - 1]
+        return (mapped << 16 | part << 8 | 8 * size).to_bytes(4, "little")
 
     def _status(self, channel: int) -> int:
         fault = self.faults.by_channel.get(channel)

@@ -195,7 +195,7 @@ def _voltage(stack: AsyncExitStack) -> Awaitable[Rig]:
     )(stack)
 
 
-def _can_rig(vendor: str, short: Quality) -> StartRig:
+def _can_rig(vendor: str, short: Quality, transfer: str = "sdo") -> StartRig:
     async def start(stack: AsyncExitStack) -> Rig:
         node = Cia404Node(5, lambda: TEMPERATURES[:4], inputs=4, vendor=vendor)
         neighbour = Cia404Node(6, lambda: [NEIGHBOUR] * 4, inputs=4)
@@ -209,9 +209,9 @@ def _can_rig(vendor: str, short: Quality) -> StartRig:
             tolerance=0.05,
             faults=node.faults,
             options={"interface": "slcan", "channel": path, "bitrate": 125000, "timeout_s": TIMEOUT_S},
-            make=_maker("cia404", 5, 4, {"vendor": vendor}),
+            make=_maker("cia404", 5, 4, {"vendor": vendor, "transfer": transfer}),
             stop_wire=adapter.stop,
-            make_neighbour=_maker("cia404", 6, 4, {"vendor": "jumo"}, "neighbour"),
+            make_neighbour=_maker("cia404", 6, 4, {"vendor": "jumo", "transfer": transfer}, "neighbour"),
             spoil_identity=lambda: node.set_sensor_type(1, 1),  # thermocouple
             fault_qualities={
                 Fault.OPEN: Quality.SENSOR_FAULT,
@@ -262,6 +262,7 @@ RIGS: dict[str, StartRig] = {
     "cia404-jumo": _can_rig("jumo", Quality.SENSOR_FAULT),
     "cia404-axiomatic": _can_rig("axiomatic", Quality.OUT_OF_RANGE),
     "cia404-esd": _can_rig("esd", Quality.SENSOR_FAULT),
+    "cia404-sync": _can_rig("jumo", Quality.SENSOR_FAULT, "sync"),
     "wago464": _wago,
     "pta8d08": _pta,
     "voltage": _voltage,
