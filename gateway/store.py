@@ -1,20 +1,20 @@
 """Everything that happened, in one SQLite file: bounded, safe against power cuts, exact enough to replay.
 
 Arrays are stored as little-endian float64 blobs and models as JSON whose floats round-trip, so what is read is bit for
-bit what was written. The journal is a write-ahead log. Frames, decisions and models are committed at once, because a
-decision that was acted upon must not be lost; readings are committed in groups, at the latest after `commit_s`.
+bit what was written. The journal is a write-ahead log, synchronised with the disk at every commit (gateway.schema says
+why). Decisions and models are committed at once, because a decision that was acted upon must not be lost; readings
+are committed in groups, at the latest after `commit_s`.
 """
 
-import fcntl
 import json
 import queue
 import sqlite3
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Self
 
@@ -23,40 +23,26 @@ import numpy as np
 from drivers.base import Clock, Reading
 from gateway.compensation import Write
 from gateway.measurement import Outcome
+from gateway.schema import SCHEMA_VERSION, FileLock, StoreError, connect, make_schema
 from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
 
-SCHEMA_VERSION = 1
-_SCHEMA = """
-CREATE TABLE boot (id TEXT PRIMARY KEY, began TEXT NOT NULL, config TEXT NOT NULL, fingerprint TEXT NOT NULL,
-    versions TEXT NOT NULL);
-CREATE TABLE sample (boot TEXT NOT NULL, sequence INTEGER NOT NULL, channel TEXT NOT NULL, time REAL NOT NULL,
-    value REAL, unit TEXT NOT NULL, quality TEXT NOT NULL, detail TEXT NOT NULL,
-    PRIMARY KEY (boot, sequence, channel)) WITHOUT ROWID;
-CREATE INDEX sample_time ON sample (time);
-CREATE TABLE frame (k INTEGER PRIMARY KEY, boot TEXT NOT NULL, inputs BLOB NOT NULL, valid BLOB NOT NULL,
-    errors BLOB, sigma BLOB);
-CREATE TABLE decision (k INTEGER PRIMARY KEY, phase TEXT NOT NULL, predicted BLOB NOT NULL, corrected BLOB NOT NULL,
-    sigma BLOB NOT NULL, limits BLOB NOT NULL, measure TEXT, training TEXT, events TEXT NOT NULL);
-CREATE TABLE measurement (id INTEGER PRIMARY KEY, number INTEGER NOT NULL, why TEXT NOT NULL, asked TEXT NOT NULL,
-    ended TEXT NOT NULL, centres BLOB, in_force BLOB NOT NULL, errors BLOB, sigma BLOB, residual REAL,
-    reason TEXT NOT NULL);
-CREATE TABLE model (id INTEGER PRIMARY KEY, after_k INTEGER NOT NULL, fingerprint TEXT NOT NULL, models TEXT NOT NULL);
-CREATE TABLE event (id INTEGER PRIMARY KEY, time TEXT NOT NULL, k INTEGER, kind TEXT NOT NULL, text TEXT NOT NULL,
-    error TEXT, value REAL, bound REAL);
-CREATE TABLE compensation (id INTEGER PRIMARY KEY, time TEXT NOT NULL, mode TEXT NOT NULL, source TEXT NOT NULL,
-    k INTEGER, target BLOB NOT NULL, offsets BLOB NOT NULL, positions TEXT NOT NULL, written INTEGER NOT NULL,
-    read_back BLOB);
-"""
+__all__ = [
+    "History",
+    "Store",
+    "StoreError",
+    "StoredCompensation",
+    "StoredMeasurement",
+    "StoredStep",
+    "boot_id",
+    "utc_of",
+]
 
 _SECONDS_PER_DAY = 86400.0
 _PRUNE_EVERY_S = 600.0
+_DRAIN_S = 0.1
 _QUEUE = 20_000
 """Statements that may wait for the disk; beyond, the oldest readings would have to go, so writing waits instead."""
-
-
-class StoreError(Exception):
-    """The database cannot be used; the message says which file, why and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +97,7 @@ class Store:
     boot: identifies this run of the process; with a reading's sequence number it tells duplicates
     clock: for the time of events
     commit_s: readings are committed at least so often, real seconds
-    keep_samples_days: older readings are deleted
+    keep_samples_days: older readings and compensation steps are deleted
 
     Raises StoreError: not a database of ours, of a newer version, locked by another gateway, or not writable.
     """
@@ -123,21 +109,16 @@ class Store:
         self._commit_s, self._keep_s = commit_s, keep_samples_days * _SECONDS_PER_DAY
         self._queue: queue.Queue[tuple[str, Sequence[Sequence[object]], bool] | None] = queue.Queue(_QUEUE)
         self._failure: BaseException | None = None
+        self._closing = False
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = path.with_name(path.name + ".lock").open("w")
         except OSError as error:
             raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+        self._lock = FileLock(path)
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._lock.close()
-            raise StoreError(f"{path}: another gateway writes to it; stop it or give [storage] another path") from None
-        try:
-            with closing(_connect(path)) as connection:
-                _make_schema(connection, path)
+            make_schema(path)
         except BaseException:
-            self._lock.close()
+            self._lock.release()
             raise
         self._thread = threading.Thread(target=self._write, name=f"store {path.name}", daemon=True)
 
@@ -146,10 +127,10 @@ class Store:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._closing = True
         self._queue.put(None)
         self._thread.join()
-        self._lock.close()
-        self._path.with_name(self._path.name + ".lock").unlink(missing_ok=True)
+        self._lock.release()
         if self._failure is not None:
             raise StoreError(f"{self._path}: {self._failure}") from self._failure
 
@@ -229,15 +210,23 @@ class Store:
 
     def _write(self) -> None:
         try:
-            with closing(_connect(self._path)) as connection:
+            with closing(connect(self._path)) as connection:
                 self._write_to(connection)
         except BaseException as error:  # noqa: BLE001 - handed to the caller by the next call
             self._failure = error
-            while self._queue.get() is not None:  # never let a producer wait for a writer that is gone
-                self._queue.task_done()
-            self._queue.task_done()
+            while not (self._closing and self._queue.empty()):  # no producer may wait for a writer that is gone
+                with suppress(queue.Empty):
+                    self._queue.get(timeout=_DRAIN_S)
+                    self._queue.task_done()
+
+    def _prune(self, connection: sqlite3.Connection) -> None:
+        oldest = self._clock.utc() - timedelta(seconds=self._keep_s)
+        connection.execute("DELETE FROM sample WHERE time < ?", (oldest.timestamp(),))
+        connection.execute("DELETE FROM compensation WHERE time < ?", (oldest.isoformat(),))
 
     def _write_to(self, connection: sqlite3.Connection) -> None:
+        self._prune(connection)
+        connection.commit()
         committed = pruned = time.monotonic()
         while True:
             try:
@@ -245,42 +234,22 @@ class Store:
             except queue.Empty:
                 connection.commit()
                 continue
-            if item is None:
-                connection.commit()
-                self._queue.task_done()
-                return
-            statement, rows, commit = item
-            if statement:
-                connection.executemany(statement, rows)
-            now = time.monotonic()
-            if (commit and self._queue.empty()) or now - committed >= self._commit_s:
-                connection.commit()
-                committed = now
-            if now - pruned >= _PRUNE_EVERY_S:
-                oldest = self._clock.utc().timestamp() - self._keep_s
-                connection.execute("DELETE FROM sample WHERE time < ?", (oldest,))
-                pruned = now
-            self._queue.task_done()
-
-
-def _connect(path: Path) -> sqlite3.Connection:
-    connection = sqlite3.connect(path, timeout=10.0)
-    connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute("PRAGMA synchronous = NORMAL")  # a power cut may cost the last commits, never the file
-    return connection
-
-
-def _make_schema(connection: sqlite3.Connection, path: Path) -> None:
-    try:
-        version = connection.execute("PRAGMA user_version").fetchone()[0]
-        if version == 0:
-            connection.executescript(_SCHEMA)
-            connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-            connection.commit()
-    except sqlite3.DatabaseError as error:
-        raise StoreError(f"{path}: is not a database of this gateway: {error}") from error
-    if version not in (0, SCHEMA_VERSION):
-        raise StoreError(f"{path}: schema version {version}, this program knows {SCHEMA_VERSION}; use a newer program")
+            try:
+                if item is None:
+                    connection.commit()
+                    return
+                statement, rows, commit = item
+                if statement:
+                    connection.executemany(statement, rows)
+                now = time.monotonic()
+                if now - pruned >= _PRUNE_EVERY_S:
+                    self._prune(connection)
+                    pruned = now
+                if (commit and self._queue.empty()) or now - committed >= self._commit_s:
+                    connection.commit()
+                    committed = now
+            finally:
+                self._queue.task_done()  # also of what failed, or `flush` would wait for ever
 
 
 class History:
@@ -312,7 +281,7 @@ class History:
     def config(self) -> tuple[str, str, str] | None:
         """Canonical configuration, its fingerprint and the versions of the latest run."""
         row = self._connection.execute(
-            "SELECT config, fingerprint, versions FROM boot ORDER BY began DESC, rowid DESC LIMIT 1"
+            "SELECT config, fingerprint, versions FROM boot ORDER BY rowid DESC LIMIT 1"
         ).fetchone()
         return None if row is None else (str(row[0]), str(row[1]), str(row[2]))
 

@@ -1,0 +1,96 @@
+"""The database's file: its tables, how it is opened, and the lock that keeps a second gateway away."""
+
+import fcntl
+import os
+import sqlite3
+from contextlib import closing, suppress
+from pathlib import Path
+
+SCHEMA_VERSION = 1
+SCHEMA = """
+CREATE TABLE boot (id TEXT PRIMARY KEY, began TEXT NOT NULL, config TEXT NOT NULL, fingerprint TEXT NOT NULL,
+    versions TEXT NOT NULL);
+CREATE TABLE sample (boot TEXT NOT NULL, sequence INTEGER NOT NULL, channel TEXT NOT NULL, time REAL NOT NULL,
+    value REAL, unit TEXT NOT NULL, quality TEXT NOT NULL, detail TEXT NOT NULL,
+    PRIMARY KEY (boot, sequence, channel)) WITHOUT ROWID;
+CREATE INDEX sample_time ON sample (time);
+CREATE TABLE frame (k INTEGER PRIMARY KEY, boot TEXT NOT NULL, inputs BLOB NOT NULL, valid BLOB NOT NULL,
+    errors BLOB, sigma BLOB);
+CREATE TABLE decision (k INTEGER PRIMARY KEY, phase TEXT NOT NULL, predicted BLOB NOT NULL, corrected BLOB NOT NULL,
+    sigma BLOB NOT NULL, limits BLOB NOT NULL, measure TEXT, training TEXT, events TEXT NOT NULL);
+CREATE TABLE measurement (id INTEGER PRIMARY KEY, number INTEGER NOT NULL, why TEXT NOT NULL, asked TEXT NOT NULL,
+    ended TEXT NOT NULL, centres BLOB, in_force BLOB NOT NULL, errors BLOB, sigma BLOB, residual REAL,
+    reason TEXT NOT NULL);
+CREATE TABLE model (id INTEGER PRIMARY KEY, after_k INTEGER NOT NULL, fingerprint TEXT NOT NULL, models TEXT NOT NULL);
+CREATE TABLE event (id INTEGER PRIMARY KEY, time TEXT NOT NULL, k INTEGER, kind TEXT NOT NULL, text TEXT NOT NULL,
+    error TEXT, value REAL, bound REAL);
+CREATE TABLE compensation (id INTEGER PRIMARY KEY, time TEXT NOT NULL, mode TEXT NOT NULL, source TEXT NOT NULL,
+    k INTEGER, target BLOB NOT NULL, offsets BLOB NOT NULL, positions TEXT NOT NULL, written INTEGER NOT NULL,
+    read_back BLOB);
+CREATE INDEX compensation_time ON compensation (time);
+"""
+
+
+class StoreError(Exception):
+    """The database cannot be used; the message says which file, why and what to do."""
+
+
+class FileLock:
+    """Held by the one gateway that writes to a database; the kernel frees it when the process ends, however it ends.
+
+    Raises StoreError when another process holds it, or when its file cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._lock_path = path.with_name(path.name + ".lock")
+        while True:
+            try:
+                self._file = self._lock_path.open("w")
+            except OSError as error:
+                raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                self._file.close()
+                raise StoreError(
+                    f"{path}: another gateway writes to it; stop it or give [storage] another path"
+                ) from None
+            # The holder before may have removed the file between our opening and locking it.
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(self._file.fileno()), self._lock_path.stat()):
+                    return
+            self._file.close()
+
+    def release(self) -> None:
+        """Remove the lock's file and free it; who waits on the removed file notices (see above) and makes a new one."""
+        self._lock_path.unlink(missing_ok=True)
+        self._file.close()
+
+
+def connect(path: Path) -> sqlite3.Connection:
+    """A connection for writing.
+
+    In WAL mode, `synchronous = NORMAL` syncs only at checkpoints: a power cut then costs minutes of commits. FULL
+    syncs the log at each commit, about one write per `commit_s`, and costs at most what was not committed.
+    """
+    connection = sqlite3.connect(path, timeout=10.0)
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = FULL")
+    return connection
+
+
+def make_schema(path: Path) -> None:
+    """Make the tables in a new file; check them in an old one. Raises StoreError."""
+    try:
+        with closing(connect(path)) as connection:
+            version = connection.execute("PRAGMA user_version").fetchone()[0]
+            foreign = version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+            if version == 0 and not foreign:
+                # One transaction: a power cut leaves either no table or all of them.
+                connection.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
+    except sqlite3.Error as error:
+        raise StoreError(f"{path}: is not a database of this gateway: {error}") from error
+    if foreign:
+        raise StoreError(f"{path}: is the database of another program; give [storage] another path")
+    if version not in (0, SCHEMA_VERSION):
+        raise StoreError(f"{path}: schema version {version}, this program knows {SCHEMA_VERSION}; use a newer program")
