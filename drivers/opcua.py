@@ -1,6 +1,7 @@
 """One OPC UA session: batch reads and writes by node name, and the library's errors as ours."""
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -17,6 +18,9 @@ from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Var
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
 from drivers.opcua_settings import OpcUaSettings, application_uri, valid_certificate, with_port
 from drivers.opcua_watch import Watch
+
+# What the library has to say of a lost line is told by our errors; a handler that the service sets up still gets it.
+logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
 SECURE = "set security = 'Basic256Sha256' and the certificates"
 T = TypeVar("T")

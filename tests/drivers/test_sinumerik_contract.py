@@ -215,6 +215,13 @@ async def test_a_number_cannot_be_used_twice_in_a_row(bench: Bench, wait_s: floa
         await bench.nc.request_probing(9)
 
 
+async def test_the_number_of_a_result_that_is_still_shown_cannot_be_used_again(bench: Bench) -> None:
+    assert (await bench.cycle(9)).state is ProbingState.DONE
+    await bench.nc.request_probing(10)
+    with pytest.raises(Refused, match="request number 9"):
+        await bench.nc.request_probing(9)
+
+
 async def test_a_number_that_the_control_cannot_hold(bench: Bench) -> None:
     for number in (0, -1, 2**31):
         with pytest.raises(ValueError, match="request number"):
