@@ -217,7 +217,8 @@ async def test_a_number_cannot_be_used_twice_in_a_row(bench: Bench, wait_s: floa
 
 async def test_the_number_of_a_result_that_is_still_shown_cannot_be_used_again(bench: Bench) -> None:
     assert (await bench.cycle(9)).state is ProbingState.DONE
-    await bench.nc.request_probing(10)
+    bench.clock.move_to(bench.clock.now + 10.0)
+    await bench.nc.request_probing(10)  # waits for a safe point
     with pytest.raises(Refused, match="request number 9"):
         await bench.nc.request_probing(9)
 
