@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
 from itertools import count
@@ -265,19 +265,52 @@ class Acquisition:
     """
 
     def __init__(self, lines: Sequence[Line], clock: ServiceClock, publish: Publish, notify: Notify) -> None:
-        sequence = count(1).__next__
-        self.runners = tuple(Runner(line, clock, publish, notify, sequence) for line in lines)
+        self._clock, self._publish, self._notify = clock, publish, notify
+        self._sequence = count(1).__next__
+        self._runners = {line.bus.name: self._runner(line) for line in lines}
         self._stack = AsyncExitStack()
-        self._tasks: list[asyncio.Task[None]] = []
+        self._group: asyncio.TaskGroup | None = None
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+
+    @property
+    def runners(self) -> Mapping[str, Runner]:
+        """By the name of the bus."""
+        return dict(self._runners)
 
     async def __aenter__(self) -> Self:
-        group = await self._stack.enter_async_context(asyncio.TaskGroup())
-        self._tasks = [group.create_task(r.run(), name=f"bus {r.line.bus.name}") for r in self.runners]
+        self._group = await self._stack.enter_async_context(asyncio.TaskGroup())
+        for runner in self._runners.values():
+            self._start(runner)
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool | None:
-        for task in self._tasks:
+        for task in self._tasks.values():
             task.cancel()
         return await self._stack.__aexit__(kind, error, trace)
+
+    async def exchange(self, stop: Collection[str], start: Sequence[Line]) -> None:
+        """While running: end the runners of some buses, close them, then begin others. The rest notices nothing.
+
+        Stopping comes first, because a new bus may use the port of an old one.
+        """
+        ending = [self._tasks.pop(name) for name in stop]
+        for name in stop:
+            del self._runners[name]
+        for task in ending:
+            task.cancel()
+        if ending:
+            await asyncio.wait(ending)
+        for line in start:
+            self._runners[line.bus.name] = self._runner(line)
+            self._start(self._runners[line.bus.name])
+
+    def _runner(self, line: Line) -> Runner:
+        return Runner(line, self._clock, self._publish, self._notify, self._sequence)
+
+    def _start(self, runner: Runner) -> None:
+        if self._group is None:
+            raise RuntimeError("the acquisition is not running: enter its context first")
+        name = runner.line.bus.name
+        self._tasks[name] = self._group.create_task(runner.run(), name=f"bus {name}")

@@ -304,7 +304,7 @@ async def test_periods_that_were_missed_are_counted_and_not_caught_up() -> None:
     async with plant.running() as acquisition:
         await plant.clock.run_until(30.5)
     assert plant.devices["a"].asked == pytest.approx([3.0 * n for n in range(11)])
-    assert acquisition.runners[0].missed == 2 * 11
+    assert acquisition.runners["rtu1"].missed == 2 * 11
 
 
 async def test_leaving_closes_everything() -> None:
@@ -330,6 +330,29 @@ async def test_an_error_in_the_service_itself_ends_it_as_a_group() -> None:
         await serve()
     assert caught.group_contains(OverflowError, match="queue full")
     assert not plant.bus.is_open
+
+
+async def test_one_bus_is_exchanged_and_the_other_notices_nothing() -> None:
+    plant, other = Plant("a"), Plant("b")
+    other.clock, other.bus.name = plant.clock, "tcp1"
+    other.devices = {"b": ScriptedDevice("b", plant.clock, other.bus)}
+    new = Plant("a")
+    new.devices = {"a": ScriptedDevice("a", plant.clock, new.bus)}
+    lines = [plant.line(), other.line()]
+    async with Acquisition(lines, plant.clock, plant.readings.extend, plant.notices.append) as acquisition:
+        kept = acquisition.runners["tcp1"]
+        await plant.clock.run_until(5.5)
+        await acquisition.exchange(["rtu1"], [new.line()])
+        assert not plant.bus.is_open
+        await plant.clock.run_until(10.0)
+        assert acquisition.runners["tcp1"] is kept
+    assert other.bus.opened == new.bus.opened == 1
+    assert other.devices["b"].asked == pytest.approx(list(range(11)))
+    assert plant.devices["a"].asked == pytest.approx(list(range(6)))
+    assert new.devices["a"].asked == pytest.approx([5.5, 6.5, 7.5, 8.5, 9.5])
+    numbers = [r.sequence for r in plant.of("a")]
+    assert numbers == sorted(set(numbers)), "the sequence goes on"
+    assert plant.notices == []
 
 
 def test_the_board_lets_values_age() -> None:

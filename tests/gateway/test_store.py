@@ -248,5 +248,5 @@ def test_killed_at_any_moment_nothing_committed_is_lost_and_nothing_is_torn(tmp_
         frame, made = step(k)
         assert same_bits(found.frame.inputs, frame.inputs)
         assert same_bits(found.decision.corrected, made.corrected)
-    counted = dict(rows(path, "SELECT sequence, count(*) FROM sample GROUP BY sequence"))  # type: ignore[arg-type]
+    counted = {row[0]: row[1] for row in rows(path, "SELECT sequence, count(*) FROM sample GROUP BY sequence")}
     assert all(counted[k] == 30 for k in confirmed)

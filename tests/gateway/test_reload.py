@@ -1,0 +1,109 @@
+"""Another configuration while the gateway runs."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Reading
+from gateway.acquisition import Acquisition, Line
+from gateway.board import Board
+from gateway.config import GatewayConfig, parse
+from gateway.reload import Difference, ReloadError, apply, difference
+from gateway.wiring import lines_of
+from tests.gateway.stepped_clock import SteppedClock
+
+FILE = Path(__file__).parent / "cases" / "valid" / "gateway.toml"
+TEXT = FILE.read_text(encoding="utf-8").replace("192.168.0.10", "127.0.0.1")
+
+
+def config(*edits: tuple[str, str], more: str = "") -> GatewayConfig:
+    text = TEXT
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new)
+    return parse(more + text, FILE)
+
+
+@pytest.mark.parametrize(
+    ("edits", "more"),
+    [
+        ([("unit = 1", "unit = 2")], ""),
+        ([("/dev/serial/by-id/usb-adapter", "/dev/serial/by-id/other")], ""),
+        ([("bed_rear = 1", "bed_rear = 5")], ""),
+        ([], "[limits.bed_rear]\nmax = 60\n"),
+    ],
+)
+def test_only_the_bus_that_changed_is_exchanged(edits: list[tuple[str, str]], more: str) -> None:
+    assert difference(config(), config(*edits, more=more)) == Difference(("rtu1",), ("rtu1",), ("tcp1",))
+
+
+def test_nothing_changed_nothing_done() -> None:
+    assert difference(config(), config(more="# a remark\n")) == Difference((), (), ("rtu1", "tcp1"))
+
+
+def test_a_renamed_bus_goes_and_comes() -> None:
+    assert difference(config(), config(("tcp1", "tcp2"))) == Difference(("tcp1",), ("tcp2",), ("rtu1",))
+
+
+@pytest.mark.parametrize(
+    ("edits", "more", "named"),
+    [
+        ([], "[talc.control]\ncalibration_steps = 100\n", r"\[talc\]"),
+        ([], '[grid]\nstep_s = 600\n[storage]\npath = "other.sqlite"\n', r"\[grid\], \[storage\]"),
+        ([("bed_rear = 1", "bed_left = 1")], "", "gone: bed_rear; new: bed_left"),
+        ([("bed_front = 0\nbed_rear = 1", "bed_rear = 1\nbed_front = 0")], "", "their order"),
+    ],
+)
+def test_what_needs_a_restart_is_refused_by_name(edits: list[tuple[str, str]], more: str, named: str) -> None:
+    with pytest.raises(ReloadError, match=named):
+        difference(config(), config(*edits, more=more))
+
+
+class Running:
+    """An acquisition of the configuration's real drivers, none of which will ever open."""
+
+    def __init__(self, of: GatewayConfig) -> None:
+        self.clock = SteppedClock()
+        self.readings: list[Reading] = []
+        self.board = Board({c.name: c.period_s for c in of.channels})
+        self.acquisition = Acquisition(lines_of(of, self.clock), self.clock, self.readings.extend, lambda _: None)
+
+
+async def test_applied_to_a_running_acquisition() -> None:
+    old, new = config(), config(("unit = 1", "unit = 2\n"), ('by-id/usb-adapter"', 'by-id/x"\nperiod_s = 2.0'))
+    running = Running(old)
+    async with running.acquisition as acquisition:
+        before = acquisition.runners
+        change = await apply(acquisition, running.board, running.clock, old, new)
+        after = acquisition.runners
+    assert change.kept == ("tcp1",)
+    assert after["tcp1"] is before["tcp1"]
+    assert after["rtu1"] is not before["rtu1"]
+    assert after["rtu1"].line.period_s == 2.0
+
+
+class Breaking(Acquisition):
+    """Fails once in the middle of an exchange, after the old bus was stopped."""
+
+    broken = False
+
+    async def exchange(self, stop: object, start: object) -> None:
+        assert isinstance(stop, tuple | list)
+        assert isinstance(start, list)
+        if not self.broken:
+            self.broken = True
+            await super().exchange(stop, [])
+            raise OSError("out of memory")
+        await super().exchange(stop, start)
+
+
+async def test_a_failed_exchange_is_taken_back() -> None:
+    old, new = config(), config(("unit = 1", "unit = 2"))
+    running = Running(old)
+    lines: list[Line] = list(lines_of(old, running.clock))
+    async with Breaking(lines, running.clock, running.readings.extend, lambda _: None) as acquisition:
+        kept = acquisition.runners["tcp1"]
+        with pytest.raises(OSError, match="out of memory"):
+            await apply(acquisition, running.board, running.clock, old, new)
+        assert set(acquisition.runners) == {"rtu1", "tcp1"}
+        assert acquisition.runners["tcp1"] is kept
