@@ -107,13 +107,18 @@ def _variant(value: Value) -> ua.Variant:
 
 
 async def add_nodes(server: Server, index: int, table: Mapping[str, Variable], kernel: Kernel) -> None:
-    """The same variables as nodes, so that clients can browse and monitor them."""
+    """The variables as nodes, so that clients can browse and monitor them.
+
+    R-parameters are left out: like a real control, this one answers for names that it does not list.
+    """
 
     def value_of(variable: Variable) -> Callable[[NodeId, AttributeIds], ua.DataValue]:
         return lambda _node, _attribute: ua.DataValue(_variant(variable.read(kernel.state())))
 
     folder = await server.nodes.objects.add_folder(_node_id("/Sinumerik", index), "Sinumerik")
     for path, variable in table.items():
+        if path.startswith("/Channel/Parameter/R["):
+            continue
         node = await folder.add_variable(_node_id(path, index), path, 0.0)
         server.set_attribute_value_callback(node.nodeid, value_of(variable))
 
