@@ -15,9 +15,9 @@ class MeRs485Profile:
     unit: str
     confirm: tuple[str, ...]
     payload: str
-    """`float`: two float32, unscaled and scaled."""
+    """`float`: two float32, unscaled and scaled. `counted`: u16 counter, u8 number, filler, int32 values (DT6120)."""
     full_scale: float
-    """Unscaled value at the end of the measuring range."""
+    """Raw value at the end of the measuring range."""
 
     @property
     def buses(self) -> tuple[str, ...]:
@@ -33,7 +33,7 @@ def me_rs485_profile(name: str, table: Table) -> MeRs485Profile:
         channels=table.integer("channels", low=1, high=1),
         unit=table.text("unit"),
         confirm=table.texts("confirm", ()),
-        payload=value.text("payload", choices=("float",)),
+        payload=value.text("payload", choices=("float", "counted")),
         full_scale=value.number("full_scale"),
     )
     if profile.full_scale <= 0:

@@ -23,6 +23,7 @@ _RESPONSE = 0x08
 _END = 0x16
 _SHORTEST_LE = 3
 _FLOATS = struct.Struct("<ff")
+_COUNTED = struct.Struct("<HBx")
 
 
 class MeRs485Bus:
@@ -146,20 +147,35 @@ class MeRs485Device:
 
     async def _distance(self) -> float | Fault:
         data = await self._bus.measure(self._device, self._address)
-        if len(data) != _FLOATS.size:
+        try:
+            unscaled = decode_float(data) if self._profile.payload == "float" else decode_counted(data)
+        except ValueError as error:
             raise BadAnswer(
-                f"{len(data)} data bytes, not {_FLOATS.size}",
-                bus=self._bus.name,
-                device=self._device,
-                hint="other payload form",
-            )
-        unscaled, _scaled = _FLOATS.unpack(data)
+                str(error), bus=self._bus.name, device=self._device, hint="the sensor has another payload form"
+            ) from error
         if not isfinite(unscaled):
             return Fault(Quality.SENSOR_FAULT, "the sensor sends no number: no target, or the probe is not connected")
         fraction = unscaled / self._profile.full_scale
         if not 0.0 <= fraction <= 1.0:
             return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
         return float(fraction * self._options.range_um - self._options.zero_um)
+
+
+def decode_float(data: bytes) -> float:
+    """The unscaled value of the `float` payload. Raises ValueError for another length."""
+    if len(data) != _FLOATS.size:
+        raise ValueError(f"{len(data)} data bytes, not {_FLOATS.size}")
+    return float(_FLOATS.unpack(data)[0])
+
+
+def decode_counted(data: bytes) -> float:
+    """The last value of the `counted` payload. Raises ValueError when number and length do not agree."""
+    if len(data) < _COUNTED.size + 4:
+        raise ValueError(f"{len(data)} data bytes, at least {_COUNTED.size + 4} expected")
+    _counter, number = _COUNTED.unpack_from(data)
+    if len(data) != _COUNTED.size + 4 * number:
+        raise ValueError(f"{len(data)} data bytes do not hold {number} values")
+    return float(int.from_bytes(data[-4:], "little", signed=True))
 
 
 def request_frame(address: int) -> bytes:

@@ -1,7 +1,9 @@
 """An emulated displacement sensor with Micro-Epsilon's RS-485 framing."""
 
 import struct
-from math import nan
+from collections.abc import Sequence
+from math import isnan, nan
+from typing import Literal
 
 from simulators.devices.pty_port import PtyPort
 from simulators.devices.source import Fault, Faults, ValueSource
@@ -11,15 +13,22 @@ _MASTER = 0x01
 _MEASURE = 0x4C
 _RESPONSE = 0x08
 _REQUEST_BYTES = 6
+_FULL_SCALE = 0xF00000
+_COUNTS = 0xFFFFFF
+
+Payload = Literal["float", "counted"]
 
 
 class MeSensor:
     """One sensor on a pseudo-terminal; its source gives one distance in µm, 0 to `range_um`."""
 
-    def __init__(self, source: ValueSource, *, range_um: float, address: int = ADDRESS) -> None:
+    def __init__(
+        self, source: ValueSource, *, range_um: float, address: int = ADDRESS, payload: Payload = "float"
+    ) -> None:
         self._source, self._range_um, self._address = source, range_um, address
         self._port = PtyPort(self._on_bytes)
         self._heard = b""
+        self._payload, self._counter = payload, 0
         self.faults = Faults()
 
     async def start(self) -> str:
@@ -37,7 +46,18 @@ class MeSensor:
                 continue
             self._heard = self._heard[_REQUEST_BYTES:]
             if frame[1] == self._address and frame[3] == _MEASURE and not self.faults.silent:
-                self._port.write(answer_frame(self._address, self._unscaled(), 0.0))
+                self._port.write(self._answer())
+
+    def _answer(self) -> bytes:
+        if self._payload == "float":
+            return answer_frame(self._address, self._unscaled(), 0.0)
+        self._counter = (self._counter + 1) & 0xFFFF
+        return counted_frame(self._address, self._counter, [self._counts()])
+
+    def _counts(self) -> int:
+        """0 to F00000 hex over the measuring range; there is no code for a missing probe: it reads beyond the end."""
+        unscaled = self._unscaled()
+        return _COUNTS if isnan(unscaled) else round(unscaled * _FULL_SCALE)
 
     def _unscaled(self) -> float:
         match self.faults.by_channel.get(0):
@@ -53,5 +73,14 @@ class MeSensor:
 
 def answer_frame(address: int, unscaled: float, scaled: float) -> bytes:
     """The answer that carries these two values."""
-    body = bytes((_MASTER, address, _RESPONSE)) + struct.pack("<ff", unscaled, scaled)
+    return _frame(address, struct.pack("<ff", unscaled, scaled))
+
+
+def counted_frame(address: int, counter: int, values: Sequence[int]) -> bytes:
+    """The answer of a DT6120: counter, number of values, filler, values."""
+    return _frame(address, struct.pack(f"<HBx{len(values)}i", counter, len(values), *values))
+
+
+def _frame(address: int, data: bytes) -> bytes:
+    body = bytes((_MASTER, address, _RESPONSE)) + data
     return bytes((0x68, len(body), len(body), 0x68)) + body + bytes((sum(body) & 0xFF, 0x16))

@@ -17,7 +17,7 @@ from drivers.build import make_bus, make_device
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015
-from simulators.devices.me_sensor import MeSensor
+from simulators.devices.me_sensor import MeSensor, Payload
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.slcan_adapter import SlcanAdapter
@@ -232,28 +232,31 @@ def _no_identity() -> None:
     raise NotImplementedError("this device does not tell what is connected")
 
 
-async def _displacement_rig(stack: AsyncExitStack) -> Rig:
-    sensor = MeSensor(lambda: DISTANCE_UM, range_um=500.0)
-    path = await sensor.start()
-    stack.push_async_callback(sensor.stop)
-    return Rig(
-        kind="me_rs485",
-        unit="µm",
-        true_values=DISTANCE_UM,
-        tolerance=500 * 2**-24,
-        faults=sensor.faults,
-        options={"port": path, "baud": 230400, "timeout_s": TIMEOUT_S},
-        make=_maker("me_rs485", 126, 1, {"range_um": 500.0}),
-        stop_wire=sensor.stop,
-        make_neighbour=_no_neighbour,
-        spoil_identity=_no_identity,
-        fault_qualities={
-            Fault.OPEN: Quality.SENSOR_FAULT,
-            Fault.SHORT: Quality.SENSOR_FAULT,
-            Fault.OVER: Quality.OUT_OF_RANGE,
-            Fault.UNDER: Quality.OUT_OF_RANGE,
-        },
-    )
+def _displacement_rig(profile: str, payload: Payload, step: float, broken: Quality) -> StartRig:
+    async def start(stack: AsyncExitStack) -> Rig:
+        sensor = MeSensor(lambda: DISTANCE_UM, range_um=500.0, payload=payload)
+        path = await sensor.start()
+        stack.push_async_callback(sensor.stop)
+        return Rig(
+            kind="me_rs485",
+            unit="µm",
+            true_values=DISTANCE_UM,
+            tolerance=step / 2,
+            faults=sensor.faults,
+            options={"port": path, "baud": 230400, "timeout_s": TIMEOUT_S},
+            make=_maker(profile, 126, 1, {"range_um": 500.0}),
+            stop_wire=sensor.stop,
+            make_neighbour=_no_neighbour,
+            spoil_identity=_no_identity,
+            fault_qualities={
+                Fault.OPEN: broken,
+                Fault.SHORT: broken,
+                Fault.OVER: Quality.OUT_OF_RANGE,
+                Fault.UNDER: Quality.OUT_OF_RANGE,
+            },
+        )
+
+    return start
 
 
 RIGS: dict[str, StartRig] = {
@@ -266,9 +269,10 @@ RIGS: dict[str, StartRig] = {
     "wago464": _wago,
     "pta8d08": _pta,
     "voltage": _voltage,
-    "me_rs485": _displacement_rig,
+    "me_rs485": _displacement_rig("me_rs485", "float", 500 * 2**-23, Quality.SENSOR_FAULT),
+    "me_dt6120": _displacement_rig("me_dt6120", "counted", 500 / 0xF00000, Quality.OUT_OF_RANGE),
 }
-SHARED = [name for name in RIGS if name != "me_rs485"]
+SHARED = [name for name in RIGS if not name.startswith("me_")]
 """Wires that carry several devices."""
 TYPED = [name for name in RIGS if name.startswith(("m7015", "adam", "cia404"))]
 """Devices that tell which sensor is connected."""

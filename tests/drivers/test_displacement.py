@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, NoAnswer
 from drivers.bus_settings import MeRs485Settings
-from drivers.me_rs485 import MeRs485Bus, find_answers, request_frame
-from simulators.devices.me_sensor import answer_frame
+from drivers.me_rs485 import MeRs485Bus, decode_counted, decode_float, find_answers, request_frame
+from simulators.devices.me_sensor import answer_frame, counted_frame
 from simulators.devices.pty_port import PtyPort
 
 EXAMPLE = bytes.fromhex("68 0B 0B 68 01 7E 08 AE 47 61 3F 00 00 00 00 1C 16")
@@ -51,6 +51,22 @@ def test_answer_is_found_among_garbage(before: bytes, after: bytes) -> None:
     assert all(len(data) + 9 <= len(heard) for data in found)
     if 0x68 not in before:
         assert value(found[0]) == pytest.approx(0.88)
+
+
+def test_last_of_several_counted_values_is_taken() -> None:
+    (data,) = find_answers(counted_frame(0x7E, 65535, [1, -2, 0xF00000]), 0x7E)
+    assert decode_counted(data) == 0xF00000
+
+
+@given(st.binary(max_size=40))
+def test_any_payload_is_decoded_or_refused(data: bytes) -> None:
+    for decode in (decode_float, decode_counted):
+        try:
+            number = decode(data)
+        except ValueError:
+            continue
+        assert isinstance(number, float)
+        assert len(data) == 8 if decode is decode_float else len(data) == 4 + 4 * data[2]
 
 
 @asynccontextmanager
