@@ -125,6 +125,34 @@ async def test_a_server_that_accepts_and_says_nothing() -> None:
     await server.wait_closed()
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"ACKF\x08\x00\x00\x00", b"\x00" * 64, b"MSGF\xff\xff\xff\x7f"],
+    ids=["hangs_up", "http", "short_ack", "zeros", "huge"],
+)
+async def test_something_that_is_no_opc_ua_server(answer: bytes) -> None:
+    ended = asyncio.Event()
+
+    async def speak(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(1)
+        writer.write(answer)
+        if not answer:
+            writer.close()
+        await reader.read()
+        writer.close()
+        ended.set()
+
+    server = await asyncio.start_server(speak, "127.0.0.1", 0)
+    url = f"opc.tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    nc = Sinumerik(SinumerikSettings(url=url, timeout_s=0.3), SystemClock())
+    with pytest.raises((ConnectError, NoAnswer), match="OPC UA server"):
+        await nc.connect()
+    async with asyncio.timeout(1.0):
+        await ended.wait()
+    server.close()
+    await server.wait_closed()
+
+
 async def test_a_line_that_goes_silent_in_a_session_and_comes_back() -> None:
     async with running(emulated()) as url, line_to(url) as (line, joined):
         nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=0.3), SystemClock())
