@@ -1,6 +1,7 @@
 """From a file to a checked configuration."""
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -35,6 +36,11 @@ def parse(text: str, path: Path) -> GatewayConfig:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
+    return from_data(data, path)
+
+
+def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
+    """The checked configuration of TOML's data. Raises ConfigError with every problem found."""
     try:
         config = validate(data, path.resolve().parent)
     except ValidationError as error:

@@ -1,11 +1,17 @@
 """The configuration: golden cases of every mistake, and what a good file becomes."""
 
+import tomllib
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from gateway.config import ConfigError, GatewayConfig, cautions, load, parse
+from gateway.config.load import from_data
 from gateway.config.model import validate
 from gateway.config.reference import reference
 
@@ -137,3 +143,50 @@ def test_every_key_of_the_reference_says_what_it_means() -> None:
     rows = [line for line in reference().splitlines() if line.startswith("| `")]
     assert len(rows) > 60
     assert not [row for row in rows if row.endswith("|  |")]
+
+
+JUNK = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(2**70), 2**70),
+    st.floats(),
+    st.text(max_size=8),
+    st.lists(st.integers(), max_size=3),
+    st.dictionaries(st.text(max_size=5), st.integers(), max_size=3),
+    st.lists(st.dictionaries(st.sampled_from(["name", "kind", "channels", "x"]), st.text(max_size=4)), max_size=3),
+)
+
+
+def _places(data: object, here: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """Every place in the data."""
+    found = [here] if here else []
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in items:
+        found += _places(value, (*here, key))
+    return found
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_whatever_stands_in_the_file_it_is_a_configuration_or_a_list_of_lines(data: st.DataObject) -> None:
+    content = tomllib.loads(valid_text())
+    for place in data.draw(st.lists(st.sampled_from(_places(content)), min_size=1, max_size=3)):
+        holder: Any = content
+        with suppress(KeyError, IndexError, TypeError):
+            for part in place[:-1]:
+                holder = holder[part]
+            if data.draw(st.booleans()) and isinstance(holder, dict):
+                holder[data.draw(st.text(min_size=1, max_size=6))] = data.draw(JUNK)
+            else:
+                holder[place[-1]] = data.draw(JUNK)
+    found: ConfigError | None = None
+    try:
+        config = from_data(content, Path("gateway.toml"))
+    except ConfigError as error:
+        found = error
+    if found is None:
+        assert validate(config.canonical()) == config
+    else:
+        lines = str(found).splitlines()
+        assert len(lines) == len(found.problems) > 0
+        assert all(line.startswith("gateway.toml: ") for line in lines)
