@@ -8,6 +8,7 @@ from drivers.bus_settings import (
     BUS_KINDS,
     BusSettings,
     CanOpenSettings,
+    MeEthernetSettings,
     MeRs485Settings,
     ModbusRtuSettings,
     ModbusTcpSettings,
@@ -16,8 +17,9 @@ from drivers.bus_settings import (
 from drivers.canopen_bus import CanOpenBus
 from drivers.canopen_profile import Cia404Profile
 from drivers.cia404 import Cia404Device, Cia404Options
-from drivers.displacement_profile import MeRs485Profile
-from drivers.me_rs485 import MeRs485Bus, MeRs485Device, MeRs485Options
+from drivers.displacement_profile import DisplacementOptions, MeEthernetProfile, MeRs485Profile
+from drivers.me_ethernet import MeEthernetBus, MeEthernetDevice
+from drivers.me_rs485 import MeRs485Bus, MeRs485Device
 from drivers.modbus_bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
 from drivers.modbus_device import ModbusDevice, ModbusOptions
 from drivers.modbus_profile import ModbusProfile
@@ -49,6 +51,8 @@ def bus_from_settings(name: str, settings: BusSettings) -> Bus:
             return CanOpenBus(name, settings)
         case MeRs485Settings():
             return MeRs485Bus(name, settings)
+        case MeEthernetSettings():
+            return MeEthernetBus(name, settings)
 
 
 def make_device(
@@ -94,8 +98,11 @@ def make_device(
                 )
             return Cia404Device(device_name, bus, profile, unit, channels, chosen, clock)
         case MeRs485Profile(), MeRs485Bus():
-            growth = settings_from(MeRs485Options, options, bus=bus.name, device=device_name)
+            growth = settings_from(DisplacementOptions, options, bus=bus.name, device=device_name)
             return MeRs485Device(device_name, bus, profile, unit, channels, growth, clock)
+        case MeEthernetProfile(), MeEthernetBus():
+            growth = settings_from(DisplacementOptions, options, bus=bus.name, device=device_name)
+            return MeEthernetDevice(device_name, bus, profile, channels, growth, clock)
         case _:
             raise SetupError(f"{type(bus).__name__} was not made by make_bus", bus=bus.name, device=device_name)
 

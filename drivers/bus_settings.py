@@ -103,13 +103,28 @@ class MeRs485Settings:
         return SerialSettings(self.port, self.baud, self.parity, self.stopbits)
 
 
-BusSettings = ModbusRtuSettings | ModbusTcpSettings | CanOpenSettings | MeRs485Settings
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeEthernetSettings:
+    """The data port of a Micro-Epsilon controller."""
+
+    host: str
+    port: int = 10001
+    timeout_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        _require(bool(self.host), "host", self.host, "a host name or address")
+        _require(1 <= self.port <= 65535, "port", self.port, "1 to 65535")
+        _check_timeout(self.timeout_s)
+
+
+BusSettings = ModbusRtuSettings | ModbusTcpSettings | CanOpenSettings | MeRs485Settings | MeEthernetSettings
 
 BUS_KINDS: Mapping[str, type[BusSettings]] = {
     "modbus_rtu": ModbusRtuSettings,
     "modbus_tcp": ModbusTcpSettings,
     "canopen": CanOpenSettings,
     "me_rs485": MeRs485Settings,
+    "me_ethernet": MeEthernetSettings,
 }
 
 S = TypeVar("S")

@@ -7,13 +7,12 @@ their sum modulo 256. Answers carry no number: see `MeRs485Bus.measure` for what
 import asyncio
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import isfinite
 
 from drivers.base import BadAnswer, Clock, NoAnswer, Quality, Reading
 from drivers.bus_settings import MeRs485Settings
 from drivers.byte_stream import SerialStream
-from drivers.displacement_profile import MeRs485Profile
+from drivers.displacement_profile import DisplacementOptions, MeRs485Profile
 from drivers.faults import Fault
 from drivers.readings import ReadingMaker
 
@@ -94,20 +93,6 @@ class MeRs485Bus:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeRs485Options:
-    """What a configuration says about one sensor."""
-
-    range_um: float
-    """Measuring range."""
-    zero_um: float = 0.0
-    """Distance that counts as no growth; subtracted from every value."""
-
-    def __post_init__(self) -> None:
-        if not 0 < self.range_um <= 1e6:
-            raise ValueError(f"range_um = {self.range_um!r}: expected more than 0, at most 1000000")
-
-
 class MeRs485Device:
     """One sensor, one channel."""
 
@@ -118,7 +103,7 @@ class MeRs485Device:
         profile: MeRs485Profile,
         address: int,
         channels: Mapping[str, int],
-        options: MeRs485Options,
+        options: DisplacementOptions,
         clock: Clock,
     ) -> None:
         self._device, self._bus, self._profile, self._address = device, bus, profile, address

@@ -7,16 +7,22 @@ from pathlib import Path
 
 from drivers.base import SetupError
 from drivers.canopen_profile import Cia404Profile, cia404_profile
-from drivers.displacement_profile import MeRs485Profile, me_rs485_profile
+from drivers.displacement_profile import (
+    MeEthernetProfile,
+    MeRs485Profile,
+    me_ethernet_profile,
+    me_rs485_profile,
+)
 from drivers.modbus_profile import ModbusProfile, modbus_profile
 from drivers.toml_table import Table
 
-Profile = ModbusProfile | Cia404Profile | MeRs485Profile
+Profile = ModbusProfile | Cia404Profile | MeRs485Profile | MeEthernetProfile
 
 _READERS: Mapping[str, Callable[[str, Table], Profile]] = {
     "modbus": modbus_profile,
     "cia404": cia404_profile,
     "me_rs485": me_rs485_profile,
+    "me_ethernet": me_ethernet_profile,
 }
 _SUPPLIED = files("drivers") / "profiles"
 

@@ -17,6 +17,7 @@ from drivers.build import make_bus, make_device
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015
+from simulators.devices.me_controller import MeController
 from simulators.devices.me_sensor import MeSensor, Payload
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.pta8d08 import Pta8d08
@@ -259,6 +260,25 @@ def _displacement_rig(profile: str, payload: Payload, step: float, broken: Quali
     return start
 
 
+async def _ethernet_rig(stack: AsyncExitStack) -> Rig:
+    controller = MeController(lambda: [123.4, 250.0], range_um=500.0)
+    port = await controller.start()
+    stack.push_async_callback(controller.stop)
+    return Rig(
+        kind="me_ethernet",
+        unit="µm",
+        true_values=[123.4, 250.0],
+        tolerance=500 / 0xFFFFFF / 2,
+        faults=controller.faults,
+        options={"host": "127.0.0.1", "port": port, "timeout_s": TIMEOUT_S},
+        make=_maker("me_ethernet", 1, 2, {"range_um": 500.0}),
+        stop_wire=controller.stop,
+        make_neighbour=_no_neighbour,
+        spoil_identity=_no_identity,
+        fault_qualities=dict.fromkeys(Fault, Quality.OUT_OF_RANGE),
+    )
+
+
 RIGS: dict[str, StartRig] = {
     "m7015": _rtu_rig,
     "adam6015": _tcp_rig,
@@ -270,6 +290,7 @@ RIGS: dict[str, StartRig] = {
     "pta8d08": _pta,
     "voltage": _voltage,
     "me_rs485": _displacement_rig("me_rs485", "float", 500 * 2**-23, Quality.SENSOR_FAULT),
+    "me_ethernet": _ethernet_rig,
     "me_dt6120": _displacement_rig("me_dt6120", "counted", 500 / 0xF00000, Quality.OUT_OF_RANGE),
 }
 SHARED = [name for name in RIGS if not name.startswith("me_")]

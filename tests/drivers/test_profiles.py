@@ -45,6 +45,18 @@ def test_golden_cases(case: str) -> None:
     assert str(caught.value).removeprefix(f"{path}: ") == expected
 
 
+def test_example_of_the_documentation_is_right(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
+    path = tmp_path / "own.toml"
+    path.write_text(text.split("```toml\n")[1].split("```")[0], encoding="utf-8")
+    assert load_profile(str(path)).channels == 8
+
+
+def test_documentation_names_every_profile() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
+    assert [name for name in profile_names() if f"| `{name}` |" not in text] == []
+
+
 @pytest.mark.parametrize(
     ("number", "registers", "value"),
     [
