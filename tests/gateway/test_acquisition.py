@@ -222,10 +222,23 @@ async def test_a_lost_connection_gives_every_channel_of_the_bus_a_fault_and_come
         plant.bus.fault = ConnectError("host unreachable", bus="rtu1")
         await plant.clock.run_until(6.5)
         assert [r.quality for r in plant.readings[-2:]] == [Quality.COMM_FAULT] * 2
+        assert all("connection reset" in r.detail for r in plant.readings[-2:])
         plant.devices["a"].fault = plant.bus.fault = None
         await plant.clock.run_until(20.0)
     assert [r.quality for r in plant.readings[-2:]] == [Quality.GOOD] * 2
     assert len(plant.of("a")) == len(plant.of("b")) == 21
+    # The bus opened at the first attempt, so nothing was told of it; b was not asked on a closed bus.
+    assert plant.told() == [("device a", False), ("device a", True)]
+
+
+async def test_a_fault_that_comes_again_is_told_again() -> None:
+    plant = Plant("a")
+    async with plant.running():
+        for until in (10.5, 20.5, 30.5, 40.5):
+            await plant.clock.run_until(until)
+            plant.devices["a"].fault = NoAnswer("silent") if plant.devices["a"].fault is None else None
+        await plant.clock.run_until(60.0)
+    assert plant.told() == [("device a", False), ("device a", True)] * 2
 
 
 async def test_a_device_that_returns_is_connected_again_so_that_its_type_is_checked() -> None:
