@@ -80,7 +80,11 @@ class CanOpenBus:
         if self._thread is None:
             return
         thread, self._thread = self._thread, None
-        await asyncio.get_running_loop().run_in_executor(thread, self._shut)
+        try:
+            await asyncio.shield(asyncio.get_running_loop().run_in_executor(thread, self._shut))
+        except asyncio.CancelledError:
+            thread.shutdown(wait=False)  # it ends as soon as the interface is closed
+            raise
         thread.shutdown(wait=True)
 
     async def upload(self, device: str, node: int, objects: Sequence[CanObject]) -> list[bytes]:
