@@ -18,6 +18,7 @@ from gateway.loop import GridLoop
 from gateway.measurement import Probe, poses_in_radians
 from gateway.nc_link import NcLink
 from gateway.outlet import Outlet
+from gateway.reload import Difference, ReloadError, apply
 from gateway.wiring import lines_of, sinumerik_settings
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
@@ -65,15 +66,36 @@ class Service:
         self.board = Board({c.name: c.period_s for c in config.channels})
         self._lines: tuple[Line, ...] = lines_of(config, clock)
         self.link = self._make_link()
+        self._acquisition: Acquisition | None = None
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the configuration that really runs, also after a reload."""
+        return self._config.fingerprint()
+
+    async def reload(self, config: GatewayConfig) -> Difference:
+        """Apply another checked configuration by its difference, while running.
+
+        Raises ReloadError or SetupError when nothing was changed: the service goes on as it was.
+        """
+        if self._acquisition is None:
+            raise ReloadError("the service is not running")
+        change = await apply(self._acquisition, self.board, self._clock, self._config, config)
+        self._config = config
+        log.info(
+            "configuration %s runs; buses exchanged: %s", self.fingerprint[:16], ", ".join(change.started) or "none"
+        )
+        return change
 
     async def run(self, stop: asyncio.Event) -> None:
         """Until `stop` is set. Raises an exception group when a part of the service ends by an error of its own."""
         async with AsyncExitStack() as stack:
             if self.link is not None:
                 stack.push_async_callback(self.link.stop)
-            await stack.enter_async_context(
+            self._acquisition = await stack.enter_async_context(
                 Acquisition(self._lines, self._clock, publish=self._take, notify=self._noticed)
             )
+            stack.callback(self._forget_acquisition)
             async with asyncio.TaskGroup() as tasks:
                 running = [tasks.create_task(self._loop().run(), name="grid")]
                 if self.link is not None:
@@ -81,6 +103,9 @@ class Service:
                 await stop.wait()
                 for task in running:
                     task.cancel()
+
+    def _forget_acquisition(self) -> None:
+        self._acquisition = None
 
     def _loop(self) -> GridLoop:
         return GridLoop(

@@ -1,0 +1,86 @@
+"""A running service takes another configuration, or goes on as it was."""
+
+import asyncio
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Reading
+from gateway.compensation import Write
+from gateway.config import GatewayConfig, parse
+from gateway.measurement import Outcome
+from gateway.reload import ReloadError
+from gateway.service import Past, Service
+from talc.control import Controller
+from talc.frame import Decision, Event, Frame
+from talc.models import ModelSet
+from tests.gateway.stepped_clock import SteppedClock
+
+FILE = Path(__file__).parent / "cases" / "valid" / "gateway.toml"
+TEXT = """
+[machine]
+name = "mill"
+[[bus]]
+name = "rtu1"
+kind = "modbus_rtu"
+port = "/nowhere/adapter"
+[[device]]
+name = "rtd1"
+bus = "rtu1"
+profile = "icpdas_m7015"
+unit = 1
+[device.channels]
+bed_front = 0
+"""
+
+
+class Readings:
+    """An outlet that keeps the readings."""
+
+    def __init__(self) -> None:
+        self.kept: list[Reading] = []
+
+    def readings(self, readings: Sequence[Reading]) -> None:
+        self.kept.extend(readings)
+
+    def frame(self, frame: Frame) -> None: ...
+
+    def decision(self, decision: Decision) -> None: ...
+
+    def measurement(self, outcome: Outcome) -> None: ...
+
+    def models(self, models: ModelSet, after_k: int) -> None: ...
+
+    def event(self, event: Event, k: int | None) -> None: ...
+
+    def compensation(self, write: Write) -> None: ...
+
+
+def config(text: str = TEXT) -> GatewayConfig:
+    return parse(text, FILE)
+
+
+async def test_a_reload_takes_effect_and_the_fingerprint_is_what_runs() -> None:
+    old, new = config(), config(TEXT.replace("/nowhere/adapter", "/nowhere/other"))
+    clock, outlet, stop = SteppedClock(), Readings(), asyncio.Event()
+    service = Service(old, clock, outlet, Past(Controller(old.input_names, old.talc)))
+    with pytest.raises(ReloadError, match="not running"):
+        await service.reload(new)
+    running = asyncio.create_task(service.run(stop))
+    try:
+        await clock.run_until(3.0)
+        assert "/nowhere/adapter" in outlet.kept[-1].detail
+        with pytest.raises(ReloadError, match="inputs changed"):
+            await service.reload(config(TEXT.replace("bed_front", "bed_rear")))
+        assert service.fingerprint == old.fingerprint()
+        change = await service.reload(new)
+        await clock.run_until(6.0)
+        assert change.started == ("rtu1",)
+        assert service.fingerprint == new.fingerprint()
+        assert "/nowhere/other" in outlet.kept[-1].detail
+        numbers = [reading.sequence for reading in outlet.kept]
+        assert numbers == sorted(set(numbers))
+    finally:
+        stop.set()
+        await running
