@@ -1,0 +1,60 @@
+"""What a compensation is judged by (B19 eq. 1-7; Z22 Tables 3 and 4). NaN means not measured and is left out."""
+
+import numpy as np
+
+from talc.frame import FloatArray
+
+
+def peak_to_peak(values: FloatArray) -> float:
+    """PV, E_PV: largest minus smallest. NaN without values."""
+    known = _known(values)
+    return float(np.ptp(known)) if known.size else float("nan")
+
+
+def rms(values: FloatArray) -> float:
+    """RMSE, E_RMS: root of the mean square about zero. NaN without values."""
+    known = _known(values)
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def p99(values: FloatArray) -> float:
+    """P99: 99th percentile of the magnitude, linearly interpolated. NaN without values."""
+    known = _known(values)
+    return float(np.percentile(np.abs(known), 99.0)) if known.size else float("nan")
+
+
+def smape(measured: FloatArray, predicted: FloatArray) -> float:
+    """SMAPE, 0 to 100 %: mean of |m - p| / (|m| + |p|); a pair of zeros counts as 0. NaN without pairs.
+
+    Dominated by zero crossings: of little worth for errors that change sign. ValueError: shapes differ.
+    """
+    measured, predicted = np.asarray(measured, dtype=np.float64), np.asarray(predicted, dtype=np.float64)
+    if measured.shape != predicted.shape:
+        raise ValueError(f"measured has shape {measured.shape}, predicted {predicted.shape}: expected the same")
+    both = np.isfinite(measured) & np.isfinite(predicted)
+    if not both.any():
+        return float("nan")
+    m, p = measured[both], predicted[both]
+    size = np.abs(m) + np.abs(p)
+    share = np.divide(np.abs(m - p), size, out=np.zeros_like(size), where=size > 0)
+    return float(100.0 * share.mean())
+
+
+def productivity(measurements: int, cycle_s: float, total_s: float) -> float:
+    """Pd = (1 - M T_M / T_total) · 100 %: share of the time that is not spent probing (B19).
+
+    ValueError: no time at all.
+    """
+    if not total_s > 0:
+        raise ValueError(f"total_s = {total_s!r}: expected more than 0")
+    return 100.0 * (1.0 - measurements * cycle_s / total_s)
+
+
+def reduction(before: float, after: float) -> float:
+    """How much smaller, in % of `before`; negative when it became larger. NaN when there was nothing to reduce."""
+    return 100.0 * (1.0 - after / before) if before > 0 else float("nan")
+
+
+def _known(values: FloatArray) -> FloatArray:
+    values = np.asarray(values, dtype=np.float64)
+    return values[np.isfinite(values)]
