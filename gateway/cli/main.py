@@ -104,7 +104,7 @@ def run(config: Path) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.cli.run import run_service
 
-    run_service(read_config(config))
+    run_service(read_config(config), config)
 
 
 @main.command()

@@ -1,18 +1,53 @@
 """`talc-gateway run`."""
 
 import asyncio
+import logging
+import signal
+from pathlib import Path
 
+from drivers.base import DriverError
 from gateway.cli.running import serve, stop_on_signals
 from gateway.clock import RealClock
-from gateway.config import GatewayConfig
+from gateway.config import ConfigError, GatewayConfig, load
+from gateway.reload import ReloadError
+from gateway.service import Service
+
+log = logging.getLogger(__name__)
 
 
-def run_service(config: GatewayConfig) -> None:
-    """Run the gateway until SIGINT or SIGTERM."""
+def run_service(config: GatewayConfig, path: Path) -> None:
+    """Run the gateway until SIGINT or SIGTERM. SIGHUP reads `path` again and applies what changed, or nothing."""
 
     async def main() -> None:
-        stop = asyncio.Event()
+        stop, hang_up = asyncio.Event(), asyncio.Event()
         stop_on_signals(stop)
-        await serve(config, RealClock(), stop, simulated=False)
+        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, hang_up.set)
+        reloading: list[asyncio.Task[None]] = []
+
+        def started(service: Service) -> None:
+            reloading.append(asyncio.create_task(_reload(service, path, hang_up), name="reload"))
+
+        try:
+            await serve(config, RealClock(), stop, simulated=False, started=started)
+        finally:
+            for task in reloading:
+                task.cancel()
+            await asyncio.gather(*reloading, return_exceptions=True)
 
     asyncio.run(main())
+
+
+async def _reload(service: Service, path: Path, asked: asyncio.Event) -> None:
+    """Whenever asked, until cancelled. A configuration that cannot be applied changes nothing."""
+    while True:
+        await asked.wait()
+        asked.clear()
+        try:
+            change = await service.reload(load(path))
+        except (ConfigError, DriverError, ReloadError) as error:
+            log.error("not reloaded, the former configuration goes on: %s", error)
+        except Exception:
+            log.exception("not reloaded, the former configuration goes on")
+        else:
+            exchanged = ", ".join(change.started) or "none"
+            log.warning("reloaded %s, fingerprint %s, buses exchanged: %s", path, service.fingerprint, exchanged)
