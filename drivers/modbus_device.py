@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isnan
+from math import isfinite
 
 from drivers.base import Clock, DriverError, Quality, Reading, WrongDevice
 from drivers.faults import Fault, first_fault
@@ -120,8 +120,8 @@ class ModbusDevice:
                 return first_fault(status.rules, code) or unknown
         if sentinel is not None:
             return sentinel
-        if isnan(raw):
-            return Fault(Quality.SENSOR_FAULT, "the device sends NaN instead of a value")
+        if not isfinite(raw):
+            return Fault(Quality.SENSOR_FAULT, f"the device sends {raw} instead of a value")
         value = self._spans[index].apply(raw) if values.scaled_by_type_code else raw * values.scale + values.offset
         return _implausible(profile.plausibility, value, profile.unit) or value
 

@@ -1,0 +1,127 @@
+"""A user's own profile over the wire: orders, scaling, status, sentinels, limits of the device, plausibility."""
+
+import struct
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from math import inf, nan
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Driver, Quality, Reading, SystemClock
+from drivers.build import make_bus, make_device
+from simulators.devices.modbus_servers import TcpHost
+
+PROFILE = """
+protocol = "modbus"
+title = "Somebody's module"
+buses = ["modbus_tcp"]
+channels = 4
+unit = "degC"
+max_registers = 6
+
+[value]
+function = 3
+address = 100
+stride = 4
+type = "float32"
+word_order = "little"
+scale = 0.1
+offset = -50
+
+[fault_bits]
+function = 2
+address = 7
+quality = "sensor_fault"
+detail = "open"
+
+[status]
+function = 3
+address = 102
+stride = 4
+mask = 0x00FF
+good = [0, 1]
+rule = [
+    { bit = 7, quality = "out_of_range", detail = "too hot" },
+    { equals = 0x42, quality = "sensor_fault", detail = "short" },
+]
+
+[[sentinel]]
+raw = -9999
+quality = "sensor_fault"
+detail = "not connected"
+
+[plausibility]
+low = -30.0
+high = 60.0
+"""
+
+
+class Module:
+    """Four channels at registers 100, 104, ...: number in two registers, low word first; status; a register unused."""
+
+    silent = False
+
+    def __init__(self) -> None:
+        self.raw = [700.0, 710.0, 720.0, 730.0]
+        self.status = [0, 0x3301, 0, 0]
+        self.broken = [0, 0, 0, 0]
+
+    def memory(self, function: int) -> Mapping[int, int]:
+        if function == 2:
+            return {7 + i: bit for i, bit in enumerate(self.broken)}
+        words: dict[int, int] = {}
+        for i, (raw, status) in enumerate(zip(self.raw, self.status, strict=True)):
+            high, low = struct.unpack(">HH", struct.pack(">f", raw))
+            words |= {100 + 4 * i: low, 101 + 4 * i: high, 102 + 4 * i: status, 103 + 4 * i: 0xDEAD}
+        return words
+
+
+@asynccontextmanager
+async def reading(module: Module, folder: Path, channels: Mapping[str, int]) -> AsyncIterator[Driver]:
+    path = folder / "module.toml"
+    path.write_text(PROFILE, encoding="utf-8")
+    host = TcpHost({1: module})
+    bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": await host.start()})
+    driver = make_device("module", bus, str(path), 1, channels, {}, SystemClock())
+    try:
+        await bus.connect()
+        await driver.connect()
+        yield driver
+    finally:
+        await bus.close()
+        await host.stop()
+
+
+def told(readings: Sequence[Reading]) -> list[tuple[str, str]]:
+    return [(r.quality.value, r.detail) for r in readings]
+
+
+async def test_values_in_any_order_of_channels(tmp_path: Path) -> None:
+    async with reading(Module(), tmp_path, {"d": 3, "a": 0, "c": 2}) as driver:
+        readings = await driver.read()
+    assert [(r.channel, r.quality) for r in readings] == [(name, Quality.GOOD) for name in "dac"]
+    assert [r.value for r in readings] == pytest.approx([23.0, 20.0, 22.0])
+
+
+async def test_every_fault_rule(tmp_path: Path) -> None:
+    module = Module()
+    async with reading(module, tmp_path, {"a": 0, "b": 1, "c": 2, "d": 3}) as driver:
+        module.status = [0x80, 0x42, 0x05, 0x01]
+        assert told(await driver.read()) == [
+            ("out_of_range", "too hot"),
+            ("sensor_fault", "short"),
+            ("sensor_fault", "status 0x5, which the profile does not explain"),
+            ("good", ""),
+        ]
+        module.status, module.broken = [0] * 4, [1, 0, 0, 0]
+        module.raw = [-9999.0, -9999.0, 1101.0, nan]
+        assert told(await driver.read()) == [
+            ("sensor_fault", "open; not connected"),
+            ("sensor_fault", "not connected"),
+            ("out_of_range", "60.1 degC is outside -30 to 60 degC"),
+            ("sensor_fault", "the device sends nan instead of a value"),
+        ]
+        module.broken, module.raw = [0] * 4, [inf, -inf, 199.0, 700.0]
+        qualities = [quality for quality, _ in told(await driver.read())]
+        assert qualities == ["sensor_fault", "sensor_fault", "out_of_range", "good"]
