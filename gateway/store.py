@@ -103,7 +103,7 @@ class Store:
     """
 
     def __init__(
-        self, path: Path, boot: str, clock: Clock, *, commit_s: float = 1.0, keep_samples_days: float = 60.0
+        self, path: Path, boot: str, clock: Clock, *, commit_s: float = 1.0, keep_samples_days: float = 7.0
     ) -> None:
         self._path, self._boot, self._clock = path, boot, clock
         self._commit_s, self._keep_s = commit_s, keep_samples_days * _SECONDS_PER_DAY

@@ -16,6 +16,12 @@ every mistake with file, field, value and what would be right.
 
 What runs is identified by a fingerprint: SHA-256 of the configuration with all defaults written out, so remarks and
 layout do not matter and a changed default does.
+
+**Reload.** On SIGHUP `talc-gateway run` reads its file again. The whole file is checked first; then only the buses that
+changed (themselves, their devices, or the limits of their channels) are closed and opened anew, and the others keep
+their period. What the models and the NC rest on (`[machine]`, `[grid]`, `[storage]`, `[telemetry]`, `[[state]]`,
+`[nc]`, `[probing]`, `[compensation]`, `[talc]`, and the names and order of the channels) needs a restart. A file that
+cannot be applied changes nothing, and the log says why.
 """
 
 
