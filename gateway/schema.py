@@ -8,9 +8,9 @@ from pathlib import Path
 
 SCHEMA_VERSION = 1
 SCHEMA = """
-CREATE TABLE boot (id TEXT PRIMARY KEY, began TEXT NOT NULL, config TEXT NOT NULL, fingerprint TEXT NOT NULL,
+CREATE TABLE boot (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, began TEXT NOT NULL, config TEXT NOT NULL, fingerprint TEXT NOT NULL,
     versions TEXT NOT NULL);
-CREATE TABLE sample (boot TEXT NOT NULL, sequence INTEGER NOT NULL, channel TEXT NOT NULL, time REAL NOT NULL,
+CREATE TABLE sample (boot INTEGER NOT NULL, sequence INTEGER NOT NULL, channel TEXT NOT NULL, time REAL NOT NULL,
     value REAL, unit TEXT NOT NULL, quality TEXT NOT NULL, detail TEXT NOT NULL,
     PRIMARY KEY (boot, sequence, channel)) WITHOUT ROWID;
 CREATE INDEX sample_time ON sample (time);

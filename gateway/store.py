@@ -117,6 +117,7 @@ class Store:
         self._lock = FileLock(path)
         try:
             make_schema(path)
+            self._number = _next_boot(path)
         except BaseException:
             self._lock.release()
             raise
@@ -142,8 +143,8 @@ class Store:
     def begin(self, config: str, fingerprint: str, versions: str) -> None:
         """Note what runs: configuration text, its hash, and the versions of what matters."""
         self._put(
-            "INSERT INTO boot VALUES (?, ?, ?, ?, ?)",
-            [(self._boot, self._clock.utc().isoformat(), config, fingerprint, versions)],
+            "INSERT INTO boot VALUES (?, ?, ?, ?, ?, ?)",
+            [(self._number, self._boot, self._clock.utc().isoformat(), config, fingerprint, versions)],
             commit=True,
         )
 
@@ -151,7 +152,7 @@ class Store:
 
     def readings(self, readings: Sequence[Reading]) -> None:
         rows = [
-            (self._boot, r.sequence, r.channel, r.source_time.timestamp(), None if r.value != r.value else r.value,
+            (self._number, r.sequence, r.channel, r.source_time.timestamp(), None if r.value != r.value else r.value,
              r.unit, r.quality.value, r.detail)
             for r in readings
         ]  # fmt: skip
@@ -252,6 +253,15 @@ class Store:
                 self._queue.task_done()  # also of what failed, or `flush` would wait for ever
 
 
+def _next_boot(path: Path) -> int:
+    """Number of this run in this file: readings carry it instead of the long boot id."""
+    with closing(connect(path)) as connection:
+        row = connection.execute(
+            "SELECT max(coalesce((SELECT max(number) FROM boot), 0), coalesce((SELECT max(boot) FROM sample), 0))"
+        ).fetchone()
+    return int(row[0]) + 1
+
+
 class History:
     """Reads a database, also while a gateway writes to it. A context manager.
 
@@ -281,7 +291,7 @@ class History:
     def config(self) -> tuple[str, str, str] | None:
         """Canonical configuration, its fingerprint and the versions of the latest run."""
         row = self._connection.execute(
-            "SELECT config, fingerprint, versions FROM boot ORDER BY rowid DESC LIMIT 1"
+            "SELECT config, fingerprint, versions FROM boot ORDER BY number DESC LIMIT 1"
         ).fetchone()
         return None if row is None else (str(row[0]), str(row[1]), str(row[2]))
 

@@ -161,7 +161,7 @@ class ErrorModel:
     def static_gain(self) -> FloatArray:
         """(n,) response to a lasting unit step of each input; µm or µm/m per unit of the input."""
         sums = np.array([b.sum() for b in self.b])
-        return sums / (1.0 + self.a.sum()) * self.y_std / self.u_std
+        return np.asarray(sums / (1.0 + self.a.sum()) * self.y_std / self.u_std, dtype=np.float64)
 
     def sigma(self, age: int) -> float:
         """Standard deviation of a prediction `age` steps after the last measurement; µm or µm/m.

@@ -1,0 +1,80 @@
+"""All that a report shows, as arrays; whoever collects it decides where it comes from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from talc.frame import BoolArray, Event, EventKind, FloatArray, Phase
+from talc.models import ModelSet
+
+
+@dataclass(frozen=True, slots=True)
+class AdoptedModels:
+    """Models, and the grid index of the frame after which they were adopted."""
+
+    after_k: int
+    models: ModelSet
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What only a simulation knows."""
+
+    time_s: FloatArray
+    """(S,) since the first frame."""
+    errors: FloatArray
+    """(S, 9)"""
+    uncompensated_um: FloatArray
+    """(S, 3) tool to workpiece, X Y Z."""
+    compensated_um: FloatArray
+    """(S, 3) the same with the offsets that were in force on the control."""
+    probing: BoolArray
+    """(S,) the machine probed: nothing was cut and the offsets stood still."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportData:
+    """One run. T frames, M steps of the compensation; µm and µm/m."""
+
+    machine: str
+    fingerprint: str
+    versions: str
+    step_s: float
+    start_utc_s: float
+    """UTC seconds of the first frame."""
+    k: np.ndarray[tuple[int], np.dtype[np.int64]]
+    phases: tuple[Phase, ...]
+    predicted: FloatArray
+    corrected: FloatArray
+    sigma: FloatArray
+    limits: FloatArray
+    measured: FloatArray
+    """(T, 9) each"""
+    models: tuple[AdoptedModels, ...]
+    events: tuple[tuple[float, Event], ...]
+    """Seconds since the first frame, and what happened."""
+    compensation_s: FloatArray
+    compensation_um: FloatArray
+    """(M,), (M, 3)"""
+    input_names: tuple[str, ...]
+    channel_health: Mapping[str, Mapping[str, int]]
+    """Channel to the number of readings of each quality."""
+    cycles: int
+    rejected_cycles: int
+    truth: Truth | None
+
+    @property
+    def time_s(self) -> FloatArray:
+        """(T,) seconds since the first frame."""
+        return np.asarray((self.k - self.k[0]) * self.step_s, dtype=np.float64)
+
+    @property
+    def judged_from(self) -> int | None:
+        """Row of the first decision with models: end of calibration; None when it never ended."""
+        rows = [i for i, phase in enumerate(self.phases) if phase is not Phase.CALIBRATION]
+        return rows[0] if rows else None
+
+    def count(self, kind: EventKind) -> int:
+        """Events of a kind."""
+        return sum(event.kind is kind for _, event in self.events)

@@ -1,0 +1,42 @@
+"""The HTML page: one file, nothing loaded from elsewhere."""
+
+from datetime import UTC, datetime
+from importlib.resources import files
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from gateway.report.data import ReportData
+from gateway.report.plots import error_plot, inputs_plot, tool_plot
+from gateway.report.summary import summary
+from talc.frame import EventKind
+from talc.names import THERMAL_ERRORS
+
+_GOOD = ("good", "simulated")
+
+
+def build(data: ReportData) -> str:
+    """The page of a run."""
+    template = files("gateway.report").joinpath("page.html").read_text(encoding="utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    unhealthy = [
+        (name, ", ".join(f"{quality}: {count}" for quality, count in sorted(counts.items())))
+        for name, counts in data.channel_health.items()
+        if any(quality not in _GOOD for quality in counts)
+    ]
+    return environment.from_string(template).render(
+        data=data,
+        s=summary(data),
+        begin=_date(data.start_utc_s),
+        end=_date(data.start_utc_s + float(data.time_s[-1])),
+        errors=[Markup(error_plot(data, e)) for e in range(len(THERMAL_ERRORS))],
+        inputs=Markup(inputs_plot(data)),
+        tool=Markup(tool_plot(data)),
+        unhealthy=unhealthy,
+        healthy=len(data.channel_health) - len(unhealthy),
+        events=[(at / 3600.0, event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE],
+    )
+
+
+def _date(utc_s: float) -> str:
+    return f"{datetime.fromtimestamp(utc_s, UTC):%Y-%m-%d %H:%M}"
