@@ -16,7 +16,7 @@ from simulators.devices.m7015 import M7015
 from simulators.devices.me_sensor import MeSensor
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.plant.sensors import SENSORS
+from simulators.lumped.sensors import SENSORS
 
 GROWTH_RANGE_UM = 500.0
 """The eddy-current sensor's measuring range; as in gateway.toml."""

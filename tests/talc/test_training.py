@@ -6,7 +6,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.signal import lfilter
-from thermal_series import Series, series
 
 from talc.criteria import adapted_bic
 from talc.frame import TrainingJob, Why
@@ -15,6 +14,7 @@ from talc.models import ModelSet
 from talc.output_error import Design, fit
 from talc.settings import TrainingSettings
 from talc.training import Cancelled, train
+from tests.talc.thermal_series import Series, series
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,235 @@
+"""The whole loop in short: emulated machine, drivers, TALC, NC, Zenoh; then what it left behind."""
+
+import csv
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+
+from gateway import keys
+from gateway.cli.report import collect
+from gateway.replay import replay
+from gateway.report import summary
+from gateway.store import History
+from talc.frame import EventKind, Phase
+
+HOURS, CALIBRATION_HOURS = 20.0, 8.0
+LIMIT_S = 300.0
+GATEWAY = (sys.executable, "-m", "gateway")
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def demo_command(folder: Path, port: int, hours: float = HOURS) -> list[str]:
+    return [
+        *GATEWAY, "demo", "--hours", str(hours), "--calibration-hours", str(CALIBRATION_HOURS), "--folder", str(folder),
+        "--zenoh-port", str(port),
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Run:
+    """One demo, run once for all tests of this module."""
+
+    folder: Path
+    output: str
+    published_frames: list[int]
+    published_kinds: set[str]
+    machine_pid: int
+
+
+def machine_pids(folder: Path) -> list[int]:
+    """Emulated machines that run for this folder."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                words = (entry / "cmdline").read_bytes().split(b"\0")
+            except OSError:
+                continue
+            if b"simulators.bench" in words and str(folder).encode() in words:
+                found.append(int(entry.name))
+    return found
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    folder, port = tmp_path_factory.mktemp("demo"), free_port()
+    process = subprocess.Popen(
+        demo_command(folder, port), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    )
+    frames: list[int] = []
+    kinds: set[str] = set()
+    lock = threading.Lock()
+
+    def take(sample: zenoh.Sample) -> None:
+        suffix = str(sample.key_expr).removeprefix("talc/bench/")
+        with lock:
+            kinds.add(suffix.split("/")[0])
+            if suffix == keys.FRAME:
+                frames.append(keys.decode(sample.payload.to_bytes())["k"])
+
+    try:
+        session = connect(port, process)
+        subscriber = session.declare_subscriber("talc/bench/**", take)
+        # The first frames may have come before we did; the gateway keeps the last one for those who are late.
+        pids = machine_pids(folder)
+        output, _ = process.communicate(timeout=LIMIT_S)
+        subscriber.undeclare()
+        session.close()
+        assert process.returncode == 0, output
+        assert len(pids) == 1
+        yield Run(folder, output, frames, kinds, pids[0])
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def connect(port: int, process: subprocess.Popen[str]) -> zenoh.Session:
+    """Join as soon as the gateway listens."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{port}"]')
+    config.insert_json5("connect/timeout_ms", "2000")
+    config.insert_json5("scouting/multicast/enabled", "false")
+    deadline = time.monotonic() + 60.0
+    while True:
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError:
+            if time.monotonic() > deadline or process.poll() is not None:
+                raise
+            time.sleep(0.05)
+
+
+def test_calibration_ends_and_models_are_adopted(run: Run) -> None:
+    with History(run.folder / "gateway.sqlite") as history:
+        steps = list(history.steps())
+    assert steps[0].decision.phase is Phase.CALIBRATION
+    assert Phase.COMPENSATION in {s.decision.phase for s in steps}
+    adopted = [m for s in steps for models in s.adopted for m in models.models]
+    assert len(adopted) >= 9
+    assert all(m is not None and abs(m.poles()).max(initial=0.0) < 0.999 for m in adopted)
+
+
+def test_the_three_largest_errors_are_more_than_halved(run: Run) -> None:
+    rows = summary(collect(run.folder / "gateway.sqlite", run.folder / "truth.csv")).rows
+    largest = sorted(rows, key=lambda row: row.e_rms, reverse=True)[:3]
+    for row in largest:
+        assert row.compensated_e_rms < 0.5 * row.e_rms, row
+
+
+def test_the_control_really_shifts_the_tool(run: Run) -> None:
+    with (run.folder / "truth.csv").open(encoding="ascii") as file:
+        rows = [[float(v) for v in row] for row in list(csv.reader(file))[1:]]
+    values = np.array(rows)
+    use = (values[:, 0] > (CALIBRATION_HOURS + 1) * 3600) & (values[:, 16] == 0)
+    without, with_ = values[use, 10:13], values[use, 13:16]
+    assert np.sqrt(np.mean(np.sum(with_**2, axis=1))) < 0.5 * np.sqrt(np.mean(np.sum(without**2, axis=1)))
+
+
+def test_probing_requests_made_the_round_trip(run: Run) -> None:
+    with History(run.folder / "gateway.sqlite") as history:
+        cycles = history.measurements()
+    numbers = [m.number for m in cycles]
+    assert len(set(numbers)) == len(numbers)
+    good = [m for m in cycles if m.errors is not None]
+    assert len(good) >= 0.9 * CALIBRATION_HOURS * 12
+    assert all(m.centres_mm is not None and m.centres_mm.shape == (6, 3) for m in good)
+    # What was probed agrees with the machine's own errors, apart from probing noise and the reference's.
+    data = collect(run.folder / "gateway.sqlite", run.folder / "truth.csv")
+    assert data.truth is not None
+    seen = np.isfinite(data.measured).all(axis=1)
+    at = np.searchsorted(data.truth.time_s, data.time_s[seen])
+    difference = data.measured[seen] - data.truth.errors[np.clip(at, 0, len(data.truth.errors) - 1)]
+    assert (np.abs(np.median(difference[:, :6], axis=0)) < 3.0).all()
+
+
+def test_a_subscriber_saw_every_frame(run: Run) -> None:
+    with History(run.folder / "gateway.sqlite") as history:
+        stored = [s.frame.k for s in history.steps()]
+    assert run.published_frames[0] <= stored[0] + 1
+    assert run.published_frames == [k for k in stored if k >= run.published_frames[0]]
+    wanted = {"reading", "frame", "decision", "measurement", "model", "event", "compensation", "status"}
+    assert wanted <= run.published_kinds
+
+
+def test_replay_is_identical(run: Run) -> None:
+    with History(run.folder / "gateway.sqlite") as history:
+        result = replay(history)
+    assert result.identical, result.first
+    assert result.trainings >= 1
+
+
+def test_every_channel_was_good_and_every_frame_complete(run: Run) -> None:
+    with History(run.folder / "gateway.sqlite") as history:
+        steps, events = list(history.steps()), history.events()
+        health = history.channel_health()
+    assert len(health) == 30
+    assert all(set(qualities) == {"good"} for qualities in health.values()), health
+    assert all(s.frame.valid.all() for s in steps[1:])
+    assert not [e for _, _, e in events if e.kind is EventKind.PROBLEM]
+
+
+def test_report_is_one_page_with_all_errors_and_nothing_from_elsewhere(run: Run) -> None:
+    page = (run.folder / "report.html").read_text(encoding="utf-8")
+
+    class Links(HTMLParser):
+        found: list[str] = []  # noqa: RUF012
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            self.found += [f"{tag} {v}" for k, v in attrs if k in ("src", "href") and v and not v.startswith("#")]
+
+    links = Links()
+    links.feed(page)
+    assert links.found == []
+    assert page.count("<svg") >= 10
+    assert "EX0C" in page
+    assert "Thermal errors without and with compensation" in run.output
+
+
+def test_nothing_stays_behind(run: Run) -> None:
+    assert machine_pids(run.folder) == []
+    assert not list(run.folder.glob("*.lock"))
+
+
+def test_ctrl_c_ends_everything_and_the_store_can_go_on(tmp_path: Path) -> None:
+    port = free_port()
+    process = subprocess.Popen(
+        demo_command(tmp_path, port, hours=200.0), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    session = connect(port, process)
+    session.close()
+    database = tmp_path / "gateway.sqlite"
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        with History(database) as history:
+            if len(history.measurements()) >= 2:
+                break
+        time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=60.0)
+    assert process.returncode == 0, output
+    assert machine_pids(tmp_path) == []
+    with socket.socket() as s:
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        s.bind(("127.0.0.1", port))  # free again
+    with History(database) as history:
+        assert replay(history).identical
