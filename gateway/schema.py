@@ -6,9 +6,10 @@ import sqlite3
 from contextlib import closing, suppress
 from pathlib import Path
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 SCHEMA = """
-CREATE TABLE boot (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, began TEXT NOT NULL, config TEXT NOT NULL, fingerprint TEXT NOT NULL,
+CREATE TABLE boot (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, began TEXT NOT NULL,
+    config TEXT NOT NULL, fingerprint TEXT NOT NULL,
     versions TEXT NOT NULL);
 CREATE TABLE sample (boot INTEGER NOT NULL, sequence INTEGER NOT NULL, channel TEXT NOT NULL, time REAL NOT NULL,
     value REAL, unit TEXT NOT NULL, quality TEXT NOT NULL, detail TEXT NOT NULL,
@@ -93,4 +94,5 @@ def make_schema(path: Path) -> None:
     if foreign:
         raise StoreError(f"{path}: is the database of another program; give [storage] another path")
     if version not in (0, SCHEMA_VERSION):
-        raise StoreError(f"{path}: schema version {version}, this program knows {SCHEMA_VERSION}; use a newer program")
+        remedy = "use a newer program" if version > SCHEMA_VERSION else "move it away to begin a new one"
+        raise StoreError(f"{path}: schema version {version}, this program knows {SCHEMA_VERSION}; {remedy}")

@@ -11,6 +11,7 @@ from pydantic import Field
 from gateway.config.buses import Bus
 from gateway.config.fields import Section
 from gateway.config.sections import (
+    DEFAULT_DATABASE,
     Compensation,
     Device,
     Grid,
@@ -41,7 +42,7 @@ class GatewayConfig(Section):
 
     machine: Machine
     grid: Grid = Grid()
-    storage: Storage = Field(default=Storage(), validate_default=True)
+    storage: Storage = Storage()
     telemetry: Telemetry = Telemetry()
     buses: tuple[Bus, ...] = Field(default=(), alias="bus")
     devices: tuple[Device, ...] = Field(default=(), alias="device")
@@ -87,5 +88,11 @@ def validate(data: Mapping[str, object] | str, folder: Path | None = None) -> Ga
     `folder`: where relative paths start. Raises pydantic.ValidationError.
     """
     # As JSON, so that strict types hold (no "9600" for 9600) while lists and texts still become tuples and paths.
-    text = data if isinstance(data, str) else json.dumps(data, default=str)
+    text = data if isinstance(data, str) else json.dumps(_with_database(data), default=str)
     return GatewayConfig.model_validate_json(text, strict=True, context={"folder": folder} if folder else None)
+
+
+def _with_database(data: Mapping[str, object]) -> Mapping[str, object]:
+    """The database's default path written out: like any path of the file it then starts at the file's folder."""
+    storage = data.get("storage", {})
+    return {**data, "storage": {"path": DEFAULT_DATABASE, **storage}} if isinstance(storage, Mapping) else data

@@ -33,10 +33,13 @@ class Grid(Section):
     """Grid step in seconds (5 min). Frame k covers the step that ends at UTC = k · step_s."""
 
 
+DEFAULT_DATABASE = "gateway.sqlite"
+
+
 class Storage(Section):
     """What is kept on the computer."""
 
-    path: FilePath = Field(default=Path("gateway.sqlite"), validate_default=True)
+    path: FilePath = Path(DEFAULT_DATABASE)
     """SQLite database; a relative path starts at the configuration's folder."""
     keep_samples_days: Positive = 7.0
     """Readings and compensation steps older than this are deleted; 30 channels at 1 Hz take about 230 MB a day. Frames

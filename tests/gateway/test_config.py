@@ -98,6 +98,10 @@ def test_relative_paths_start_at_the_file(tmp_path: Path, monkeypatch: pytest.Mo
     elsewhere.mkdir()
     monkeypatch.chdir(elsewhere)
     assert load(file).storage.path == tmp_path / "data" / "mill.sqlite"
+    file.write_text(valid_text())
+    assert load(file).storage.path == tmp_path / "gateway.sqlite"
+    file.write_text(valid_text() + "\n[storage]\ncommit_s = 2.0\n")
+    assert load(file).storage.path == tmp_path / "gateway.sqlite"
 
 
 def test_unreadable_files_say_so(tmp_path: Path) -> None:

@@ -62,4 +62,4 @@ def test_a_good_file_is_applied_and_a_bad_one_changes_nothing(tmp_path: Path) ->
         finally:
             process.kill()
     assert "/nowhere/other" in seen.decode()
-    assert not list(tmp_path.glob("*.lock"))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["gateway.sqlite", "gateway.toml"], "closed, and no lock left"

@@ -129,13 +129,15 @@ def test_a_reading_handed_in_twice_is_kept_once(tmp_path: Path) -> None:
         store.readings([reading("a", 1), reading("b", 1)])
         store.readings([reading("a", 1), reading("a", 2, math.nan)])
     with Store(path, "boot2", SteppedClock()) as store:
+        store.begin("{}", "hash", "versions")
         store.readings([reading("a", 1)])  # another boot counts anew
     assert rows(path, "SELECT boot, sequence, channel, value FROM sample ORDER BY boot, channel, sequence") == [
-        ("boot1", 1, "a", 20.0),
-        ("boot1", 2, "a", None),
-        ("boot1", 1, "b", 20.0),
-        ("boot2", 1, "a", 20.0),
+        (1, 1, "a", 20.0),
+        (1, 2, "a", None),
+        (1, 1, "b", 20.0),
+        (2, 1, "a", 20.0),
     ]
+    assert rows(path, "SELECT number, id FROM boot") == [(2, "boot2")]
     with History(path) as history:
         assert history.channel_health() == {"a": {"good": 3}, "b": {"good": 1}}
 
