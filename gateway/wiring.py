@@ -1,10 +1,7 @@
 """From the configuration to drivers. Validates everything that drivers validate; never touches the network."""
 
-from dataclasses import replace
-
-from drivers.base import SetupError
 from drivers.build import make_bus, make_device
-from drivers.sinumerik_settings import Paths, SinumerikSettings
+from drivers.sinumerik_settings import Handshake, SinumerikSettings
 from gateway.acquisition import Line
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
@@ -44,19 +41,13 @@ def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
 
 def sinumerik_settings(nc: SinumerikNc, poses: int) -> SinumerikSettings:
     """The NC driver's settings. Raises SetupError naming the field and the value."""
-    known = set(Paths.__dataclass_fields__)
-    for name in nc.nodes:
-        if name not in known:
-            raise SetupError(f"[nc.nodes] {name} is unknown", hint=f"there are {', '.join(sorted(known))}")
-    standard = SinumerikSettings(url=nc.url)
-    return replace(
-        standard,
+    return SinumerikSettings(
+        url=nc.url,
         timeout_s=nc.timeout_s,
         security=nc.security,
         user=nc.user or "",
         password_file=nc.password_file,
         certificate=nc.certificate,
         private_key=nc.private_key,
-        paths=replace(standard.paths, **dict(nc.nodes)),  # type: ignore[arg-type]
-        handshake=replace(standard.handshake, poses=poses),
-    )
+        handshake=Handshake(poses=poses),
+    ).with_nodes(nc.nodes)

@@ -39,6 +39,7 @@ class Demo:
     seed: int
     folder: Path
     zenoh_port: int
+    connect: tuple[str, ...]
     plain: bool
 
 
@@ -118,9 +119,10 @@ async def _machine(demo: Demo) -> AsyncIterator[dict[str, str | int]]:
 def _config(demo: Demo, addresses: dict[str, str | int]) -> GatewayConfig:
     """Fill the bench's configuration in and load it as any other."""
     text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
-    fillings = addresses | {
+    fillings: dict[str, str | int] = addresses | {
         "folder": str(demo.folder.resolve()),
         "zenoh_port": demo.zenoh_port,
+        "zenoh_connect": json.dumps(demo.connect),
         "calibration_steps": round(demo.calibration_hours * _STEPS_PER_HOUR),
     }
     for name, value in fillings.items():

@@ -114,14 +114,22 @@ def run(config: Path) -> None:
 @click.option("--seed", type=int, default=1, show_default=True, help="Of weather, loads and sensor noise.")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default=Path("out/demo"), show_default=True)
 @click.option("--zenoh-port", type=int, default=7447, show_default=True, help="Where `watch` finds the run.")
+@click.option("--connect", multiple=True, help="Zenoh endpoint of a listener to publish to from the first frame on.")
 @click.option("--plain", is_flag=True, help="One line per event, also on a terminal.")
 def demo(
-    hours: float, calibration_hours: float, speed: float, seed: int, folder: Path, zenoh_port: int, plain: bool
+    hours: float,
+    calibration_hours: float,
+    speed: float,
+    seed: int,
+    folder: Path,
+    zenoh_port: int,
+    connect: tuple[str, ...],
+    plain: bool,
 ) -> None:
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
     from gateway.cli.demo import Demo, run_demo
 
-    run_demo(Demo(hours, calibration_hours, speed, seed, folder, zenoh_port, plain))
+    run_demo(Demo(hours, calibration_hours, speed, seed, folder, zenoh_port, connect, plain))
 
 
 @main.command()

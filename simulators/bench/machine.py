@@ -6,9 +6,9 @@ from pathlib import Path
 
 from simulators.clock import SharedClock
 from simulators.devices.source import ValueSource
-from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
 from simulators.lumped import MachinePlant
 from simulators.lumped.machine import Drive
+from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
 from talc.names import THERMAL_ERRORS
 
 SPHERE_RADIUS_MM = 200.0
