@@ -1,5 +1,9 @@
-"""The physics of a five-axis machine: heat, temperatures, elastic consequences. Knows no protocol and no clock."""
+"""A five-axis machine's thermal behaviour. Physics only: no protocol, no clock. See docs/plant.md."""
 
-from simulators.plant.machine import MachinePlant
+from simulators.plant.drive import MachineDrive
+from simulators.plant.environment import Environment
+from simulators.plant.parameters import Parameters, load
+from simulators.plant.plant import Plant
+from simulators.plant.record import Recording, record
 
-__all__ = ["MachinePlant"]
+__all__ = ["Environment", "MachineDrive", "Parameters", "Plant", "Recording", "load", "record"]

@@ -1,80 +1,87 @@
-"""The hall around the machine: a day, a week's weather, a door that opens. A pure function of seed and time."""
+"""The hall: daily cycle, weather, vertical gradient, door. Every draw is fixed by the seed and the date alone."""
 
 import math
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 
 import numpy as np
 
+from simulators.plant.parameters import ZONES, FloatArray
+
+_WEATHER_STEP_S = 600.0
 _DAY_S = 86400.0
-_WEATHER_STEP_S = 3600.0
-_WEATHER_HOURS = 24 * 60
-_DOORS_PER_DAY = 3
+_HEIGHT_M = {"left": 1.0, "right": 1.0, "front": 1.0, "rear": 1.3, "high": 2.6, "ground": 0.0}
+_DOOR_SHARE = {"left": 1.0, "right": 0.5, "front": 0.9, "rear": 0.4, "high": 0.3, "ground": 0.0}
 
 
-@dataclass(frozen=True, slots=True)
-class Hall:
-    """Air temperatures of one moment, degC."""
-
-    low: float
-    """At the machine's feet."""
-    high: float
-    """At the top of the column."""
-
-
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
-    """Hall air of a workshop without air conditioning.
+    """A hall without air conditioning, within 18-28 degC most of the year."""
 
-    mean 21.5 degC; daily swing ±2.5 K with its maximum at 16 h (halls: ±2 to ±4 K); weather: first-order process with
-    2 days' memory and 1 K deviation; 1.2 K between feet and top (1-2 K/m); a door opened about three times a day for
-    5-15 min takes the air down by up to 3 K, more at the feet, and the hall recovers with 10 min.
+    mean_degC: float = 22.5  # noqa: N815
+    daily_amplitude_K: float = 1.5  # noqa: N815
+    """Half the daily swing; warmest at 16 h."""
+    weather_sigma_K: float = 0.9  # noqa: N815
+    """Standard deviation of the slow AR(1) process."""
+    weather_tau_s: float = 30 * 3600.0
+    """Weather changes over a day or so."""
+    gradient_K_m: float = 1.3  # noqa: N815
+    """Vertical gradient; a third more at noon, a third less at night."""
+    door_drop_K: float = 3.0  # noqa: N815
+    door_openings_per_day: float = 6.0
+    door_recovery_s: float = 1200.0
 
-    Parameters
-    ----------
-    seed: of weather and door
-    start_hour: hour of the day at 0 s
-    """
 
-    mean = 21.5
-    swing = 2.5
-    gradient = 1.2
-    door_drop = 3.0
-    door_recovery_s = 600.0
+class Hall:
+    """Zone temperatures at any time since `start_utc`, also before it (negative seconds down to `-before_s`)."""
 
-    def __init__(self, seed: int, start_hour: float = 6.0) -> None:
-        draw = np.random.default_rng([seed, 1])
-        keep = math.exp(-1 / 48.0)
-        noise = draw.normal(0.0, math.sqrt(1 - keep**2), _WEATHER_HOURS)
-        weather = np.empty(_WEATHER_HOURS)
-        weather[0] = draw.normal()
-        for i in range(1, _WEATHER_HOURS):
-            weather[i] = keep * weather[i - 1] + noise[i]
-        self._weather = weather
-        self._start_hour = start_hour
-        days = _WEATHER_HOURS // 24
-        begins = np.sort(draw.uniform(0.0, days * _DAY_S, _DOORS_PER_DAY * days))
-        self._doors = [
-            (float(b), float(b + d)) for b, d in zip(begins, draw.uniform(300.0, 900.0, begins.size), strict=True)
-        ]
+    def __init__(self, environment: Environment, seed: int, start_utc: datetime, before_s: float) -> None:
+        self.environment, self._start, self._before_s = environment, start_utc, before_s
+        self._seed = seed
+        self._midnight = start_utc.replace(hour=0, minute=0, second=0, microsecond=0)
+        self._start_of_day_s = (start_utc - self._midnight).total_seconds()
+        self._generator = np.random.default_rng([seed, 1])
+        self._weather = [float(self._generator.standard_normal())]
+        self._doors: dict[int, list[tuple[float, float]]] = {}
+        self._height = np.array([_HEIGHT_M[zone] for zone in ZONES])
+        self._share = np.array([_DOOR_SHARE[zone] for zone in ZONES])
 
-    def at(self, time_s: float) -> Hall:
-        """The hall at simulated seconds; after 60 days the weather repeats."""
-        hour = time_s / 3600.0 + self._start_hour
-        daily = self.swing * math.cos((hour - 16.0) / 24.0 * 2 * math.pi)
-        position = time_s / _WEATHER_STEP_S % (_WEATHER_HOURS - 1)
-        i = int(position)
-        weather = float(self._weather[i] + (self._weather[i + 1] - self._weather[i]) * (position - i))
-        base = self.mean + daily + weather
-        door = self.door_drop * self._door(time_s)
-        return Hall(base - self.gradient / 2 - door, base + self.gradient / 2 - 0.5 * door)
+    def zones(self, time_s: float) -> FloatArray:
+        """(z,) degC in the order of ZONES."""
+        e = self.environment
+        day_s = time_s + self._start_of_day_s
+        wave = math.cos(2 * math.pi * (day_s / _DAY_S - 16 / 24))
+        air = e.mean_degC + e.daily_amplitude_K * wave + e.weather_sigma_K * self._weather_at(time_s)
+        gradient = e.gradient_K_m * (1 + wave / 3)
+        temperatures: FloatArray = air + gradient * (self._height - 1.0) - self._share * self._door(day_s)
+        temperatures[ZONES.index("ground")] = e.mean_degC - 3.0
+        return temperatures
 
-    def _door(self, time_s: float) -> float:
-        """0 closed and recovered, towards 1 the longer it is open."""
-        level = 0.0
-        for begin, end in self._doors:
-            if begin > time_s:
-                break
-            if time_s - end > 8 * self.door_recovery_s:
-                continue
-            opened = 1 - math.exp(-(min(time_s, end) - begin) / self.door_recovery_s)
-            level = max(level, opened * math.exp(-max(0.0, time_s - end) / self.door_recovery_s))
-        return level
+    def _weather_at(self, time_s: float) -> float:
+        position = max(time_s + self._before_s, 0.0) / _WEATHER_STEP_S
+        k = int(position)
+        keep = math.exp(-_WEATHER_STEP_S / self.environment.weather_tau_s)
+        while len(self._weather) < k + 2:
+            draw = float(self._generator.standard_normal())
+            self._weather.append(keep * self._weather[-1] + math.sqrt(1 - keep**2) * draw)
+        return self._weather[k] + (position - k) * (self._weather[k + 1] - self._weather[k])
+
+    def _openings(self, day: int) -> list[tuple[float, float]]:
+        """(opened, closed) in seconds since the first midnight; working hours 6 to 20."""
+        if day not in self._doors:
+            ordinal = (self._midnight + timedelta(days=day)).toordinal()
+            generator = np.random.default_rng([self._seed, 2, ordinal])
+            count = int(generator.poisson(self.environment.door_openings_per_day))
+            opened = np.sort(generator.uniform(6 * 3600.0, 20 * 3600.0, count)) + day * _DAY_S
+            lasting = generator.uniform(120.0, 900.0, count)
+            self._doors[day] = [(float(o), float(o + d)) for o, d in zip(opened, lasting, strict=True)]
+        return self._doors[day]
+
+    def _door(self, day_s: float) -> float:
+        """Drop in K: towards the full drop within 3 min while open, back within `door_recovery_s`."""
+        drop, day = 0.0, math.floor(day_s / _DAY_S)
+        for opened, closed in self._openings(day - 1) + self._openings(day):
+            if day_s > opened:
+                reached = 1 - math.exp(-(min(day_s, closed) - opened) / 180.0)
+                drop = max(drop, reached * math.exp(-max(day_s - closed, 0.0) / self.environment.door_recovery_s))
+        return drop * self.environment.door_drop_K
