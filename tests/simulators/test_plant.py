@@ -146,7 +146,7 @@ def test_coolant_carries_most_of_the_spindles_heat(machine: Parameters) -> None:
     cold[machine.node("coolant_tank")] += 1e9 * np.eye(len(heat))[machine.node("coolant_tank")]
     t = np.linalg.solve(cold, heat)
     share = machine.flow_rate_W_K * (t[machine.node("jacket_s")] - t[machine.node("coolant_tank")]) / heat.sum()
-    assert 0.6 <= share <= 0.85
+    assert 0.6 <= share <= 0.8
 
 
 def test_cutting_fluid_cools_a_hot_table(machine: Parameters) -> None:
