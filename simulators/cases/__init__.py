@@ -1,0 +1,5 @@
+"""Load cases for studies: what the machine does, row by row, and in which hall."""
+
+from simulators.cases.series import SEASONS, Stretch, long_term, random_axes, warm_up_and_cool_down
+
+__all__ = ["SEASONS", "Stretch", "long_term", "random_axes", "warm_up_and_cool_down"]
