@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from talc.criteria import adapted_bic
+from talc.disturbance import IntArray, disturbance_of
 from talc.frame import BoolArray, FloatArray, TrainingJob
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -64,7 +65,20 @@ def train(
             problems[key] = [PoleProblem(Design.make(scaled, p, lags, rows), _RIDGE) for p in poles]
         keep = None if job.static_inputs is None else job.static_inputs[e]
         fixed = None if keep is None else tuple(names.index(name) for name in keep if name in names)
-        models.append(_model(error, job.measured[rows, e], problems[key], fixed, job, names, columns, mean, spread))
+        models.append(
+            _model(
+                error,
+                job.measured[rows, e],
+                problems[key],
+                np.flatnonzero(rows),
+                fixed,
+                job,
+                names,
+                columns,
+                mean,
+                spread,
+            )
+        )
         if progress is not None:
             progress((e + 1) / len(THERMAL_ERRORS))
     return ModelSet(k=job.k, why=job.why.value, input_names=job.input_names, models=tuple(models), notes=tuple(notes))
@@ -85,6 +99,7 @@ def _model(
     error: str,
     measured: FloatArray,
     problems: list[PoleProblem],
+    steps: IntArray,
     fixed: tuple[int, ...] | None,
     job: TrainingJob,
     names: tuple[str, ...],
@@ -127,6 +142,7 @@ def _model(
         limit=float(residual.max()),
         residual_std=float(np.sqrt(np.mean(residual**2))),
         criterion=best.criterion,
+        disturbance=disturbance_of(found.residual * y_std, steps),
     )
 
 
