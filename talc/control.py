@@ -127,12 +127,11 @@ class Controller:
         last = self._record.last_k
         if last is None:
             return
-        missing = until_k - last - 1
-        self._record.append_gap(until_k)
-        for model in self._models:
-            if model is not None:
-                for back in range(missing, 0, -1):
-                    model.step(self._record.inputs[: len(self._record) - back + 1], float("nan"))
+        for k in range(last + 1, until_k):  # row by row: a window shorter than the gap drops rows meanwhile
+            self._record.append_gap(k + 1)
+            for model in self._models:
+                if model is not None:
+                    model.step(self._record.inputs, float("nan"))
 
     def _predict(
         self, measured: np.ndarray[tuple[int], np.dtype[np.float64]], events: list[Event]

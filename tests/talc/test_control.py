@@ -1,0 +1,168 @@
+"""The controller against stand-in models whose answers are known."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from talc.control import Controller
+from talc.frame import Decision, EventKind, FloatArray, Frame, Measurement, Phase, Why
+from talc.models import ErrorModel, ModelSet
+from talc.names import THERMAL_ERRORS
+from talc.settings import ControlSettings, TalcSettings, TrainingSettings
+
+INPUTS = ("warm", "idle")
+CALIBRATION = 12
+
+
+def model(error: str, limit: float = 3.0) -> ErrorModel:
+    """y = 2 warm, in physical units, as a first-order lag with pole 0.5."""
+    return ErrorModel(
+        error=error,
+        inputs=("warm",),
+        a=np.array([-0.5]),
+        b=(np.array([0.5, 0.5]),),
+        u_mean=np.zeros(1),
+        u_std=np.ones(1),
+        y_mean=0.0,
+        y_std=1.0,
+        u_low=np.full(1, -100.0),
+        u_high=np.full(1, 100.0),
+        y_low=-300.0,
+        y_high=300.0,
+        limit=limit,
+        residual_std=1.0,
+        criterion=0.0,
+    )
+
+
+def models(k: int, only: tuple[str, ...] = THERMAL_ERRORS) -> ModelSet:
+    chosen = tuple(model(e) if e in only else None for e in THERMAL_ERRORS)
+    return ModelSet(k=k, why="calibration", input_names=INPUTS, models=chosen)
+
+
+def controller() -> Controller:
+    control = ControlSettings(calibration_steps=CALIBRATION, measurement_interval_steps=4, no_good_measurements=3)
+    return Controller(INPUTS, TalcSettings(control=control))
+
+
+def frame(k: int, warm: float = 1.0, measured: float | FloatArray | None = None) -> Frame:
+    inputs = np.array([warm, 20.0])
+    errors = None if measured is None else np.broadcast_to(np.asarray(measured, dtype=float), (9,)).copy()
+    return Frame(k, inputs, np.isfinite(inputs), None if errors is None else Measurement(errors, np.ones(9)))
+
+
+def calibrate(c: Controller, only: tuple[str, ...] = THERMAL_ERRORS) -> Decision:
+    decision = None
+    for k in range(CALIBRATION):
+        decision = c.step(frame(k, measured=2.0))
+    if decision is None or decision.training is None:
+        raise ValueError("calibration asked for no training")
+    c.adopt(models(decision.k, only))
+    return decision
+
+
+def test_calibration_asks_once_and_holds_the_whole_record() -> None:
+    c = controller()
+    jobs = [c.step(frame(k, measured=2.0)).training for k in range(CALIBRATION + 5)]
+    asked = [job for job in jobs if job is not None]
+    assert len(asked) == 1
+    assert jobs[CALIBRATION - 1] is asked[0]
+    assert asked[0].inputs.shape == (CALIBRATION, 2)
+    assert c.phase is Phase.CALIBRATION
+
+
+def test_too_few_measurements_prolong_calibration() -> None:
+    c = controller()
+    jobs = [c.step(frame(k, measured=2.0 if k % 2 else None)).training for k in range(2 * CALIBRATION)]
+    first = next(k for k, job in enumerate(jobs) if job is not None)
+    assert first == 17  # the ninth measurement, 0.75 of twelve
+
+
+def test_a_training_without_a_model_keeps_calibrating_and_says_so() -> None:
+    c = controller()
+    for k in range(CALIBRATION):
+        c.step(frame(k, measured=2.0))
+    events = c.adopt(models(CALIBRATION - 1, only=()))
+    assert [e.kind for e in events] == [EventKind.MODEL_REJECTED]
+    assert c.step(frame(CALIBRATION, measured=2.0)).measure is Why.CALIBRATION
+    later = [c.step(frame(k, measured=2.0)).training for k in range(CALIBRATION + 1, 2 * CALIBRATION)]
+    assert sum(job is not None for job in later) == 1
+
+
+def test_predicts_at_the_model_s_equilibrium_and_asks_at_the_interval() -> None:
+    c = controller()
+    calibrate(c)
+    decisions = [c.step(frame(CALIBRATION + i)) for i in range(5)]
+    assert np.allclose([d.corrected for d in decisions], 2.0)
+    assert [d.measure for d in decisions] == [None, None, Why.INTERVAL, Why.INTERVAL, Why.INTERVAL]
+
+
+def test_a_residual_above_the_limit_leads_through_no_good_to_a_training() -> None:
+    c = controller()
+    calibrate(c)
+    k = CALIBRATION
+    inside = c.step(frame(k, measured=4.9))
+    assert inside.phase is Phase.COMPENSATION
+    outside = c.step(frame(k + 1, measured=20.0))
+    assert outside.phase is Phase.NO_GOOD
+    assert outside.measure is Why.NO_GOOD
+    after = [c.step(frame(k + 2 + i, measured=20.0)) for i in range(4)]
+    assert [d.training is not None for d in after] == [False, False, True, False]
+    c.adopt(models(k + 4))
+    assert c.phase is Phase.COMPENSATION
+
+
+def test_an_error_without_a_model_is_held_at_its_last_measurement() -> None:
+    c = controller()
+    calibrate(c, only=("EY0A",))
+    measured = np.full(9, 2.0)
+    measured[3] = 7.0
+    c.step(frame(CALIBRATION, measured=measured))
+    decision = c.step(frame(CALIBRATION + 1))
+    assert decision.corrected[3] == 7.0
+    assert np.isnan(decision.predicted[3])
+
+
+def test_substitution_is_told_once_when_it_begins_and_once_when_it_ends() -> None:
+    c = controller()
+    calibrate(c)
+    warm = [1.0, np.nan, np.nan, 1.0, 1.0]
+    decisions = [c.step(frame(CALIBRATION + i, warm=w)) for i, w in enumerate(warm)]
+    told = [sum(e.kind is EventKind.INPUT_SUBSTITUTED for e in d.events) for d in decisions]
+    assert told == [0, 1, 0, 1, 0]
+    assert np.allclose(decisions[2].corrected, 2.0)
+
+
+def test_models_of_other_inputs_are_refused() -> None:
+    other = ModelSet(k=0, why="calibration", input_names=("x",), models=(None,) * 9)
+    with pytest.raises(ValueError, match="other inputs"):
+        controller().adopt(other)
+
+
+def test_a_gap_longer_than_the_training_window_is_bridged() -> None:
+    control = ControlSettings(calibration_steps=CALIBRATION)
+    c = Controller(INPUTS, TalcSettings(control=control, training=TrainingSettings(window_steps=12)))
+    calibrate(c)
+    decision = c.step(frame(CALIBRATION + 500))
+    assert np.allclose(decision.corrected, 2.0)
+    assert decision.measure is Why.INTERVAL
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.data())
+def test_no_mask_gap_or_partial_measurement_makes_a_correction_that_is_not_finite(data: st.DataObject) -> None:
+    c = controller()
+    calibrate(c)
+    number = st.sampled_from([np.nan, np.inf, -50.0, 1.0, 1e9])
+    k = CALIBRATION - 1
+    for _ in range(data.draw(st.integers(1, 12))):
+        k += data.draw(st.sampled_from([1, 1, 2, 30, 5000]))
+        inputs = np.array(data.draw(st.lists(number, min_size=2, max_size=2)))
+        valid = np.array(data.draw(st.lists(st.booleans(), min_size=2, max_size=2)))
+        errors = data.draw(st.none() | st.lists(st.sampled_from([np.nan, 1.0, 40.0]), min_size=9, max_size=9))
+        measurement = None if errors is None else Measurement(np.array(errors), np.ones(9))
+        decision = c.step(Frame(k, inputs, valid, measurement))
+        assert np.isfinite(decision.corrected).all()
+        if decision.training is not None:
+            c.adopt(models(k))
