@@ -72,9 +72,8 @@ async def _run(demo: Demo) -> None:
             view = ViewOutlet(state, config.input_names, clock, simulated=True)
             with LiveView(state, plain=demo.plain):
                 ender = asyncio.create_task(_end_at(clock, demo.hours * 3600.0, stop))
-                clock.start()
                 try:
-                    await serve(config, clock, stop, simulated=True, more=[view])
+                    await serve(config, clock, stop, simulated=True, more=[view], started=lambda _: clock.start())
                 finally:
                     ender.cancel()
                     clock.stop()

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from gateway.config import GatewayConfig
 from gateway.replay import stored_config
 from gateway.report import AdoptedModels, ReportData, Truth, build, summary, table
 from gateway.store import History, StoreError
@@ -59,17 +58,17 @@ def collect(database: Path, truth: Path | None = None) -> ReportData:
             channel_health=history.channel_health(),
             cycles=len(cycles),
             rejected_cycles=sum(m.errors is None for m in cycles),
-            truth=None if truth is None else _truth(truth, config),
+            truth=None if truth is None else _truth(truth, start),
         )
 
 
-def _truth(path: Path, config: GatewayConfig) -> Truth:
+def _truth(path: Path, start_utc_s: float) -> Truth:
     """The emulated machine's own record, on the report's time axis."""
     with path.open(newline="", encoding="ascii") as file:
         rows = list(csv.reader(file))[1:]
     values: FloatArray = np.array([[float(v) for v in row] for row in rows if len(row) == _TRUTH_COLUMNS])
     return Truth(
-        time_s=values[:, 0] - config.grid.step_s,  # the bench begins on a grid instant, one step before the first frame
+        time_s=values[:, 0] - start_utc_s,
         errors=values[:, 1:10],
         uncompensated_um=values[:, 10:13],
         compensated_um=values[:, 13:16],

@@ -2,24 +2,25 @@
 
 import csv
 from collections.abc import Callable, Sequence
+from datetime import timedelta
 from pathlib import Path
 
 from simulators.clock import SharedClock
 from simulators.devices.source import ValueSource
-from simulators.lumped import MachinePlant
-from simulators.lumped.machine import Drive
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
+from simulators.plant import Environment, MachineDrive, Plant, load
+from simulators.plant.plant import RADIUS_MM, STEP_S
 from talc.names import THERMAL_ERRORS
 
-SPHERE_RADIUS_MM = 200.0
-"""Distance of the sphere from the C axis; as in gateway.toml. 1 µm of probing noise is 2-4 µm/m of tilt there."""
 GROWTH_GAP_UM = 250.0
 """Gap at which the eddy-current sensor was mounted: the middle of its range."""
+IDLE_S = 12 * 3600.0
+"""Switched on but idle for so long before simulated time begins: the reference is not taken on a cold machine."""
 REST_S = 900.0
 """The machine rests so long at first."""
 TRUTH_STEP_S = 60.0
-TRUTH_COLUMNS = ("time_s", *THERMAL_ERRORS, "dx", "dy", "dz", "rx", "ry", "rz", "probing")
-"""Simulated time; the nine errors; tool-to-workpiece deviation without (d) and with compensation (r), µm;
+TRUTH_COLUMNS = ("utc_s", *THERMAL_ERRORS, "dx", "dy", "dz", "rx", "ry", "rz", "probing")
+"""Simulated UTC; the nine errors; tool-to-workpiece deviation without (d) and with compensation (r), µm;
 1 while the machine probes, when nothing is cut and compensation stands still."""
 
 
@@ -35,18 +36,42 @@ class BenchMachine:
 
     def __init__(self, seed: int, clock: SharedClock, hours: float) -> None:
         self._clock = clock
+        self._epoch_s = clock.utc().timestamp() - clock.monotonic()
         start_hour = clock.utc().hour + clock.utc().minute / 60.0
         program = _day(seed, hours, start_hour)
-        self.plant = MachinePlant(seed, self._drive, SPHERE_RADIUS_MM * 1e-3, start_hour=start_hour)
-        self.control = EmulatedControl(
-            self.plant, clock, program, cycle=CycleSettings(radius_mm=SPHERE_RADIUS_MM), seed=seed
-        )
+        self.plant = Plant(load(), Environment(), seed, start_utc=clock.utc() - timedelta(seconds=IDLE_S))
+        self.plant.advance(IDLE_S, MachineDrive())
+        self.plant.zero()
+        self.control = EmulatedControl(self, clock, program, cycle=CycleSettings(radius_mm=RADIUS_MM), seed=seed)
+
+    def advance(self, time_s: float) -> None:
+        """Bring the plant to a time until now, with what the control made the machine do in each inner step."""
+        while (begin := self.plant.time_s - IDLE_S) + STEP_S <= time_s:
+            loads = self.control.nck.mean_loads(begin, begin + STEP_S)
+            drive = MachineDrive(
+                speed_x=loads.x,
+                speed_y=loads.y,
+                speed_z=loads.z,
+                speed_a=loads.a,
+                speed_c=loads.c,
+                spindle_speed=loads.spindle,
+                coolant_on=loads.coolant >= 0.5,
+            )
+            self.plant.advance(IDLE_S + begin + STEP_S, drive)
+
+    def tool_deviation_um(
+        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
+    ) -> tuple[float, float, float]:
+        """What the control's probe and tool meet; the plant's inner step decides how fine time is."""
+        self.advance(time_s)
+        x, y, z = (float(v) for v in self.plant.deviation_um(x_mm, y_mm, z_mm, a_deg, c_deg))
+        return x, y, z
 
     def temperatures(self, names: Sequence[str]) -> ValueSource:
         """A value source for a device that these sensors are wired to."""
 
         def values() -> list[float]:
-            self.plant.advance(self._clock.monotonic())
+            self.advance(self._clock.monotonic())
             now = self.plant.sensors()
             return [now[name] for name in names]
 
@@ -56,24 +81,20 @@ class BenchMachine:
         """A value source for the eddy-current sensor, µm."""
 
         def values() -> list[float]:
-            self.plant.advance(self._clock.monotonic())
+            self.advance(self._clock.monotonic())
             return [GROWTH_GAP_UM + self.plant.spindle_growth_um()]
 
         return values
 
     def truth(self, time_s: float) -> list[float]:
         """One row of TRUTH_COLUMNS at a time until now."""
-        self.plant.advance(time_s)
+        self.advance(time_s)
         state = self.control.nck.state(time_s)
         x, y, z, a, c = (state.positions[axis] for axis in ("X", "Y", "Z", "A", "C"))
-        deviation = self.plant.tool_deviation_um(time_s, x, y, z, a, c)
+        deviation = self.tool_deviation_um(time_s, x, y, z, a, c)
         shift = self.control.nck.shift_um((x, y, z))
         left = [d - s for d, s in zip(deviation, shift, strict=True)]
-        return [time_s, *map(float, self.plant.errors(time_s)), *deviation, *left, float(state.probing)]
-
-    def _drive(self, start_s: float, end_s: float) -> Drive:
-        loads = self.control.nck.mean_loads(start_s, end_s)
-        return Drive(loads.x, loads.y, loads.z, loads.a, loads.c, loads.spindle, loads.coolant)
+        return [self._epoch_s + time_s, *map(float, self.plant.errors()), *deviation, *left, float(state.probing)]
 
 
 def _day(seed: int, hours: float, start_hour: float) -> LoadCase:
@@ -99,5 +120,5 @@ class TruthRecorder:
             due = 0.0
             while not stopped():
                 await self._clock.sleep_until(due)
-                writer.writerow([f"{v:.6g}" for v in self._machine.truth(due)])
+                writer.writerow([f"{v:.12g}" for v in self._machine.truth(due)])
                 due += TRUTH_STEP_S

@@ -16,12 +16,14 @@ from simulators.devices.m7015 import M7015
 from simulators.devices.me_sensor import MeSensor
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.lumped.sensors import SENSORS
+from simulators.plant import load
 
 GROWTH_RANGE_UM = 500.0
 """The eddy-current sensor's measuring range; as in gateway.toml."""
 CAN_NODE = 5
-_RTU, _TCP, _CAN = SENSORS[:18], SENSORS[18:25], SENSORS[25:]
+_SENSORS = load().channels
+_RTU, _TCP, _CAN = _SENSORS[:18], _SENSORS[18:25], _SENSORS[25:]
+"""As wired in gateway.toml."""
 
 
 async def _start(machine: BenchMachine, stack: AsyncExitStack) -> dict[str, str | int]:

@@ -166,7 +166,7 @@ def _loads(kind: Kind, draw: np.random.Generator) -> Loads:
             return Loads(x, y, z, a, c, float(draw.uniform(8000.0, 16000.0)), wet)
         case Kind.TURNING:
             x, _, z = draw.uniform(50.0, 600.0, 3)
-            return Loads(x, 0.0, z, 0.0, float(draw.uniform(20.0, 120.0)), 0.0, wet)
+            return Loads(x, 0.0, z, 0.0, float(draw.uniform(200.0, 1000.0)), 0.0, wet)
         case Kind.SINGLE_AXIS:
             axis = str(draw.choice(["x", "y", "z", "a", "c", "spindle"]))
             low, high = _SINGLE[axis]
@@ -180,7 +180,7 @@ _SINGLE = {
     "y": (4000.0, 12000.0),
     "z": (4000.0, 12000.0),
     "a": (3.0, 15.0),
-    "c": (20.0, 100.0),
+    "c": (200.0, 1200.0),  # B19 turns the table at up to 1,200 1/min
     "spindle": (4000.0, 18000.0),
 }
 

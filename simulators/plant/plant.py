@@ -11,7 +11,7 @@ from simulators.plant.network import Network
 from simulators.plant.parameters import FloatArray, Parameters
 
 STEP_S = 30.0
-RADIUS_MM = 120.0
+RADIUS_MM = 200.0
 """Radius to which ER0T refers: the sphere's distance from the C axis."""
 _REST_S = 72 * 3600.0
 _REST_STEP_S = 600.0
@@ -72,6 +72,10 @@ class Plant:
                 self._open.clear()
                 true = self.parameters.sensor_at @ np.concatenate([self.temperatures, self._hall.zones(end)])
                 self._felt = self._felt + self._ease * (true - self._felt)
+
+    def zero(self) -> None:
+        """Let errors and spindle growth count from the present state, as after a reference measurement."""
+        self._start = self.temperatures.copy()
 
     def sensors(self) -> dict[str, float]:
         """degC by channel: lagged, with calibration offset (0.1 K) and noise (0.05 K); not quantised."""

@@ -162,7 +162,7 @@ def test_equal_warming_of_both_sides_tilts_nothing_sideways(machine: Parameters)
     nine = dict(zip(THERMAL_ERRORS, machine.elastic @ warmer, strict=True))
     for name in ("EA0C", "EB0C", "EC0C"):
         assert nine[name] == pytest.approx(0.0, abs=1e-9)
-    assert nine["ER0T"] == pytest.approx(11.5e-6 * 120e3)
+    assert nine["ER0T"] == pytest.approx(11.5e-6 * 200e3)
 
 
 def test_deviation_is_the_probing_formula(machine: Parameters) -> None:
@@ -172,7 +172,7 @@ def test_deviation_is_the_probing_formula(machine: Parameters) -> None:
     for a_deg, c_deg in ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0), (30, 50)):
         a, c = math.radians(a_deg), math.radians(c_deg)
         rx = np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
-        at_c = np.array([120 * math.cos(c), 120 * math.sin(c), 80.0])
+        at_c = np.array([200 * math.cos(c), 200 * math.sin(c), 80.0])
         inside = np.array([e["EX0C"], e["EY0C"], e["EZ0T"]]) + e["ER0T"] * np.array([math.cos(c), math.sin(c), 0])
         inside += np.cross([e["EA0C"], e["EB0C"], e["EC0C"]], at_c * 1e-3)
         expected = np.array([0, e["EY0A"], e["EZ0A"]]) + rx @ inside
