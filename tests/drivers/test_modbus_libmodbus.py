@@ -15,6 +15,8 @@ from drivers.modbus_bus import ModbusBus
 from drivers.modbus_profile import Block
 from simulators.devices.pty_port import PtyPort
 
+pytestmark = pytest.mark.peer
+
 SLAVE = Path(__file__).with_name("libmodbus_slave.py")
 
 

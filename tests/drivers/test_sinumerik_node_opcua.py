@@ -21,6 +21,8 @@ from drivers.nc import OperatingMode, ProbingState, ProgramState
 from drivers.sinumerik import Sinumerik
 from drivers.sinumerik_settings import SinumerikSettings
 
+pytestmark = pytest.mark.peer
+
 PEER = Path(__file__).parent / "peers" / "node_opcua"
 
 
