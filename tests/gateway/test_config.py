@@ -18,6 +18,8 @@ from gateway.config.reference import reference
 CASES = Path(__file__).parent / "cases"
 BENCH = Path(__file__).parents[2] / "simulators" / "bench" / "gateway.toml"
 PLACES = {
+    "zenoh_connect": "[]",
+    "calibration_steps": "288",
     "folder": "/tmp",
     "zenoh_port": "7447",
     "rtu_port": "/dev/pts/1",
