@@ -14,6 +14,7 @@ from gateway.outlet import Outlet
 from talc.control import Controller
 from talc.frame import Decision, Measurement, TrainingJob, Why
 from talc.models import ModelSet
+from talc.names import THERMAL_ERRORS
 
 log = logging.getLogger(__name__)
 
@@ -106,7 +107,15 @@ class GridLoop:
     async def _train(self, job: TrainingJob) -> None:
         # A training takes seconds; on a real machine that is less than a grid step.
         with self._clock.hold():
-            models: ModelSet = await asyncio.to_thread(train, job)
+            try:
+                models: ModelSet = await asyncio.to_thread(train, job)
+            except Exception as error:  # noqa: BLE001 - the controller must not wait for ever for a training that died
+                log.exception("the training of step %d failed", job.k)
+                note = f"the training failed: {type(error).__name__}: {error}"
+                nothing = (None,) * len(THERMAL_ERRORS)
+                models = ModelSet(
+                    k=job.k, why=job.why.value, input_names=job.input_names, models=nothing, notes=(note,)
+                )
             events = self._controller.adopt(models)
         self._outlet.models(models, self._last_k)
         for event in events:

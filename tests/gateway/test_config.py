@@ -27,7 +27,6 @@ PLACES = {
     "can_port": "/dev/pts/2",
     "growth_port": "/dev/pts/3",
     "nc_port": "4840",
-    "calibration_steps": "288",
 }
 
 
