@@ -4,8 +4,6 @@ import asyncio
 import logging
 from collections.abc import Callable
 
-from talc.training import train
-
 from gateway.clock import ServiceClock
 from gateway.grid import GridSampler, Instant, Schedule
 from gateway.measurement import Outcome
@@ -15,6 +13,7 @@ from talc.control import Controller
 from talc.frame import Decision, Measurement, TrainingJob, Why
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
+from talc.training import train
 
 log = logging.getLogger(__name__)
 
@@ -109,7 +108,7 @@ class GridLoop:
         with self._clock.hold():
             try:
                 models: ModelSet = await asyncio.to_thread(train, job)
-            except Exception as error:  # noqa: BLE001 - the controller must not wait for ever for a training that died
+            except Exception as error:
                 log.exception("the training of step %d failed", job.k)
                 note = f"the training failed: {type(error).__name__}: {error}"
                 nothing = (None,) * len(THERMAL_ERRORS)
