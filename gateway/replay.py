@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from talc.training import train
 
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
@@ -12,6 +11,7 @@ from gateway.service import Past
 from gateway.store import History, StoredStep, StoreError
 from talc.control import Controller
 from talc.frame import Decision, TrainingJob
+from talc.training import train
 
 _ARRAYS = ("predicted", "corrected", "sigma", "limits")
 

@@ -98,7 +98,8 @@ class Telemetry:
         except zenoh.ZError as error:
             where = ", ".join((*self._settings.listen, *self._settings.connect)) or "no endpoints"
             raise TelemetryError(
-                f"telemetry: no Zenoh session ({where}): {error}; is another program listening there?"
+                f"telemetry: no Zenoh session on {where}: {str(error).split('  at ')[0]}. "
+                "Is another program listening there?"
             ) from error
         self._queryable = self._session.declare_queryable(f"{self._root}/**", self._answer)
         self._token = self._session.liveliness().declare_token(f"{self._root}/{keys.ALIVE}")

@@ -27,7 +27,8 @@ def watch(connect: Sequence[str], prefix: str, machine: str) -> int:
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
-        click.echo(f"error: nobody answers at {', '.join(connect)}: {error}. Is the gateway running?", err=True)
+        log.info("%s", error)
+        click.echo(f"error: nobody answers at {', '.join(connect)}. Is the gateway running?", err=True)
         return EXIT_WORLD
     with session:
         return _follow(session, keys.root(prefix, machine), machine)

@@ -33,13 +33,16 @@ class _Row:
 def show(config: GatewayConfig) -> bool:
     """Print a table of all channels; True when every one is good. Nothing is written, stored or published."""
     rows = asyncio.run(_rows(config))
-    table = Table("bus", "device", "channel", "value", "quality", "latency", "detail", title=config.machine.name)
+    table = Table("bus", "device", "channel", "value", "quality", "latency", title=config.machine.name)
     for row in rows:
         latency = "" if row.latency_ms is None else f"{row.latency_ms:.1f} ms"
-        style = "" if row.good else "red"
-        table.add_row(row.bus, row.device, row.channel, row.value, row.quality, latency, row.detail, style=style)
+        table.add_row(
+            row.bus, row.device, row.channel, row.value, row.quality, latency, style="" if row.good else "red"
+        )
     console = Console()
     console.print(table)
+    for detail in dict.fromkeys(row.detail for row in rows if row.detail):  # a silent device is one problem, not six
+        console.print(f"- {detail}", style="red", highlight=False, soft_wrap=True)
     bad = sum(not row.good for row in rows)
     console.print(f"{len(rows) - bad} of {len(rows)} good")
     return bad == 0

@@ -1,0 +1,155 @@
+"""Telemetry over real Zenoh sessions on loopback."""
+
+import json
+import math
+import socket
+import threading
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+import zenoh
+
+from drivers.base import Quality, Reading, SystemClock
+from gateway import keys
+from gateway.config.sections import Telemetry as Settings
+from gateway.telemetry import Telemetry, TelemetryError
+from gateway.view import ViewState, render
+from talc.frame import Decision, Event, EventKind, Frame, Phase
+
+NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
+NAMES = ("t0", "t1")
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def client(port: int) -> zenoh.Session:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{port}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+def telemetry(port: int) -> Telemetry:
+    settings = Settings(listen=(f"tcp/127.0.0.1:{port}",))
+    return Telemetry(settings, "mill", NAMES, SystemClock(), "boot-1", simulated=False)
+
+
+def reading(value: float, quality: Quality = Quality.GOOD) -> Reading:
+    return Reading("t0", value, "degC", quality, NOW, 0.0, 1, "")
+
+
+def decision(k: int) -> Decision:
+    nan = np.full(9, math.nan)
+    return Decision(k, Phase.CALIBRATION, np.arange(9.0), nan, nan, nan, None, None, ())
+
+
+class Inbox:
+    """Collects samples until enough have come."""
+
+    def __init__(self, wanted: int) -> None:
+        self.samples: list[tuple[str, keys.Payload]] = []
+        self._wanted, self._full = wanted, threading.Event()
+
+    def __call__(self, sample: zenoh.Sample) -> None:
+        self.samples.append((str(sample.key_expr), keys.decode(sample.payload.to_bytes())))
+        if len(self.samples) >= self._wanted:
+            self._full.set()
+
+    def wait(self) -> list[tuple[str, keys.Payload]]:
+        assert self._full.wait(10.0), f"only {len(self.samples)} of {self._wanted} came"
+        return self.samples
+
+
+async def test_every_frame_arrives_in_order_with_null_for_what_is_missing() -> None:
+    port, inbox = free_port(), Inbox(50)
+    async with telemetry(port) as t:
+        with client(port) as session:
+            subscriber = session.declare_subscriber("talc/mill/frame", inbox)
+            # A query makes sure the subscription has reached the gateway before the first put.
+            list(session.get("talc/mill/**", timeout=2.0))
+            for k in range(50):
+                t.frame(Frame(k, np.array([20.5, math.nan]), np.array([True, False])))
+            samples = inbox.wait()
+            subscriber.undeclare()
+    assert [p["k"] for _, p in samples] == list(range(50))
+    assert samples[0][1]["inputs"] == {"t0": 20.5, "t1": None}
+    assert {p["boot"] for _, p in samples} == {"boot-1"}
+    sequence = [p["seq"] for _, p in samples]
+    assert sequence == sorted(set(sequence))
+
+
+async def test_who_comes_late_gets_the_last_value_of_every_key() -> None:
+    port = free_port()
+    async with telemetry(port) as t:
+        t.readings([reading(20.0)])
+        t.readings([reading(math.nan, Quality.COMM_FAULT)])
+        t.decision(decision(7))
+        t.event(Event(EventKind.PROBLEM, "device rtd1: silent"), 7)
+        with client(port) as session:
+            while True:  # the publishing thread may still be at it
+                found = {
+                    str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes())
+                    for r in session.get("talc/mill/**", timeout=5.0)
+                    if r.ok is not None
+                }
+                if "talc/mill/event" in found:
+                    break
+    assert found["talc/mill/reading/t0"]["value"] is None
+    assert found["talc/mill/reading/t0"]["quality"] == "comm_fault"
+    assert found["talc/mill/decision"]["predicted"]["EZ0A"] == 1.0
+    assert found["talc/mill/decision"]["limits"]["EZ0A"] is None
+
+
+async def test_the_token_lives_as_long_as_the_gateway() -> None:
+    port, gone = free_port(), threading.Event()
+    async with telemetry(port):
+        session = client(port)
+        assert [str(r.ok.key_expr) for r in session.liveliness().get("talc/mill/alive", timeout=5.0) if r.ok] == [
+            "talc/mill/alive"
+        ]
+        watcher = session.liveliness().declare_subscriber(
+            "talc/mill/alive", lambda s: gone.set() if s.kind == zenoh.SampleKind.DELETE else None
+        )
+    assert gone.wait(10.0)
+    watcher.undeclare()
+    session.close()
+
+
+async def test_a_port_in_use_is_named() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(TelemetryError, match=f"127.0.0.1:{port}.*another program"):
+            async with telemetry(port):
+                pass
+
+
+def test_numbers_that_do_not_exist_never_reach_json() -> None:
+    with pytest.raises(ValueError, match="JSON compliant"):
+        keys.encode({"value": math.nan})
+    assert keys.decode(keys.encode(keys.decision(decision(3))))["corrected"]["EC0C"] is None
+
+
+def test_the_view_fits_eighty_columns_and_shows_what_came() -> None:
+    from rich.console import Console
+
+    state = ViewState("mill", progress_until_s=3600.0)
+    common = {"time": NOW.isoformat(), "clock": "simulated"}
+    state.apply("decision", common | keys.decision(decision(7)))
+    state.apply("reading/t0", common | keys.reading(reading(20.0, Quality.SENSOR_FAULT)))
+    state.apply("event", common | keys.event(Event(EventKind.PROBLEM, "channel t0: sensor_fault"), None))
+    state.apply("of_the_future", common | {"unknown": 1})
+    console = Console(width=80, record=True, force_terminal=False, file=open("/dev/null", "w"))  # noqa: SIM115, PTH123
+    with console.file:
+        console.print(render(state))
+    text = console.export_text()
+    assert all(len(line) <= 80 for line in text.splitlines())
+    for wanted in ("calibration", "0 of 1 good", "t0 sensor_fault", "EC0C", "µm/m", "8.0", "channel t0: sensor_fault"):
+        assert wanted in text, wanted
