@@ -1,0 +1,265 @@
+"""What reaches the NC: nothing unless armed, never a step, and nothing that the control does not confirm."""
+
+import asyncio
+import math
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from drivers.base import ConnectError
+from drivers.nc import NcSnapshot, ProbingState, ProbingStatus
+from gateway.compensation import Offsets, Source, Write
+from gateway.config import GatewayConfig
+from gateway.config.model import validate
+from gateway.measurement import Probe, poses_in_radians
+from gateway.nc_link import NcLink
+from talc.frame import Decision, Phase, Why
+from tests.gateway.stepped_clock import SteppedClock
+
+POSES = ((0.0, 0.0), (0.0, 90.0), (0.0, 180.0), (0.0, 270.0), (90.0, 0.0), (-90.0, 0.0))
+
+
+@dataclass
+class Control:
+    """A control in memory: answers, and notes every write."""
+
+    clock: SteppedClock
+    in_force: Offsets = (0.0, 0.0, 0.0)
+    writes: list[tuple[float, Offsets]] = field(default_factory=list)
+    requests: list[int] = field(default_factory=list)
+    absent: bool = False
+    deaf: bool = False
+    """Takes a write and does not apply it."""
+    answer: ProbingStatus | None = None
+
+    async def connect(self) -> None:
+        if self.absent:
+            raise ConnectError("no answer", device="nc")
+
+    async def close(self) -> None: ...
+
+    async def snapshot(self) -> NcSnapshot:
+        if self.absent:
+            raise ConnectError("no answer", device="nc")
+        positions = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": 0.0, "C": 0.0}
+        return NcSnapshot(self.clock.utc(), self.clock.monotonic(), positions, {"coolant": 1.0})
+
+    async def request_probing(self, number: int) -> None:
+        self.requests.append(number)
+
+    async def probing_status(self, number: int) -> ProbingStatus:
+        return self.answer or ProbingStatus(number, ProbingState.RUNNING)
+
+    async def withdraw_probing(self, number: int) -> None: ...
+
+    async def write_compensation(self, offsets_um: Offsets) -> None:
+        self.writes.append((self.clock.monotonic(), offsets_um))
+        if not self.deaf:
+            self.in_force = offsets_um
+
+    async def read_compensation(self) -> Offsets:
+        return self.in_force
+
+
+def config(mode: str, *, when_stale: str = "zero", armed: bool = True) -> GatewayConfig:
+    return validate(
+        {
+            "machine": {"name": "mill"},
+            "nc": {"kind": "sinumerik", "url": "opc.tcp://127.0.0.1:4840", "security": "none", "period_s": 1.0},
+            "probing": {"armed": armed, "poll_s": 1.0},
+            "compensation": {"mode": mode, "when_stale": when_stale, "stale_after_s": 60.0},
+        }
+    )
+
+
+def decision(ez0a: float) -> Decision:
+    errors = np.zeros(9)
+    errors[1] = ez0a  # at A = 0 this is the offset in Z
+    nan = np.full(9, math.nan)
+    return Decision(5, Phase.COMPENSATION, errors, errors, nan, nan, None, None, ())
+
+
+class Bench:
+    """A link, its control and what it told."""
+
+    def __init__(
+        self, mode: str, in_force: Offsets = (0.0, 0.0, 0.0), *, when_stale: str = "zero", armed: bool = True
+    ) -> None:
+        self.clock = SteppedClock()
+        self.control = Control(self.clock, in_force)
+        self.steps: list[Write] = []
+        self.notices: list[str] = []
+        self.link = NcLink(
+            self.control,
+            config(mode, when_stale=when_stale, armed=armed),
+            self.clock,
+            Probe(poses_in_radians(POSES), 0.12, 0.08, 1.0),
+            states=lambda *_: None,
+            written=self.steps.append,
+            notify=lambda text, _: self.notices.append(text),
+            reference_mm=None,
+            first_number=41,
+        )
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        task = asyncio.create_task(self.link.run())
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+
+@pytest.mark.parametrize("mode", ["monitor", "advise"])
+async def test_unarmed_nothing_is_ever_written(mode: str) -> None:
+    bench = Bench(mode)
+    async with bench.running():
+        bench.link.follow(decision(20.0))
+        await bench.clock.run_until(30.0)
+    await bench.link.stop()
+    assert bench.control.writes == []
+    assert bench.steps[-1].step.offsets_um == (0.0, 0.0, 20.0)  # computed all the same
+    assert not any(step.written for step in bench.steps)
+
+
+async def test_unarmed_probing_asks_for_nothing() -> None:
+    bench = Bench("compensate", armed=False)
+    async with bench.running():
+        await bench.clock.run_until(5.0)
+        assert not bench.link.may_probe
+    assert bench.control.requests == []
+
+
+async def test_armed_it_ramps_from_what_is_in_force_and_never_steps() -> None:
+    bench = Bench("compensate", in_force=(3.0, 0.0, -5.0))
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(20.0)
+    before = np.array([3.0, 0.0, -5.0])
+    for _, offsets in bench.control.writes:
+        assert (np.abs(np.array(offsets) - before) <= 1.0 + 1e-9).all()
+        before = np.array(offsets)
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+
+
+async def test_a_stale_prediction_decays_to_the_declared_value() -> None:
+    to_zero, held = Bench("compensate"), Bench("compensate", when_stale="hold")
+    for bench in (to_zero, held):
+        async with bench.running():
+            bench.link.follow(decision(4.0))
+            await bench.clock.run_until(100.0)
+        assert bench.steps[-1].step.source is Source.STALE
+    assert to_zero.control.in_force == (0.0, 0.0, 0.0)
+    assert held.control.in_force == (0.0, 0.0, 4.0)
+
+
+async def test_a_write_that_does_not_take_effect_disarms_and_says_so_once() -> None:
+    bench = Bench("compensate")
+    bench.control.deaf = True
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(20.0)
+    assert not bench.link.armed
+    assert len([n for n in bench.notices if "disarmed" in n]) == 1
+    nonzero = [offsets for _, offsets in bench.control.writes if any(offsets)]
+    assert len(nonzero) == 1
+
+
+async def test_after_a_lost_connection_it_begins_from_what_is_in_force() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        bench.control.absent = True
+        await bench.clock.run_until(20.0)
+        bench.control.absent, bench.control.in_force = False, (0.0, 0.0, 0.0)  # it was switched off meanwhile
+        first = len(bench.control.writes)
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(50.0)
+    assert max(abs(v) for v in bench.control.writes[first][1]) <= 1.0
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+    assert len([n for n in bench.notices if "no answer" in n]) == 1
+
+
+async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_result() -> None:
+    bench = Bench("compensate")
+    centres = ((1.0, 2.0, 3.0),) * 6
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(12.0)
+        written = len(bench.control.writes)
+        bench.link.follow(decision(9.0))
+        await bench.clock.run_until(30.0)
+        assert len(bench.control.writes) == written
+        bench.control.answer = ProbingStatus(42, ProbingState.DONE, centres)
+        await bench.clock.run_until(40.0)
+        first = await cycle
+        # The first cycle is the reference. The same centres again, with 5 µm more compensated in Z, mean that the
+        # sphere has moved by those 5 µm.
+        second_cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(60.0)
+        second = await second_cycle
+    assert first.in_force_um == (0.0, 0.0, 4.0)
+    assert second.in_force_um == (0.0, 0.0, 9.0)
+    assert first.measurement is not None
+    assert second.measurement is not None
+    np.testing.assert_allclose(first.measurement.errors, 0.0, atol=1e-9)
+    moved = np.zeros(9)
+    moved[1] = 5.0
+    np.testing.assert_allclose(second.measurement.errors, moved, atol=1e-9)
+    assert second.number == first.number + 1
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (ProbingStatus(42, ProbingState.REFUSED, reason="alarm 700016"), "refused.*alarm 700016"),
+        (ProbingStatus(42, ProbingState.DONE, ((0.0, 0.0, math.nan),) * 6), "not a finite number"),
+        (ProbingStatus(42, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 5), "15 result values, expected 18"),
+        (None, "did not end within 900 s"),
+    ],
+)
+async def test_a_cycle_without_a_usable_result_says_why(answer: ProbingStatus | None, reason: str) -> None:
+    bench = Bench("compensate")
+    bench.control.answer = answer
+    async with bench.running():
+        await bench.clock.run_until(2.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(1000.0)
+        outcome = await cycle
+    assert outcome.measurement is None
+    with pytest.raises(AssertionError, match=reason):
+        raise AssertionError(outcome.reason)
+
+
+async def test_a_chip_on_the_sphere_is_no_measurement() -> None:
+    bench = Bench("compensate")
+    good = np.zeros((6, 3))
+    chip = good.copy()
+    chip[2] += 0.08  # mm, in one pose only
+    async with bench.running():
+        await bench.clock.run_until(2.0)
+        for centres in (good, chip):
+            bench.control.answer = ProbingStatus(0, ProbingState.DONE, tuple(map(tuple, centres)))
+            cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+            await bench.clock.run_until(bench.clock.monotonic() + 5.0)
+            outcome = await cycle
+    assert outcome.measurement is None
+    assert "is the sphere clean" in outcome.reason
+
+
+async def test_stopping_takes_the_offsets_back() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
