@@ -75,8 +75,12 @@ def connect(path: Path) -> sqlite3.Connection:
     syncs the log at each commit, about one write per `commit_s`, and costs at most what was not committed.
     """
     connection = sqlite3.connect(path, timeout=10.0)
-    connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute("PRAGMA synchronous = FULL")
+    try:
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")
+    except sqlite3.Error:  # not a database, or locked: the caller says which
+        connection.close()
+        raise
     return connection
 
 
