@@ -16,10 +16,10 @@ class TrainingSettings:
 
     selector: Literal["path"] = "path"
     """Input and order selection: `path` walks the Group-LASSO path and refits by weighted least squares."""
-    max_na: int = 2
-    """Largest autoregressive order tried (Z22: at most 5)."""
-    max_nb: int = 3
-    """Largest input order tried; an input then has nb + 1 coefficients (Z22: at most 5)."""
+    max_na: int = 1
+    """Largest autoregressive order tried: 0 only static and FIR models, 1 also one pole (Z22: up to 5)."""
+    max_nb: int = 1
+    """Input order; every input of a model has this + 1 coefficients (Z22: up to 5, each by itself)."""
     max_inputs: int = 8
     """Largest number of inputs in one model."""
     tolerance_um: float = 5.0
@@ -36,7 +36,7 @@ class TrainingSettings:
     """A model with a pole of this magnitude or more never goes live."""
 
     def __post_init__(self) -> None:
-        require(0 <= self.max_na <= 5, "max_na", self.max_na, "0 to 5")
+        require(0 <= self.max_na <= 1, "max_na", self.max_na, "0 or 1")
         require(0 <= self.max_nb <= 5, "max_nb", self.max_nb, "0 to 5")
         require(self.max_inputs >= 1, "max_inputs", self.max_inputs, "1 or more")
         require(self.tolerance_um > 0, "tolerance_um", self.tolerance_um, "more than 0")

@@ -48,7 +48,7 @@ def train(
     mean, spread = inputs.mean(axis=0), inputs.std(axis=0)
     scaled = (inputs - mean) / spread
     names = tuple(job.input_names[i] for i in columns)
-    lags = 1 + min(1, job.settings.max_nb)
+    lags = 1 + job.settings.max_nb
     problems: dict[bytes, list[PoleProblem]] = {}
     models: list[ErrorModel | None] = []
     for e, error in enumerate(THERMAL_ERRORS):
