@@ -1,17 +1,68 @@
 """The compiled numerics (talc/kernel/*.hpp). Unchecked: call through the modules that check shapes and finiteness."""
 
-from numpy import float64
+from numpy import float64, int64
 from numpy.typing import NDArray
 
-def free_run(
-    a: NDArray[float64],
-    drive: NDArray[float64],
-    y_measured: NDArray[float64],
-    gains: NDArray[float64],
-    low: float,
-    high: float,
-    age: int,
-    history: NDArray[float64],
-    y_out: NDArray[float64],
-) -> int:
-    """Simulate in place: `history` (na,) and `y_out` (T,) are written; returns the steps since the last update."""
+class Progress:
+    """Of one long call: share done, and a way to stop it from another thread."""
+
+    def __init__(self) -> None: ...
+    def cancel(self) -> None: ...
+    @property
+    def cancelled(self) -> bool: ...
+    @property
+    def share(self) -> float: ...
+
+class Runner:
+    """One model's state; see talc.models and talc.free_running."""
+
+    def __init__(
+        self,
+        a: NDArray[float64],
+        b: list[list[float]],
+        intercept: float,
+        u_mean: NDArray[float64],
+        u_std: NDArray[float64],
+        u_low: NDArray[float64],
+        u_high: NDArray[float64],
+        y_mean: float,
+        y_std: float,
+        y_low: float,
+        y_high: float,
+        resets_history: bool,
+        spread: float,
+        leverage: NDArray[float64],
+        leverage_limit: float,
+        novelty_std: float,
+        pole: NDArray[float64],
+        drift: NDArray[float64],
+        noise: float,
+        weight: NDArray[float64],
+    ) -> None: ...
+    def start(self, y: float) -> None: ...
+    def step(
+        self, inputs: NDArray[float64], measured: float, learn: bool
+    ) -> tuple[float, float, float, float, bool]: ...
+    def run(
+        self, inputs: NDArray[float64], measured: NDArray[float64], learn: bool, predicted: NDArray[float64]
+    ) -> None: ...
+    def state(self) -> list[list[float]]: ...
+    def restore(self, state: list[list[float]]) -> None: ...
+
+def search(
+    gram: NDArray[float64],
+    moment: NDArray[float64],
+    energy: NDArray[float64],
+    poles: NDArray[int64],
+    starts: list[list[list[int]]],
+    inputs: int,
+    lags: int,
+    ridge: float,
+    unseen: bool,
+    rows: float,
+    price: float,
+    floor: float,
+    most: int,
+    fixed_inputs: bool,
+    progress: Progress | None,
+) -> tuple[int, list[int], float]: ...

@@ -131,7 +131,7 @@ class Controller:
             self._record.append_gap(k + 1)
             for model in self._models:
                 if model is not None:
-                    model.step(self._record.inputs, float("nan"))
+                    model.step(self._record.inputs[-1], float("nan"))
 
     def _predict(
         self, measured: np.ndarray[tuple[int], np.dtype[np.float64]], events: list[Event]
@@ -141,7 +141,7 @@ class Controller:
         for i, model in enumerate(self._models):
             if model is None:
                 continue
-            estimate = model.step(self._record.inputs, float(measured[i]))
+            estimate = model.step(self._record.inputs[-1], float(measured[i]))
             predicted[i], corrected[i], sigma[i] = estimate.predicted, estimate.corrected, estimate.sigma
             if estimate.bounded:
                 bounded.add(THERMAL_ERRORS[i])
@@ -217,11 +217,14 @@ class Controller:
         for i, (name, model) in enumerate(zip(THERMAL_ERRORS, self._models, strict=True)):
             if model is None:
                 continue
-            if self._control.acl == "fixed":
-                position = ERROR_UNITS[name] == MICROMETRE
-                limits[i] = self._control.acl_fixed_um if position else self._control.acl_fixed_um_per_m
-            else:
-                limits[i] = model.model.limit
+            match self._control.acl:
+                case "fixed":
+                    position = ERROR_UNITS[name] == MICROMETRE
+                    limits[i] = self._control.acl_fixed_um if position else self._control.acl_fixed_um_per_m
+                case "training":
+                    limits[i] = model.model.training_limit
+                case "adaptive":
+                    limits[i] = model.model.limit
         return limits
 
     def _enter(self, phase: Phase, events: list[Event]) -> None:

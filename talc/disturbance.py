@@ -1,47 +1,96 @@
-"""How much of what a model leaves is probing noise, and how fast the rest drifts: what a measurement is worth."""
+"""What a model leaves: probing noise, and a slow disturbance of unknown pole and drift. What a measurement is worth.
+
+A day of training cannot tell a slow drift from none, and other days drift otherwise. So no single answer is kept, but a
+grid of candidates, each an AR(1) disturbance, weighted by their likelihoods, and anew by each later measurement
+(multiple-model estimation, Magill, IEEE Trans. Automatic Control 10 (1965) 434-439; the filters run in the kernel).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from talc.frame import FloatArray
-from talc.models import Disturbance
 
 IntArray = NDArray[np.int64]
 
-_SHORT, _LONG = 3, 24
-"""Lags, in grid steps, between which the drift shows: noise is the same at both."""
-_LEAST_PAIRS = 24
+_POLES: Final = (0.9, 0.97, 0.99, 0.997, 0.9995)
+"""Time constants at 5 min: 47 min to 7 days."""
+_RATIOS: Final = tuple(np.geomspace(1e-4, 30.0, 12).tolist())
+"""Drift variance per step over noise variance."""
+_TEMPER: Final = 0.05
+"""Share of training's log-likelihood that later measurements start from: one day's word is not final."""
+_LEAST_ROWS: Final = 24
+
+
+def _empty() -> FloatArray:
+    return np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """Candidates d[k] = pole d[k-1] + drift w[k], seen through white noise. None: a model has no such part."""
+
+    noise_std: float = 0.0
+    """Standard deviation of one measurement; µm or µm/m. 0: a measurement is taken whole."""
+    poles: FloatArray = field(default_factory=_empty)
+    """(m,) per grid step."""
+    drifts: FloatArray = field(default_factory=_empty)
+    """(m,) standard deviation of w; µm or µm/m."""
+    log_weights: FloatArray = field(default_factory=_empty)
+    """(m,) relative log-probability at the end of training."""
+
+    def __post_init__(self) -> None:
+        for name in ("poles", "drifts", "log_weights"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+            if array.shape != self.poles.shape or array.ndim != 1 or not np.isfinite(array).all():
+                raise ValueError(f"{name} has shape {array.shape}: expected {self.poles.shape}, finite")
+        if not (np.isfinite(self.noise_std) and self.noise_std >= 0.0):
+            raise ValueError(f"noise_std = {self.noise_std}: expected 0 or more")
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-able; floats come back bit for bit."""
+        lists = {name: getattr(self, name).tolist() for name in ("poles", "drifts", "log_weights")}
+        return {"noise_std": self.noise_std, **lists}
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> "Disturbance":
+        """The inverse of `to_dict`. ValueError: not its fields."""
+        if set(plain) != {"noise_std", "poles", "drifts", "log_weights"}:
+            raise ValueError(f"a disturbance's fields are not {sorted(plain)}")
+        return cls(**plain)
 
 
 def disturbance_of(residual: FloatArray, steps: IntArray) -> Disturbance:
-    """White noise and random walk from the structure function D(h) = mean (e[k+h] - e[k])² / 2 = noise² + q h / 2.
+    """Likelihood of each candidate by a scalar Kalman filter, its noise variance concentrated out.
 
-    residual: (n,) free-run residuals of training, µm or µm/m; steps: (n,) their grid steps, ascending.
-    Too few pairs of measurements for both lags, or no noise: a measurement is taken whole (all zero).
+    residual: (n,) what the inputs did not explain, µm or µm/m, best on rows that the fit had not seen; steps: (n,)
+    their grid steps, ascending. Fewer than 24 rows: nothing can be told, and every measurement is taken whole.
     """
-    near, far = _structure(residual, steps, 1, _SHORT), _structure(residual, steps, _LONG // 2, _LONG)
-    if near is None or far is None:
-        return Disturbance()
-    (h_near, d_near), (h_far, d_far) = near, far
-    # A drift smaller than the standard error of D at the long lag cannot be told from none: assume it is there, since
-    # a model trusted too much never listens to a measurement again.
-    hidden = d_near * np.sqrt(2.0 * h_far / len(residual))
-    q = 2.0 * max(d_far - d_near, hidden) / (h_far - h_near)
-    noise = max(0.0, d_near - q * h_near / 2.0)
-    return Disturbance(pole=1.0, drift_std=float(np.sqrt(q)), noise_std=float(np.sqrt(noise)))
-
-
-def _structure(residual: FloatArray, steps: IntArray, low: int, high: int) -> tuple[float, float] | None:
-    """Mean lag and D over all pairs whose lag lies between `low` and `high`."""
-    index = np.full(int(steps[-1] - steps[0]) + 1, np.nan)
-    index[steps - steps[0]] = residual
-    lags, squares = [], []
-    for h in range(low, min(high, len(index) - 1) + 1):
-        d = index[h:] - index[:-h]
-        d = d[np.isfinite(d)]
-        squares.append(d**2)
-        lags.append(np.full(d.size, float(h)))
-    every = np.concatenate(squares) if squares else np.zeros(0)
-    if every.size < _LEAST_PAIRS:
-        return None
-    return float(np.concatenate(lags).mean()), float(every.mean() / 2.0)
+    pole, ratio = (axis.ravel() for axis in np.meshgrid(_POLES, _RATIOS, indexing="ij"))
+    n = residual.size
+    if n < _LEAST_ROWS:
+        spread = max(float(residual.std()), 1e-6) if n else 1.0
+        return Disturbance(0.0, pole, np.sqrt(ratio) * spread, np.zeros(pole.size))
+    settled = ratio / (1.0 - pole**2)
+    offset, variance = np.zeros(pole.size), settled.copy()
+    squares, logs = np.zeros(pole.size), np.zeros(pole.size)
+    for e, h in zip(residual.tolist(), np.diff(steps, prepend=steps[0]).tolist(), strict=True):
+        if h:
+            kept = pole**h
+            offset, variance = kept * offset, settled + kept**2 * (variance - settled)
+        innovation, spread = e - offset, variance + 1.0
+        squares += innovation**2 / spread
+        logs += np.log(spread)
+        gain = variance / spread
+        offset, variance = offset + gain * innovation, variance - gain * variance
+    noise = np.maximum(squares / n, 1e-12)
+    likelihood = -0.5 * (n * np.log(noise) + logs)
+    likelihood -= likelihood.max()
+    weight = np.exp(likelihood)
+    common = float(weight @ noise / weight.sum())
+    return Disturbance(float(np.sqrt(common)), pole, np.sqrt(ratio * common), _TEMPER * likelihood)

@@ -9,68 +9,18 @@ Static and FIR models are the case na = 0. Outputs that were not measured are th
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from talc import _kernel
+from talc.disturbance import Disturbance
 from talc.frame import FloatArray
 from talc.names import THERMAL_ERRORS
-
-_MARGIN: Final = 1.0
-"""How far beyond the training range inputs and predictions may go, as a share of that range."""
-_GAIN_AGES: Final = 288
-"""State-update gains are tabulated up to this age, in steps; older ones use the last."""
-
-
-@dataclass(frozen=True, slots=True)
-class Prediction:
-    """One predicted thermal error."""
-
-    value: float
-    """µm, or µm/m for orientation errors."""
-    bounded: bool
-    """An input or the output was outside the model's bounds and was held at them."""
-
-
-@dataclass(frozen=True, slots=True)
-class Disturbance:
-    """What the inputs do not explain: a slow AR(1) disturbance beside the white noise of probing.
-
-    Decides how far a measurement moves the state, and how the uncertainty grows until the next one.
-    """
-
-    pole: float = 1.0
-    """Of the disturbance, per grid step; 1: random walk."""
-    drift_std: float = 0.0
-    """Standard deviation of the disturbance's change in one step; µm or µm/m. 0: a measurement is taken whole."""
-    noise_std: float = 0.0
-    """Standard deviation of one measurement; µm or µm/m. 0: a measurement is taken whole."""
-
-    def variance(self, age: int) -> float:
-        """Variance of the unexplained part `age` steps after a measurement, before the next one."""
-        start = self.noise_std**2
-        retained = self.pole ** (2 * age)
-        gathered = age if self.pole == 1.0 else (1.0 - retained) / (1.0 - self.pole**2)
-        return start * retained + self.drift_std**2 * gathered
-
-    def gain(self, age: int) -> float:
-        """Share of a residual that a state update adopts, `age` steps after the last measurement (1: all of it)."""
-        if self.drift_std == 0.0 or self.noise_std == 0.0:
-            return 1.0
-        variance = self.drift_std**2 * age + self._settled_variance(age) * self.pole ** (2 * age)
-        return variance / (variance + self.noise_std**2)
-
-    def _settled_variance(self, age: int) -> float:
-        """Variance right after an update when one comes every `age` steps: P = M r / (M + r), M = rho² P + q."""
-        q, r, rho2 = self.drift_std**2 * age, self.noise_std**2, self.pole ** (2 * age)
-        p = q + r * (1.0 - rho2)
-        return (math.sqrt(p * p + 4.0 * rho2 * q * r) - p) / (2.0 * rho2) if rho2 > 0.0 else r
 
 
 def _frozen_array(values: object) -> FloatArray:
@@ -110,15 +60,25 @@ class ErrorModel:
     y_high: float
     """Bounds of the prediction, µm or µm/m."""
     limit: float
-    """Largest |free-run residual| over the measured training rows: the adaptive control limit."""
+    """Largest |free-run residual| on rows that the fit had not seen: the adaptive control limit; µm or µm/m."""
+    training_limit: float
+    """The same over the rows of the fit itself, as Z22 has it; too narrow for days that differ from training."""
     residual_std: float
-    """Root mean square of those residuals."""
+    """Root mean square of the fit's own residuals."""
     criterion: float
     """What the selection minimised."""
-    disturbance: Disturbance = Disturbance()
+    disturbance: Disturbance = field(default_factory=Disturbance)
+    leverage: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """(p, p) inverse of X'X / n of training's filtered inputs, p coefficients input by input; empty: unknown."""
+    leverage_limit: float = 0.0
+    """Largest leverage x' (X'X / n)^-1 x in training; beyond it an input is novel and the uncertainty grows."""
+    novelty_std: float = 0.0
+    """Standard deviation that a leverage of 1 stands for; µm or µm/m."""
+    resets_history: bool = False
+    """A measurement replaces the model's past outputs (Z22's state update); else it moves the disturbance."""
 
     def __post_init__(self) -> None:
-        for name in ("a", "u_mean", "u_std", "u_low", "u_high"):
+        for name in ("a", "u_mean", "u_std", "u_low", "u_high", "leverage"):
             object.__setattr__(self, name, _frozen_array(getattr(self, name)))
         object.__setattr__(self, "inputs", tuple(self.inputs))
         object.__setattr__(self, "b", tuple(_frozen_array(b) for b in self.b))
@@ -133,7 +93,11 @@ class ErrorModel:
             if getattr(self, name).shape != (n,):
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}: expected ({n},), one per input")
         numbers = [self.a, *self.b, self.u_mean, self.u_std, self.u_low, self.u_high]
-        numbers.append(np.array([self.intercept, self.y_mean, self.y_std, self.y_low, self.y_high, self.limit]))
+        numbers.append(
+            np.array(
+                [self.intercept, self.y_mean, self.y_std, self.y_low, self.y_high, self.limit, self.training_limit]
+            )
+        )
         if not all(np.isfinite(x).all() for x in numbers):
             raise ValueError(f"the model of {self.error} holds a number that is not finite")
         if not (self.y_std > 0 and (self.u_std > 0).all()):
@@ -149,11 +113,6 @@ class ErrorModel:
         """Rows of inputs `predict` needs, this step's included."""
         return max((b.size for b in self.b), default=1)
 
-    @cached_property
-    def gains(self) -> FloatArray:
-        """Share of the residual a state update adopts, by age - 1 in steps."""
-        return _frozen_array([self.disturbance.gain(age) for age in range(1, _GAIN_AGES + 1)])
-
     def poles(self) -> NDArray[np.complex128]:
         """(na,) roots of z^na + a_1 z^(na-1) + ... ."""
         return np.roots(np.concatenate([[1.0], self.a])).astype(np.complex128)
@@ -163,65 +122,44 @@ class ErrorModel:
         sums = np.array([b.sum() for b in self.b])
         return np.asarray(sums / (1.0 + self.a.sum()) * self.y_std / self.u_std, dtype=np.float64)
 
-    def sigma(self, age: int) -> float:
-        """Standard deviation of a prediction `age` steps after the last measurement; µm or µm/m.
+    def coefficient_std(self) -> tuple[FloatArray, ...]:
+        """Standard error of each coefficient in `b`, same shapes; zero where training did not tell.
 
-        Never below the residuals of training when no disturbance was identified.
+        From the blocks of training left out in turn: rows within a block are not independent, blocks are.
         """
-        if self.disturbance.drift_std == 0.0:
-            return self.residual_std
-        return math.sqrt(self.disturbance.variance(age))
+        if not self.leverage.size:
+            return tuple(np.zeros(b.size) for b in self.b)
+        std = np.sqrt(np.diag(self.leverage)) * self.novelty_std / self.y_std
+        return tuple(np.split(std, np.cumsum([b.size for b in self.b])[:-1]))
 
-    def step(self, y_past: FloatArray, u_past: FloatArray) -> Prediction:
-        """Predict this step's error.
-
-        y_past: (na,) earlier outputs, most recent first; u_past: (lags, n) inputs, this step's first; physical units.
-        ValueError: a wrong shape, or a value that is not finite (replace missing inputs before asking).
-        """
-        y_past, u_past = np.asarray(y_past, dtype=np.float64), np.asarray(u_past, dtype=np.float64)
-        if y_past.shape != self.a.shape:
-            raise ValueError(f"y_past has shape {y_past.shape}: expected {self.a.shape}")
-        if u_past.shape != (self.lags, len(self.inputs)):
-            raise ValueError(f"u_past has shape {u_past.shape}: expected {(self.lags, len(self.inputs))}")
-        if not (np.isfinite(y_past).all() and np.isfinite(u_past).all()):
-            raise ValueError(f"y_past or u_past of the model of {self.error} holds a value that is not finite")
-        held = np.clip(u_past, self.u_low, self.u_high)
-        u = (held - self.u_mean) / self.u_std
-        value = self.intercept - float(self.a @ ((y_past - self.y_mean) / self.y_std))
-        for s, b in enumerate(self.b):
-            value += float(b @ u[: b.size, s])
-        value = value * self.y_std + self.y_mean
-        bounded = min(max(value, self.y_low), self.y_high)
-        return Prediction(bounded, bool(bounded != value or (held != u_past).any()))
-
-    def predict(self, y_past: FloatArray, u_past: FloatArray) -> float:
-        """The value of `step`."""
-        return self.step(y_past, u_past).value
-
-    def state_update(self, y_past: FloatArray, measured: float, age: int = 1) -> FloatArray:
-        """(na,) history after a measurement of this step, `age` steps after the last one.
-
-        y_past[0] is this step's prediction. The whole history is shifted by a share of the residual: replacing only
-        its newest value would feign a jump, which a model with two slow poles answers with a large overshoot.
-        """
-        if self.na == 0:
-            return np.zeros(0)
-        gain = self.gains[min(max(age, 1), self.gains.size) - 1]
-        return np.asarray(y_past + gain * (measured - y_past[0]), dtype=np.float64)
-
-    def drive(self, inputs: FloatArray) -> FloatArray:
-        """(T,) what the inputs (T, n) contribute to each step, in scaled units; NaN in the first lags - 1 rows."""
-        u = (np.clip(inputs, self.u_low, self.u_high) - self.u_mean) / self.u_std
-        total = np.full(len(u), self.intercept)
-        total[: self.lags - 1] = np.nan
-        first = self.lags - 1
-        for s, b in enumerate(self.b):
-            for j, coefficient in enumerate(b):
-                total[first:] += coefficient * u[first - j : len(u) - j, s]
-        return total
+    def runner(self) -> _kernel.Runner:
+        """The model set to work: it keeps the state between steps."""
+        d, coefficients = self.disturbance, sum(b.size for b in self.b)
+        return _kernel.Runner(
+            a=self.a,
+            b=[b.tolist() for b in self.b],
+            intercept=self.intercept,
+            u_mean=self.u_mean,
+            u_std=self.u_std,
+            u_low=self.u_low,
+            u_high=self.u_high,
+            y_mean=self.y_mean,
+            y_std=self.y_std,
+            y_low=self.y_low,
+            y_high=self.y_high,
+            resets_history=self.resets_history,
+            spread=self.residual_std,
+            leverage=self.leverage if self.leverage.size else np.zeros((coefficients, coefficients)),
+            leverage_limit=self.leverage_limit,
+            novelty_std=self.novelty_std,
+            pole=d.poles,
+            drift=d.drifts,
+            noise=d.noise_std,
+            weight=d.log_weights,
+        )
 
     def free_run(self, inputs: FloatArray, y_measured: FloatArray, y_start: float | None = None) -> FloatArray:
-        """(T,) predictions over a record, each made before that row's measurement; NaN before the first is possible.
+        """(T,) predictions over a record, each made before that row's measurement. Before it the inputs stood still.
 
         inputs: (T, n) consecutive grid steps of the chosen inputs, physical units, finite. y_measured: (T,) with NaN
         where nothing was measured; a measured row is a state update. y_start: the output before the first prediction
@@ -235,31 +173,23 @@ class ErrorModel:
             raise ValueError(f"y_measured has shape {y_measured.shape}: expected {(len(inputs),)}")
         if not np.isfinite(inputs).all():
             raise ValueError("inputs holds a value that is not finite: replace missing values first")
-        predicted = np.full(len(inputs), np.nan)
-        first = self.lags - 1
-        if len(inputs) <= first:
-            return predicted
-        scaled = (y_measured - self.y_mean) / self.y_std
         if y_start is None:
-            known = np.flatnonzero(np.isfinite(scaled))
-            start = scaled[known[0]] if known.size else 0.0
-        else:
-            start = (y_start - self.y_mean) / self.y_std
-        history = np.full(self.na, start)
-        out = np.empty(len(inputs) - first)
-        low, high = (self.y_low - self.y_mean) / self.y_std, (self.y_high - self.y_mean) / self.y_std
-        _kernel.free_run(self.a, self.drive(inputs)[first:], scaled[first:], self.gains, low, high, 0, history, out)
-        predicted[first:] = out * self.y_std + self.y_mean
+            known = y_measured[np.isfinite(y_measured)]
+            y_start = float(known[0]) if known.size else self.y_mean
+        runner = self.runner()
+        runner.start(y_start)
+        predicted = np.empty(len(inputs))
+        runner.run(inputs, y_measured, True, predicted)
         return predicted
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-able; floats come back bit for bit."""
         plain: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        for name in ("a", "u_mean", "u_std", "u_low", "u_high"):
+        for name in ("a", "u_mean", "u_std", "u_low", "u_high", "leverage"):
             plain[name] = plain[name].tolist()
         plain["inputs"] = list(self.inputs)
         plain["b"] = [b.tolist() for b in self.b]
-        plain["disturbance"] = {f.name: getattr(self.disturbance, f.name) for f in fields(Disturbance)}
+        plain["disturbance"] = self.disturbance.to_dict()
         return plain
 
     @classmethod
@@ -268,7 +198,7 @@ class ErrorModel:
         expected = {f.name for f in fields(cls)}
         if set(plain) != expected:
             raise ValueError(f"a model's fields differ from the expected ones in {sorted(set(plain) ^ expected)}")
-        return cls(**{**plain, "disturbance": Disturbance(**plain["disturbance"])})
+        return cls(**{**plain, "disturbance": Disturbance.from_dict(plain["disturbance"])})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,75 +1,101 @@
-"""Output-error regression for a fixed pole: filter the inputs, then everything is linear (variable projection).
+"""Output-error regression for fixed poles: filter the inputs, then everything is linear (variable projection).
 
 One-step least squares shrinks the poles when outputs are noisy, and needs each output's predecessor. Fitting the free
-run itself does neither: for y[k] = B(q) / (1 - p q^-1) u[k] + c the inputs are filtered by the denominator, and the
-numerator is a linear regression on those rows that were measured, wherever they lie.
+run itself does neither: for y[k] = B(q) / ((1 - p_1 q^-1) (1 - p_2 q^-1) ...) u[k] + c the inputs are filtered by the
+denominator, and the numerator is a linear regression on those rows that were measured, wherever they lie.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lfilter_zi
 
 from talc.frame import BoolArray, FloatArray
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Design:
-    """Filtered inputs over the measured rows for one pole."""
+    """Filtered inputs over the measured rows for one choice of poles."""
 
-    pole: float
+    poles: tuple[float, ...]
+    """Real, 0 < p < 1, all different; none: a static or FIR model."""
     lags: int
-    """Coefficients per input, nb + 1."""
+    """Columns per input, nb + 1 of the largest order."""
     columns: FloatArray
     """(n, inputs * lags), input by input."""
     nuisance: FloatArray
-    """(n, 1 or 2) what is not penalised: the constant and the decay of the unknown state before the record."""
+    """(n, 1 + poles) what is not penalised: the constant and the decay of the unknown state before the record."""
 
     @classmethod
-    def make(cls, scaled: FloatArray, pole: float, lags: int, rows: BoolArray) -> "Design":
+    def make(cls, scaled: FloatArray, poles: tuple[float, ...], lags: int, rows: BoolArray) -> "Design":
         """scaled: (T, inputs) z-scores; rows: (T,) which rows to keep."""
+        denominator = np.poly(poles)
         t = np.arange(len(scaled))
         blocks = []
-        for s in range(scaled.shape[1]):
-            # Before the record an input stood at its first value.
-            u = scaled[:, s]
-            rest = u[0] / (1.0 - pole)
+        for u in scaled.T:
+            delayed = u
             for j in range(lags):
+                # Before the record an input stood at its first value.
                 delayed = np.concatenate([np.full(j, u[0]), u[: len(u) - j]])
-                blocks.append(lfilter([1.0], [1.0, -pole], delayed, zi=[pole * rest])[0])
-        constant = np.ones((len(scaled), 1))
-        nuisance = constant if pole == 0.0 else np.column_stack([constant, pole**t])
-        columns = np.column_stack(blocks) if blocks else np.zeros((len(scaled), 0))
-        return cls(pole, lags, columns[rows], nuisance[rows])
+                if poles:
+                    delayed = lfilter([1.0], denominator, delayed, zi=lfilter_zi([1.0], denominator) * u[0])[0]
+                blocks.append(delayed[rows])
+        columns = np.column_stack(blocks) if blocks else np.zeros((int(rows.sum()), 0))
+        nuisance = np.column_stack([np.ones(len(scaled)), *(p**t for p in poles)])
+        return cls(poles, lags, columns, nuisance[rows])
 
-    def of(self, inputs: tuple[int, ...]) -> FloatArray:
-        """(n, len(inputs) * lags) the columns of some inputs."""
-        picked = [s * self.lags + j for s in inputs for j in range(self.lags)]
-        return self.columns[:, picked]
+    @cached_property
+    def scale(self) -> FloatArray:
+        """(inputs * lags,) standard deviation of each column: what a ridge is relative to."""
+        return np.asarray(np.maximum(self.columns.std(axis=0), 1e-12), dtype=np.float64)
+
+    def of(self, coefficients: tuple[int, ...]) -> list[int]:
+        """Positions of the leading columns of each input, as many as it has coefficients."""
+        return [s * self.lags + j for s, count in enumerate(coefficients) for j in range(count)]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Coefficients of one least-squares fit in scaled units."""
+    """One regularised least-squares fit in scaled units."""
 
-    b: FloatArray
-    """(inputs, lags)"""
+    b: tuple[FloatArray, ...]
+    """(nb_s + 1,) per chosen input."""
     constant: float
     residual: FloatArray
-    """(n,)"""
+    """(n,) of the free run."""
+    unseen: FloatArray
+    """(n - first block,) residual of each row after the first block under a fit that did not see its block."""
+    leverage: FloatArray
+    """(p, p) inverse of X'X / n of the chosen columns, with the ridge."""
+    leverage_limit: float
+    """Largest x' (X'X / n)^-1 x over the rows."""
 
 
-def fit(design: Design, inputs: tuple[int, ...], y: FloatArray, ridge: float) -> Fit:
+def fit(design: Design, coefficients: tuple[int, ...], y: FloatArray, ridge: float, blocks: int) -> Fit:
     """Weighted least squares (Z22 eq. 5: weight 1 where measured) with a small ridge on unit-variance columns.
 
-    y: (n,) scaled outputs; ridge: added to the normal equations' diagonal per row.
+    coefficients: of each offered input, 0: not in the model; y: (n,) scaled outputs; ridge: added to the normal
+    equations' diagonal per row; blocks: consecutive parts of equal length that are left out in turn: what a fit leaves
+    on its own rows says too little of what it will leave on other days.
     """
-    x = design.of(inputs)
-    scale = np.maximum(x.std(axis=0), 1e-12) if x.size else np.ones(0)
-    full = np.column_stack([x / scale, design.nuisance])
-    damping = np.zeros(full.shape[1])
-    damping[: x.shape[1]] = np.sqrt(ridge * len(y))
-    augmented = np.vstack([full, np.diag(damping)])
-    solution, *_ = np.linalg.lstsq(augmented, np.concatenate([y, np.zeros(full.shape[1])]), rcond=None)
-    b = (solution[: x.shape[1]] / scale).reshape(len(inputs), design.lags)
-    return Fit(b, float(solution[x.shape[1]]), np.asarray(y - full @ solution, dtype=np.float64))
+    picked = design.of(coefficients)
+    x = np.column_stack([design.columns[:, picked] / design.scale[picked], design.nuisance])
+    damping = np.concatenate([np.full(len(picked), ridge * len(y)), np.zeros(design.nuisance.shape[1])])
+
+    def solve(rows: FloatArray, outputs: FloatArray) -> FloatArray:
+        augmented = np.vstack([rows, np.diag(np.sqrt(damping))])
+        answer = np.linalg.lstsq(augmented, np.concatenate([outputs, np.zeros(damping.size)]), rcond=None)[0]
+        return np.asarray(answer, dtype=np.float64)
+
+    theta = solve(x, y)
+    parts = np.array_split(np.arange(len(y)), blocks)[1:]
+    unseen = np.concatenate([y[p] - x[p] @ solve(np.delete(x, p, axis=0), np.delete(y, p)) for p in parts])
+    b = np.split(theta[: len(picked)] / design.scale[picked], np.cumsum([c for c in coefficients if c])[:-1])
+    own, scale = x[:, : len(picked)], design.scale[picked]
+    inverse = np.linalg.inv(own.T @ own / len(y) + ridge * np.eye(len(picked)))
+    reach = float(np.einsum("ij,jk,ik->i", own, inverse, own).max(initial=0.0))
+    residual = np.asarray(y - x @ theta, dtype=np.float64)
+    return Fit(
+        tuple(b) if picked else (), float(theta[len(picked)]), residual, unseen, inverse / np.outer(scale, scale), reach
+    )

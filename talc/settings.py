@@ -14,12 +14,12 @@ def require(condition: bool, field_name: str, value: object, expected: str) -> N
 class TrainingSettings:
     """How models are found from a record (Z22 §2, eq. 1-9)."""
 
-    selector: Literal["path"] = "path"
-    """Input and order selection: `path` walks the Group-LASSO path and refits by weighted least squares."""
+    judged_by: Literal["unseen", "seen"] = "unseen"
+    """What the search minimises: a BIC of the residuals on blocks of rows left out of the fit, or on all rows."""
     max_na: int = 1
-    """Largest autoregressive order tried: 0 only static and FIR models, 1 also one pole (Z22: up to 5)."""
+    """Largest number of poles tried: 0 only static and FIR models, up to 3 (Z22: up to 5)."""
     max_nb: int = 1
-    """Input order; every input of a model has this + 1 coefficients (Z22: up to 5, each by itself)."""
+    """Largest input order, found for each input by itself; order + 1 coefficients (Z22: up to 5)."""
     max_inputs: int = 8
     """Largest number of inputs in one model."""
     tolerance_um: float = 5.0
@@ -36,7 +36,7 @@ class TrainingSettings:
     """A model with a pole of this magnitude or more never goes live."""
 
     def __post_init__(self) -> None:
-        require(0 <= self.max_na <= 1, "max_na", self.max_na, "0 or 1")
+        require(0 <= self.max_na <= 3, "max_na", self.max_na, "0 to 3")
         require(0 <= self.max_nb <= 5, "max_nb", self.max_nb, "0 to 5")
         require(self.max_inputs >= 1, "max_inputs", self.max_inputs, "1 or more")
         require(self.tolerance_um > 0, "tolerance_um", self.tolerance_um, "more than 0")
@@ -61,8 +61,9 @@ class ControlSettings:
     """Steps between measurements in compensation (B19: 2 h best)."""
     no_good_measurements: int = 16
     """Measurements at every step in the no-good phase, before the model update (Z22: 16)."""
-    acl: Literal["adaptive", "fixed"] = "adaptive"
-    """Action control limits: the largest training residual of each model, or the fixed values below."""
+    acl: Literal["adaptive", "training", "fixed"] = "adaptive"
+    """Action control limits, renewed with each model: its largest residual on rows that its fit had not seen, its
+    largest on all rows of its training (Z22), or the fixed values below (B19)."""
     acl_fixed_um: float = 5.0
     """Fixed limit for position errors, µm (B19)."""
     acl_fixed_um_per_m: float = 15.0

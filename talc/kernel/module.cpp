@@ -1,9 +1,13 @@
 // Python bindings of TALC's compiled numerics.
 #include <nanobind/nanobind.h>
 
-#include "free_run.hpp"
+#include "runner.hpp"
+#include "progress.hpp"
+#include "search.hpp"
 
 NB_MODULE(_kernel, m) {
     m.doc() = "Compiled numerics of TALC.";
-    talc::bind_free_run(m);
+    talc::bind_progress(m);
+    talc::bind_runner(m);
+    talc::bind_search(m);
 }

@@ -31,6 +31,7 @@ def model(error: str, limit: float = 3.0) -> ErrorModel:
         y_low=-300.0,
         y_high=300.0,
         limit=limit,
+        training_limit=limit,
         residual_std=1.0,
         criterion=0.0,
     )

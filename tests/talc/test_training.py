@@ -162,8 +162,8 @@ def test_output_error_fit_recovers_a_transfer_function() -> None:
     y = lfilter([0.3, 0.2], [1.0, -0.9], u[:, 0]) + lfilter([-0.5], [1.0, -0.9], u[:, 1]) + 2.0
     y = y + 5.0 * 0.9 ** np.arange(400)  # an unknown state before the record
     rows = draw.random(400) < 0.3
-    design = Design.make(u, 0.9, 2, rows)
-    found = fit(design, (0, 1), y[rows], 1e-14)
+    design = Design.make(u, (0.9,), 2, rows)
+    found = fit(design, (2, 2), y[rows], 1e-14, 6)
     np.testing.assert_allclose(found.b, [[0.3, 0.2], [-0.5, 0.0]], atol=1e-5)
     assert found.constant == pytest.approx(2.0, abs=1e-4)
 
