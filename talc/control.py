@@ -1,12 +1,13 @@
 """The adaptive control of Z22 and B19 as a pure state machine: frame in, decision out."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from talc.frame import Decision, Event, EventKind, Frame, Phase, TrainingJob, Why
-from talc.free_running import FreeRunningModel
-from talc.models import ModelSet
+from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Phase, TrainingJob, Why
+from talc.free_running import FreeRunningModel, State
+from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.record import Record
 from talc.settings import TalcSettings
@@ -16,6 +17,30 @@ _ENOUGH = 0.75
 _LONGEST_GAP_STEPS = 2016
 """After a longer silence (a week at 5 min) the record starts anew; models stay."""
 _ERRORS = len(THERMAL_ERRORS)
+_TWO_SIDED_95 = 1.96
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ControllerState:
+    """All that a controller knows, as values; `Controller.restore` goes on from it as if nothing had happened."""
+
+    input_names: tuple[str, ...]
+    inputs: FloatArray
+    """(T, n) filled; likewise valid (T, n) and measured (T, 9)."""
+    valid: BoolArray
+    measured: FloatArray
+    last_k: int | None
+    phase: Phase
+    models: tuple[tuple[ErrorModel, State] | None, ...]
+    held: FloatArray
+    """(9,) last measurement of each error."""
+    learning: bool
+    """A training was asked for and nothing adopted yet."""
+    measured_in_phase: int
+    last_measured: int | None
+    substituted: frozenset[str]
+    bounded: frozenset[str]
+    static: tuple[tuple[str, ...], ...] | None
 
 
 class Controller:
@@ -57,6 +82,44 @@ class Controller:
     def phase(self) -> Phase:
         return self._phase
 
+    def state(self) -> ControllerState:
+        """All that is known, copied: later steps do not change it."""
+        return ControllerState(
+            input_names=self._names,
+            inputs=self._record.inputs.copy(),
+            valid=self._record.valid.copy(),
+            measured=self._record.measured.copy(),
+            last_k=self._record.last_k,
+            phase=self._phase,
+            models=tuple(None if m is None else (m.model, m.state()) for m in self._models),
+            held=self._held.copy(),
+            learning=self._learning,
+            measured_in_phase=self._measured,
+            last_measured=self._last_measured,
+            substituted=self._substituted,
+            bounded=self._bounded,
+            static=self._static,
+        )
+
+    @classmethod
+    def restore(cls, state: ControllerState, settings: TalcSettings) -> "Controller":
+        """A controller that decides as the one that gave `state` would have. ValueError: a state that is not one.
+
+        A training that was under way is not: hand its job's models to `adopt`, or run it again.
+        """
+        self = cls(state.input_names, settings)
+        self._record.restore(state.inputs, state.valid, state.measured, state.last_k)
+        self._phase, self._learning, self._measured = state.phase, state.learning, state.measured_in_phase
+        for i, known in enumerate(state.models):
+            if known is not None:
+                model, progress = known
+                running = FreeRunningModel(model, [self._names.index(name) for name in model.inputs])
+                running.restore(progress)
+                self._models[i] = running
+        self._held, self._last_measured, self._static = state.held.copy(), state.last_measured, state.static
+        self._substituted, self._bounded = state.substituted, state.bounded
+        return self
+
     def step(self, frame: Frame) -> Decision:
         """Take one frame. ValueError: wrong shapes, or an index that is not above the last one."""
         last = self._record.last_k
@@ -70,7 +133,7 @@ class Controller:
         events: list[Event] = []
         self._note_substitutes(events)
         measured = self._record.measured[-1]
-        predicted, corrected, sigma = self._predict(measured, events)
+        predicted, corrected, sigma, novel = self._predict(measured, events)
         limits = self._limits()
         if np.isfinite(measured).any():
             self._last_measured = frame.k
@@ -88,7 +151,7 @@ class Controller:
             corrected=corrected,
             sigma=sigma,
             limits=limits,
-            measure=self._wish(frame.k),
+            measure=self._wish(frame.k, novel, sigma, limits),
             training=training,
             events=tuple(events),
         )
@@ -133,16 +196,15 @@ class Controller:
                 if model is not None:
                     model.step(self._record.inputs[-1], float("nan"))
 
-    def _predict(
-        self, measured: np.ndarray[tuple[int], np.dtype[np.float64]], events: list[Event]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _predict(self, measured: FloatArray, events: list[Event]) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
         predicted, corrected, sigma = np.full((3, _ERRORS), np.nan)
-        bounded = set()
+        bounded, novel = set(), False
         for i, model in enumerate(self._models):
             if model is None:
                 continue
             estimate = model.step(self._record.inputs[-1], float(measured[i]))
             predicted[i], corrected[i], sigma[i] = estimate.predicted, estimate.corrected, estimate.sigma
+            novel = novel or estimate.novelty > 1.0
             if estimate.bounded:
                 bounded.add(THERMAL_ERRORS[i])
         events.extend(
@@ -150,7 +212,7 @@ class Controller:
             for error in sorted(bounded - self._bounded)
         )
         self._bounded = frozenset(bounded)
-        return predicted, corrected, sigma
+        return predicted, corrected, sigma, novel
 
     def _note_substitutes(self, events: list[Event]) -> None:
         used = {name for m in self._models if m is not None for name in m.model.inputs}
@@ -162,7 +224,7 @@ class Controller:
         events.extend(Event(EventKind.INPUT_SUBSTITUTED, text) for text in texts)
         self._substituted = missing
 
-    def _judge(self, predicted: np.ndarray, measured: np.ndarray, limits: np.ndarray, events: list[Event]) -> None:
+    def _judge(self, predicted: FloatArray, measured: FloatArray, limits: FloatArray, events: list[Event]) -> None:
         if self._phase is Phase.CALIBRATION:
             return
         events.append(Event(EventKind.STATE_UPDATE, "a measurement corrected the models' state"))
@@ -202,7 +264,7 @@ class Controller:
             static_inputs=self._static,
         )
 
-    def _wish(self, k: int) -> Why | None:
+    def _wish(self, k: int, novel: bool, sigma: FloatArray, limits: FloatArray) -> Why | None:
         match self._phase:
             case Phase.CALIBRATION:
                 return Why.CALIBRATION
@@ -210,9 +272,23 @@ class Controller:
                 return None if self._learning else Why.NO_GOOD
             case Phase.COMPENSATION:
                 since = k + 1 - self._last_measured if self._last_measured is not None else k + 1
-                return Why.INTERVAL if since >= self._control.measurement_interval_steps else None
+                return self._routine(since, novel, sigma, limits)
 
-    def _limits(self) -> np.ndarray:
+    def _routine(self, since: int, novel: bool, sigma: FloatArray, limits: FloatArray) -> Why | None:
+        """A routine measurement `since` steps after the last one."""
+        control = self._control
+        if control.policy == "fixed":
+            return Why.INTERVAL if since >= control.measurement_interval_steps else None
+        if since >= control.longest_interval_steps:
+            return Why.INTERVAL
+        if since < control.shortest_interval_steps:
+            return None
+        if control.policy == "novelty":
+            return Why.NOVELTY if novel else None
+        unsure = _TWO_SIDED_95 * sigma > control.uncertainty_share * limits  # NaN compares false: no model
+        return Why.UNCERTAINTY if unsure.any() else None
+
+    def _limits(self) -> FloatArray:
         limits = np.full(_ERRORS, np.nan)
         for i, (name, model) in enumerate(zip(THERMAL_ERRORS, self._models, strict=True)):
             if model is None:

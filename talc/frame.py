@@ -28,6 +28,11 @@ class Why(StrEnum):
 
     CALIBRATION = "calibration"
     INTERVAL = "interval"
+    """The fixed interval, or the longest one of the other policies, has passed."""
+    NOVELTY = "novelty"
+    """The inputs left what training has seen."""
+    UNCERTAINTY = "uncertainty"
+    """A prediction is no longer sure to be within its action control limit."""
     NO_GOOD = "no_good"
     RETRY = "retry"
 

@@ -65,6 +65,17 @@ class Record:
         while self.last_k is not None and self.last_k + 1 < until_k:
             self.append(Frame(self.last_k + 1, *nothing))
 
+    def restore(self, inputs: FloatArray, valid: BoolArray, measured: FloatArray, last_k: int | None) -> None:
+        """Hold these rows instead. ValueError: shapes that do not fit together."""
+        rows = len(inputs)
+        if inputs.shape != (rows, self._n) or valid.shape != inputs.shape or measured.shape != (rows, _ERRORS):
+            raise ValueError(f"inputs {inputs.shape}, valid {valid.shape}, measured {measured.shape}: not one record")
+        self._rows, self.last_k = rows, last_k
+        spare = max(_FIRST_CAPACITY - rows, rows)
+        self._inputs = np.concatenate([inputs, np.empty((spare, self._n))])
+        self._valid = np.concatenate([valid, np.zeros((spare, self._n), dtype=np.bool_)])
+        self._measured = np.concatenate([measured, np.empty((spare, _ERRORS))])
+
     def clear(self) -> None:
         """Forget all rows."""
         self._rows, self.last_k = 0, None

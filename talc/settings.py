@@ -57,8 +57,17 @@ class ControlSettings:
 
     calibration_steps: int = 288
     """Length of the calibration phase, measured at every step (24 h at 5 min)."""
+    policy: Literal["fixed", "novelty", "uncertainty"] = "fixed"
+    """When to measure in compensation: at a fixed interval; when the inputs leave what training has seen; or when the
+    95 % interval of a prediction fills its share of the action control limit. The last two within the bounds below."""
     measurement_interval_steps: int = 24
-    """Steps between measurements in compensation (B19: 2 h best)."""
+    """Steps between measurements of the fixed policy (B19: 2 h best)."""
+    shortest_interval_steps: int = 6
+    """The other policies measure at most this often."""
+    longest_interval_steps: int = 96
+    """The other policies measure at least this often (8 h)."""
+    uncertainty_share: float = 0.75
+    """Share of the action control limit that a 95 % interval may fill."""
     no_good_measurements: int = 16
     """Measurements at every step in the no-good phase, before the model update (Z22: 16)."""
     acl: Literal["adaptive", "training", "fixed"] = "adaptive"
@@ -77,6 +86,13 @@ class ControlSettings:
             self.measurement_interval_steps,
             "1 or more",
         )
+        require(
+            1 <= self.shortest_interval_steps <= self.longest_interval_steps,
+            "shortest_interval_steps",
+            self.shortest_interval_steps,
+            f"1 to {self.longest_interval_steps}, longest_interval_steps",
+        )
+        require(self.uncertainty_share > 0, "uncertainty_share", self.uncertainty_share, "more than 0")
         require(self.no_good_measurements >= 1, "no_good_measurements", self.no_good_measurements, "1 or more")
         require(self.acl_fixed_um > 0, "acl_fixed_um", self.acl_fixed_um, "more than 0")
         require(self.acl_fixed_um_per_m > 0, "acl_fixed_um_per_m", self.acl_fixed_um_per_m, "more than 0")

@@ -1,11 +1,14 @@
 """The controller against stand-in models whose answers are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from talc.control import Controller
+from talc.disturbance import Disturbance
 from talc.frame import Decision, EventKind, FloatArray, Frame, Measurement, Phase, Why
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
@@ -167,3 +170,72 @@ def test_no_mask_gap_or_partial_measurement_makes_a_correction_that_is_not_finit
         assert np.isfinite(decision.corrected).all()
         if decision.training is not None:
             c.adopt(models(k))
+
+
+def policy(name: str) -> Controller:
+    control = ControlSettings(
+        calibration_steps=CALIBRATION,
+        policy=name,  # type: ignore[arg-type]
+        shortest_interval_steps=3,
+        longest_interval_steps=30,
+        no_good_measurements=3,
+    )
+    return Controller(INPUTS, TalcSettings(control=control))
+
+
+def drifting(limit: float = 3.0) -> ModelSet:
+    """Models that know how fast they drift, and what training saw: leverage (warm - 0)² up to 4."""
+    d = Disturbance(0.1, np.array([1.0]), np.array([0.3]), np.zeros(1))
+    one = [
+        replace(model(e, limit), disturbance=d, leverage=np.eye(2), leverage_limit=32.0, novelty_std=0.1)
+        for e in THERMAL_ERRORS
+    ]
+    return ModelSet(k=CALIBRATION - 1, why="calibration", input_names=INPUTS, models=tuple(one))
+
+
+def wishes(c: Controller, steps: int, warm: float = 1.0) -> list[Why | None]:
+    for k in range(CALIBRATION):
+        c.step(frame(k, measured=2.0))
+    c.adopt(drifting())
+    return [c.step(frame(CALIBRATION + i, warm=warm)).measure for i in range(steps)]
+
+
+def test_the_uncertainty_policy_asks_when_the_interval_nears_the_limit() -> None:
+    asked = wishes(policy("uncertainty"), 40)
+    first = next(i for i, why in enumerate(asked) if why is not None)
+    assert asked[first] is Why.UNCERTAINTY
+    # A random walk of 0.3 per step fills 0.75 of a limit of 3 when 1.96 sqrt(0.09 n + 0.01) > 2.25.
+    assert first + 1 == int(np.ceil(((2.25 / 1.96) ** 2 - 0.01) / 0.09))
+
+
+def test_the_novelty_policy_asks_when_inputs_leave_training_and_at_the_longest_interval() -> None:
+    familiar = wishes(policy("novelty"), 40)
+    assert familiar.index(Why.INTERVAL) == 28  # 30 steps after the last measurement, asked one step ahead
+    assert Why.NOVELTY not in familiar
+    strange = wishes(policy("novelty"), 40, warm=9.0)
+    assert strange.index(Why.NOVELTY) == 1  # not sooner than 3 steps after the last measurement
+
+
+def test_a_restart_from_a_saved_state_decides_as_no_restart() -> None:
+    whole = controller()
+    calibrate(whole)
+    draw = np.random.default_rng(0)
+    frames = [
+        frame(CALIBRATION + i, warm=float(draw.normal(1, 0.2)), measured=2.0 + 6.0 * (i > 30) if i % 4 == 0 else None)
+        for i in range(60)
+    ]
+    for one in frames[:25]:
+        whole.step(one)
+    again = Controller.restore(whole.state(), whole_settings())
+    for one in frames[25:]:
+        a, b = whole.step(one), again.step(one)
+        for name in ("predicted", "corrected", "sigma", "limits"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+        assert (a.phase, a.measure, a.events) == (b.phase, b.measure, b.events)
+        assert (a.training is None) == (b.training is None)
+    assert whole.phase is not Phase.COMPENSATION  # the step at 30 did lead somewhere
+
+
+def whole_settings() -> TalcSettings:
+    control = ControlSettings(calibration_steps=CALIBRATION, measurement_interval_steps=4, no_good_measurements=3)
+    return TalcSettings(control=control)
