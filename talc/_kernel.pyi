@@ -49,6 +49,17 @@ class Runner:
     def state(self) -> list[list[float]]: ...
     def restore(self, state: list[list[float]]) -> None: ...
 
+def group_lasso(
+    gram: NDArray[float64],
+    moment: NDArray[float64],
+    energy: float,
+    first: list[int],
+    size: list[int],
+    penalty: float,
+    tolerance: float,
+    limit: int,
+    theta: NDArray[float64],
+) -> tuple[float, float, int, int]: ...
 def search(
     gram: NDArray[float64],
     moment: NDArray[float64],

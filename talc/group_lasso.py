@@ -1,89 +1,136 @@
-"""Group-LASSO on the Gram matrix: min ||y - X t||² + lambda sum_s sqrt(g) ||t_s|| (Z22 eq. 8), groups of one size.
+"""Group-LASSO on the Gram matrix: min ||y - X t||² + lambda sum_s sqrt(g_s) ||t_s|| (Z22 eq. 8), solved exactly.
 
-Accelerated proximal gradient (FISTA with restart) with the true duality gap. It serves to rank inputs; what is chosen
-is fitted again without penalty.
+Thermal regressors are nearly collinear, so first-order methods stop far from the optimum without showing it. The
+kernel finds the support by a few passes and finishes on it by Newton's method; what decides is the duality gap.
 """
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from talc import _kernel
 from talc.frame import FloatArray
 
+_ROUNDS = 200
+_LARGEST_GROUP = 64
+"""What the kernel has room for."""
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """One point of the path."""
+    """The optimum for one penalty."""
 
-    coefficients: FloatArray
-    """(groups, g)"""
+    penalty: float
+    coefficients: tuple[FloatArray, ...]
+    """(g_s,) per group."""
+    objective: float
     gap: float
-    """Duality gap relative to ||y||²; 0 at the optimum."""
-    iterations: int
+    """Duality gap relative to the objective; 0 at the optimum."""
 
     @property
     def active(self) -> tuple[int, ...]:
         """Groups that are not zero."""
-        return tuple(int(i) for i in np.flatnonzero(np.linalg.norm(self.coefficients, axis=1)))
+        return tuple(s for s, t in enumerate(self.coefficients) if t.any())
+
+
+class Gram:
+    """X'X, X'y and y'y of rows seen so far: later rows are added, nothing is built again.
+
+    Parameters
+    ----------
+    columns: of X
+    """
+
+    def __init__(self, columns: int) -> None:
+        self.rows = 0
+        self.gram: FloatArray = np.zeros((columns, columns))
+        self.moment: FloatArray = np.zeros(columns)
+        self.energy = 0.0
+
+    def add(self, x: FloatArray, y: FloatArray) -> None:
+        """More rows: x (n, columns), y (n,). ValueError: shapes that do not fit, or values that are not finite."""
+        if x.ndim != 2 or x.shape != (len(y), self.moment.size):
+            raise ValueError(f"x has shape {x.shape}, y {y.shape}: expected (n, {self.moment.size}) and (n,)")
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            raise ValueError("x or y holds a value that is not finite")
+        self.gram += x.T @ x
+        self.moment += x.T @ y
+        self.energy += float(y @ y)
+        self.rows += len(y)
+
+    def without(self, free: Sequence[int]) -> "Gram":
+        """The same regression with unpenalised columns projected out (Schur complement), and dropped."""
+        out = np.asarray(free, dtype=np.intp)
+        kept = np.setdiff1d(np.arange(self.moment.size), out)
+        own = self.gram[np.ix_(out, out)]
+        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
+        onto = np.linalg.pinv(own / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
+        across = self.gram[np.ix_(out, kept)]
+        rest = Gram(kept.size)
+        rest.rows = self.rows
+        rest.gram = self.gram[np.ix_(kept, kept)] - across.T @ onto @ across
+        rest.moment = self.moment[kept] - across.T @ onto @ self.moment[out]
+        rest.energy = max(self.energy - float(self.moment[out] @ onto @ self.moment[out]), 0.0)
+        return rest
 
 
 class GroupLasso:
-    """One design, many outputs and penalties.
+    """One regression, many penalties.
 
     Parameters
     ----------
     gram: (p, p) X'X, columns ordered group by group
-    size: g, columns per group; p must be a multiple
+    sizes: columns of each group; they sum to p
     """
 
-    def __init__(self, gram: FloatArray, size: int) -> None:
-        if gram.ndim != 2 or gram.shape[0] != gram.shape[1] or gram.shape[0] % size:
-            raise ValueError(f"gram has shape {gram.shape}: expected (p, p) with p a multiple of {size}")
-        self._gram, self._size, self._groups = gram, size, gram.shape[0] // size
-        self._weight = float(np.sqrt(size))
-        self._lipschitz = 2.0 * float(np.linalg.eigvalsh(gram)[-1]) if gram.size else 1.0
+    def __init__(self, gram: FloatArray, sizes: Sequence[int]) -> None:
+        if any(size < 1 for size in sizes) or gram.shape != (sum(sizes), sum(sizes)):
+            raise ValueError(
+                f"gram has shape {gram.shape}, sizes {tuple(sizes)}: expected (p, p), p the sum of sizes >= 1"
+            )
+        if max(sizes, default=1) > _LARGEST_GROUP:
+            raise ValueError(f"sizes {tuple(sizes)}: expected at most {_LARGEST_GROUP} columns in a group")
+        if not np.isfinite(gram).all():
+            raise ValueError("gram holds a value that is not finite")
+        self._gram = np.ascontiguousarray(gram, dtype=np.float64)
+        self._sizes = list(sizes)
+        self._first = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(int).tolist() if sizes else []
 
     def largest(self, moment: FloatArray) -> float:
         """Smallest penalty at which everything is zero; moment: (p,) X'y."""
-        return float(2.0 * np.linalg.norm(moment.reshape(self._groups, self._size), axis=1).max() / self._weight)
+        lengths = [2.0 * np.linalg.norm(part) / np.sqrt(part.size) for part in self._parts(moment)]
+        return float(max(lengths, default=0.0))
 
     def solve(
-        self, moment: FloatArray, energy: float, penalty: float, start: FloatArray | None, tolerance: float, limit: int
+        self, moment: FloatArray, energy: float, penalty: float, start: Solution | None = None, tolerance: float = 1e-8
     ) -> Solution:
         """Solve for one penalty.
 
-        moment: (p,) X'y; energy: y'y; start: (groups, g) to begin from; tolerance: relative gap to stop at; limit:
-        most iterations; the gap that was reached is in the answer either way.
+        moment: (p,) X'y; energy: y'y; start: the solution of another penalty to begin from; tolerance: relative
+        duality gap to stop at (not reached after 200 rounds: the answer's gap says so). ValueError: a wrong shape, a
+        negative penalty or a number that is not finite.
         """
-        theta = np.zeros(moment.size) if start is None else start.ravel().copy()
-        ahead, momentum = theta.copy(), 1.0
-        gap, iterations = np.inf, 0
-        threshold = penalty * self._weight / self._lipschitz
-        for iterations in range(1, limit + 1):
-            moved = ahead - 2.0 * (self._gram @ ahead - moment) / self._lipschitz
-            blocks = moved.reshape(self._groups, self._size)
-            norms = np.linalg.norm(blocks, axis=1, keepdims=True)
-            following = (blocks * np.maximum(0.0, 1.0 - threshold / np.maximum(norms, 1e-300))).ravel()
-            if (ahead - following) @ (following - theta) > 0.0:  # momentum points uphill
-                momentum = 1.0
-            later = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * momentum**2))
-            ahead = following + (momentum - 1.0) / later * (following - theta)
-            theta, momentum = following, later
-            if iterations % 25 == 0:
-                gap = self._gap(theta, moment, energy, penalty)
-                if gap <= tolerance:
-                    break
-        gap = self._gap(theta, moment, energy, penalty)
-        return Solution(theta.reshape(self._groups, self._size), gap, iterations)
+        if moment.shape != (len(self._gram),):
+            raise ValueError(f"moment has shape {moment.shape}: expected ({len(self._gram)},)")
+        if not (np.isfinite(moment).all() and np.isfinite(energy) and energy >= 0.0):
+            raise ValueError("moment or energy is not finite, or energy is negative")
+        if not (np.isfinite(penalty) and penalty >= 0.0):
+            raise ValueError(f"penalty = {penalty}: expected 0 or more")
+        theta = np.zeros(moment.size) if start is None else np.concatenate([*start.coefficients, np.zeros(0)])
+        objective, gap, _, _ = _kernel.group_lasso(
+            self._gram, moment, energy, self._first, self._sizes, penalty, tolerance, _ROUNDS, theta
+        )
+        return Solution(penalty, tuple(self._parts(theta)), objective, gap)
 
-    def _gap(self, theta: FloatArray, moment: FloatArray, energy: float, penalty: float) -> float:
-        """Primal minus dual value; the dual point is the residual, scaled until it is feasible."""
-        image = self._gram @ theta
-        misfit = max(float(energy - 2.0 * theta @ moment + theta @ image), 0.0)
-        norms = np.linalg.norm(theta.reshape(self._groups, self._size), axis=1)
-        primal = misfit + penalty * self._weight * norms.sum()
-        correlation = float(np.linalg.norm((moment - image).reshape(self._groups, self._size), axis=1).max())
-        scale = min(1.0, penalty * self._weight / (2.0 * correlation)) if correlation > 0 else 1.0
-        # Dual: 2 s r'y - s² r'r with r the residual.
-        dual = 2.0 * scale * (energy - theta @ moment) - scale**2 * misfit
-        return float(max(primal - dual, 0.0) / max(energy, 1e-300))
+    def path(
+        self, moment: FloatArray, energy: float, penalties: Iterable[float], tolerance: float = 1e-8
+    ) -> Iterator[Solution]:
+        """Solutions for descending penalties, each begun from the one before."""
+        last = None
+        for penalty in penalties:
+            last = self.solve(moment, energy, penalty, last, tolerance)
+            yield last
+
+    def _parts(self, vector: FloatArray) -> list[FloatArray]:
+        return np.split(vector, self._first[1:]) if self._sizes else []

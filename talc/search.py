@@ -31,8 +31,7 @@ RIDGE = 1e-4
 """Relative to unit-variance columns; tames near-equal temperatures without moving a good fit."""
 _PENALTIES = np.geomspace(0.6, 2e-3, 10)
 """Points of the path, relative to the smallest penalty that leaves no input."""
-_GAP = 1e-3
-_ITERATIONS = 300
+_GAP = 1e-6
 _FLOOR = 1e-12
 """Least mean square residual, in scaled units: an exact fit is not infinitely good."""
 
@@ -107,16 +106,17 @@ class Candidates:
         return Choice(self._designs[chosen], tuple(coefficients), cost)
 
     @cached_property
-    def _paths(self) -> list[tuple[GroupLasso, FloatArray, FloatArray]]:
-        """Per design: the path's solver with the nuisance projected out, the columns' lengths, the projection."""
+    def _paths(self) -> list[tuple[GroupLasso, FloatArray, FloatArray, FloatArray]]:
+        """Per design: the path's solver with the nuisance projected out, the columns' lengths, the projections."""
         lags = self._designs[0].lags
         p = self._inputs * lags
         paths = []
         for gram in self._gram.sum(axis=1):
-            onto = np.linalg.pinv(gram[p:, p:]) @ gram[p:, :p]
+            inverse = np.linalg.pinv(gram[p:, p:], rcond=1e-12, hermitian=True)
+            onto = inverse @ gram[p:, :p]
             rest = gram[:p, :p] - gram[:p, p:] @ onto
             length = np.sqrt(np.maximum(np.diag(rest), 1e-12))
-            paths.append((GroupLasso(rest / np.outer(length, length), lags), length, onto))
+            paths.append((GroupLasso(rest / np.outer(length, length), [lags] * self._inputs), length, onto, inverse))
         return paths
 
     def _starts(
@@ -126,26 +126,22 @@ class Candidates:
         if fixed is not None:
             return [[lags if s in fixed else 0 for s in range(self._inputs)]]
         p = self._inputs * lags
-        lasso, length, onto = self._paths[d]
+        lasso, length, onto, inverse = self._paths[d]
         total = moment.sum(axis=0)
         products = (total[:p] - onto.T @ total[p:]) / length
-        left = float(energy.sum())
+        left = max(float(energy.sum() - total[p:] @ inverse @ total[p:]), 0.0)
         sets = _path(lasso, products, left, most)
         return [[lags if s in chosen else 0 for s in range(self._inputs)] for chosen in sets]
 
 
 def _path(lasso: GroupLasso, moment: FloatArray, energy: float, most: int) -> list[tuple[int, ...]]:
     """Different sets of inputs along the path, the empty one first."""
-    top = lasso.largest(moment)
     found: list[tuple[int, ...]] = [()]
-    start = None
-    for share in _PENALTIES:
-        solution = lasso.solve(moment, energy, float(share) * top, start, _GAP, _ITERATIONS)
-        start = solution.coefficients
+    for solution in lasso.path(moment, energy, _PENALTIES * lasso.largest(moment), _GAP):
         if len(solution.active) > most:
             # The strongest ones still are a proposal; further down the path there are only more.
-            strength = np.linalg.norm(solution.coefficients, axis=1)
-            found.append(tuple(sorted(int(i) for i in np.argsort(-strength, kind="stable")[:most])))
+            strength = [np.linalg.norm(part) for part in solution.coefficients]
+            found.append(tuple(sorted(int(i) for i in np.argsort(strength, kind="stable")[::-1][:most])))
             break
         found.append(solution.active)
     return list(dict.fromkeys(found))

@@ -2,11 +2,13 @@
 #include <nanobind/nanobind.h>
 
 #include "runner.hpp"
+#include "group_lasso.hpp"
 #include "progress.hpp"
 #include "search.hpp"
 
 NB_MODULE(_kernel, m) {
     m.doc() = "Compiled numerics of TALC.";
+    talc::bind_group_lasso(m);
     talc::bind_progress(m);
     talc::bind_runner(m);
     talc::bind_search(m);

@@ -75,7 +75,7 @@ class BlockedRegression {
         const size_t m = columns_.size();
         for (size_t i = 0; i < m; ++i) {
             const size_t row = columns_[i] * p_;
-            for (size_t j = 0; j <= i; ++j) {
+            for (size_t j = i; j < m; ++j) {
                 const size_t at = row + columns_[j];
                 matrix_[i * m + j] = total_[at] - (without ? without[at] : 0.0);
             }

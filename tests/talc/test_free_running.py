@@ -44,7 +44,8 @@ def bank(n: int = 4) -> Disturbance:
 def inputs(steps: int, seed: int = 0) -> Array:
     draw = np.random.default_rng(seed)
     walk: Array = np.cumsum(draw.normal(0, 0.3, (steps, 2)), axis=0)
-    return walk + np.array([20.0, 25.0])
+    rows: Array = walk + np.array([20.0, 25.0])
+    return rows
 
 
 def twin(model: ErrorModel, rows: Array, measured: Array, start: float) -> tuple[Array, Array]:

@@ -1,15 +1,12 @@
 """Training finds what made the record, predicts what it has not seen, and never hands out something unusable."""
 
-import clarabel
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.signal import lfilter
 
 from talc.criteria import adapted_bic
 from talc.frame import TrainingJob, Why
-from talc.group_lasso import GroupLasso
 from talc.models import ModelSet
 from talc.output_error import Design, fit
 from talc.settings import TrainingSettings
@@ -118,42 +115,6 @@ def test_every_pole_is_stable_and_below_the_bound() -> None:
 def test_can_be_cancelled() -> None:
     with pytest.raises(Cancelled):
         train(job(series(100, seed=1)), cancelled=lambda: True)
-
-
-def test_group_lasso_against_an_interior_point_solver() -> None:
-    draw = np.random.default_rng(2)
-    x, size, groups = draw.normal(size=(80, 12)), 3, 4
-    y = x[:, :3] @ [1.0, -2.0, 0.5] + draw.normal(size=80)
-    solver = GroupLasso(x.T @ x, size)
-    penalty = 0.2 * solver.largest(x.T @ y)
-    found = solver.solve(x.T @ y, float(y @ y), penalty, None, 1e-10, 20_000)
-    assert found.gap <= 1e-10
-    # Variables: t (12), one bound per group; ||t_s|| <= bound_s as second-order cones.
-    weight = penalty * np.sqrt(size)
-    p = sparse.block_diag([2 * x.T @ x, sparse.csc_matrix((groups, groups))], format="csc")
-    q = np.concatenate([-2 * x.T @ y, np.full(groups, weight)])
-    rows = []
-    for s in range(groups):
-        block = np.zeros((size + 1, 12 + groups))
-        block[0, 12 + s] = -1.0
-        block[1:, size * s : size * (s + 1)] = -np.eye(size)
-        rows.append(block)
-    a = sparse.csc_matrix(np.vstack(rows))
-    cones = [clarabel.SecondOrderConeT(size + 1)] * groups
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_rel = settings.tol_gap_abs = 1e-12
-    answer = clarabel.DefaultSolver(sparse.triu(p, format="csc"), q, a, np.zeros(a.shape[0]), cones, settings).solve()
-    np.testing.assert_allclose(found.coefficients.ravel(), np.array(answer.x[:12]), atol=1e-5)
-
-
-def test_above_the_largest_penalty_nothing_is_left() -> None:
-    draw = np.random.default_rng(3)
-    x, y = draw.normal(size=(50, 6)), draw.normal(size=50)
-    solver = GroupLasso(x.T @ x, 2)
-    top = solver.largest(x.T @ y)
-    assert solver.solve(x.T @ y, float(y @ y), 1.0001 * top, None, 1e-9, 5000).active == ()
-    assert solver.solve(x.T @ y, float(y @ y), 0.98 * top, None, 1e-9, 5000).active != ()
 
 
 def test_output_error_fit_recovers_a_transfer_function() -> None:
