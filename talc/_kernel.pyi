@@ -77,3 +77,23 @@ def search(
     fixed_inputs: bool,
     progress: Progress | None,
 ) -> tuple[int, list[int], float]: ...
+def pso(
+    gram: NDArray[float64],
+    moment: NDArray[float64],
+    energy: NDArray[float64],
+    own: NDArray[float64],
+    across: NDArray[float64],
+    u: NDArray[float64],
+    y: NDArray[float64],
+    lags: int,
+    criterion: int,
+    scale: float,
+    tolerance: float,
+    safety: float,
+    least_log_share: float,
+    draws: NDArray[float64],
+    pull: float,
+    inertia_first: float,
+    inertia_last: float,
+    progress: Progress | None,
+) -> tuple[float, list[int], float, float]: ...

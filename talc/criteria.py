@@ -1,10 +1,16 @@
-"""What a candidate model costs: the adapted BIC of Z22."""
+"""What a candidate model costs: the adapted BIC of Z22 beside AIC, BIC and MDL. The kernel's selectors use the same."""
 
 import math
+from typing import Final, Literal
 
 import numpy as np
 
 from talc.frame import FloatArray
+
+Criterion = Literal["adapted_bic", "bic", "aic", "mdl"]
+CRITERIA: Final[tuple[Criterion, ...]] = ("adapted_bic", "bic", "aic", "mdl")
+WORST: Final = 1e9
+"""What an unstable or impossible candidate costs: finite, so that a swarm can still compare."""
 
 
 def adapted_bic(residual: FloatArray, orders: int, inputs: int, tolerance: float, safety: float) -> float:
@@ -15,11 +21,40 @@ def adapted_bic(residual: FloatArray, orders: int, inputs: int, tolerance: float
     here. Below a sum of 1 the logarithm would turn negative and the bracket reward a violation: it is held at 0.
     A residual that is not finite costs 1e9. ValueError: no residuals.
     """
-    n = residual.size
-    if n == 0:
-        raise ValueError("residual is empty: expected at least one measured row")
+    n = _rows(residual)
     if not np.isfinite(residual).all():
-        return 1e9
+        return WORST
     bracket = max(1.0, float(np.abs(residual).max()) / (safety * tolerance))
     fit = n * math.log(max(float(residual @ residual), 1.0)) * bracket
-    return min(math.log(n) * (orders + inputs**2) + fit, 1e9)
+    return min(math.log(n) * (orders + inputs**2) + fit, WORST)
+
+
+def bic(residual: FloatArray, parameters: int) -> float:
+    """n ln(SSE / n) + d ln n (Schwarz 1978); d: estimated coefficients."""
+    return _information(residual, parameters * math.log(_rows(residual)))
+
+
+def aic(residual: FloatArray, parameters: int) -> float:
+    """n ln(SSE / n) + 2 d (Akaike 1974)."""
+    return _information(residual, 2.0 * parameters)
+
+
+def mdl(residual: FloatArray, parameters: int) -> float:
+    """SSE / n (1 + d ln n / n) (Rissanen 1978; Ljung, System Identification, eq. 16.36)."""
+    n = _rows(residual)
+    if not np.isfinite(residual).all():
+        return WORST
+    return min(float(residual @ residual) / n * (1.0 + parameters * math.log(n) / n), WORST)
+
+
+def _information(residual: FloatArray, price: float) -> float:
+    n = _rows(residual)
+    if not np.isfinite(residual).all():
+        return WORST
+    return min(n * math.log(max(float(residual @ residual) / n, 1e-300)) + price, WORST)
+
+
+def _rows(residual: FloatArray) -> int:
+    if residual.size == 0:
+        raise ValueError("residual is empty: expected at least one measured row")
+    return int(residual.size)

@@ -4,12 +4,14 @@
 #include "runner.hpp"
 #include "group_lasso.hpp"
 #include "progress.hpp"
+#include "pso.hpp"
 #include "search.hpp"
 
 NB_MODULE(_kernel, m) {
     m.doc() = "Compiled numerics of TALC.";
     talc::bind_group_lasso(m);
     talc::bind_progress(m);
+    talc::bind_pso(m);
     talc::bind_runner(m);
     talc::bind_search(m);
 }

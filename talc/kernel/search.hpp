@@ -16,9 +16,6 @@
 
 namespace talc {
 
-using Stack4 = nb::ndarray<const double, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
-using Stack3 = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
-
 // Inputs of a model and their orders: one byte per offered input, 0 absent, else its number of coefficients.
 using Set = std::string;
 

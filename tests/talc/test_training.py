@@ -5,7 +5,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from talc.criteria import adapted_bic
 from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
 from talc.output_error import Design, fit
@@ -127,13 +126,3 @@ def test_output_error_fit_recovers_a_transfer_function() -> None:
     found = fit(design, (2, 2), y[rows], 1e-14, 6)
     np.testing.assert_allclose(found.b, [[0.3, 0.2], [-0.5, 0.0]], atol=1e-5)
     assert found.constant == pytest.approx(2.0, abs=1e-4)
-
-
-def test_adapted_bic_by_hand() -> None:
-    residual = np.array([1.0, -2.0, 3.0, -4.0])  # sum of squares 30, max 4
-    within = adapted_bic(residual, 5, 2, tolerance=8.0, safety=0.75)
-    assert within == pytest.approx(np.log(4) * 9 + 4 * np.log(30))
-    beyond = adapted_bic(residual, 5, 2, tolerance=4.0, safety=0.75)
-    assert beyond == pytest.approx(np.log(4) * 9 + 4 * np.log(30) * 4 / 3)
-    assert adapted_bic(np.array([0.1, 0.1]), 1, 1, 0.01, 0.75) == pytest.approx(np.log(2) * 2)  # the guard
-    assert np.isfinite(adapted_bic(np.array([np.inf, 1.0]), 1, 1, 5.0, 0.75))
