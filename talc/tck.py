@@ -1,0 +1,140 @@
+"""The earlier sequential selector: cluster the sensors, take the most similar one, model, go on with the residual.
+
+Similarity is the Time Series Cluster Kernel (Mikalsen, Bianchi, Soguero-Ruiz, Jenssen, Pattern Recognition 76 (2018)
+569-581): an ensemble of diagonal Gaussian mixtures with informative priors, fitted by MAP-EM to random segments and
+random subsets of the series; two series are similar when the mixtures assign them alike. Missing values do not count.
+"""
+
+from typing import Final
+
+import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import squareform
+
+from talc.arx import Regression, least_squares_fit
+from talc.criteria import bic
+from talc.frame import FloatArray
+from talc.window import Structure
+
+_INITIALISATIONS: Final = 30
+_SMALL_ENSEMBLE: Final = 10
+"""Largest number of mixture components for fewer than 100 series."""
+_LARGE_ENSEMBLE: Final = 40
+_EM_STEPS: Final = 20
+_FLOOR: Final = float(np.exp(-4.5) / np.sqrt(2.0 * np.pi))
+"""The normal density at three standard deviations: no single value decides."""
+_ALIKE: Final = 0.7
+"""Sensors whose |correlation| with each other averages above this form one cluster (choice)."""
+MOST_INPUTS: Final = 8
+
+
+def tck(series: FloatArray, *, seed: int, initialisations: int = _INITIALISATIONS) -> FloatArray:
+    """(N, N) kernel of N series (N, T), z-scored; NaN: missing. Normalised so that a series has 1 with itself.
+
+    ValueError: fewer than two series or fewer than seven steps.
+    """
+    n, steps = series.shape
+    if n < 2 or steps < 7:
+        raise ValueError(f"series has shape {series.shape}: expected at least (2, 7)")
+    draw = np.random.default_rng(seed)
+    largest = _SMALL_ENSEMBLE if n < 100 else _LARGE_ENSEMBLE
+    kernel = np.zeros((n, n))
+    for _ in range(initialisations):
+        for components in range(2, largest + 1):
+            assigned = _mixture(series, components, draw)
+            kernel += assigned @ assigned.T
+    length = np.sqrt(np.diag(kernel))
+    return np.asarray(kernel / np.outer(length, length), dtype=np.float64)
+
+
+def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> FloatArray:
+    """(N, components) posteriors of one mixture, fitted to a part of the series on one segment."""
+    n, steps = series.shape
+    a0, b0, n0 = draw.uniform(0.001, 1.0), draw.uniform(0.005, 0.2), draw.uniform(0.001, 0.2)
+    longest = min(int(0.8 * steps), 25)
+    length = int(draw.integers(6, max(longest, 6) + 1))
+    begin = int(draw.integers(0, steps - length + 1))
+    everyone = series[:, begin : begin + length]
+    known = np.isfinite(everyone)
+    values = np.where(known, everyone, 0.0)
+    some = draw.permutation(n)[: max(2, round(0.9 * n))]
+    x, r = values[some], known[some].astype(np.float64)
+
+    counts = np.maximum(r.sum(axis=0), 1.0)
+    prior_mean = (r * x).sum(axis=0) / counts
+    spread = float(np.sqrt((r * (x - prior_mean) ** 2).sum() / max(r.sum(), 1.0))) or 1.0
+    time = np.arange(length)
+    prior = spread * b0 * np.exp(-a0 * (time[:, None] - time[None, :]) ** 2) + 1e-6 * np.eye(length)
+    precision = np.linalg.inv(prior)
+    assigned = np.eye(components)[draw.integers(0, components, some.size)]
+    for _ in range(_EM_STEPS):
+        share = assigned.mean(axis=0)
+        mean, std = np.empty((components, length)), np.empty(components)
+        for g in range(components):
+            weight = assigned[:, g : g + 1] * r
+            centre = (weight * x).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-9)
+            centre = np.where(weight.sum(axis=0) > 0.0, centre, prior_mean)
+            square = (weight * (x - centre) ** 2).sum()
+            variance = (n0 * spread**2 + square) / (n0 + weight.sum())
+            system = precision + np.diag(weight.sum(axis=0)) / variance
+            mean[g] = np.linalg.solve(system, precision @ prior_mean + (weight * x).sum(axis=0) / variance)
+            std[g] = np.sqrt(variance)
+        assigned = _posterior(x, r, share, mean, std)
+    return _posterior(values, known.astype(np.float64), share, mean, std)
+
+
+def _posterior(x: FloatArray, r: FloatArray, share: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
+    z = (x[:, None, :] - mean[None]) / std[None, :, None]
+    density = np.maximum(np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi), _FLOOR) / std[None, :, None]
+    logs = (r[:, None, :] * np.log(density)).sum(axis=2) + np.log(np.maximum(share, 1e-300))
+    logs -= logs.max(axis=1, keepdims=True)
+    weights = np.exp(logs)
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float64)
+
+
+def select(regression: Regression, *, seed: int, either_sign: bool = False, most: int = MOST_INPUTS) -> Structure:
+    """Inputs one by one, at the regression's largest orders, while the BIC of the one-step fit falls.
+
+    either_sign: also offer each series mirrored, since the kernel takes anticorrelated ones for dissimilar; most:
+    largest number of inputs. Clusters are those of average linkage on 1 - |correlation|.
+    """
+    window, order = regression.window, regression.nb
+    open_inputs = [s for s in range(window.u.shape[1]) if window.u[:, s].std() > 1e-9]
+    cluster = _clusters(window.u, open_inputs)
+    chosen: list[int] = []
+    best = Structure(regression.na, (), ())
+    estimate = least_squares_fit(regression, best)
+    cost = bic(estimate.residual, 1 + best.na)
+    while open_inputs and len(chosen) < most:
+        # What is still to be explained, where it is known.
+        target = np.full(len(window.y), np.nan)
+        target[regression.steps] = estimate.residual
+        target = (target - np.nanmean(target)) / max(float(np.nanstd(target)), 1e-12)
+        offered = window.u[:, open_inputs].T
+        rows = np.vstack([target, offered, -offered]) if either_sign else np.vstack([target, offered])
+        likeness = tck(rows, seed=seed + len(chosen))[0, 1:]
+        if either_sign:
+            likeness = np.maximum(likeness[: len(open_inputs)], likeness[len(open_inputs) :])
+        nearest = open_inputs[int(np.argmax(likeness))]
+        candidate = tuple(sorted([*chosen, nearest]))
+        structure = Structure(regression.na, candidate, (order,) * len(candidate))
+        fresh = least_squares_fit(regression, structure)
+        fresh_cost = bic(fresh.residual, 1 + structure.na + len(candidate) * (order + 1))
+        if fresh_cost >= cost:
+            break
+        best, estimate, cost = structure, fresh, fresh_cost
+        chosen.append(nearest)
+        gone = cluster[nearest]
+        open_inputs = [s for s in open_inputs if cluster[s] != gone]
+    return best
+
+
+def _clusters(u: FloatArray, inputs: list[int]) -> dict[int, int]:
+    """Cluster of each input."""
+    if len(inputs) < 2:
+        return dict.fromkeys(inputs, 1)
+    distance = np.clip(1.0 - np.abs(np.corrcoef(u[:, inputs].T)), 0.0, None)
+    np.fill_diagonal(distance, 0.0)
+    tree = linkage(squareform(distance, checks=False), method="average")
+    labels = fcluster(tree, 1.0 - _ALIKE, criterion="distance")
+    return dict(zip(inputs, (int(label) for label in labels), strict=True))

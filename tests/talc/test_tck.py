@@ -1,0 +1,61 @@
+"""The Time Series Cluster Kernel on series whose clusters are known, and the sequential selection on top of it."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from talc.arx import Regression
+from talc.tck import select, tck
+from talc.window import Window
+from tests.talc.thermal_series import series
+
+Array = NDArray[np.float64]
+
+
+def two_kinds(missing: float = 0.0) -> Array:
+    """Ten sines and ten cosines of one frequency, noisy."""
+    draw = np.random.default_rng(1)
+    t = np.arange(60) / 8.0
+    rows = np.array([np.sin(t + (i >= 10) * np.pi / 2) for i in range(20)]) + 0.2 * draw.normal(size=(20, 60))
+    rows[draw.random(rows.shape) < missing] = np.nan
+    return rows
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+def test_series_of_one_kind_are_more_alike_than_of_two(missing: float) -> None:
+    kernel = tck(two_kinds(missing), seed=2)
+    own = np.concatenate([kernel[:10, :10][~np.eye(10, dtype=bool)], kernel[10:, 10:][~np.eye(10, dtype=bool)]])
+    other = kernel[:10, 10:]
+    assert np.median(own) > np.median(other) + 0.1
+    nearest = [int(np.argsort(row)[-2]) for row in kernel]  # after the series itself
+    assert sum((i < 10) == (j < 10) for i, j in enumerate(nearest)) >= 18
+
+
+def test_it_is_a_kernel() -> None:
+    kernel = tck(two_kinds(), seed=3)
+    np.testing.assert_allclose(kernel, kernel.T)
+    np.testing.assert_allclose(np.diag(kernel), 1.0)
+    assert np.linalg.eigvalsh(kernel).min() > -1e-9
+    np.testing.assert_array_equal(kernel, tck(two_kinds(), seed=3))
+
+
+def test_an_input_that_makes_the_output_is_chosen_and_its_cluster_dropped() -> None:
+    s = series(300, seed=3)
+    u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)
+    twin = np.column_stack([u, u[:, 4] + 0.01 * np.random.default_rng(0).normal(size=300)])
+    y = u[:, 4] + 0.1 * np.random.default_rng(1).normal(size=300)
+    structure = select(Regression(Window(twin, y, y.copy(), 1.0), 0, 0), seed=1)
+    assert len({4, 12} & set(structure.inputs)) == 1
+
+
+def test_a_mirrored_series_is_found_only_when_either_sign_is_offered() -> None:
+    s = series(300, seed=5, sensors=12)
+    u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)
+    y = -u[:, 7]
+    found = select(Regression(Window(u, y, y.copy(), 1.0), 0, 0), seed=1, either_sign=True)
+    assert found.inputs == (7,)
+
+
+def test_too_little_is_refused() -> None:
+    with pytest.raises(ValueError, match="expected at least"):
+        tck(np.zeros((1, 50)), seed=1)
