@@ -72,6 +72,22 @@ class ModbusTcpBus(_Bus):
         return f"{self.host}:{self.port}"
 
 
+class MeEthernetBus(_Bus):
+    """The data port of a Micro-Epsilon controller on Ethernet."""
+
+    kind: Literal["me_ethernet"]
+    """`me_ethernet`."""
+    host: str = Field(min_length=1)
+    """Host name or address."""
+    port: int = Field(default=10001, ge=1, le=65535)
+    """TCP port of the measured values."""
+
+    @property
+    def place(self) -> str:
+        """What two buses may not share."""
+        return f"{self.host}:{self.port}"
+
+
 class CanopenBus(_Bus):
     """CANopen nodes on a CAN bus."""
 
@@ -92,4 +108,7 @@ class CanopenBus(_Bus):
         return f"{self.interface} {self.channel}" + (f":{self.port}" if self.interface == "udp_multicast" else "")
 
 
-Bus = Annotated[ModbusRtuBus | ModbusTcpBus | CanopenBus | MeRs485Bus, Field(discriminator="kind")]
+Bus = Annotated[
+    ModbusRtuBus | ModbusTcpBus | CanopenBus | MeRs485Bus | MeEthernetBus,
+    Field(discriminator="kind"),
+]

@@ -1,0 +1,40 @@
+"""Emulated CAN nodes on a UDP multicast group (python-can's `udp_multicast`): reachable from other processes."""
+
+from collections.abc import Sequence
+
+import can
+
+from simulators.devices.slcan_adapter import CanNode, Frame
+
+_STOP_S = 2.0
+
+
+class MulticastBus:
+    """Nodes on one group and port, never beyond this computer. A thread of python-can's runs between start and stop."""
+
+    def __init__(self, nodes: Sequence[CanNode], group: str, port: int) -> None:
+        self._nodes, self._group, self._port = tuple(nodes), group, port
+        self._bus: can.BusABC | None = None
+        self._notifier: can.Notifier | None = None
+
+    def start(self) -> None:
+        """Raises OSError or can.CanError when the group cannot be joined."""
+        self._bus = can.Bus(interface="udp_multicast", channel=self._group, port=self._port, hop_limit=0)
+        self._notifier = can.Notifier(self._bus, [self._on_message], timeout=0.05)
+
+    def stop(self) -> None:
+        """Leave the group; nothing answers any more."""
+        if self._notifier is not None and self._bus is not None:
+            self._notifier.stop(_STOP_S)
+            self._bus.shutdown()
+            self._notifier = self._bus = None
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Frames that nodes send by themselves."""
+        for identifier, data in frames:
+            if self._bus is not None:
+                self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+
+    def _on_message(self, message: can.Message) -> None:
+        for node in self._nodes:
+            self.send(node.on_frame(message.arbitration_id, bytes(message.data)))
