@@ -14,10 +14,20 @@ def require(condition: bool, field_name: str, value: object, expected: str) -> N
 class TrainingSettings:
     """How models are found from a record (Z22 §2, eq. 1-9)."""
 
+    selector: Literal["search", "pso", "tck"] = "search"
+    """`search`: output-error models by a deterministic search. The papers' ways give ARX models: `pso`, a particle
+    swarm over the Group-LASSO (Z22), and `tck`, sensor after sensor by the Time Series Cluster Kernel."""
     judged_by: Literal["unseen", "seen"] = "unseen"
-    """What the search minimises: a BIC of the residuals on blocks of rows left out of the fit, or on all rows."""
+    """What `search` minimises: a BIC of the residuals on blocks of rows left out of the fit, or on all rows."""
+    criterion: Literal["adapted_bic", "bic", "aic", "mdl"] = "adapted_bic"
+    """What `pso` minimises, of the free run's residuals (Z22 eq. 9)."""
+    estimator: Literal["least_squares", "guarded", "refined"] = "guarded"
+    """How `pso` and `tck` fit what they chose: one-step least squares (Z22 eq. 5); the same under constraints on poles
+    and gains; or the free run itself, from there."""
+    seed: int = 0
+    """Of the swarm and of the kernel's ensemble. `search` draws nothing."""
     max_na: int = 1
-    """Largest number of poles tried: 0 only static and FIR models, up to 3 (Z22: up to 5)."""
+    """Largest autoregressive order: 0 only static and FIR models; `search` up to 3 poles, the others up to 5 (Z22)."""
     max_nb: int = 1
     """Largest input order, found for each input by itself; order + 1 coefficients (Z22: up to 5)."""
     max_inputs: int = 8
@@ -36,7 +46,8 @@ class TrainingSettings:
     """A model with a pole of this magnitude or more never goes live."""
 
     def __post_init__(self) -> None:
-        require(0 <= self.max_na <= 3, "max_na", self.max_na, "0 to 3")
+        highest = 3 if self.selector == "search" else 5
+        require(0 <= self.max_na <= highest, "max_na", self.max_na, f"0 to {highest} with selector {self.selector!r}")
         require(0 <= self.max_nb <= 5, "max_nb", self.max_nb, "0 to 5")
         require(self.max_inputs >= 1, "max_inputs", self.max_inputs, "1 or more")
         require(self.tolerance_um > 0, "tolerance_um", self.tolerance_um, "more than 0")

@@ -6,13 +6,15 @@ from itertools import combinations
 
 import numpy as np
 
-from talc.disturbance import disturbance_of
+from talc.disturbance import Disturbance, disturbance_of
 from talc.frame import BoolArray, FloatArray, TrainingJob
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
-from talc.output_error import Design, fit
-from talc.search import BLOCKS, RIDGE, Candidates
+from talc.output_error import Design
+from talc.routes import Found, by_arx, by_search
+from talc.search import BLOCKS, Candidates
 from talc.settings import TrainingSettings
+from talc.window import Window
 
 _POLES = (0.7, 0.88, 0.95, 0.98)
 """Time constants at 5 min: 14 min, 39 min, 97 min, 4 h."""
@@ -36,8 +38,10 @@ def train(
     """Models of the nine errors.
 
     Inputs with fewer than 80 % good rows, or that never changed, are not offered; missing values are the last good
-    ones. Each error gets an output-error model whose poles, inputs and orders predict blocks of rows best that its fit
-    did not see (talc.search). An error with fewer than 24 measured rows gets no model.
+    ones. With the selector `search` each error gets an output-error model whose poles, inputs and orders predict blocks
+    of rows best that its fit did not see (talc.search); with `pso` or `tck` an ARX model as in the papers, which needs
+    rows whose earlier outputs were measured too. An error with fewer than 24 measured rows gets no model, nor does one
+    whose model would be unstable.
 
     progress: told the share done, 0 to 1; cancelled: asked between errors. Raises Cancelled.
     """
@@ -53,12 +57,27 @@ def train(
             models.append(None)
             notes.append(f"{error}: no model, {int(rows.sum())} measured rows and {len(offer.names)} usable inputs")
             continue
-        key = rows.tobytes()
-        if key not in known:
-            designs = [Design.make(offer.scaled, p, 1 + job.settings.max_nb, rows) for p in _pole_sets(job.settings)]
-            known[key] = Candidates(designs, len(offer.names))
         keep = None if job.static_inputs is None else job.static_inputs[e]
-        models.append(_model(error, measured, known[key], offer, keep, job.settings))
+        fixed = None if keep is None else tuple(sorted(offer.names.index(n) for n in keep if n in offer.names))
+        y_mean, y_std = float(np.nanmean(measured)), max(float(np.nanstd(measured)), _LEAST_OUTPUT_SPREAD)
+        y = (measured - y_mean) / y_std
+        if job.settings.selector == "search":
+            key = rows.tobytes()
+            if key not in known:
+                lags = 1 + job.settings.max_nb
+                designs = [Design.make(offer.scaled, poles, lags, rows) for poles in _pole_sets(job.settings)]
+                known[key] = Candidates(designs, len(offer.names))
+            found: Found = by_search(
+                known[key], y[rows], min(job.settings.max_inputs, len(offer.names)), fixed, job.settings
+            )
+        else:
+            try:
+                found = by_arx(Window(offer.scaled, y, y, y_std), fixed, error, job.settings)
+            except (ValueError, RuntimeError) as problem:
+                models.append(None)
+                notes.append(f"{error}: no model, {problem}")
+                continue
+        models.append(_model(error, measured, found, offer, y_mean, y_std))
         if progress is not None:
             progress((e + 1) / len(THERMAL_ERRORS))
     return ModelSet(k=job.k, why=job.why.value, input_names=job.input_names, models=tuple(models), notes=tuple(notes))
@@ -97,31 +116,18 @@ def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
     return _Offer(names, inputs, inputs.mean(axis=0), inputs.std(axis=0)), notes
 
 
-def _model(
-    error: str,
-    record: FloatArray,
-    candidates: Candidates,
-    offer: _Offer,
-    keep: tuple[str, ...] | None,
-    settings: TrainingSettings,
-) -> ErrorModel:
+def _model(error: str, record: FloatArray, found: Found, offer: _Offer, y_mean: float, y_std: float) -> ErrorModel:
     steps = np.flatnonzero(np.isfinite(record))
     measured = record[steps]
-    y_mean, y_std = float(measured.mean()), max(float(measured.std()), _LEAST_OUTPUT_SPREAD)
-    y = (measured - y_mean) / y_std
-    fixed = None if keep is None else tuple(offer.names.index(name) for name in keep if name in offer.names)
-    best = candidates.choose(y, min(settings.max_inputs, len(offer.names)), fixed, judged_by=settings.judged_by)
-    chosen = [s for s, count in enumerate(best.coefficients) if count]
-    found = fit(best.design, best.coefficients, y, RIDGE, BLOCKS)
-    denominator = np.atleast_1d(np.poly(best.design.poles))
+    chosen = list(found.inputs)
     rows = offer.inputs[:, chosen]
     reach, swing = np.ptp(rows, axis=0), max(float(np.ptp(measured)), y_std)
     return ErrorModel(
         error=error,
         inputs=tuple(offer.names[i] for i in chosen),
-        a=denominator[1:],
-        b=found.b,
-        intercept=found.constant * float(denominator.sum()),
+        a=found.parameters.a,
+        b=found.parameters.b,
+        intercept=found.parameters.intercept,
         u_mean=offer.mean[chosen],
         u_std=offer.std[chosen],
         y_mean=y_mean,
@@ -133,9 +139,12 @@ def _model(
         limit=float(np.abs(found.unseen).max()) * y_std,
         training_limit=float(np.abs(found.residual).max()) * y_std,
         residual_std=float(np.sqrt(np.mean(found.residual**2))) * y_std,
-        criterion=best.criterion,
-        disturbance=disturbance_of(found.unseen * y_std, steps[-found.unseen.size :]),
+        criterion=found.criterion,
+        disturbance=Disturbance()
+        if found.resets_history
+        else disturbance_of(found.unseen * y_std, steps[-found.unseen.size :]),
         leverage=found.leverage,
         leverage_limit=found.leverage_limit,
         novelty_std=float(np.sqrt(np.mean(found.unseen**2) / BLOCKS)) * y_std,
+        resets_history=found.resets_history,
     )

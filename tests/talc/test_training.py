@@ -126,3 +126,29 @@ def test_output_error_fit_recovers_a_transfer_function() -> None:
     found = fit(design, (2, 2), y[rows], 1e-14, 6)
     np.testing.assert_allclose(found.b, [[0.3, 0.2], [-0.5, 0.0]], atol=1e-5)
     assert found.constant == pytest.approx(2.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("selector", ["pso", "tck"])
+@pytest.mark.parametrize("estimator", ["least_squares", "guarded", "refined"])
+def test_the_papers_ways_predict_and_stay_stable(selector: str, estimator: str) -> None:
+    s = series(864, seed=3)
+    s.measured[:, 1:] = np.nan  # one error is enough here
+    settings = TrainingSettings(selector=selector, estimator=estimator, max_na=2, max_nb=1)  # type: ignore[arg-type]
+    models = train(job(s, slice(0, 288), settings=settings))
+    model = models.models[0]
+    assert model is not None
+    assert model.resets_history
+    assert (np.abs(model.poles()) < 0.999).all()
+    assert models.fingerprint() == train(job(s, slice(0, 288), settings=settings)).fingerprint()
+    columns = [s.names.index(n) for n in model.inputs]
+    measured = np.where(np.arange(864) % 24 == 0, s.measured[:, 0], np.nan)
+    error = model.free_run(s.inputs[:, columns], measured)[288:] - s.truth[288:, 0]
+    assert np.sqrt(np.mean(error**2)) < 0.6 * s.truth[288:, 0].std()
+
+
+def test_without_measured_predecessors_the_papers_ways_say_what_they_lack() -> None:
+    s = series(288, seed=3)
+    s.measured[::2] = np.nan
+    models = train(job(s, settings=TrainingSettings(selector="pso", max_na=1)))
+    assert models.models == (None,) * 9
+    assert "rows: expected at least 2 with all earlier outputs measured" in models.notes[0]
