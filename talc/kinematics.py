@@ -5,12 +5,14 @@ position (X, Y, Z), which in the frame of the turned table is the point Rx(a)^-1
 point by delta; moving the tool by delta as well keeps it where it was on the workpiece.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from talc.frame import FloatArray
-from talc.probing import deviation_matrix, rotation_x
+from talc.probing import deviation_matrix, rotation_x, rotation_z
 
-_MM = 1e-3
+_MM, _UM = 1e-3, 1e-6
 
 
 def tcp_offsets(errors: FloatArray, positions: FloatArray, sphere_radius_m: float) -> FloatArray:
@@ -31,3 +33,99 @@ def tcp_offsets(errors: FloatArray, positions: FloatArray, sphere_radius_m: floa
     point = rotation_x(-a) @ positions[:3] * _MM
     growth = np.array([point[0], point[1], 0.0]) / sphere_radius_m
     return np.asarray(deviation_matrix(a, point, growth) @ errors, dtype=np.float64)
+
+
+def forward_chain(errors: FloatArray, positions: FloatArray, sphere_radius_m: float) -> FloatArray:
+    """(3,) the same deviation, µm, through the chain's homogeneous transforms, without small-angle approximation.
+
+    The workpiece point that the undisturbed machine has at the tool tip goes from the table through C, A and their
+    errors into machine coordinates. Arguments and errors raised as `tcp_offsets`.
+    """
+    tcp_offsets(errors, positions, sphere_radius_m)  # the same refusals
+    ey0a, ez0a, ex0c, ey0c, ez0t, er0t, ea0c, eb0c, ec0c = np.asarray(errors, dtype=np.float64) * _UM
+    a, c = float(positions[3]), float(positions[4])
+    tip = np.append(np.asarray(positions[:3], dtype=np.float64) * _MM, 1.0)
+    at_a, at_c = _transform(rotation_x(a), np.zeros(3)), _transform(rotation_z(c), np.zeros(3))
+    on_table = np.linalg.inv(at_a @ at_c) @ tip
+    grown = on_table + np.array([*(on_table[:2] * er0t / sphere_radius_m), ez0t, 0.0])
+    tilt = rotation_z(float(ec0c)) @ _rotation_y(float(eb0c)) @ rotation_x(float(ea0c))
+    moved_a = _transform(np.eye(3), np.array([0.0, ey0a, ez0a])) @ at_a
+    moved_c = _transform(tilt, np.array([ex0c, ey0c, 0.0])) @ at_c
+    return np.asarray((moved_a @ moved_c @ grown - tip)[:3] / _UM, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisForm:
+    """Offsets as controls take them: K0 + tan(beta) (P - P0), for one position of A."""
+
+    k0: FloatArray
+    """(3,) offset of X, Y, Z at the reference, µm."""
+    slope: FloatArray
+    """(3, 3) tan(beta), µm/mm: row: compensated axis, column: axis whose position counts."""
+    reference: FloatArray
+    """(3,) P0, mm."""
+
+    def offsets(self, position: FloatArray) -> FloatArray:
+        """(3,) µm at a position X, Y, Z in mm."""
+        return np.asarray(self.k0 + self.slope @ (position - self.reference), dtype=np.float64)
+
+    def remainder(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """(3,) µm: what is at most missing over a travel (mm) when each axis only follows its own position.
+
+        SINUMERIK's temperature compensation (SD43900, SD43910, SD43920) takes one slope per axis, over its position.
+        """
+        reach = np.maximum(np.abs(low - self.reference), np.abs(high - self.reference))
+        across = self.slope - np.diag(np.diag(self.slope))
+        return np.asarray(np.abs(across) @ reach, dtype=np.float64)
+
+
+def axis_form(errors: FloatArray, a: float, reference: FloatArray, sphere_radius_m: float) -> AxisForm:
+    """The offsets' K0 and slopes at one A position (rad); reference: (3,) P0, mm.
+
+    Exact: with A fixed the offsets are linear in the position, and C does not matter. ValueError as `tcp_offsets`.
+    """
+    reference = np.asarray(reference, dtype=np.float64)
+    if reference.shape != (3,):
+        raise ValueError(f"reference has shape {reference.shape}: expected (3,) X, Y, Z in mm")
+
+    def at(position: FloatArray) -> FloatArray:
+        return tcp_offsets(errors, np.array([*position, a, 0.0]), sphere_radius_m)
+
+    k0 = at(reference)
+    slope = np.column_stack([at(reference + step) - k0 for step in np.eye(3)])
+    return AxisForm(k0, slope, reference)
+
+
+def workpiece_growth(
+    point_mm: FloatArray,
+    fixed_mm: FloatArray,
+    *,
+    expansion_per_K: float,
+    temperature_degC: float,
+    reference_degC: float,
+) -> FloatArray:
+    """(3,) µm by which a workpiece point moves away from the point where the workpiece is held (B19's outlook).
+
+    Added to the compensation, features keep their size at the reference temperature (ISO 1: 20 degC).
+    point_mm, fixed_mm: (3,) in workpiece coordinates; expansion_per_K: e.g. 23.1e-6 aluminium, 11.5e-6 steel.
+    ValueError: a wrong shape, a value that is not finite, or an expansion outside 0 to 1e-4 per K.
+    """
+    point, fixed = np.asarray(point_mm, dtype=np.float64), np.asarray(fixed_mm, dtype=np.float64)
+    if point.shape != (3,) or fixed.shape != (3,):
+        raise ValueError(f"point_mm {point.shape}, fixed_mm {fixed.shape}: expected (3,) and (3,)")
+    if not (np.isfinite(point).all() and np.isfinite(fixed).all() and np.isfinite(temperature_degC - reference_degC)):
+        raise ValueError("point_mm, fixed_mm or a temperature holds a value that is not finite")
+    if not 0.0 <= expansion_per_K <= 1e-4:
+        raise ValueError(f"expansion_per_K = {expansion_per_K}: expected 0 to 1e-4 (steel: 11.5e-6)")
+    return np.asarray(expansion_per_K * (temperature_degC - reference_degC) * (point - fixed) * 1e3, dtype=np.float64)
+
+
+def _rotation_y(angle: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def _transform(rotation: FloatArray, shift: FloatArray) -> FloatArray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, shift
+    return matrix

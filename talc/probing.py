@@ -80,23 +80,49 @@ def design_matrix(poses_rad: FloatArray, radius_m: float, height_m: float) -> Fl
     return np.vstack(blocks) if blocks else np.zeros((0, 9))
 
 
+@dataclass(frozen=True, slots=True)
+class PoseReport:
+    """What a set of poses can tell."""
+
+    rank: int
+    """Of 9."""
+    condition: float
+    """Of the scaled equations (errors in µm, angles as arcs at the sphere); infinite below rank 9."""
+    sigma: FloatArray
+    """(9,) standard uncertainty of each error, µm and µm/m; infinite where the poses do not determine it."""
+    inseparable: tuple[str, ...]
+    """The errors that they do not determine."""
+
+
+def report_poses(poses_rad: FloatArray, radius_m: float, height_m: float, sigma_um: float) -> PoseReport:
+    """Rank, condition and uncertainties of any pose set. sigma_um: standard uncertainty of one coordinate."""
+    design = design_matrix(poses_rad, radius_m, height_m)
+    _, values, rows = np.linalg.svd(_scaled(design, radius_m))
+    full = np.zeros(9)
+    full[: values.size] = values
+    rank = int((full > _RANK_TOLERANCE * full[0]).sum()) if full[0] > 0 else 0
+    loose = (rows[rank:] ** 2).sum(axis=0) > 1e-6
+    spread = np.sqrt(np.diag(np.linalg.pinv(design.T @ design))) * sigma_um
+    return PoseReport(
+        rank=rank,
+        condition=float(full[0] / full[-1]) if rank == 9 else math.inf,
+        sigma=np.where(loose, np.inf, spread),
+        inseparable=tuple(n for n, is_loose in zip(THERMAL_ERRORS, loose, strict=True) if is_loose),
+    )
+
+
 def check_poses(poses_rad: FloatArray, radius_m: float, height_m: float) -> float:
     """Condition number of the pose set (errors in µm, angles scaled with the radius).
 
     Raises ValueError naming the rank and the errors that the poses do not determine.
     """
-    matrix = _scaled(design_matrix(poses_rad, radius_m, height_m), radius_m)
-    _, values, rows = np.linalg.svd(matrix)
-    full = np.zeros(9)
-    full[: values.size] = values
-    rank = int((full > _RANK_TOLERANCE * full[0]).sum())
-    if rank < 9:
-        loose = (rows[rank:] ** 2).sum(axis=0) > 1e-6
-        names = ", ".join(n for n, is_loose in zip(THERMAL_ERRORS, loose, strict=True) if is_loose)
+    report = report_poses(poses_rad, radius_m, height_m, 1.0)
+    if report.rank < 9:
         raise ValueError(
-            f"the poses determine {rank} of 9 errors; not separable: {names}. Add poses with A away from 0"
+            f"the poses determine {report.rank} of 9 errors; not separable: {', '.join(report.inseparable)}. "
+            "Add poses with A away from 0"
         )
-    return float(full[0] / full[-1])
+    return report.condition
 
 
 def solve(

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from talc.kinematics import tcp_offsets
+from talc.kinematics import axis_form, forward_chain, tcp_offsets, workpiece_growth
 from talc.probing import design_matrix, rotation_x, rotation_z
 
 angle = st.floats(-np.pi, np.pi)
@@ -45,3 +45,59 @@ def test_hand_computed() -> None:
 def test_refuses_what_cannot_be(errors: NDArray[np.float64], positions: NDArray[np.float64], radius: float) -> None:
     with pytest.raises(ValueError, match=r"expected|finite"):
         tcp_offsets(errors, positions, radius)
+
+
+travel = st.tuples(*[st.floats(-400, 400)] * 3).map(np.array)
+
+
+@given(errors9, travel, angle, angle)
+def test_small_angles_leave_less_than_a_nanometre_to_the_full_chain(
+    errors: NDArray[np.float64], position: NDArray[np.float64], a: float, c: float
+) -> None:
+    positions = np.array([*position, a, c])
+    # Second order: 50 µm/m by 50 µm/m over 0.7 m.
+    np.testing.assert_allclose(tcp_offsets(errors, positions, 0.2), forward_chain(errors, positions, 0.2), atol=0.02)
+
+
+def test_the_full_chain_by_hand() -> None:
+    # A shift of A and growth of the table with A = 90°: Y by the shift, -Y by the growth.
+    errors = np.array([3.0, 0, 0, 0, 7.0, 0, 0, 0, 0])
+    found = forward_chain(errors, np.array([10.0, 20.0, 30.0, np.pi / 2, 1.0]), 0.2)
+    np.testing.assert_allclose(found, np.array([0.0, 3.0 - 7.0, 0.0]), atol=1e-9)
+
+
+@given(errors9, travel, travel, angle)
+def test_the_axis_form_is_exact_for_one_position_of_a(
+    errors: NDArray[np.float64], reference: NDArray[np.float64], position: NDArray[np.float64], a: float
+) -> None:
+    form = axis_form(errors, a, reference, 0.2)
+    expected = tcp_offsets(errors, np.array([*position, a, 2.0]), 0.2)
+    np.testing.assert_allclose(form.offsets(position), expected, atol=1e-8)
+
+
+def test_slopes_and_what_one_slope_per_axis_leaves_by_hand() -> None:
+    errors = np.zeros(9)
+    errors[5], errors[8] = 20.0, 10.0  # radial growth of 20 µm at 0.2 m; C turned by 10 µm/m
+    form = axis_form(errors, 0.0, np.array([100.0, 0.0, 0.0]), 0.2)
+    np.testing.assert_allclose(form.k0, [10.0, 1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(form.slope, np.array([[0.1, -0.01, 0.0], [0.01, 0.1, 0.0], [0.0, 0.0, 0.0]]), atol=1e-9)
+    left = form.remainder(np.array([-200.0, -100.0, 0.0]), np.array([200.0, 100.0, 300.0]))
+    np.testing.assert_allclose(left, [0.01 * 100, 0.01 * 300, 0.0], atol=1e-9)
+
+
+def test_workpiece_growth_by_hand() -> None:
+    # 200 mm of aluminium, 3 K above 20 degC: 23.1e-6 * 3 * 200 mm = 13.86 µm away from where it is held.
+    found = workpiece_growth(
+        np.array([250.0, 0.0, 10.0]),
+        np.array([50.0, 0.0, 10.0]),
+        expansion_per_K=23.1e-6,
+        temperature_degC=23.0,
+        reference_degC=20.0,
+    )
+    np.testing.assert_allclose(found, [13.86, 0.0, 0.0], atol=1e-9)
+    with pytest.raises(ValueError, match=r"expansion_per_K = 23\.1"):
+        workpiece_growth(np.zeros(3), np.zeros(3), expansion_per_K=23.1, temperature_degC=23.0, reference_degC=20.0)
+    with pytest.raises(ValueError, match="not finite"):
+        workpiece_growth(np.zeros(3), np.zeros(3), expansion_per_K=1e-5, temperature_degC=np.nan, reference_degC=20.0)
+    with pytest.raises(ValueError, match="reference has shape"):
+        axis_form(np.zeros(9), 0.0, np.zeros(2), 0.2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from talc.probing import check_poses, design_matrix, rotation_x, rotation_z, solve
+from talc.probing import check_poses, design_matrix, report_poses, rotation_x, rotation_z, solve
 
 SIX = np.deg2rad([[0, 0], [0, 90], [0, 180], [0, 270], [90, 0], [-90, 0]])
 RADIUS, HEIGHT = 0.2, 0.08
@@ -71,3 +71,22 @@ def test_a_missed_pose_is_left_out_while_the_rank_stays() -> None:
 def test_wrong_shapes_are_named() -> None:
     with pytest.raises(ValueError, match=r"deviations_um has shape \(5, 3\): expected \(6, 3\)"):
         solve(np.zeros((5, 3)), SIX, radius_m=RADIUS, height_m=HEIGHT, sigma_um=1.0)
+
+
+def test_a_report_says_what_poses_tell_and_how_well() -> None:
+    flat = np.deg2rad(np.array([[0.0, c] for c in (0, 90, 180, 270)]))
+    few = report_poses(flat, 0.2, 0.08, 1.0)
+    assert few.rank == 7
+    assert few.condition == np.inf
+    assert {"EY0A", "EY0C"} <= set(few.inseparable)
+    assert np.isinf(few.sigma[0])
+    whole = report_poses(np.vstack([flat, np.deg2rad([[90.0, 0.0], [-90.0, 0.0]])]), 0.2, 0.08, 1.0)
+    assert (whole.rank, whole.inseparable) == (9, ())
+    # The uncertainties are the scatter of what repeated noisy cycles say.
+    draw = np.random.default_rng(0)
+    poses = np.vstack([flat, np.deg2rad([[90.0, 0.0], [-90.0, 0.0]])])
+    cycles = [
+        solve(draw.normal(size=(6, 3)), poses, radius_m=0.2, height_m=0.08, sigma_um=1.0).errors for _ in range(3000)
+    ]
+    np.testing.assert_allclose(np.std(cycles, axis=0), whole.sigma, rtol=0.06)
+    assert report_poses(np.zeros((0, 2)), 0.2, 0.08, 1.0).rank == 0
