@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from simulators.devices.modbus_unit import ModbusUnit, answer
 from simulators.devices.pty_port import PtyPort
+from simulators.devices.spoil import Spoil, send
 
 _REQUEST_BYTES = 8
 _MBAP = struct.Struct(">HHHB")
@@ -39,6 +40,8 @@ class RtuLine:
         self._units = dict(units)
         self._port = PtyPort(self._on_bytes)
         self._heard = b""
+        self.spoil: Spoil | None = None
+        """What happens to answers on the wire."""
 
     async def start(self) -> str:
         return await self._port.start()
@@ -58,7 +61,7 @@ class RtuLine:
             unit = self._units.get(frame[0])
             if unit is not None and not unit.silent:
                 reply = frame[:1] + answer(unit, frame[1:-2])
-                self._port.write(reply + crc16(reply))
+                send(self._port.write, self.spoil, frame[0], reply + crc16(reply))
 
 
 class TcpHost:
@@ -68,11 +71,13 @@ class TcpHost:
         self._units = dict(units)
         self._server: asyncio.Server | None = None
         self._connections: set[_TcpConnection] = set()
+        self.spoil: Spoil | None = None
+        """What happens to answers on the wire."""
 
     async def start(self, port: int = 0) -> int:
         loop = asyncio.get_running_loop()
         self._server = await loop.create_server(
-            lambda: _TcpConnection(self._units, self._connections), "127.0.0.1", port
+            lambda: _TcpConnection(self, self._units, self._connections), "127.0.0.1", port
         )
         return int(self._server.sockets[0].getsockname()[1])
 
@@ -88,7 +93,8 @@ class TcpHost:
 
 
 class _TcpConnection(asyncio.Protocol):
-    def __init__(self, units: Mapping[int, ModbusUnit], open_connections: "set[_TcpConnection]") -> None:
+    def __init__(self, host: TcpHost, units: Mapping[int, ModbusUnit], open_connections: "set[_TcpConnection]") -> None:
+        self._host = host
         self._units, self._open = units, open_connections
         self._transport: asyncio.Transport | None = None
         self._heard = b""
@@ -118,4 +124,5 @@ class _TcpConnection(asyncio.Protocol):
             unit = self._units.get(unit_id)
             if unit is not None and not unit.silent and self._transport is not None:
                 reply = answer(unit, pdu)
-                self._transport.write(_MBAP.pack(number, 0, len(reply) + 1, unit_id) + reply)
+                frame = _MBAP.pack(number, 0, len(reply) + 1, unit_id) + reply
+                send(self._transport.write, self._host.spoil, unit_id, frame)

@@ -28,6 +28,8 @@ class SlcanAdapter:
         self._port = PtyPort(self._on_bytes)
         self._heard = b""
         self._open = False
+        self.bus_off = False
+        """The controller has left the bus after too many errors: nothing passes, sending is refused."""
 
     async def start(self) -> str:
         return await self._port.start()
@@ -37,7 +39,7 @@ class SlcanAdapter:
 
     def send(self, frames: Sequence[Frame]) -> None:
         """Frames that nodes send by themselves: boot-up, heartbeat, emergency."""
-        if self._open:
+        if self._open and not self.bus_off:
             self._port.write(b"".join(_line(identifier, data) for identifier, data in frames))
 
     def _on_bytes(self, data: bytes) -> None:
@@ -60,7 +62,7 @@ class SlcanAdapter:
                 return _OK
             case b"S" | b"s" | b"Y" if not self._open:
                 return _OK
-            case b"t" if self._open:
+            case b"t" if self._open and not self.bus_off:
                 return self._transmit(line)
             case _:
                 return _ERROR
