@@ -4,7 +4,12 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 KERNEL := CMakeLists.txt $(wildcard talc/kernel/*)
 
-.PHONY: demo test lint format types imports clean
+# Speed beside others, in the same run on one thread; renews the table in README.md.
+bench: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/bench.lock
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks $(SUBJECTS)
+
+.PHONY: bench demo test lint format types imports clean
 
 $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

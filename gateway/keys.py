@@ -78,6 +78,7 @@ def decision(d: Decision) -> Payload:
         "limits": _by_error(d.limits),
         "measure": None if d.measure is None else d.measure.value,
         "training": None if d.training is None else d.training.why.value,
+        "substituted": list(d.substituted),
     }
 
 

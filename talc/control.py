@@ -154,6 +154,7 @@ class Controller:
             measure=self._wish(frame.k, novel, sigma, limits),
             training=training,
             events=tuple(events),
+            substituted=tuple(sorted(self._substituted)),
         )
 
     def adopt(self, models: ModelSet) -> tuple[Event, ...]:

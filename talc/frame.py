@@ -128,3 +128,5 @@ class Decision:
     training: TrainingJob | None
     """Set when a training is wanted. The caller runs it and hands the result to `adopt`."""
     events: tuple[Event, ...]
+    substituted: tuple[str, ...] = ()
+    """Inputs of live models without a good value in this step, for which the last good one stands."""

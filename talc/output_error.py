@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import lfilter, lfilter_zi
 
+from talc import _kernel
 from talc.frame import BoolArray, FloatArray
 
 
@@ -30,18 +30,14 @@ class Design:
     @classmethod
     def make(cls, scaled: FloatArray, poles: tuple[float, ...], lags: int, rows: BoolArray) -> "Design":
         """scaled: (T, inputs) z-scores; rows: (T,) which rows to keep."""
-        denominator = np.poly(poles)
+        # Before the record an input stood at its first value.
+        before = np.vstack([np.repeat(scaled[:1], lags - 1, axis=0), scaled])
         t = np.arange(len(scaled))
-        blocks = []
-        for u in scaled.T:
-            delayed = u
-            for j in range(lags):
-                # Before the record an input stood at its first value.
-                delayed = np.concatenate([np.full(j, u[0]), u[: len(u) - j]])
-                if poles:
-                    delayed = lfilter([1.0], denominator, delayed, zi=lfilter_zi([1.0], denominator) * u[0])[0]
-                blocks.append(delayed[rows])
-        columns = np.column_stack(blocks) if blocks else np.zeros((int(rows.sum()), 0))
+        delayed = [before[lags - 1 - j : len(before) - j] for j in range(lags)]
+        filtered = np.stack(delayed, axis=2).reshape(len(scaled), -1)
+        for pole in poles:
+            _kernel.lag(filtered, pole)
+        columns = np.ascontiguousarray(filtered[rows])
         nuisance = np.column_stack([np.ones(len(scaled)), *(p**t for p in poles)])
         return cls(poles, lags, columns, nuisance[rows])
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import qr
 
 from talc import _kernel
 from talc._kernel import Progress
@@ -66,7 +65,7 @@ def select(
     x, y = regression.columns(everything)[:, 1:], regression.y
     grams, moments, energies, own, across = [], [], [], [], []
     for na in range(regression.na + 1):
-        q, r = qr(regression.own[:, : 1 + na], mode="economic")
+        q, r = np.linalg.qr(regression.own[:, : 1 + na])
         back = np.linalg.pinv(r) @ q.T
         left, target = x - q @ (q.T @ x), y - q @ (q.T @ y)
         grams.append(left.T @ left + _RIDGE * len(y) * np.eye(x.shape[1]))

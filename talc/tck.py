@@ -8,8 +8,6 @@ random subsets of the series; two series are similar when the mixtures assign th
 from typing import Final
 
 import numpy as np
-from scipy.cluster.hierarchy import fcluster, linkage
-from scipy.spatial.distance import squareform
 
 from talc.arx import Regression, least_squares_fit
 from talc.criteria import bic
@@ -131,6 +129,9 @@ def select(regression: Regression, *, seed: int, either_sign: bool = False, most
 
 def _clusters(u: FloatArray, inputs: list[int]) -> dict[int, int]:
     """Cluster of each input."""
+    from scipy.cluster.hierarchy import fcluster, linkage  # see talc.arx
+    from scipy.spatial.distance import squareform
+
     if len(inputs) < 2:
         return dict.fromkeys(inputs, 1)
     distance = np.clip(1.0 - np.abs(np.corrcoef(u[:, inputs].T)), 0.0, None)

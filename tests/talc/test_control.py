@@ -135,6 +135,7 @@ def test_substitution_is_told_once_when_it_begins_and_once_when_it_ends() -> Non
     decisions = [c.step(frame(CALIBRATION + i, warm=w)) for i, w in enumerate(warm)]
     told = [sum(e.kind is EventKind.INPUT_SUBSTITUTED for e in d.events) for d in decisions]
     assert told == [0, 1, 0, 1, 0]
+    assert [d.substituted for d in decisions] == [(), ("warm",), ("warm",), (), ()]
     assert np.allclose(decisions[2].corrected, 2.0)
 
 

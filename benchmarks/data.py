@@ -1,0 +1,97 @@
+"""Records of simulated machines: sensors in 0.1 K steps, errors with the noise of the six-pose probing cycle."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.cases import SEASONS, random_axes
+from simulators.nc import LoadCase
+from simulators.plant import MachineDrive, Parameters, Plant, load, record
+from talc.probing import design_matrix
+
+Array = NDArray[np.float64]
+
+POSES = np.deg2rad(np.array([[0.0, 0.0], [0.0, 90.0], [0.0, 180.0], [0.0, 270.0], [90.0, 0.0], [-90.0, 0.0]]))
+RADIUS_M, HEIGHT_M, TOUCH_UM = 0.2, 0.08, 1.0
+_IDLE_S = 12 * 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """One machine over a stretch of days, 5 min a row."""
+
+    names: tuple[str, ...]
+    inputs: Array
+    """(T, n)"""
+    errors: Array
+    """(T, 9) true, relative to the first row's state."""
+    measured: Array
+    """(T, 9) what a cycle in that row would tell."""
+    sigma: Array
+    """(9,) of a measurement."""
+
+
+def varied(parameters: Parameters, seed: int) -> Parameters:
+    """Another machine of the kind: conduction, films to the air, masses, losses, levers and lags scattered by 25-35 %
+    (lognormal). Seed 0: the machine itself."""
+    if seed == 0:
+        return parameters
+    draw = np.random.default_rng([seed, 77])
+    n = len(parameters.nodes)
+    between = np.diag(np.diag(parameters.conductance)) - parameters.conductance
+    factor = np.triu(np.exp(draw.normal(0, 0.35, (n, n))), 1)
+    between = between * (factor + factor.T)
+    outside = parameters.outside * np.exp(draw.normal(0, 0.35, parameters.outside.shape))
+    losses = tuple(
+        replace(law, power=law.power * _scatter(draw), linear=law.linear * _scatter(draw)) for law in parameters.laws
+    )
+    return replace(
+        parameters,
+        conductance=np.diag(between.sum(axis=1) + outside.sum(axis=1)) - between,
+        outside=outside,
+        elastic=parameters.elastic * np.exp(draw.normal(0, 0.35, parameters.elastic.shape)),
+        laws=losses,
+        capacity=parameters.capacity * np.exp(draw.normal(0, 0.25, n)),
+        lag_s=parameters.lag_s * np.exp(draw.normal(0, 0.3, parameters.lag_s.shape)),
+    )
+
+
+def _scatter(draw: np.random.Generator) -> float:
+    return float(np.exp(draw.normal(0, 0.3)))
+
+
+def machine(kind: str, seed: int, hours: int, *, noise_seed: int | None = None) -> Machine:
+    """`day`: a shop's day of operations (simulators.nc.LoadCase); `axes`: Z22's random loads. The seed chooses machine,
+    loads, weather and noise; noise_seed: other sensor and probing noise on the same physics."""
+    noise = seed if noise_seed is None else noise_seed
+    season = ("spring", "winter", "summer")[seed % 3]
+    plant = Plant(varied(load(), seed), SEASONS[season], seed + 1000)
+    plant.advance(_IDLE_S, MachineDrive())
+    plant.zero()
+    steps = hours * 12
+    drives = random_axes(seed, steps) if kind == "axes" else _day(seed, steps)
+    series = record(plant, drives)
+    draw = np.random.default_rng([noise, 9])
+    inputs = series.inputs
+    if noise_seed is not None:
+        inputs = inputs + np.concatenate([np.full(29, 0.05), [0.2], np.zeros(6)]) * draw.normal(size=inputs.shape)
+    inputs = np.column_stack([np.round(inputs[:, :29], 1), np.round(inputs[:, 29:], 2)])
+    design = design_matrix(POSES, RADIUS_M, HEIGHT_M)
+    covariance = np.linalg.inv(design.T @ design) * TOUCH_UM**2
+    measured = series.errors + draw.multivariate_normal(np.zeros(9), covariance, steps)
+    return Machine(series.input_names, inputs, series.errors, measured, np.sqrt(np.diag(covariance)))
+
+
+def _day(seed: int, steps: int) -> list[MachineDrive]:
+    case = LoadCase.random(seed, (steps + 300) * 300.0, start_hour=6.0)
+    drives = []
+    for k in range(steps):
+        mean = np.asarray(case.integral((k + 1) * 300.0)) - np.asarray(case.integral(k * 300.0))
+        x, y, z, a, c, spindle, coolant = (float(v) for v in mean / 300.0)
+        drives.append(
+            MachineDrive(
+                speed_x=x, speed_y=y, speed_z=z, speed_a=a, speed_c=c, spindle_speed=spindle, coolant_on=coolant >= 0.5
+            )
+        )
+    return drives

@@ -1,0 +1,45 @@
+"""What importing and training cost in time and memory, each in a fresh interpreter."""
+
+import statistics
+import subprocess
+import sys
+
+from benchmarks.rows import Row
+
+# Not getrusage: a child's peak there begins with what its parent had at the fork.
+_PEAK = "print([int(x.split()[1]) / 1024 for x in open('/proc/self/status') if x.startswith('VmHWM')][0])"
+_TRAIN = """
+import numpy as np
+from talc.frame import TrainingJob, Why
+from talc.settings import TrainingSettings
+from talc.training import train
+draw = np.random.default_rng(0)
+rows = {rows}
+inputs = np.cumsum(draw.normal(0, 0.1, (rows, 36)), axis=0)
+measured = inputs[:, :9] + draw.normal(0, 0.5, (rows, 9))
+job = TrainingJob(0, Why.CALIBRATION, tuple(f"u{{i}}" for i in range(36)), inputs, np.ones((rows, 36), bool), measured,
+                  TrainingSettings(selector="{selector}", max_na={na}, max_nb={nb}, estimator="least_squares"))
+train(job)
+"""
+_IMPORT = "import time; t = time.perf_counter(); import talc.control, talc.training; print(time.perf_counter() - t)"
+
+
+def _printed(code: str) -> float:
+    return float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
+
+
+def rows() -> list[Row]:
+    """Peak memory above an interpreter that has imported NumPy, and the time to import talc."""
+    plain = _printed(f"import numpy\n{_PEAK}")
+    table = []
+    for text, rows_, selector, na, nb in (
+        ("`search`, 24 h", 288, "search", 1, 1),
+        ("`search`, 340 h", 4080, "search", 1, 1),
+        ("`pso` 40 × 60, 24 h, without OSQP", 288, "pso", 5, 5),
+    ):
+        code = _TRAIN.format(rows=rows_, selector=selector, na=na, nb=nb) + _PEAK
+        table.append(Row(f"peak memory of {text} above NumPy", f"{_printed(code) - plain:.0f} MB", goal="≤ 45 MB"))
+    after_numpy = statistics.median(_printed(f"import numpy; {_IMPORT}") for _ in range(5))
+    whole = statistics.median(_printed(_IMPORT) for _ in range(5))
+    table.append(Row("import of talc", f"{whole:.2f} s", f"{after_numpy:.2f} s after NumPy", "≤ 0.3 s"))
+    return table

@@ -1,0 +1,26 @@
+"""A row of the table, and how things are timed."""
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One measured figure beside what was wanted."""
+
+    work: str
+    ours: str
+    peer: str = ""
+    goal: str = ""
+
+
+def median_s(work: Callable[[], object], repeats: int) -> float:
+    """Median seconds of `repeats` calls."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
