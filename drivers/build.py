@@ -8,12 +8,15 @@ from drivers.bus_settings import (
     BUS_KINDS,
     BusSettings,
     CanOpenSettings,
+    CanSettings,
     MeEthernetSettings,
     MeRs485Settings,
     ModbusRtuSettings,
     ModbusTcpSettings,
     settings_from,
 )
+from drivers.can_bus import CanBus
+from drivers.can_dbc import CanDbcDevice, CanDbcProfile
 from drivers.canopen_bus import CanOpenBus
 from drivers.canopen_profile import Cia404Profile
 from drivers.cia404 import Cia404Device, Cia404Options
@@ -28,6 +31,11 @@ from drivers.profiles import Profile, load_profile
 __all__ = ["BUS_KINDS", "make_bus", "make_device"]
 
 _LAST_ADDRESS = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class NoOptions:
+    """Of a device that has none."""
 
 
 def make_bus(name: str, kind: str, options: Mapping[str, object]) -> Bus:
@@ -49,6 +57,8 @@ def bus_from_settings(name: str, settings: BusSettings) -> Bus:
             return ModbusTcpBus(name, settings)
         case CanOpenSettings():
             return CanOpenBus(name, settings)
+        case CanSettings():
+            return CanBus(name, settings)
         case MeRs485Settings():
             return MeRs485Bus(name, settings)
         case MeEthernetSettings():
@@ -97,6 +107,9 @@ def make_device(
                     hint=f"there are {', '.join(profile.vendors)}",
                 )
             return Cia404Device(device_name, bus, profile, unit, channels, chosen, clock)
+        case CanDbcProfile(), CanBus():
+            settings_from(NoOptions, options, bus=bus.name, device=device_name)
+            return CanDbcDevice(device_name, bus, profile, channels, clock)
         case MeRs485Profile(), MeRs485Bus():
             growth = settings_from(DisplacementOptions, options, bus=bus.name, device=device_name)
             return MeRs485Device(device_name, bus, profile, unit, channels, growth, clock)

@@ -61,8 +61,8 @@ class ModbusTcpSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CanOpenSettings:
-    """A CAN interface with CANopen nodes."""
+class CanInterfaceSettings:
+    """How a CAN bus is reached."""
 
     interface: str
     """One of CAN_INTERFACES."""
@@ -81,6 +81,19 @@ class CanOpenSettings:
         _require(self.bitrate in rates, "bitrate", self.bitrate, f"one of {', '.join(map(str, rates))}")
         _require(1 <= self.port <= 65535, "port", self.port, "1 to 65535")
         _check_timeout(self.timeout_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CanOpenSettings(CanInterfaceSettings):
+    """A CAN interface with CANopen nodes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CanSettings(CanInterfaceSettings):
+    """A CAN interface with devices that send by themselves, described by DBC files.
+
+    `timeout_s` is how old a device's last frame may be, so it must be longer than the device's cycle.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,12 +130,15 @@ class MeEthernetSettings:
         _check_timeout(self.timeout_s)
 
 
-BusSettings = ModbusRtuSettings | ModbusTcpSettings | CanOpenSettings | MeRs485Settings | MeEthernetSettings
+BusSettings = (
+    ModbusRtuSettings | ModbusTcpSettings | CanOpenSettings | CanSettings | MeRs485Settings | MeEthernetSettings
+)
 
 BUS_KINDS: Mapping[str, type[BusSettings]] = {
     "modbus_rtu": ModbusRtuSettings,
     "modbus_tcp": ModbusTcpSettings,
     "canopen": CanOpenSettings,
+    "can": CanSettings,
     "me_rs485": MeRs485Settings,
     "me_ethernet": MeEthernetSettings,
 }

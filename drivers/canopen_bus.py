@@ -19,6 +19,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.bus_settings import CanOpenSettings
+from drivers.can_interface import open_interface, release
 from drivers.canopen_events import NodeEvents
 
 R = TypeVar("R")
@@ -26,9 +27,6 @@ R = TypeVar("R")
 _SYNC = 0x080
 _NMT_START = 1
 
-_SERIAL_WAIT_S = 0.1
-"""How long python-can's slcan blocks for a byte. Its 1 ms would wake the thread a thousand times a second for
-nothing; a byte that comes ends the wait at once, so a longer wait costs no latency."""
 _RECEIVE_WAIT_S = 0.1
 """How long closing may have to wait for the receiving thread."""
 
@@ -115,20 +113,7 @@ class CanOpenBus:
         return await asyncio.shield(future)
 
     def _open(self) -> None:
-        s = self._settings
-        options: dict[str, Any] = {"interface": s.interface, "channel": s.channel}
-        if s.interface == "slcan":
-            options |= {"bitrate": s.bitrate, "sleep_after_open": 0.0, "timeout": _SERIAL_WAIT_S}
-        elif s.interface == "udp_multicast":
-            options |= {"port": s.port, "hop_limit": 0}
-        try:
-            interface = can.Bus(**options)
-        except (can.CanError, OSError, ValueError, ImportError) as error:
-            raise ConnectError(
-                f"cannot open {s.interface} {s.channel}: {error}",
-                bus=self._name,
-                hint="is the adapter plugged in, or the interface up? another program may have it open",
-            ) from error
+        interface = open_interface(self._name, self._settings)
         network = canopen.Network(interface)
         network.NOTIFIER_CYCLE = _RECEIVE_WAIT_S
         network.listeners.append(_EndOnError(network))  # type: ignore[arg-type]
@@ -143,7 +128,7 @@ class CanOpenBus:
             with suppress(can.CanError, OSError):  # an unplugged adapter cannot be told anything any more
                 network.disconnect()
             if interface is not None and network.bus is not None:
-                _release(interface)
+                release(interface)
 
     def _upload(self, device: str, node: int, objects: Sequence[CanObject]) -> list[bytes]:
         if self._network is None:
@@ -253,11 +238,3 @@ class _EndOnError(can.Listener):
     def on_error(self, exc: Exception) -> None:  # noqa: ARG002 - python-can keeps it in Notifier.exception
         if self._network.notifier is not None:
             self._network.notifier.stop(0.0)
-
-
-def _release(interface: Any) -> None:
-    """Close what python-can left open when its own shutdown failed."""
-    port = getattr(interface, "serialPortOrig", None)
-    with suppress(OSError):
-        if port is not None:
-            port.close()

@@ -6,6 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from drivers.base import SetupError
+from drivers.can_dbc import CanDbcProfile, can_dbc_profile
 from drivers.canopen_profile import Cia404Profile, cia404_profile
 from drivers.displacement_profile import (
     MeEthernetProfile,
@@ -16,11 +17,12 @@ from drivers.displacement_profile import (
 from drivers.modbus_profile import ModbusProfile, modbus_profile
 from drivers.toml_table import Table
 
-Profile = ModbusProfile | Cia404Profile | MeRs485Profile | MeEthernetProfile
+Profile = ModbusProfile | Cia404Profile | CanDbcProfile | MeRs485Profile | MeEthernetProfile
 
 _READERS: Mapping[str, Callable[[str, Table], Profile]] = {
     "modbus": modbus_profile,
     "cia404": cia404_profile,
+    "can_dbc": can_dbc_profile,
     "me_rs485": me_rs485_profile,
     "me_ethernet": me_ethernet_profile,
 }

@@ -13,6 +13,11 @@ class Table:
         self._asked: set[str] = set()
         self._possible: set[str] = set()
 
+    @property
+    def file(self) -> str:
+        """As given by the user; paths inside count from its folder."""
+        return self._file
+
     def error(self, key: str, problem: str) -> SetupError:
         return SetupError(f"{self._file}: {self._path}{key}: {problem}")
 

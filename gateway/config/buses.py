@@ -88,11 +88,7 @@ class MeEthernetBus(_Bus):
         return f"{self.host}:{self.port}"
 
 
-class CanopenBus(_Bus):
-    """CANopen nodes on a CAN bus."""
-
-    kind: Literal["canopen"]
-    """`canopen`."""
+class _CanInterface(_Bus):
     interface: Literal["socketcan", "slcan", "udp_multicast", "virtual"] = "socketcan"
     """How the CAN bus is reached: the kernel, a serial adapter, or (for tests) the network or this process."""
     channel: str = Field(min_length=1)
@@ -108,7 +104,21 @@ class CanopenBus(_Bus):
         return f"{self.interface} {self.channel}" + (f":{self.port}" if self.interface == "udp_multicast" else "")
 
 
+class CanopenBus(_CanInterface):
+    """CANopen nodes on a CAN bus."""
+
+    kind: Literal["canopen"]
+    """`canopen`."""
+
+
+class CanBus(_CanInterface):
+    """Devices on a CAN bus that send by themselves, named by a DBC file. `timeout_s`: how old a frame may be."""
+
+    kind: Literal["can"]
+    """`can`."""
+
+
 Bus = Annotated[
-    ModbusRtuBus | ModbusTcpBus | CanopenBus | MeRs485Bus | MeEthernetBus,
+    ModbusRtuBus | ModbusTcpBus | CanopenBus | CanBus | MeRs485Bus | MeEthernetBus,
     Field(discriminator="kind"),
 ]

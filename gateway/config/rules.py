@@ -9,7 +9,7 @@ import numpy as np
 from drivers.base import SetupError, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.profiles import profile_names
-from gateway.config.buses import Bus, CanopenBus, MeRs485Bus, ModbusRtuBus
+from gateway.config.buses import Bus, CanBus, CanopenBus, MeRs485Bus, ModbusRtuBus
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem, suggestion
 from talc.probing import check_poses
@@ -50,7 +50,7 @@ def cautions(config: GatewayConfig) -> list[Problem]:
 def _serial_port(bus: Bus) -> tuple[str, str | None]:
     if isinstance(bus, ModbusRtuBus | MeRs485Bus):
         return "port", bus.port
-    if isinstance(bus, CanopenBus) and bus.interface == "slcan":
+    if isinstance(bus, CanopenBus | CanBus) and bus.interface == "slcan":
         return "channel", bus.channel
     return "", None
 

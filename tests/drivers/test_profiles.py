@@ -45,11 +45,17 @@ def test_golden_cases(case: str) -> None:
     assert str(caught.value).removeprefix(f"{path}: ") == expected
 
 
-def test_example_of_the_documentation_is_right(tmp_path: Path) -> None:
+def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
+    dbc = 'VERSION ""\nBU_: L\nBO_ 768 Temperatures1: 8 L\n SG_ T1 : 0|16@1- (0.1,0) [-200|850] "degC" L\n'
+    (tmp_path / "logger.dbc").write_text(dbc, encoding="ascii")
     path = tmp_path / "own.toml"
-    path.write_text(text.split("```toml\n")[1].split("```")[0], encoding="utf-8")
-    assert load_profile(str(path)).channels == 8
+    channels = {}
+    for example in text.split("```toml\n")[1:]:
+        path.write_text(example.split("```")[0], encoding="utf-8")
+        profile = load_profile(str(path))
+        channels[profile.title] = profile.channels
+    assert channels == {"Somebody's logger": 1, "Somebody's eight-input module": 8}
 
 
 def test_documentation_names_every_profile() -> None:

@@ -1,0 +1,168 @@
+"""Plain CAN by DBC: the logger's frames are packed by hand, the driver reads them by the DBC file."""
+
+import asyncio
+import math
+import struct
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.base import ConnectError, Driver, NoAnswer, Quality, SetupError, SystemClock
+from drivers.build import make_bus, make_device
+from drivers.can_dbc import CanDbcProfile
+from drivers.faults import Fault as Faulty
+from drivers.profiles import load_profile
+from simulators.devices.can_logger import CanLogger
+from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices.source import Fault
+
+TEMPERATURES = [20.0, -3.3, 150.5, 0.0, 33.3]
+SIGNALS = "".join(f' SG_ T{i} : {16 * i}|16@1- (0.1,0) [-200|850] "degC" G\n' for i in range(4))
+DBC = f"""VERSION ""
+NS_ :
+BS_:
+BU_: L G
+BO_ 768 First: 8 L
+{SIGNALS}
+BO_ 769 Second: 2 L
+ SG_ T4 : 0|16@1- (0.1,0) [-200|850] "degC" G
+
+BO_ 770 Real: 4 L
+ SG_ F : 0|32@1- (1,0) [0|0] "" G
+
+SIG_VALTYPE_ 770 F : 1;
+"""
+INVALID = """invalid = [{ mask = 0xFFFF, equals = 0x7FFF, quality = "sensor_fault", detail = "open" },
+           { mask = 0xFFFF, equals = 0x8000, quality = "sensor_fault", detail = "short" }]"""
+PROFILE = 'protocol = "can_dbc"\ntitle = "Logger"\nunit = "degC"\ndbc = "logger.dbc"\n' + "".join(
+    f'[[signal]]\nmessage = "{"First" if i < 4 else "Second"}"\nname = "T{i}"\n{INVALID}\n' for i in range(5)
+)
+
+
+def profile_file(folder: Path, text: str = PROFILE) -> str:
+    (folder / "logger.dbc").write_text(DBC)
+    (folder / "logger.toml").write_text(text)
+    return str(folder / "logger.toml")
+
+
+@asynccontextmanager
+async def bench(profile: str) -> AsyncIterator[tuple[CanLogger, Driver, SlcanAdapter]]:
+    adapter = SlcanAdapter([])
+    logger = CanLogger(lambda: TEMPERATURES, adapter.send)
+    options = {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.2}
+    bus = make_bus("can1", "can", options)
+    channels = {f"t{i}": i for i in range(5)}
+    driver = make_device("logger", bus, profile, 1, channels, {}, SystemClock())
+    logger.start()
+    try:
+        await bus.connect()
+        await driver.connect()
+        yield logger, driver, adapter
+    finally:
+        logger.stop()
+        await bus.close()
+        await adapter.stop()
+
+
+async def read_on(driver: Driver) -> None:
+    """Read until an error comes; what came before the fault may still be fresh."""
+    async with asyncio.timeout(5):
+        while True:
+            await driver.read()
+            await asyncio.sleep(0.005)
+
+
+async def test_values_come_by_the_names_of_the_dbc_file(tmp_path: Path) -> None:
+    async with bench(profile_file(tmp_path)) as (_, driver, _adapter):
+        readings = await driver.read()
+    assert [r.value for r in readings] == pytest.approx(TEMPERATURES, abs=1e-9)
+    assert {(r.quality, r.unit) for r in readings} == {(Quality.GOOD, "degC")}
+
+
+async def test_broken_sensors_and_what_is_beyond_the_range(tmp_path: Path) -> None:
+    expected = {
+        Fault.OPEN: Quality.SENSOR_FAULT,
+        Fault.SHORT: Quality.SENSOR_FAULT,
+        Fault.OVER: Quality.OUT_OF_RANGE,
+        Fault.UNDER: Quality.OUT_OF_RANGE,
+    }
+    async with bench(profile_file(tmp_path)) as (logger, driver, _):
+        for fault, quality in expected.items():
+            logger.faults.set(1, fault)
+            async with asyncio.timeout(5):
+                while (readings := await driver.read())[1].quality is not quality:
+                    await asyncio.sleep(0.005)
+            assert math.isnan(readings[1].value)
+            assert [r.quality for i, r in enumerate(readings) if i != 1] == [Quality.GOOD] * 4
+            logger.faults.set(1, None)
+
+
+async def test_silent_logger_is_no_answer_and_back_again(tmp_path: Path) -> None:
+    async with bench(profile_file(tmp_path)) as (logger, driver, _):
+        logger.faults.silent = True
+        with pytest.raises(NoAnswer, match=r"0x300, 0x301"):
+            await read_on(driver)
+        logger.faults.silent = False
+        assert (await driver.read())[0].value == pytest.approx(20.0)
+
+
+async def test_missing_message_costs_its_own_channels_only(tmp_path: Path) -> None:
+    async with bench(profile_file(tmp_path)) as (logger, driver, adapter):
+        logger.stop()
+        with pytest.raises(NoAnswer):
+            await read_on(driver)
+        adapter.send(logger.frames()[:1])
+        readings = await driver.read()
+    assert [r.quality for r in readings] == [Quality.GOOD] * 4 + [Quality.COMM_FAULT]
+
+
+async def test_unplugged_adapter_is_a_connection_fault(tmp_path: Path) -> None:
+    async with bench(profile_file(tmp_path)) as (logger, driver, adapter):
+        logger.stop()
+        await adapter.stop()
+        with pytest.raises(ConnectError, match="is gone"):
+            await read_on(driver)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("logger.dbc", "nowhere.dbc", "dbc: .*nowhere.dbc cannot be read"),
+        ('"T2"', '"T9"', r"signal\[2\].name: 'T9' is none of T0, T1, T2, T3"),
+        ('"Second"', '"Third"', r"signal\[4\].message: 'Third' is none of First, Real, Second"),
+    ],
+)
+def test_mistakes_in_the_profile_are_named(tmp_path: Path, old: str, new: str, says: str) -> None:
+    with pytest.raises(SetupError, match=says):
+        load_profile(profile_file(tmp_path, PROFILE.replace(old, new)))
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> CanDbcProfile:
+    text = PROFILE + '[[signal]]\nmessage = "Real"\nname = "F"\n'
+    profile = load_profile(profile_file(tmp_path_factory.mktemp("dbc"), text))
+    assert isinstance(profile, CanDbcProfile)
+    return profile
+
+
+@given(data=st.binary(max_size=64))
+def test_any_frame_is_decoded_or_a_fault(loaded: CanDbcProfile, data: bytes) -> None:
+    *shorts, real = (signal.decode(data) for signal in loaded.signals)
+    for i, value in enumerate(shorts):
+        place = 2 * (i % 4)
+        if len(data) < (8 if i < 4 else 2):
+            assert isinstance(value, Faulty)
+            continue
+        (raw,) = struct.unpack_from("<h", data, place)
+        if -2000 <= raw <= 8500:
+            assert value == pytest.approx(raw / 10)
+        else:
+            assert isinstance(value, Faulty)
+    if len(data) >= 4 and math.isfinite(struct.unpack_from("<f", data)[0]):
+        assert real == struct.unpack_from("<f", data)[0]
+    else:
+        assert isinstance(real, Faulty)
