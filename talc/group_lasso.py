@@ -118,6 +118,9 @@ class GroupLasso:
         if not (np.isfinite(penalty) and penalty >= 0.0):
             raise ValueError(f"penalty = {penalty}: expected 0 or more")
         theta = np.zeros(moment.size) if start is None else np.concatenate([*start.coefficients, np.zeros(0)])
+        # The kernel reads and writes the start without looking at its length.
+        if theta.shape != moment.shape or not np.isfinite(theta).all():
+            raise ValueError(f"start has {theta.size} coefficients: expected {moment.size}, all finite")
         objective, gap, _, _ = _kernel.group_lasso(
             self._gram, moment, energy, self._first, self._sizes, penalty, tolerance, _ROUNDS, theta
         )

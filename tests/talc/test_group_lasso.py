@@ -199,3 +199,6 @@ def test_bad_outputs_and_penalties_are_refused() -> None:
         solver.solve(np.array([np.nan, 0.0]), 1.0, 1.0)
     with pytest.raises(ValueError, match="x has shape"):
         Gram(2).add(np.zeros((3, 3)), np.zeros(3))
+    other = GroupLasso(np.eye(1), (1,)).solve(np.ones(1), 1.0, 0.1)
+    with pytest.raises(ValueError, match="start has 1 coefficients: expected 2"):
+        solver.solve(np.zeros(2), 1.0, 1.0, other)
