@@ -57,4 +57,4 @@ def reduction(before: float, after: float) -> float:
 
 def _known(values: FloatArray) -> FloatArray:
     values = np.asarray(values, dtype=np.float64)
-    return values[np.isfinite(values)]
+    return values[~np.isnan(values)]  # an infinite residual stays, and shows

@@ -29,7 +29,9 @@ class Design:
 
     @classmethod
     def make(cls, scaled: FloatArray, poles: tuple[float, ...], lags: int, rows: BoolArray) -> "Design":
-        """scaled: (T, inputs) z-scores; rows: (T,) which rows to keep."""
+        """scaled: (T, inputs) z-scores; rows: (T,) which rows to keep. ValueError: poles that are not as stated."""
+        if len(set(poles)) != len(poles) or any(not 0.0 < p < 1.0 for p in poles):
+            raise ValueError(f"poles = {poles}: expected different ones between 0 and 1")
         # Before the record an input stood at its first value.
         before = np.vstack([np.repeat(scaled[:1], lags - 1, axis=0), scaled])
         t = np.arange(len(scaled))
@@ -89,7 +91,7 @@ def fit(design: Design, coefficients: tuple[int, ...], y: FloatArray, ridge: flo
     unseen = np.concatenate([y[p] - x[p] @ solve(np.delete(x, p, axis=0), np.delete(y, p)) for p in parts])
     b = np.split(theta[: len(picked)] / design.scale[picked], np.cumsum([c for c in coefficients if c])[:-1])
     own, scale = x[:, : len(picked)], design.scale[picked]
-    inverse = np.linalg.inv(own.T @ own / len(y) + ridge * np.eye(len(picked)))
+    inverse = np.linalg.pinv(own.T @ own / len(y) + ridge * np.eye(len(picked)), hermitian=True)
     reach = float(np.einsum("ij,jk,ik->i", own, inverse, own).max(initial=0.0))
     residual = np.asarray(y - x @ theta, dtype=np.float64)
     return Fit(

@@ -64,10 +64,10 @@ class GroupLasso {
         for (size_t round = 0; round < limit; ++round) {
             // All groups may enter; then only the support moves.
             pass(penalty, false), ++result.passes;
-            for (int k = 0; k < 3; ++k) pass(penalty, true), ++result.passes;
-            for (int k = 0; k < 30; ++k) {
+            for (int k = 0; k < kPasses; ++k) pass(penalty, true), ++result.passes;
+            for (int k = 0; k < kNewtonSteps; ++k) {
                 ++result.newton;
-                if (!newton(penalty)) break;
+                if (!newton(penalty) || gap(penalty, result.objective) <= 0.1 * tolerance) break;
             }
             refresh();
             result.gap = gap(penalty, result.objective);
@@ -81,6 +81,9 @@ class GroupLasso {
     const std::vector<size_t> &columns() const { return columns_; }
 
    private:
+    // Between two looks at the groups outside the support (medians over thermal problems; more of either is slower).
+    static constexpr int kPasses = 3, kNewtonSteps = 8;
+
     static double norm(const double *x, size_t n) {
         double s = 0.0;
         for (size_t i = 0; i < n; ++i) s += x[i] * x[i];
@@ -186,7 +189,7 @@ class GroupLasso {
                 if (group_[j] == s) h += bend * ((a == b) - theta_[a] * theta_[b] / (r * r));
                 hessian_[i * m + j] = h;
             }
-            hessian_[i * m + i] += 1e-13 * scale;
+            hessian_[i * m + i] += 1e-13 * scale;  // collinear columns: only the step, never the optimum, depends on it
             step_[i] = -(2.0 * (image_[a] - moment_[a]) + bend * theta_[a]);
         }
         double steepness = 0.0;

@@ -43,3 +43,8 @@ def test_reduction_by_hand() -> None:
     assert reduction(72.7, 20.4) == pytest.approx(71.94, abs=0.01)  # EX0C of Z22
     assert reduction(2.0, 3.0) == -50.0
     assert math.isnan(reduction(0.0, 1.0))
+
+
+def test_an_infinite_residual_is_not_hidden() -> None:
+    assert rms(np.array([1.0, np.inf])) == np.inf
+    assert peak_to_peak(np.array([1.0, np.inf, 2.0])) == np.inf

@@ -94,3 +94,12 @@ def test_constant_and_duplicate_inputs_do_no_harm() -> None:
     assert choice.coefficients[13] == 0
     plain = Candidates([Design.make(scaled[:, :12], (0.95,), 2, rows)], 12).choose(y, 6)
     assert choice.criterion == pytest.approx(plain.criterion, rel=0.01)
+
+
+def test_an_irrelevant_input_does_not_change_the_set() -> None:
+    s = series(400, seed=11)
+    y = (s.measured[:, 3] - s.measured[:, 3].mean()) / s.measured[:, 3].std()
+    noise = np.random.default_rng(1).normal(size=(400, 1))
+    plain = Candidates(designs(s.inputs), 12).choose(y, 6)
+    more = Candidates(designs(np.hstack([s.inputs, noise])), 13).choose(y, 6)
+    assert more.coefficients == (*plain.coefficients, 0)

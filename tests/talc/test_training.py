@@ -1,5 +1,7 @@
 """Training finds what made the record, predicts what it has not seen, and never hands out something unusable."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -152,3 +154,50 @@ def test_without_measured_predecessors_the_papers_ways_say_what_they_lack() -> N
     models = train(job(s, settings=TrainingSettings(selector="pso", max_na=1)))
     assert models.models == (None,) * 9
     assert "rows: expected at least 2 with all earlier outputs measured" in models.notes[0]
+
+
+def test_threads_and_solver_seeds_change_nothing() -> None:
+    s = series(288, seed=6)
+    jobs = [job(s, settings=TrainingSettings(seed=seed)) for seed in range(6)]
+    with ThreadPoolExecutor(3) as pool:
+        prints = [models.fingerprint() for models in pool.map(train, jobs)]
+    assert set(prints) == {train(jobs[0]).fingerprint()}
+
+
+def test_a_masked_row_never_matters() -> None:
+    s = series(288, seed=8)
+    s.measured[40:90] = np.nan
+    other = Series(s.names, s.inputs, s.truth, s.measured.copy())
+    other.measured[40:90] = np.inf  # not a measurement either
+    assert train(job(s)).fingerprint() == train(job(other)).fingerprint()
+
+
+def test_an_almost_integrating_plant_gets_a_stable_model() -> None:
+    s = series(864, seed=12, pole=0.9995)
+    models = train(job(s, slice(0, 288)))
+    for e, model in enumerate(models.models):
+        assert model is not None
+        assert (np.abs(model.poles()) < 0.999).all()
+        columns = [s.names.index(n) for n in model.inputs]
+        measured = np.where(np.arange(864) % 24 == 0, s.measured[:, e], np.nan)
+        left = model.free_run(s.inputs[:, columns], measured)[288:] - s.truth[288:, e]
+        assert np.sqrt(np.mean(left**2)) < 1.0  # two sigmas of a measurement
+
+
+@pytest.mark.parametrize("rows", [0, 1])
+def test_no_or_one_measurement_gives_no_model_and_says_so(rows: int) -> None:
+    s = series(288, seed=9)
+    s.measured[rows:] = np.nan
+    models = train(job(s))
+    assert models.models == (None,) * 9
+    assert f"{rows} measured rows" in models.notes[0]
+
+
+def test_designs_and_fits_that_cannot_be_are_refused() -> None:
+    u, rows = np.random.default_rng(0).normal(size=(50, 1)), np.ones(50, dtype=np.bool_)
+    with pytest.raises(ValueError, match="poles = "):
+        Design.make(u, (0.9, 0.9), 1, rows)
+    with pytest.raises(ValueError, match="poles = "):
+        Design.make(u, (1.0,), 1, rows)
+    with pytest.raises(ValueError, match="blocks = 1"):
+        fit(Design.make(u, (0.9,), 1, rows), (1,), u[:, 0], 1e-4, 1)
