@@ -1,7 +1,8 @@
-"""What a CANopen node says unasked: boot-up and emergencies (CiA 301). Bounded, whatever the node sends."""
+"""What a CANopen node says unasked: boot-up, heartbeat, emergencies (CiA 301). Bounded, whatever the node sends."""
 
 import struct
 from dataclasses import dataclass
+from time import monotonic
 
 _EMERGENCY = struct.Struct("<HB")
 _BOOT_UP = 0
@@ -27,6 +28,8 @@ class NodeEvents:
         """The last emergency that the node has not taken back."""
         self.boots = 0
         """How often the node has started since we listen."""
+        self.heard_s: float | None = None
+        """Monotonic seconds of its last heartbeat or boot-up."""
 
     def on_emergency(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:  # noqa: ARG002
         """Callback for frames 0x80 + node. A code 00xx takes emergencies back; a short frame is none."""
@@ -35,7 +38,38 @@ class NodeEvents:
             self.emergency = Emergency(code, register) if code & 0xFF00 else None
 
     def on_heartbeat(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:  # noqa: ARG002
-        """Callback for frames 0x700 + node."""
+        """Callback for frames 0x700 + node; a frame without a state is none."""
+        if len(data):
+            self.heard_s = monotonic()
         if bytes(data[:1]) == bytes([_BOOT_UP]):
             self.boots += 1
             self.emergency = None
+
+
+class HeartbeatWatch:
+    """Whether a node's heartbeat comes in time, judged when somebody asks.
+
+    Ask after an answer of the node was received: frames come in order, so whatever heartbeat was sent before that
+    answer is known by then, and a computer that was busy for a while takes no node for lost.
+    """
+
+    def __init__(self, events: NodeEvents) -> None:
+        self._events = events
+        self._limit_s = 0.0
+        self._since_s = 0.0
+        self._lost = False
+
+    def begin(self, limit_s: float, now_s: float) -> None:
+        """Expect a heartbeat within `limit_s` of now, then of each other; 0: expect none.
+
+        A heartbeat that is lost stays lost until one is heard, however often the node is connected.
+        """
+        self._limit_s = limit_s
+        if not self._lost:
+            self._since_s = now_s
+
+    def silent_s(self, now_s: float) -> float | None:
+        """For how long no heartbeat came when that is too long, else None."""
+        silent_s = now_s - max(self._since_s, self._events.heard_s or 0.0)
+        self._lost = 0.0 < self._limit_s < silent_s
+        return silent_s if self._lost else None

@@ -2,21 +2,30 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from time import monotonic
 
-from drivers.base import BadAnswer, Clock, DriverError, Quality, Reading, WrongDevice
+from drivers.base import BadAnswer, Clock, DriverError, Quality, Reading, Refused, WrongDevice
 from drivers.canopen_bus import CanObject, CanOpenBus
+from drivers.canopen_events import HeartbeatWatch
 from drivers.canopen_pdo import COMMUNICATION, EVERY_SYNC, MAPPING, TPDOS, PdoMap, pdo_map
 from drivers.canopen_profile import Cia404Profile
 from drivers.faults import Fault, first_fault
 from drivers.readings import ReadingMaker
 
 DEVICE_TYPE = 0x1000
+PRODUCER_TIME = 0x1017
 SENSOR_TYPE = 0x6110
 PHYSICAL_UNIT = 0x6131
 DECIMAL_DIGITS = 0x6132
 STATUS = 0x6150
 
 _CIA_404 = 404
+_PRODUCER_TIMES = 3
+"""Heartbeats that may be lost before the node is: one may meet a busy bus, three do not."""
+
+_NO_HEARTBEAT = Fault(
+    Quality.STALE, "the node answers, but its heartbeat stopped: its program may hang; switch it off and on"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,10 +36,15 @@ class Cia404Options:
     """Whose table of status bits applies; the profile lists them."""
     transfer: str = "sdo"
     """`sdo`: ask for each value; `sync`: send SYNC and take the node's TPDOs, much cheaper on the bus."""
+    heartbeat_s: float = 0.0
+    """For how long the node's heartbeat may be absent (consumer time); 0: three times what the node says in object
+    1017, and no watch over a node that sends none."""
 
     def __post_init__(self) -> None:
         if self.transfer not in ("sdo", "sync"):
             raise ValueError(f"transfer = {self.transfer!r}: expected sdo or sync")
+        if not 0 <= self.heartbeat_s <= 600:
+            raise ValueError(f"heartbeat_s = {self.heartbeat_s!r}: expected 0 to 600")
 
 
 class Cia404Device:
@@ -53,6 +67,8 @@ class Cia404Device:
         self._size = 2 if profile.process_value == 0x7130 else 4
         self._scales: dict[int, float] = {}
         self._boots = 0
+        self._heartbeat_s = options.heartbeat_s
+        self._heartbeat = HeartbeatWatch(bus.events(node))
         self._by_sync = options.transfer == "sync"
         self._maps: tuple[PdoMap, ...] = ()
         self._wanted = tuple(
@@ -68,7 +84,7 @@ class Cia404Device:
         return tuple(self._channels)
 
     async def connect(self) -> None:
-        """Check device profile, sensor types and units, and read the decimal digits.
+        """Check device profile, heartbeat, sensor types and units, and read the decimal digits.
 
         Raises WrongDevice, or what the bus raises.
         """
@@ -77,6 +93,7 @@ class Cia404Device:
         (device_type,) = await self._upload([CanObject(DEVICE_TYPE, 0)])
         if (number := int.from_bytes(device_type, "little") & 0xFFFF) != _CIA_404:
             raise self._wrong(f"node {self._node} follows device profile {number}, not 404", hint="check the node id")
+        limit_s = await self._heartbeat_limit_s()
         scales: dict[int, float] = {}
         for channel, number in self._channels.items():
             sensor, unit, digits = await self._upload(
@@ -100,9 +117,13 @@ class Cia404Device:
             self._maps = await self._pdo_maps()
             await self._bus.start_node(self._device, self._node)
         self._scales, self._boots = scales, boots
+        self._heartbeat.begin(limit_s, monotonic())
 
     async def read(self) -> Sequence[Reading]:
-        """One reading per channel. The node's sensors are checked again after it was silent or has started anew."""
+        """One reading per channel. The node's sensors are checked again after it was silent or has started anew.
+
+        A node that answers although its heartbeat stopped may repeat what it measured last: its values are stale.
+        """
         if not self._scales or self._boots != self._bus.events(self._node).boots:
             await self.connect()
         try:
@@ -111,15 +132,32 @@ class Cia404Device:
             self._scales = {}
             raise
         values: dict[str, float | Fault] = {}
+        lost = self._heartbeat.silent_s(monotonic()) is not None
         for channel, number in self._channels.items():
             value = objects[CanObject(self._profile.process_value, number + 1)]
             status = int.from_bytes(objects[CanObject(STATUS, number + 1)], "little")
-            values[channel] = self._value(channel, number, value, status)
+            found = self._value(channel, number, value, status)
+            values[channel] = _NO_HEARTBEAT if lost and not isinstance(found, Fault) else found
         return self._maker.make(values)
 
     async def close(self) -> None:
         """Forget what was learnt about the node."""
         self._scales = {}
+
+    async def _heartbeat_limit_s(self) -> float:
+        """Consumer time, s; 0: no heartbeat is expected. Raises WrongDevice when the node cannot keep it."""
+        try:
+            (producer,) = await self._upload([CanObject(PRODUCER_TIME, 0)])
+        except Refused:  # the object is optional when the node is guarded otherwise
+            producer = b""
+        producer_s = int.from_bytes(producer[:2], "little") / 1000
+        if self._heartbeat_s and not 0 < producer_s < self._heartbeat_s:
+            sends = f"every {producer_s:g} s" if producer_s else "never"
+            raise self._wrong(
+                f"node {self._node} sends its heartbeat {sends}, but heartbeat_s = {self._heartbeat_s:g}",
+                hint="set object 1017:00 to a third of that, in ms, or leave heartbeat_s out",
+            )
+        return self._heartbeat_s or _PRODUCER_TIMES * producer_s
 
     async def _objects(self) -> dict[CanObject, bytes]:
         """Values and status of all channels."""

@@ -1,6 +1,7 @@
 """An emulated CANopen measuring device (CiA 404) with RTD inputs. Written from CiA 301 and CiA 404."""
 
-from collections.abc import Sequence
+import asyncio
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 
 from simulators.devices.slcan_adapter import Frame
@@ -34,8 +35,14 @@ class Nmt(IntEnum):
     RESET_COMMUNICATION = 130
 
 
+_HEARTBEAT_STATE = {Nmt.PRE_OPERATIONAL: 0x7F, Nmt.START: 0x05, Nmt.STOP: 0x04}
+
+
 class Cia404Node:
-    """A node for an SlcanAdapter: SDO server (expedited uploads), TPDOs on SYNC, boot-up."""
+    """A node for an SlcanAdapter: SDO server (expedited uploads), TPDOs on SYNC, boot-up, heartbeat.
+
+    Between `start` and `stop` it sends its heartbeat every `heartbeat_ms` (object 1017, real time; 0: never).
+    """
 
     def __init__(
         self,
@@ -46,13 +53,34 @@ class Cia404Node:
         vendor: str = "jumo",
         digits: int = 1,
         sensor_types: Sequence[int] | None = None,
+        heartbeat_ms: int = 0,
     ) -> None:
         self._node_id, self._source, self._inputs, self._digits = node_id, source, inputs, digits
         self._status_bits = _STATUS_BITS[vendor]
         self._sensor_types = list(sensor_types or [PT100] * inputs)
         self._state = Nmt.PRE_OPERATIONAL
         self._transmission_type = 1
+        self._heartbeat_ms = heartbeat_ms
+        self._timer: asyncio.TimerHandle | None = None
+        self.heartbeat_stopped = False
+        """The program that sends the heartbeat hangs; the SDO server does not."""
         self.faults = Faults()
+
+    def start(self, beat_to: Callable[[Sequence[Frame]], None]) -> None:
+        """Send heartbeats from now on."""
+        if self._heartbeat_ms:
+            self._timer = asyncio.get_running_loop().call_later(self._heartbeat_ms / 1000, self._beat, beat_to)
+
+    def stop(self) -> None:
+        """Send no more heartbeats."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _beat(self, beat_to: Callable[[Sequence[Frame]], None]) -> None:
+        self.start(beat_to)
+        if not (self.faults.silent or self.heartbeat_stopped):
+            beat_to([(0x700 + self._node_id, bytes((_HEARTBEAT_STATE[self._state],)))])
 
     def set_sensor_type(self, channel: int, code: int) -> None:
         """What a service man does with the maker's tool."""
@@ -101,6 +129,8 @@ class Cia404Node:
         """Value of an object in little-endian bytes, or an abort code."""
         if index == 0x1000:
             return (0x0002_0000 + 404).to_bytes(4, "little") if subindex == 0 else _NO_SUBINDEX
+        if index == 0x1017:
+            return self._heartbeat_ms.to_bytes(2, "little") if subindex == 0 else _NO_SUBINDEX
         if 0x1800 <= index <= 0x1803 or 0x1A00 <= index <= 0x1A03:
             return self._pdo_object(index, subindex)
         if index not in (0x6110, 0x6131, 0x6132, 0x6150, 0x7130, 0x9130):

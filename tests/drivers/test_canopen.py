@@ -12,7 +12,7 @@ from canopen.objectdictionary.datatypes import INTEGER32, UNSIGNED8, UNSIGNED16,
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.base import Driver, NoAnswer, Quality, Refused, SystemClock, WrongDevice
+from drivers.base import Driver, NoAnswer, Quality, Reading, Refused, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.canopen_events import NodeEvents
 from simulators.devices.cia404_node import Cia404Node
@@ -20,15 +20,15 @@ from simulators.devices.slcan_adapter import Frame, SlcanAdapter
 from simulators.devices.source import Fault
 
 TEMPERATURES = [20.0, -3.3]
-JUMO = {"vendor": "jumo"}
+JUMO: dict[str, object] = {"vendor": "jumo"}
 
 
 @asynccontextmanager
-async def bench(node: Cia404Node, node_id: int = 5) -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
+async def bench(node: Cia404Node, node_id: int = 5, **chosen: float) -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
     adapter = SlcanAdapter([node])
     options = {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.1}
     bus = make_bus("can1", "canopen", options)
-    driver = make_device("node", bus, "cia404", node_id, {"a": 0, "b": 1}, JUMO, SystemClock())
+    driver = make_device("node", bus, "cia404", node_id, {"a": 0, "b": 1}, JUMO | chosen, SystemClock())
     try:
         await bus.connect()
         yield adapter, driver
@@ -105,6 +105,57 @@ async def test_garbage_from_the_adapter_is_survived(node: Cia404Node) -> None:
         await driver.connect()
         adapter.send([(0x7FF, b""), (0x000, bytes(8)), (0x705, b""), (0x085, b"\x01")])
         assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def turned(driver: Driver, quality: Quality) -> list[Reading]:
+    """The first readings of that quality; each before it is of the other."""
+    async with asyncio.timeout(5):
+        while (readings := list(await driver.read()))[0].quality is not quality:
+            await asyncio.sleep(0.005)
+    return readings
+
+
+async def test_node_that_answers_without_a_heartbeat_is_stale_until_it_beats_again() -> None:
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=2, heartbeat_ms=50)
+    node.faults.set(1, Fault.OPEN)
+    async with bench(node) as (adapter, driver):
+        node.start(adapter.send)
+        try:
+            await driver.connect()
+            begun = time.monotonic()
+            while time.monotonic() < begun + 0.5:
+                assert (await driver.read())[0].quality is Quality.GOOD
+                await asyncio.sleep(0.01)
+            node.heartbeat_stopped = True
+            stopped = time.monotonic()
+            stale, broken = await turned(driver, Quality.STALE)
+            assert time.monotonic() - stopped >= 2 * 0.05  # three beats less the one that was just sent
+            assert "heartbeat stopped" in stale.detail
+            assert broken.quality is Quality.SENSOR_FAULT
+            await driver.close()
+            await driver.connect()
+            assert (await driver.read())[0].quality is Quality.STALE  # connecting heals nothing
+            node.heartbeat_stopped = False
+            assert (await turned(driver, Quality.GOOD))[0].value == pytest.approx(20.0)
+        finally:
+            node.stop()
+
+
+async def test_consumer_time_of_the_configuration_counts() -> None:
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=2, heartbeat_ms=20)
+    async with bench(node, heartbeat_s=0.4) as (_, driver):  # a node that never beats
+        begun = time.monotonic()
+        await driver.connect()
+        await turned(driver, Quality.STALE)
+        assert 0.4 <= time.monotonic() - begun < 2.0
+
+
+@pytest.mark.parametrize(("sends_ms", "words"), [(0, "never"), (500, "every 0.5 s")])
+async def test_node_that_cannot_keep_the_consumer_time_is_refused(sends_ms: int, words: str) -> None:
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=2, heartbeat_ms=sends_ms)
+    async with bench(node, heartbeat_s=0.4) as (_, driver):
+        with pytest.raises(WrongDevice, match=f"sends its heartbeat {words}, but heartbeat_s = 0.4"):
+            await driver.connect()
 
 
 async def test_another_device_profile_is_refused() -> None:

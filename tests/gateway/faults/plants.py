@@ -19,6 +19,7 @@ from simulators.devices.source import Faults
 from simulators.devices.spoil import Spoil
 
 TIMEOUT_S = 0.03
+HEARTBEAT_MS = 50
 VICTIM, NEIGHBOUR = 1, 2
 TEMPERATURES = [21.0] * 8
 CHANNELS = {"victim": 0, "beside": 1}
@@ -40,6 +41,7 @@ class Plant:
     plug: Callable[[], Awaitable[None]]
     wire: Spoilable | None = None
     adapter: SlcanAdapter | None = None
+    node: Cia404Node | None = None
     retype: Callable[[int], None] = lambda _: None
     """Another type code at the victim's channel 0; 0 is the right one again."""
     stop: list[Callable[[], Awaitable[None]]] = field(default_factory=list)
@@ -121,18 +123,29 @@ async def other() -> Plant:
     return Plant(bus, (driver,), device.faults, host.stop, host.stop, stop=[host.stop])
 
 
-async def slcan(folder: Path) -> Plant:
+async def slcan(folder: Path, heartbeat_ms: int = 0) -> Plant:
     """CANopen by SDO through a serial CAN adapter."""
-    node = Cia404Node(VICTIM, lambda: TEMPERATURES[:2], inputs=2)
+    node = Cia404Node(VICTIM, lambda: TEMPERATURES[:2], inputs=2, heartbeat_ms=heartbeat_ms)
     adapter = SlcanAdapter([node, Cia404Node(NEIGHBOUR, lambda: TEMPERATURES[:2], inputs=2)])
+    node.start(adapter.send)
+
+    async def stop() -> None:
+        node.stop()
+        await adapter.stop()
+
     plug, unplug = _cable(folder / "can", adapter.start, adapter.stop)
     await plug()
     options = {"interface": "slcan", "channel": str(folder / "can"), "timeout_s": TIMEOUT_S}
     bus = make_bus("can", "canopen", options)
     drivers = _pair(bus, "cia404", {"vendor": "jumo"})
-    plant = Plant(bus, drivers, node.faults, unplug, plug, adapter=adapter, stop=[adapter.stop])
+    plant = Plant(bus, drivers, node.faults, unplug, plug, adapter=adapter, node=node, stop=[stop])
     plant.retype = lambda code: node.set_sensor_type(0, code or 30)
     return plant
+
+
+async def slcan_heartbeat(folder: Path) -> Plant:
+    """The same, the victim's heartbeat watched."""
+    return await slcan(folder, HEARTBEAT_MS)
 
 
 async def me_rs485(folder: Path) -> Plant:
@@ -166,3 +179,5 @@ PLANTS: Mapping[str, Callable[[Path], Awaitable[Plant]]] = {
     "me_rs485": me_rs485,
     "me_ethernet": me_ethernet,
 }
+
+PLANTS_OF_ONE_FAULT: Mapping[str, Callable[[Path], Awaitable[Plant]]] = {"slcan_heartbeat": slcan_heartbeat}

@@ -18,7 +18,7 @@ from simulators.devices.modbus_servers import crc16
 from simulators.devices.source import Fault
 from simulators.devices.spoil import Spoil
 from tests.gateway.faults.bench import FAULT_PERIODS, PERIOD_S, Metronome, acquiring, keeps_period
-from tests.gateway.faults.plants import PLANTS, VICTIM, Plant, other
+from tests.gateway.faults.plants import PLANTS, PLANTS_OF_ONE_FAULT, VICTIM, Plant, other
 
 Do = Callable[[Plant], Awaitable[None] | None]
 
@@ -77,6 +77,14 @@ def rebooted(plant: Plant) -> None:
     plant.adapter.send([(0x700 + VICTIM, b"\0")])
 
 
+def heartbeat(stopped: bool) -> Do:
+    def do(plant: Plant) -> None:
+        assert plant.node is not None
+        plant.node.heartbeat_stopped = stopped
+
+    return do
+
+
 def wrong_type(plant: Plant) -> None:
     """Gone, and another device is in its place: seen when it is connected anew."""
     plant.faults.silent = True
@@ -112,6 +120,8 @@ class Case:
     quality: Quality = COMM
     whole_bus: bool = False
     """The fault is one of the wire, so the neighbour on it is gone too; only the other bus is held to its period."""
+    whole_device: bool = False
+    """All channels of the victim turn, not the first alone."""
     kinds: int = 1
     """How many different problems this is in turn, each told once."""
 
@@ -132,6 +142,7 @@ MATRIX = [
     Case("exception code", "tcp", spoilt(lambda f: [(0, tcp_exception(f))]), whole),
     Case("bus-off", "slcan", bus_off(True), bus_off(False), whole_bus=True),
     Case("node reboots", "slcan", silent, rebooted),
+    Case("heartbeat lost", "slcan_heartbeat", heartbeat(True), heartbeat(False), Quality.STALE, whole_device=True),
     *(Case("another type code", plant, wrong_type, right_type, kinds=2) for plant in ("rtu", "tcp", "slcan")),
     *(Case("sensor open", plant, sensor(Fault.OPEN), sensor(None), BROKEN) for plant in ("rtu", "pta", "tcp", "slcan")),
     Case("sensor open", "me_rs485", sensor(Fault.OPEN), sensor(None), BROKEN),
@@ -153,7 +164,7 @@ async def _do(action: Do, plant: Plant) -> None:
 @pytest.mark.parametrize("case", MATRIX, ids=lambda case: f"{case.plant}-{case.fault}".replace(" ", "_"))
 async def test_fault(case: Case, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.WARNING, logger="gateway.acquisition")
-    plant = await PLANTS[case.plant](tmp_path)
+    plant = await {**PLANTS, **PLANTS_OF_ONE_FAULT}[case.plant](tmp_path)
     with Metronome() as metronome:
         async with acquiring(plant, await other()) as heard:
             await heard.until("victim", Quality.GOOD, 0.0, 5.0)
@@ -174,7 +185,9 @@ async def test_fault(case: Case, tmp_path: Path, caplog: pytest.LogCaptureFixtur
     keeps_period([r for r in heard.of("other") if begun <= r.monotonic_s < ended], slack_s)
     if not case.whole_bus and len(plant.drivers) > 1:
         keeps_period([r for r in heard.of("neighbour") if begun <= r.monotonic_s < ended], slack_s)
-    if case.quality is not COMM and "beside" in plant.drivers[0].channels:
+    if case.whole_device:
+        assert {r.quality for r in heard.of("beside", turned.monotonic_s) if r.monotonic_s < ended} == {case.quality}
+    elif case.quality is not COMM and "beside" in plant.drivers[0].channels:
         assert {r.quality for r in heard.of("beside")} == {Quality.GOOD}
     told: dict[str, int] = {}
     for notice in heard.notices:
