@@ -91,6 +91,7 @@ def pso(
     tolerance: float,
     safety: float,
     least_log_share: float,
+    most: int,
     draws: NDArray[float64],
     pull: float,
     inertia_first: float,

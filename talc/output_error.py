@@ -75,8 +75,10 @@ def fit(design: Design, coefficients: tuple[int, ...], y: FloatArray, ridge: flo
 
     coefficients: of each offered input, 0: not in the model; y: (n,) scaled outputs; ridge: added to the normal
     equations' diagonal per row; blocks: consecutive parts of equal length that are left out in turn: what a fit leaves
-    on its own rows says too little of what it will leave on other days.
+    on its own rows says too little of what it will leave on other days. ValueError: fewer than two blocks, or rows.
     """
+    if not 2 <= blocks <= len(y):
+        raise ValueError(f"blocks = {blocks} for {len(y)} rows: expected at least 2, and a row for each")
     picked = design.of(coefficients)
     x = np.column_stack([design.columns[:, picked] / design.scale[picked], design.nuisance])
     damping = np.concatenate([np.full(len(picked), ridge * len(y)), np.zeros(design.nuisance.shape[1])])

@@ -47,6 +47,7 @@ def select(
     criterion: Criterion = "adapted_bic",
     tolerance: float = 5.0,
     safety: float = 0.75,
+    most: int | None = None,
     swarm: int = SWARM,
     iterations: int = ITERATIONS,
     progress: Progress | None = None,
@@ -54,7 +55,7 @@ def select(
     """Penalty, inputs and orders of least criterion.
 
     regression: rows at the largest orders; seed: of the swarm; tolerance: T of the adapted BIC, µm or µm/m; safety:
-    its ST.
+    its ST; most: inputs in a model, None: any number.
     ValueError: fewer than two rows.
     """
     if len(regression.y) < 2:
@@ -88,6 +89,7 @@ def select(
         tolerance,
         safety,
         math.log(_LEAST_SHARE),
+        n_inputs if most is None else most,
         draws,
         _PULL,
         *_INERTIA,

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from talc import pso, tck
+from talc._kernel import Progress
 from talc.arx import Regression, guarded_fit, least_squares_fit, refine, simulate
+from talc.criteria import bic
 from talc.frame import FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.output_error import fit
@@ -33,10 +35,15 @@ class Found:
 
 
 def by_search(
-    candidates: Candidates, y: FloatArray, most: int, fixed: tuple[int, ...] | None, settings: TrainingSettings
+    candidates: Candidates,
+    y: FloatArray,
+    most: int,
+    fixed: tuple[int, ...] | None,
+    settings: TrainingSettings,
+    within: Progress | None,
 ) -> Found:
-    """An output-error model (talc.search). y: (n,) measured rows; fixed: inputs to keep."""
-    best = candidates.choose(y, most, fixed, judged_by=settings.judged_by)
+    """An output-error model (talc.search). y: (n,) measured rows; fixed: inputs to keep; within: may end it early."""
+    best = candidates.choose(y, most, fixed, within, settings.judged_by)
     fitted = fit(best.design, best.coefficients, y, RIDGE, BLOCKS)
     denominator = np.atleast_1d(np.poly(best.design.poles))
     return Found(
@@ -51,7 +58,9 @@ def by_search(
     )
 
 
-def by_arx(window: Window, fixed: tuple[int, ...] | None, error: str, settings: TrainingSettings) -> Found:
+def by_arx(
+    window: Window, fixed: tuple[int, ...] | None, error: str, settings: TrainingSettings, within: Progress | None
+) -> Found:
     """An ARX model as in the papers; a measurement replaces its past outputs.
 
     ValueError: too few rows with measured earlier outputs, or an unstable model; RuntimeError: no guarded fit.
@@ -60,13 +69,19 @@ def by_arx(window: Window, fixed: tuple[int, ...] | None, error: str, settings: 
     seed = settings.seed * len(THERMAL_ERRORS) + THERMAL_ERRORS.index(error)
     criterion = np.nan
     if fixed is not None:
-        structure = Structure(settings.max_na, fixed, (settings.max_nb,) * len(fixed))
+        structure = _orders(regression, fixed)
     elif settings.selector == "tck":
         structure = tck.select(regression, seed=seed, most=settings.max_inputs)
     else:
         tolerance = settings.tolerance_um if ERROR_UNITS[error] == MICROMETRE else settings.tolerance_um_per_m
         chosen = pso.select(
-            regression, seed=seed, criterion=settings.criterion, tolerance=tolerance, safety=settings.safety
+            regression,
+            seed=seed,
+            criterion=settings.criterion,
+            tolerance=tolerance,
+            safety=settings.safety,
+            most=settings.max_inputs,
+            progress=within,
         )
         structure, criterion = chosen.structure, chosen.criterion
     free = settings.estimator == "least_squares"
@@ -88,3 +103,18 @@ def by_arx(window: Window, fixed: tuple[int, ...] | None, error: str, settings: 
         leverage_limit=0.0,
         resets_history=True,
     )
+
+
+def _orders(regression: Regression, inputs: tuple[int, ...]) -> Structure:
+    """The orders of least BIC for inputs that are kept (Z22: static inputs)."""
+
+    def cost(structure: Structure) -> float:
+        residual = least_squares_fit(regression, structure).residual
+        return bic(residual, 1 + structure.na + sum(nb + 1 for nb in structure.nb))
+
+    offered = [
+        Structure(na, inputs, (nb,) * len(inputs))
+        for na in range(regression.na + 1)
+        for nb in range(regression.nb + 1 if inputs else 1)
+    ]
+    return min(offered, key=cost)

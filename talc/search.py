@@ -5,10 +5,10 @@ and judged on that one: n ln(SSE / n) + ln(n) (poles + coefficients), a BIC on u
 always seen, because the decay of the unknown first state shows only there. All of it rests on each block's Gram
 matrix, so its cost does not grow with the record.
 
-Single steps (an input less, more, exchanged, an order up or down) go on while the cost falls. They start from the sets
-on the Group-LASSO path: the path alone adds inputs in clumps, and its bias favours strong wrong inputs over weak right
-ones; single steps alone begin from nothing. Each choice of poles is searched by itself, because the way from one's best
-set to another's may lead uphill.
+Single steps (an input less, more, exchanged, an order up or down) go on while the cost falls. They start from the best
+set on the Group-LASSO path: the path alone adds inputs in clumps, and its bias favours strong wrong inputs over weak
+right ones; single steps alone begin from nothing. Each choice of poles is searched by itself, because the way from
+one's best set to another's may lead uphill.
 """
 
 import math
@@ -78,7 +78,7 @@ class Candidates:
     ) -> Choice:
         """The best model of y (n,), in scaled units.
 
-        most: largest number of inputs; fixed: these inputs at full order, only poles are chosen; progress: reports the
+        most: largest number of inputs; fixed: these inputs, only poles and orders are chosen; progress: reports the
         share done and may stop the search, which then answers with the best so far; judged_by: residuals of blocks
         left out, or of all rows as in the plain BIC.
         """

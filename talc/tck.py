@@ -65,18 +65,16 @@ def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> 
     prior = spread * b0 * np.exp(-a0 * (time[:, None] - time[None, :]) ** 2) + 1e-6 * np.eye(length)
     precision = np.linalg.inv(prior)
     assigned = np.eye(components)[draw.integers(0, components, some.size)]
+    mean = np.tile(prior_mean, (components, 1))
     for _ in range(_EM_STEPS):
         share = assigned.mean(axis=0)
-        mean, std = np.empty((components, length)), np.empty(components)
-        for g in range(components):
-            weight = assigned[:, g : g + 1] * r
-            centre = (weight * x).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-9)
-            centre = np.where(weight.sum(axis=0) > 0.0, centre, prior_mean)
-            square = (weight * (x - centre) ** 2).sum()
-            variance = (n0 * spread**2 + square) / (n0 + weight.sum())
-            system = precision + np.diag(weight.sum(axis=0)) / variance
-            mean[g] = np.linalg.solve(system, precision @ prior_mean + (weight * x).sum(axis=0) / variance)
-            std[g] = np.sqrt(variance)
+        weight = assigned.T @ r
+        first, second = assigned.T @ (r * x), assigned.T @ (r * x**2)
+        square = (second - 2.0 * mean * first + weight * mean**2).sum(axis=1)
+        variance = (n0 * spread**2 + np.maximum(square, 0.0)) / (n0 + weight.sum(axis=1))
+        system = precision + np.einsum("gt,tu->gtu", weight / variance[:, None], np.eye(length))
+        mean = np.linalg.solve(system, (precision @ prior_mean + first / variance[:, None])[:, :, None])[:, :, 0]
+        std = np.sqrt(variance)
         assigned = _posterior(x, r, share, mean, std)
     return _posterior(values, known.astype(np.float64), share, mean, std)
 

@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
+from talc._kernel import Progress
 from talc.disturbance import Disturbance, disturbance_of
 from talc.frame import BoolArray, FloatArray, TrainingJob
 from talc.models import ErrorModel, ModelSet
@@ -34,6 +35,7 @@ def train(
     *,
     progress: Callable[[float], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    within: Progress | None = None,
 ) -> ModelSet:
     """Models of the nine errors.
 
@@ -43,7 +45,8 @@ def train(
     rows whose earlier outputs were measured too. An error with fewer than 24 measured rows gets no model, nor does one
     whose model would be unstable.
 
-    progress: told the share done, 0 to 1; cancelled: asked between errors. Raises Cancelled.
+    progress: told the share done, 0 to 1; cancelled: asked between errors; within: of the error under way, and
+    its `cancel` ends the training from another thread. Raises Cancelled.
     """
     offer, notes = _offered(job)
     known: dict[bytes, Candidates] = {}
@@ -68,15 +71,17 @@ def train(
                 designs = [Design.make(offer.scaled, poles, lags, rows) for poles in _pole_sets(job.settings)]
                 known[key] = Candidates(designs, len(offer.names))
             found: Found = by_search(
-                known[key], y[rows], min(job.settings.max_inputs, len(offer.names)), fixed, job.settings
+                known[key], y[rows], min(job.settings.max_inputs, len(offer.names)), fixed, job.settings, within
             )
         else:
             try:
-                found = by_arx(Window(offer.scaled, y, y, y_std), fixed, error, job.settings)
+                found = by_arx(Window(offer.scaled, y, y, y_std), fixed, error, job.settings, within)
             except (ValueError, RuntimeError) as problem:
                 models.append(None)
                 notes.append(f"{error}: no model, {problem}")
                 continue
+        if within is not None and within.cancelled:
+            raise Cancelled
         models.append(_model(error, measured, found, offer, y_mean, y_std))
         if progress is not None:
             progress((e + 1) / len(THERMAL_ERRORS))

@@ -21,6 +21,7 @@ struct ArxProblem {
     const double *own, *across;            // (orders + 1, 1 + orders), (orders + 1, 1 + orders, P)
     const double *u, *y;                   // (T, inputs), (T) with NaN where not measured
     size_t rows;
+    size_t most;                           // inputs that a model may have
 };
 
 // A candidate's free run and what it costs; see talc.criteria.
@@ -28,7 +29,7 @@ class ArxCandidate {
    public:
     ArxCandidate(const ArxProblem &problem, int criterion, double scale, double tolerance, double safety)
         : p_(problem), criterion_(criterion), scale_(scale), tolerance_(tolerance), safety_(safety),
-          first_(problem.inputs), size_(problem.inputs) {
+          first_(problem.inputs), size_(problem.inputs), own_(1 + problem.orders) {
         for (size_t s = 0; s < p_.inputs; ++s) first_[s] = s * p_.lags;
     }
 
@@ -41,7 +42,7 @@ class ArxCandidate {
         gap = lasso_.solve(penalty, 1e-8, 100).gap;
         const auto &theta = lasso_.theta();
         const auto &columns = lasso_.columns();
-        double a[1 + 8];
+        double *a = own_.data();
         for (size_t i = 0; i <= na; ++i) {
             a[i] = p_.own[na * (1 + p_.orders) + i];
             const double *row = p_.across + (na * (1 + p_.orders) + i) * P;
@@ -56,12 +57,10 @@ class ArxCandidate {
             ++chosen, orders += size_[s] - 1, parameters += size_[s];
             for (size_t j = 0; j < size_[s]; ++j) used_.push_back({s, j, theta[c + j]});
         }
-        active = chosen;
-        return judge(a, na, orders, chosen, parameters);
+        return chosen > p_.most ? 1e9 : judge(a, na, orders, chosen, parameters);
     }
 
     double penalty = 0.0, gap = 0.0;
-    size_t active = 0;
 
    private:
     struct Term {
@@ -104,6 +103,7 @@ class ArxCandidate {
     int criterion_;
     double scale_, tolerance_, safety_;
     std::vector<size_t> first_, size_;
+    std::vector<double> own_;
     std::vector<Term> used_;
     std::vector<double> run_;
     GroupLasso lasso_;
@@ -113,13 +113,13 @@ class ArxCandidate {
 // 2, 2 + N); the first row of the first block places the particles.
 inline std::tuple<double, std::vector<int>, double, double> pso(
     Stack3 gram, Matrix moment, Vector energy, Matrix own, Stack3 across, Matrix u, Vector y, size_t lags,
-    int criterion, double scale, double tolerance, double safety, double least_log_share, Stack4 draws,
+    int criterion, double scale, double tolerance, double safety, double least_log_share, size_t most, Stack4 draws,
     double pull, double inertia_first, double inertia_last, Progress *progress) {
     nb::gil_scoped_release release;
     const size_t N = u.shape(1), orders = gram.shape(0) - 1, D = N + 2;
     const size_t swarm = draws.shape(1), iterations = draws.shape(0) - 1;
     const ArxProblem problem{N, lags, orders, gram.data(), moment.data(), energy.data(), own.data(), across.data(),
-                             u.data(), y.data(), u.shape(0)};
+                             u.data(), y.data(), u.shape(0), most};
     ArxCandidate candidate(problem, criterion, scale, tolerance, safety);
     std::vector<double> low(D, 0.0), high(D, static_cast<double>(lags) - 1.0);
     low[0] = least_log_share, high[0] = 0.0, high[1] = static_cast<double>(orders);
@@ -166,7 +166,7 @@ inline std::tuple<double, std::vector<int>, double, double> pso(
 inline void bind_pso(nb::module_ &m) {
     m.def("pso", &pso, nb::arg("gram"), nb::arg("moment"), nb::arg("energy"), nb::arg("own"), nb::arg("across"),
           nb::arg("u"), nb::arg("y"), nb::arg("lags"), nb::arg("criterion"), nb::arg("scale"), nb::arg("tolerance"),
-          nb::arg("safety"), nb::arg("least_log_share"), nb::arg("draws"), nb::arg("pull"), nb::arg("inertia_first"),
+          nb::arg("safety"), nb::arg("least_log_share"), nb::arg("most"), nb::arg("draws"), nb::arg("pull"), nb::arg("inertia_first"),
           nb::arg("inertia_last"), nb::arg("progress").none(), "Particle swarm over penalty and orders; see talc.pso.");
 }
 }  // namespace talc

@@ -125,7 +125,8 @@ class SetSearch {
         return value;
     }
 
-    Set best(Set set) {
+    // With fixed inputs only their orders are stepped.
+    Set best(Set set, bool fixed_inputs) {
         for (;;) {
             Set next = set;
             double least = cost(set);
@@ -140,10 +141,11 @@ class SetSearch {
                 if (set[s]) {
                     for (int step : {-1, 1}) {
                         const int order = set[s] + step;
-                        if (order < 0 || order > static_cast<int>(lags_)) continue;
+                        if (order < 1 || order > static_cast<int>(lags_)) continue;
                         other[s] = static_cast<char>(order);
                         consider(other);
                     }
+                    if (fixed_inputs) continue;
                     other[s] = 0;
                     consider(other);
                     for (size_t t = 0; t < set.size(); ++t) {
@@ -152,7 +154,7 @@ class SetSearch {
                         consider(other);
                         other[t] = 0;
                     }
-                } else if (used < most_) {
+                } else if (!fixed_inputs && used < most_) {
                     for (size_t order = 1; order <= std::min<size_t>(lags_, 2); ++order) {
                         other[s] = static_cast<char>(order);
                         consider(other);
@@ -197,7 +199,7 @@ inline std::tuple<size_t, std::vector<int>, double> search(Stack4 gram, Stack3 m
             const double value = search.cost(set);
             if (value < first_cost) first_cost = value, first = set;
         }
-        const Set found = fixed_inputs ? first : search.best(first);
+        const Set found = search.best(first, fixed_inputs);
         const double value = search.cost(found);
         if (value < least) least = value, answer = found, chosen = d;
         if (progress) {

@@ -159,7 +159,7 @@ def test_too_few_rows_and_wrong_orders_are_refused() -> None:
 @pytest.mark.parametrize(("c", "expected"), [(0.0, -0.8), (-0.8, -0.588)])
 def test_a_published_example_of_least_squares_and_coloured_noise(c: float, expected: float) -> None:
     # Söderström & Stoica, System Identification (1989), example 2.3: y + a y[k-1] = b u[k-1] + e + c e[k-1] with
-    # a = -0.8, b = 1, white u and e of variance 1. Least squares tends to a - c (1 - a²) / (b² + 1 + c² - 2 a c); b stays.
+    # a = -0.8, b = 1, white u and e of variance 1. Least squares tends to a - c (1 - a²) / (b² + 1 + c² - 2 a c).
     draw = np.random.default_rng(0)
     steps = 200_000
     u, e = draw.normal(size=(2, steps))

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from talc._kernel import Progress
 from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
 from talc.output_error import Design, fit
@@ -201,3 +202,33 @@ def test_designs_and_fits_that_cannot_be_are_refused() -> None:
         Design.make(u, (1.0,), 1, rows)
     with pytest.raises(ValueError, match="blocks = 1"):
         fit(Design.make(u, (0.9,), 1, rows), (1,), u[:, 0], 1e-4, 1)
+
+
+@pytest.mark.parametrize("selector", ["search", "pso"])
+def test_a_selection_under_way_can_be_ended_from_another_thread(selector: str) -> None:
+    s = series(288, seed=6)
+    progress = Progress()
+    progress.cancel()
+    with pytest.raises(Cancelled):
+        train(job(s, settings=TrainingSettings(selector=selector)), within=progress)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("selector", ["search", "pso"])
+def test_static_inputs_stay_and_their_orders_are_renewed(selector: str) -> None:
+    s = series(400, seed=6)
+    keep = tuple((s.names[e], s.names[e + 3]) for e in range(9))
+    settings = TrainingSettings(selector=selector, max_na=2, max_nb=3)  # type: ignore[arg-type]
+    models = train(job(s, settings=settings, static_inputs=keep)).models
+    assert [m.inputs for m in models if m is not None] == list(keep)
+    orders = {b.size for m in models if m is not None for b in m.b}
+    assert max(orders) < 4  # the truth has one coefficient per input
+
+
+def test_no_selector_takes_more_inputs_than_allowed() -> None:
+    s = series(288, seed=6)
+    s.measured[:, 2:] = np.nan
+    for selector in ("search", "pso", "tck"):
+        settings = TrainingSettings(selector=selector, max_inputs=1)
+        model = train(job(s, settings=settings)).models[0]
+        assert model is not None
+        assert len(model.inputs) <= 1
