@@ -1,4 +1,4 @@
-"""`python -m benchmarks [SUBJECT ...]`: run, print, and renew the table in README.md when all subjects ran."""
+"""`python -m benchmarks [SUBJECT ...]`: run, print, and renew the subjects' tables in README.md."""
 
 import importlib
 import os
@@ -8,22 +8,21 @@ from pathlib import Path
 
 _SUBJECTS = ("group_lasso", "selection", "footprint", "unseen_days")
 _README = Path(__file__).parents[1] / "README.md"
-_BLOCK = re.compile(r"(<!-- benchmarks -->\n).*?(<!-- /benchmarks -->)", re.DOTALL)
 
 
 def main(wanted: list[str]) -> None:
     unknown = set(wanted) - set(_SUBJECTS)
     if unknown:
         raise SystemExit(f"no such subject: {', '.join(sorted(unknown))}; there are {', '.join(_SUBJECTS)}")
-    lines = ["| work | here | peer | goal |", "|---|---|---|---|"]
     for subject in wanted or _SUBJECTS:
+        lines = ["| work | here | beside it | goal |", "|---|---|---|---|"]
         for row in importlib.import_module(f"benchmarks.{subject}").rows():
             lines.append(f"| {row.work} | {row.ours} | {row.peer} | {row.goal} |")
-            print(lines[-1], flush=True)
-    if not wanted:
-        text = _README.read_text(encoding="utf-8")
         table = "\n".join(lines) + "\n"
-        _README.write_text(_BLOCK.sub(lambda m: m[1] + table + m[2], text), encoding="utf-8")
+        print(table, flush=True)
+        block = re.compile(rf"(<!-- benchmark {subject} -->\n).*?(<!-- end -->)", re.DOTALL)
+        text = _README.read_text(encoding="utf-8")
+        _README.write_text(block.sub(lambda m, t=table: m[1] + t + m[2], text), encoding="utf-8")
 
 
 if __name__ == "__main__":

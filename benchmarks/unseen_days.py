@@ -21,7 +21,7 @@ from talc.training import train
 
 _DAY, _HOURS = 288, 96
 _SEEDS = range(8)
-_REPEATS = 5
+_REPEATS = 4
 
 
 @dataclass(frozen=True, slots=True)
