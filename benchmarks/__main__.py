@@ -2,9 +2,10 @@
 
 import importlib
 import os
-import re
 import sys
 from pathlib import Path
+
+from benchmarks.rows import Row
 
 _SUBJECTS = ("group_lasso", "selection", "footprint", "unseen_days")
 _README = Path(__file__).parents[1] / "README.md"
@@ -15,14 +16,15 @@ def main(wanted: list[str]) -> None:
     if unknown:
         raise SystemExit(f"no such subject: {', '.join(sorted(unknown))}; there are {', '.join(_SUBJECTS)}")
     for subject in wanted or _SUBJECTS:
+        rows: list[Row] = importlib.import_module(f"benchmarks.{subject}").rows()
         lines = ["| work | here | beside it | goal |", "|---|---|---|---|"]
-        for row in importlib.import_module(f"benchmarks.{subject}").rows():
-            lines.append(f"| {row.work} | {row.ours} | {row.peer} | {row.goal} |")
+        lines += [f"| {row.work} | {row.ours} | {row.peer} | {row.goal} |" for row in rows]
         table = "\n".join(lines) + "\n"
         print(table, flush=True)
-        block = re.compile(rf"(<!-- benchmark {subject} -->\n).*?(<!-- end -->)", re.DOTALL)
-        text = _README.read_text(encoding="utf-8")
-        _README.write_text(block.sub(lambda m, t=table: m[1] + t + m[2], text), encoding="utf-8")
+        head, begin, rest = _README.read_text(encoding="utf-8").partition(f"<!-- benchmark {subject} -->\n")
+        _, end, tail = rest.partition("<!-- end -->")
+        if begin and end:
+            _README.write_text(head + begin + table + end + tail, encoding="utf-8")
 
 
 if __name__ == "__main__":
