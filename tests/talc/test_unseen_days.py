@@ -1,0 +1,30 @@
+"""The whole loop on days that no training saw: never worse than the last measurement held, and honest about itself."""
+
+import numpy as np
+import pytest
+
+from benchmarks.unseen_days import WAYS, Outcome, run
+
+
+@pytest.fixture(scope="module")
+def outcomes() -> list[Outcome]:
+    """The default way on the machine itself and on three others of its kind."""
+    return [run(WAYS[0], kind, seed) for kind, seed in (("day", 0), ("axes", 1), ("day", 2), ("axes", 3))]
+
+
+def test_no_error_is_corrected_worse_than_by_its_last_measurement(outcomes: list[Outcome]) -> None:
+    ratio = np.array([o.rms / o.hold for o in outcomes])
+    assert ratio.max() < 1.0
+    assert np.exp(np.log(ratio).mean()) < 0.4  # the goal is 0.6
+
+
+def test_95_percent_intervals_hold_the_truth_on_90_to_99_percent_of_rows(outcomes: list[Outcome]) -> None:
+    inside = np.concatenate([o.inside for o in outcomes])
+    assert 0.90 <= inside.mean() <= 0.99
+
+
+def test_measuring_by_uncertainty_trades_measurements_for_error() -> None:
+    """Wider limits on uncertainty: fewer measurements, larger errors; both ends of the same front."""
+    often, seldom = (run(way, "day", 0) for way in (WAYS[5], WAYS[7]))
+    assert often.measurements > seldom.measurements
+    assert np.log(often.rms).mean() < np.log(seldom.rms).mean()
