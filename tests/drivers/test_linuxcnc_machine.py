@@ -1,0 +1,89 @@
+"""The files of deploy/nc/linuxcnc in the real LinuxCNC: it starts, homes and moves, and its compensation is bounded and
+slewed; an emergency stop does not touch it. Needs Debian's linuxcnc-uspace.
+"""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from tests.drivers.linuxcnc_machine import Machine, machine
+
+pytestmark = pytest.mark.peer
+
+SLEW_MM_PER_S = 1e-3
+
+
+@pytest.fixture
+async def nc(tmp_path: Path) -> AsyncIterator[Machine]:
+    async with machine(tmp_path) as running:
+        await running.ask("switch_on")
+        await running.ask("home")
+        yield running
+
+
+async def reaches(nc: Machine, signal: str, value: float) -> float:
+    """Seconds until the signal has this value."""
+    began = time.monotonic()
+    async with asyncio.timeout(10.0):
+        while await nc.number("gets", signal) != pytest.approx(value, abs=1e-9):
+            await asyncio.sleep(0.01)
+    return time.monotonic() - began
+
+
+async def test_homed_control_turns_the_table_and_ends_by_itself(tmp_path: Path) -> None:
+    async with machine(tmp_path) as nc:
+        await nc.ask("switch_on")
+        await nc.ask("home")
+        assert (await nc.ask("state"))["homed"] == [1] * 5
+        await nc.ask("mdi", "G53 G0 X10 Y-20 Z30 A-90 C270")
+        assert (await nc.ask("state"))["position"] == pytest.approx([10.0, -20.0, 30.0, -90.0, 270.0], abs=1e-6)
+    assert nc.process.returncode == 0
+    assert not (tmp_path / "linuxcnc.lock").exists()
+
+
+async def test_compensation_moves_the_drive_slowly_and_the_control_does_not_see_it(nc: Machine) -> None:
+    await nc.ask("mdi", "G53 G0 X5")
+    began = time.monotonic()
+    await nc.ask("hal", "sets", "talc-x", "0.003")
+    half_way = await nc.number("gets", "talc-x-in-force")
+    assert half_way <= SLEW_MM_PER_S * (time.monotonic() - began)
+    await reaches(nc, "talc-x-in-force", 0.003)
+    assert time.monotonic() - began >= 0.003 / SLEW_MM_PER_S * 0.98
+    assert await nc.number("gets", "x-drive") == pytest.approx(5.003, abs=1e-6)
+    assert (await nc.ask("state"))["position"][0] == pytest.approx(5.0, abs=1e-6)
+    assert await nc.number("gets", "y-drive") == 0.0
+
+
+async def test_compensation_beyond_the_bound_stops_at_the_bound(nc: Machine) -> None:
+    await nc.ask("hal", "setp", "talc-limit-z.maxv", "1")  # not to wait 200 s
+    await nc.ask("hal", "sets", "talc-z", "-5")
+    await reaches(nc, "talc-z-in-force", -0.2)
+    await nc.ask("mdi", "G53 G0 Z10")
+    assert await nc.number("gets", "z-drive") == pytest.approx(9.8, abs=1e-6)
+
+
+async def test_emergency_stop_and_homing_again_leave_the_compensation_where_it_is(nc: Machine) -> None:
+    await nc.ask("hal", "sets", "talc-y", "0.002")
+    await reaches(nc, "talc-y-in-force", 0.002)
+    await nc.ask("estop")
+    assert not (await nc.ask("state"))["on"]
+    assert await nc.number("gets", "talc-y-in-force") == 0.002
+    assert await nc.number("gets", "y-drive") == pytest.approx(0.002, abs=1e-9)
+    await nc.ask("switch_on")
+    await nc.ask("home")
+    assert await nc.number("gets", "y-drive") == pytest.approx(0.002, abs=1e-9)
+    assert (await nc.ask("state"))["position"][1] == pytest.approx(0.0, abs=1e-9)
+
+
+async def test_two_machines_run_beside_each_other(nc: Machine, tmp_path_factory: pytest.TempPathFactory) -> None:
+    async with machine(tmp_path_factory.mktemp("second")) as other:
+        await other.ask("switch_on")
+        await other.ask("home")
+        await other.ask("mdi", "G53 G0 A30")
+        assert (await other.ask("state"))["position"][3] == pytest.approx(30.0, abs=1e-6)
+        assert (await nc.ask("state"))["position"][3] == 0.0
+    await nc.ask("mdi", "G53 G0 A10")
+    assert (await nc.ask("state"))["position"][3] == pytest.approx(10.0, abs=1e-6)
