@@ -30,7 +30,7 @@ types: $(VENV)/.ready
 imports: $(VENV)/.ready
 	$(BIN)/lint-imports
 
-# Tests against programs of others (libmodbus, node-opcua) need Debian and npm packages; .ci/run installs them.
+# Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them.
 TESTS ?= -m "not peer"
 
 test: lint types imports

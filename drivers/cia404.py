@@ -174,13 +174,15 @@ class Cia404Device:
         """The TPDOs that hold what we want; each must be sent after every SYNC. Raises WrongDevice."""
         found: list[PdoMap] = []
         for number in range(TPDOS):
-            cob_id, kind, count = await self._upload(
-                [
-                    CanObject(COMMUNICATION + number, 1),
-                    CanObject(COMMUNICATION + number, 2),
-                    CanObject(MAPPING + number, 0),
-                ]
-            )
+            description = [
+                CanObject(COMMUNICATION + number, 1),
+                CanObject(COMMUNICATION + number, 2),
+                CanObject(MAPPING + number, 0),
+            ]
+            try:
+                cob_id, kind, count = await self._upload(description)
+            except Refused:  # the node has fewer TPDOs
+                continue
             entries = await self._upload([CanObject(MAPPING + number, i + 1) for i in range(min(count[0], 8))])
             try:
                 pdo = pdo_map(int.from_bytes(cob_id, "little"), [int.from_bytes(entry, "little") for entry in entries])

@@ -1,13 +1,7 @@
-"""The driver against another maker's OPC UA stack (node-opcua), so that two mistakes of one library cannot agree.
-
-Needs Node.js; the first run fetches the locked packages into tests/drivers/peers/node_opcua/node_modules.
-"""
+"""The driver against another maker's OPC UA stack (node-opcua), so that two mistakes of one library cannot agree."""
 
 import asyncio
-import shutil
-import subprocess
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 import pytest
@@ -20,50 +14,19 @@ from drivers.base import ConnectError, DriverError, Refused, SystemClock, WrongD
 from drivers.nc import OperatingMode, ProbingState, ProgramState
 from drivers.sinumerik import Sinumerik
 from drivers.sinumerik_settings import SinumerikSettings
+from tests.drivers.npm_peer import node_with, running
 
 pytestmark = pytest.mark.peer
-
-PEER = Path(__file__).parent / "peers" / "node_opcua"
 
 
 @pytest.fixture(scope="module")
 def node() -> str:
-    """The Node.js program, with the peer's packages in place."""
-    program, npm = shutil.which("node"), shutil.which("npm")
-    assert program is not None, "Node.js is missing: install Debian's nodejs and npm"
-    assert npm is not None, "npm is missing: install Debian's npm"
-    if not (PEER / "node_modules" / "node-opcua").is_dir():
-        command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
-        done = subprocess.run(command, cwd=PEER, capture_output=True, text=True, timeout=300, check=False)
-        assert done.returncode == 0, f"npm ci failed: {done.stderr[-2000:]}"
-    return program
+    return node_with("node_opcua", "node-opcua")
 
 
-@asynccontextmanager
-async def peer(node: str, *arguments: Path) -> AsyncIterator[tuple[str, asyncio.subprocess.Process]]:
-    """The server, from its URL until its standard input ends."""
-    process = await asyncio.create_subprocess_exec(
-        node,
-        str(PEER / "server.js"),
-        *map(str, arguments),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.DEVNULL,
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    try:
-        async with asyncio.timeout(30.0):
-            while b"listening on" not in (line := await process.stdout.readline()):
-                assert line, "the peer ended without listening"
-        yield line.decode().split()[-1], process
-    finally:
-        process.stdin.close()
-        try:
-            await asyncio.wait_for(process.wait(), 5.0)
-        except TimeoutError:
-            process.kill()
-            await process.wait()
+def peer(node: str, *arguments: Path) -> AbstractAsyncContextManager[tuple[str, asyncio.subprocess.Process]]:
+    """The server with its URL."""
+    return running(node, "node_opcua/server.js", *arguments)
 
 
 async def done(nc: Sinumerik, number: int) -> tuple[tuple[float, float, float], ...]:
