@@ -36,6 +36,7 @@ class BenchMachine:
 
     def __init__(self, seed: int, clock: SharedClock, hours: float) -> None:
         self._clock = clock
+        self._truth: list[list[float]] = []
         self._epoch_s = clock.utc().timestamp() - clock.monotonic()
         start_hour = clock.utc().hour + clock.utc().minute / 60.0
         program = _day(seed, hours, start_hour)
@@ -58,6 +59,8 @@ class BenchMachine:
                 coolant_on=loads.coolant >= 0.5,
             )
             self.plant.advance(IDLE_S + begin + STEP_S, drive)
+            if (begin + STEP_S) % TRUTH_STEP_S == 0.0:
+                self._truth.append(self._row(begin + STEP_S))
 
     def tool_deviation_um(
         self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
@@ -86,12 +89,15 @@ class BenchMachine:
 
         return values
 
-    def truth(self, time_s: float) -> list[float]:
-        """One row of TRUTH_COLUMNS at a time until now."""
-        self.advance(time_s)
+    def truth(self) -> list[list[float]]:
+        """Rows of TRUTH_COLUMNS since the last call, noted as the plant passed them: later it has no past to ask."""
+        rows, self._truth = self._truth, []
+        return rows
+
+    def _row(self, time_s: float) -> list[float]:
         state = self.control.nck.state(time_s)
         x, y, z, a, c = (state.positions[axis] for axis in ("X", "Y", "Z", "A", "C"))
-        deviation = self.tool_deviation_um(time_s, x, y, z, a, c)
+        deviation = [float(v) for v in self.plant.deviation_um(x, y, z, a, c)]
         shift = self.control.nck.shift_um((x, y, z))
         left = [d - s for d, s in zip(deviation, shift, strict=True)]
         return [self._epoch_s + time_s, *map(float, self.plant.errors()), *deviation, *left, float(state.probing)]
@@ -120,5 +126,6 @@ class TruthRecorder:
             due = 0.0
             while not stopped():
                 await self._clock.sleep_until(due)
-                writer.writerow([f"{v:.12g}" for v in self._machine.truth(due)])
-                due += TRUTH_STEP_S
+                self._machine.advance(self._clock.monotonic())
+                writer.writerows([f"{v:.12g}" for v in row] for row in self._machine.truth())
+                due = self._clock.monotonic() + TRUTH_STEP_S
