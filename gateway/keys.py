@@ -139,6 +139,11 @@ def compensation(w: Write) -> Payload:
     }
 
 
+def status(phase: str | None, k: int | None, readings_dropped: int, config: str | None) -> Payload:
+    """`status`: the latest decision, and the fingerprint of the configuration that really runs; null before each."""
+    return {"phase": phase, "k": k, "readings_dropped": readings_dropped, "config": config}
+
+
 def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 

@@ -31,6 +31,12 @@ CREATE TABLE compensation (id INTEGER PRIMARY KEY, time TEXT NOT NULL, mode TEXT
 CREATE INDEX compensation_time ON compensation (time);
 """
 
+ADDED = """
+CREATE TABLE IF NOT EXISTS running (id INTEGER PRIMARY KEY, boot INTEGER NOT NULL, began TEXT NOT NULL,
+    config TEXT NOT NULL, fingerprint TEXT NOT NULL);
+"""
+"""What later programs added; a file without it is read as one in which nothing of it happened."""
+
 
 class StoreError(Exception):
     """The database cannot be used; the message says which file, why and what to do."""
@@ -93,6 +99,8 @@ def make_schema(path: Path) -> None:
             if version == 0 and not foreign:
                 # One transaction: a power cut leaves either no table or all of them.
                 connection.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
+            if version in (0, SCHEMA_VERSION) and not foreign:
+                connection.executescript(ADDED)
     except sqlite3.Error as error:
         raise StoreError(f"{path}: is not a database of this gateway: {error}") from error
     if foreign:

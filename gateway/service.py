@@ -50,6 +50,7 @@ class Service:
     outlet: told of everything
     past: the controller and what else an earlier run left
     decided: told of every decision after it was stored
+    configured: told of the configuration that runs from now on: at the start and after each reload that took effect
     """
 
     def __init__(
@@ -59,8 +60,10 @@ class Service:
         outlet: Outlet,
         past: Past,
         decided: Callable[[Decision], None] = lambda _: None,
+        configured: Callable[[GatewayConfig], None] = lambda _: None,
     ) -> None:
         self._config, self._clock, self._outlet, self._past, self._decided = config, clock, outlet, past, decided
+        self._configured = configured
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
         self._schedule = Schedule(config.grid.step_s, past.last_k)
         self.board = Board({c.name: c.period_s for c in config.channels})
@@ -82,6 +85,7 @@ class Service:
             raise ReloadError("the service is not running")
         change = await apply(self._acquisition, self.board, self._clock, self._config, config)
         self._config = config
+        self._configured(config)
         log.info(
             "configuration %s runs; buses exchanged: %s", self.fingerprint[:16], ", ".join(change.started) or "none"
         )
@@ -96,6 +100,7 @@ class Service:
                 Acquisition(self._lines, self._clock, publish=self._take, notify=self._noticed)
             )
             stack.callback(self._forget_acquisition)
+            self._configured(self._config)
             async with asyncio.TaskGroup() as tasks:
                 running = [tasks.create_task(self._loop().run(), name="grid")]
                 if self.link is not None:

@@ -148,6 +148,14 @@ class Store:
             commit=True,
         )
 
+    def runs(self, config: str, fingerprint: str) -> None:
+        """Note the configuration that runs from now on: at the start and after every reload that took effect."""
+        self._put(
+            "INSERT INTO running VALUES (NULL, ?, ?, ?, ?)",
+            [(self._number, self._clock.utc().isoformat(), config, fingerprint)],
+            commit=True,
+        )
+
     # Outlet ----------------------------------------------------------------------------------------------------------
 
     def readings(self, readings: Sequence[Reading]) -> None:
@@ -289,11 +297,27 @@ class History:
         self._connection.close()
 
     def config(self) -> tuple[str, str, str] | None:
-        """Canonical configuration, its fingerprint and the versions of the latest run."""
+        """Canonical configuration, its fingerprint and the versions of the latest run; what a reload left running."""
         row = self._connection.execute(
-            "SELECT config, fingerprint, versions FROM boot ORDER BY number DESC LIMIT 1"
+            "SELECT config, fingerprint, versions, number FROM boot ORDER BY number DESC LIMIT 1"
         ).fetchone()
-        return None if row is None else (str(row[0]), str(row[1]), str(row[2]))
+        if row is None:
+            return None
+        config, fingerprint, versions, boot = row
+        latest = [(text, mark) for number, _, text, mark in self._running() if number == boot][-1:]
+        config, fingerprint = latest[0] if latest else (config, fingerprint)
+        return str(config), str(fingerprint), str(versions)
+
+    def fingerprints(self) -> list[tuple[datetime, str]]:
+        """UTC and fingerprint of each configuration that began to run, by a start or a reload; oldest first."""
+        return [(datetime.fromisoformat(began), fingerprint) for _, began, _, fingerprint in self._running()]
+
+    def _running(self) -> list[tuple[int, str, str, str]]:
+        """Number of the run, UTC, configuration, fingerprint; none in a file of an earlier program."""
+        known = "SELECT count(*) FROM sqlite_master WHERE name = 'running'"
+        if not self._connection.execute(known).fetchone()[0]:
+            return []
+        return self._connection.execute("SELECT boot, began, config, fingerprint FROM running ORDER BY id").fetchall()
 
     def steps(self) -> Iterator[StoredStep]:
         """Every grid step, oldest first."""

@@ -82,6 +82,8 @@ class Telemetry:
         self._queue: queue.Queue[tuple[str, bytes] | None] = queue.Queue()
         self._sequence = 0
         self._dropped = 0
+        self._decided: tuple[str | None, int | None] = None, None
+        self._config: str | None = None
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._publish, name="telemetry", daemon=True)
@@ -131,8 +133,8 @@ class Telemetry:
 
     def decision(self, decision: Decision) -> None:
         self._put(keys.DECISION, keys.decision(decision))
-        status = {"phase": decision.phase.value, "k": decision.k, "readings_dropped": self._dropped}
-        self._put(keys.STATUS, status)
+        self._decided = decision.phase.value, decision.k
+        self._put_status()
 
     def measurement(self, outcome: Outcome) -> None:
         self._put(keys.MEASUREMENT, keys.measurement(outcome))
@@ -148,7 +150,16 @@ class Telemetry:
     def compensation(self, write: Write) -> None:
         self._put(keys.COMPENSATION, keys.compensation(write))
 
+    def runs(self, fingerprint: str) -> None:
+        """The configuration with this fingerprint runs from now on; call it after every change."""
+        self._config = fingerprint
+        self._put_status()
+
     # Publishing ------------------------------------------------------------------------------------------------------
+
+    def _put_status(self) -> None:
+        phase, k = self._decided
+        self._put(keys.STATUS, keys.status(phase, k, self._dropped, self._config))
 
     def _put(self, suffix: str, payload: keys.Payload) -> None:
         self._sequence += 1

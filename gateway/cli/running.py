@@ -53,12 +53,20 @@ async def serve(
             past = past_of(history, config)
         store.begin(config.canonical(), config.fingerprint(), versions())
         outlets: list[Outlet] = [store]
+        told: list[Callable[[str], None]] = []
         if config.telemetry.enabled:
             telemetry = Telemetry(
                 config.telemetry, config.machine.name, config.input_names, clock, boot, simulated=simulated
             )
             outlets.append(await stack.enter_async_context(telemetry))
-        service = Service(config, clock, Fanout([*outlets, *more]), past, decided)
+            told.append(telemetry.runs)
+
+        def configured(running: GatewayConfig) -> None:
+            store.runs(running.canonical(), running.fingerprint())
+            for tell in told:
+                tell(running.fingerprint())
+
+        service = Service(config, clock, Fanout([*outlets, *more]), past, decided, configured)
         started(service)
         await service.run(stop)
 

@@ -15,7 +15,8 @@ the folder of the file. `talc-gateway check FILE` reads it, builds every device 
 every mistake with file, field, value and what would be right.
 
 What runs is identified by a fingerprint: SHA-256 of the configuration with all defaults written out, so remarks and
-layout do not matter and a changed default does.
+layout do not matter and a changed default does. The key `status` publishes it as `config`, at the start and again after
+every reload that took effect; the database keeps each with its time.
 
 **Reload.** On SIGHUP `talc-gateway run` reads its file again. The whole file is checked first; then only the buses that
 changed (themselves, their devices, or the limits of their channels) are closed and opened anew, and the others keep

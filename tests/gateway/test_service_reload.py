@@ -64,7 +64,14 @@ def config(text: str = TEXT) -> GatewayConfig:
 async def test_a_reload_takes_effect_and_the_fingerprint_is_what_runs() -> None:
     old, new = config(), config(TEXT.replace("/nowhere/adapter", "/nowhere/other"))
     clock, outlet, stop = SteppedClock(), Readings(), asyncio.Event()
-    service = Service(old, clock, outlet, Past(Controller(old.input_names, old.talc)))
+    ran: list[str] = []
+    service = Service(
+        old,
+        clock,
+        outlet,
+        Past(Controller(old.input_names, old.talc)),
+        configured=lambda running: ran.append(running.fingerprint()),
+    )
     with pytest.raises(ReloadError, match="not running"):
         await service.reload(new)
     running = asyncio.create_task(service.run(stop))
@@ -74,10 +81,12 @@ async def test_a_reload_takes_effect_and_the_fingerprint_is_what_runs() -> None:
         with pytest.raises(ReloadError, match="inputs changed"):
             await service.reload(config(TEXT.replace("bed_front", "bed_rear")))
         assert service.fingerprint == old.fingerprint()
+        assert ran == [old.fingerprint()]
         change = await service.reload(new)
         await clock.run_until(6.0)
         assert change.started == ("rtu1",)
         assert service.fingerprint == new.fingerprint()
+        assert ran == [old.fingerprint(), new.fingerprint()]
         assert "/nowhere/other" in outlet.kept[-1].detail
         numbers = [reading.sequence for reading in outlet.kept]
         assert numbers == sorted(set(numbers))

@@ -8,6 +8,9 @@ import sys
 import time
 from pathlib import Path
 
+from gateway.config import load
+from gateway.store import History
+
 TEXT = """
 [machine]
 name = "mill"
@@ -48,7 +51,9 @@ def test_a_good_file_is_applied_and_a_bad_one_changes_nothing(tmp_path: Path) ->
     with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
         try:
             wait_for(process, "/nowhere/adapter", seen)
+            first = load(file).fingerprint()
             file.write_text(TEXT.replace("adapter", "other"))
+            second = load(file).fingerprint()
             process.send_signal(signal.SIGHUP)
             wait_for(process, "buses exchanged: rtu1", seen)
             file.write_text(TEXT.replace("unit = 1", "units = 1"))
@@ -63,3 +68,9 @@ def test_a_good_file_is_applied_and_a_bad_one_changes_nothing(tmp_path: Path) ->
             process.kill()
     assert "/nowhere/other" in seen.decode()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["gateway.sqlite", "gateway.toml"], "closed, and no lock left"
+    with History(tmp_path / "gateway.sqlite") as history:
+        assert [fingerprint for _, fingerprint in history.fingerprints()] == [first, second], "only what took effect"
+        stored = history.config()
+    assert stored is not None
+    assert stored[1] == second
+    assert '"/nowhere/other"' in stored[0]

@@ -181,6 +181,37 @@ def test_a_reader_sees_what_is_committed_while_the_gateway_writes(tmp_path: Path
                 assert history.config() == ('{"a":1}', "hash", "python")
 
 
+def test_the_configuration_that_a_reload_left_running_is_the_stored_one(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        store.begin('{"a":1}', "first", "python")
+        store.runs('{"a":1}', "first")
+        store.runs('{"a":2}', "second")
+    with History(path) as history:
+        assert history.config() == ('{"a":2}', "second", "python")
+        assert history.fingerprints() == [(EPOCH, "first"), (EPOCH, "second")]
+    with Store(path, "boot2", SteppedClock()) as store:
+        store.begin('{"a":3}', "third", "python")
+    with History(path) as history:
+        assert history.config() == ('{"a":3}', "third", "python"), "what ran before the start counts no more"
+
+
+def test_a_file_of_a_program_that_did_not_store_reloads_is_read_and_continued(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        store.begin('{"a":1}', "first", "python")
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("DROP TABLE running")
+    with History(path) as history:
+        assert history.config() == ('{"a":1}', "first", "python")
+        assert history.fingerprints() == []
+    with Store(path, "boot2", SteppedClock()) as store:
+        store.begin('{"a":1}', "first", "python")
+        store.runs('{"a":1}', "first")
+    with History(path) as history:
+        assert [fingerprint for _, fingerprint in history.fingerprints()] == ["first"]
+
+
 def test_files_that_are_not_ours_are_refused_and_left_alone(tmp_path: Path) -> None:
     text = tmp_path / "notes.txt"
     text.write_text("not a database, but long enough to be looked at as one " * 20)

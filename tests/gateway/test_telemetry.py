@@ -89,7 +89,9 @@ async def test_who_comes_late_gets_the_last_value_of_every_key() -> None:
     async with telemetry(port) as t:
         t.readings([reading(20.0)])
         t.readings([reading(math.nan, Quality.COMM_FAULT)])
+        t.runs("first")
         t.decision(decision(7))
+        t.runs("second")
         t.event(Event(EventKind.PROBLEM, "device rtd1: silent"), 7)
         with client(port) as session:
             while True:  # the publishing thread may still be at it
@@ -102,6 +104,8 @@ async def test_who_comes_late_gets_the_last_value_of_every_key() -> None:
                     break
     assert found["talc/mill/reading/t0"]["value"] is None
     assert found["talc/mill/reading/t0"]["quality"] == "comm_fault"
+    status = found["talc/mill/status"]
+    assert (status["config"], status["phase"], status["k"]) == ("second", "calibration", 7)
     assert found["talc/mill/decision"]["predicted"]["EZ0A"] == 1.0
     assert found["talc/mill/decision"]["limits"]["EZ0A"] is None
 
