@@ -1,5 +1,6 @@
 """Load cases for studies: what the machine does, row by row, and in which hall."""
 
 from simulators.cases.series import SEASONS, Stretch, long_term, random_axes, warm_up_and_cool_down
+from simulators.cases.table_and_fluid import table_and_fluid
 
-__all__ = ["SEASONS", "Stretch", "long_term", "random_axes", "warm_up_and_cool_down"]
+__all__ = ["SEASONS", "Stretch", "long_term", "random_axes", "table_and_fluid", "warm_up_and_cool_down"]
