@@ -20,11 +20,12 @@ class Outcome:
     """What came of one request; `measurement` is None when it was refused, failed or implausible."""
 
     number: int
+    """Of the last cycle asked for."""
     why: Why
     asked: datetime
     ended: datetime
     centres_mm: FloatArray | None
-    """(poses, 3) as the control reported them."""
+    """(poses, 3) as the control reported them; of the reference, the mean of its cycles."""
     in_force_um: Offsets
     """Compensation that stood frozen during the cycle, taken out of the centres before solving."""
     measurement: Measurement | None
@@ -101,6 +102,16 @@ def centres(status: ProbingStatus, poses: int) -> FloatArray:
     if not np.all(np.isfinite(values)):
         raise Rejected(f"cycle {status.number}: a result is not a finite number")
     return values
+
+
+def at_rest(cycles: Sequence[FloatArray], most_um: float) -> None:
+    """Raises Rejected when centres of the reference's cycles, each (poses, 3) mm, lie more than `most_um` apart."""
+    apart = float(np.max(np.ptp(cycles, axis=0))) * 1e3
+    if apart > most_um:
+        raise Rejected(
+            f"the {len(cycles)} cycles of the reference differ by {apart:.1f} µm, more than "
+            f"max_residual_um = {most_um:g}: the reference needs a machine at rest and at its usual temperature"
+        )
 
 
 def poses_in_radians(poses_deg: Sequence[Sequence[float]]) -> FloatArray:

@@ -12,7 +12,7 @@ from gateway.breaker import Breaker, Change
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, Slew, Source, Step, Write
 from gateway.config import GatewayConfig
-from gateway.measurement import Outcome, Probe, Rejected, centres, run_cycle
+from gateway.measurement import Outcome, Probe, Rejected, at_rest, centres, run_cycle
 from talc import kinematics
 from talc.frame import Decision, FloatArray, Measurement, Why
 
@@ -37,7 +37,8 @@ class NcLink:
     states: told of the machine states of every snapshot
     written: told of every step of the compensation
     notify: told of problems as they begin and end
-    reference_mm: (poses, 3) centres that deviations are measured from; None: the first cycle sets them
+    reference_mm: (poses, 3) centres that deviations are measured from; None: the first measurement sets them, from
+        the mean of `probing.reference_cycles` cycles
     first_number: number of the first probing request; must differ from every earlier one
     """
 
@@ -112,9 +113,9 @@ class NcLink:
         await self._close()
 
     async def measure(self, why: Why) -> Outcome:
-        """One probing cycle. Never raises for what the control does: the outcome says why there is no result."""
-        asked, number = self._clock.utc(), self._number
-        self._number += 1
+        """One probing cycle, or those of the reference. Never raises for what the control does: the outcome says why
+        there is no result."""
+        asked = self._clock.utc()
         self._frozen = True
         in_force: Offsets = (0.0, 0.0, 0.0)
         found: FloatArray | None = None
@@ -123,10 +124,12 @@ class NcLink:
         try:
             with self._clock.hold():
                 in_force = await self._nc.read_compensation()
-            status = await run_cycle(
-                self._nc, number, self._clock, poll_s=self._probing.poll_s, timeout_s=self._probing.timeout_s
-            )
-            found = centres(status, len(self._probe.poses_rad))
+            # Noise of the reference would stand in every later measurement, so it is a mean of several cycles.
+            cycles = [
+                await self._probed() for _ in range(self._probing.reference_cycles if self._reference is None else 1)
+            ]
+            at_rest(cycles, self._probing.max_residual_um)
+            found = np.mean(cycles, axis=0)
             measurement, residual = self._evaluate(found, in_force)
         except Rejected as error:
             reason = str(error)
@@ -134,7 +137,15 @@ class NcLink:
             reason = f"the control could not be reached: {error}"
         finally:
             self._frozen = False
-        return Outcome(number, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason)
+        return Outcome(self._number - 1, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason)
+
+    async def _probed(self) -> FloatArray:
+        number = self._number
+        self._number += 1
+        status = await run_cycle(
+            self._nc, number, self._clock, poll_s=self._probing.poll_s, timeout_s=self._probing.timeout_s
+        )
+        return centres(status, len(self._probe.poses_rad))
 
     def _evaluate(self, found: FloatArray, in_force: Offsets) -> tuple[Measurement, float]:
         if self._reference is None:

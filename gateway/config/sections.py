@@ -161,6 +161,9 @@ class Probing(Section):
     """Standard uncertainty of one coordinate of a probed centre."""
     max_residual_um: Positive = 20.0
     """A cycle whose centres differ from the best fit by more than this (RMS) is rejected."""
+    reference_cycles: Annotated[int, Field(ge=1, le=20)] = 5
+    """Cycles whose mean is the reference of every later deviation, run one after the other at the first measurement.
+    One cycle's noise would stay in every error as a constant; the mean of n leaves 1/√n of it."""
     lead_s: NotNegative = 180.0
     """The NC is asked so long before the end of the grid step that shall hold the result."""
     timeout_s: Positive = 900.0

@@ -34,6 +34,8 @@ class Control:
     deaf: bool = False
     """Takes a write and does not apply it."""
     answer: ProbingStatus | None = None
+    answers: dict[int, ProbingStatus] = field(default_factory=dict)
+    """By request number; the others get `answer`."""
 
     async def connect(self) -> None:
         if self.absent:
@@ -51,7 +53,7 @@ class Control:
         self.requests.append(number)
 
     async def probing_status(self, number: int) -> ProbingStatus:
-        return self.answer or ProbingStatus(number, ProbingState.RUNNING)
+        return self.answers.get(number, self.answer) or ProbingStatus(number, ProbingState.RUNNING)
 
     async def withdraw_probing(self, number: int) -> None: ...
 
@@ -252,6 +254,43 @@ async def test_a_chip_on_the_sphere_is_no_measurement() -> None:
             outcome = await cycle
     assert outcome.measurement is None
     assert "is the sphere clean" in outcome.reason
+
+
+def cycles(centres_um: list[float]) -> dict[int, ProbingStatus]:
+    """One cycle after another, its sphere found so far off in Z, in every pose."""
+    return {
+        41 + n: ProbingStatus(41 + n, ProbingState.DONE, ((0.0, 0.0, z * 1e-3),) * 6) for n, z in enumerate(centres_um)
+    }
+
+
+async def test_the_reference_is_the_mean_of_its_cycles() -> None:
+    bench = Bench("compensate")
+    bench.control.answers = cycles([3.0, -1.0, 0.0, 2.0, 1.0, 8.0])
+    async with bench.running():
+        await bench.clock.run_until(2.0)
+        reference = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(20.0)
+        later = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(40.0)
+    assert bench.control.requests == [41, 42, 43, 44, 45, 46]
+    first, second = (await reference).measurement, (await later).measurement
+    assert first is not None
+    assert second is not None
+    np.testing.assert_allclose(first.errors, 0.0, atol=1e-9)
+    assert second.errors[1] == pytest.approx(7.0)  # 8 against the mean of the five, 1
+
+
+async def test_a_reference_is_refused_while_the_machine_moves() -> None:
+    bench = Bench("compensate")
+    bench.control.answers = cycles([0.0, 6.0, 12.0, 18.0, 24.0])
+    async with bench.running():
+        await bench.clock.run_until(2.0)
+        reference = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(20.0)
+    outcome = await reference
+    assert outcome.measurement is None
+    assert "differ by 24.0 µm" in outcome.reason
+    assert "at rest" in outcome.reason
 
 
 async def test_stopping_takes_the_offsets_back() -> None:
