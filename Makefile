@@ -9,7 +9,11 @@ bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/bench.lock
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks $(SUBJECTS)
 
-.PHONY: bench demo test lint format types imports clean
+# One of the papers' studies in full (docs/studies.md); goes on where it was stopped and renews its table in README.md.
+study: $(VENV)/.ready
+	$(BIN)/talc-gateway study $(NAME) --readme README.md
+
+.PHONY: bench study demo test lint format types imports clean
 
 $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

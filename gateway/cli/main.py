@@ -1,6 +1,7 @@
 """`talc-gateway`: its commands, and what their exit codes mean."""
 
 import logging
+import os
 import sys
 from pathlib import Path
 
@@ -160,3 +161,29 @@ def report(database: Path, output: Path | None) -> None:
     from gateway.cli.report import write
 
     write(database, output or database.with_suffix(".html"))
+
+
+@main.command()
+@click.argument("name", required=False)
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Default: out/studies/NAME, NAME-small.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes. Default: one per core.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--small", is_flag=True, help="A few runs only, to see it work.")
+@click.option("--readme", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Renew its table there.")
+def study(name: str | None, out: Path | None, workers: int | None, seed: int, small: bool, readme: Path | None) -> None:
+    """Run the study NAME, or go on with it; without NAME list the studies."""
+    from simulators.studies import STUDIES
+
+    if name is None:
+        for known in STUDIES.values():
+            click.echo(f"{known.name:16} {known.summary}")
+        return
+    if name not in STUDIES:
+        raise click.BadParameter(f"{name!r}: expected one of {', '.join(STUDIES)}", param_hint="NAME")
+    from gateway.cli.study import run_study
+
+    folder = out or Path("out/studies") / (f"{name}-small" if small else name)
+    if not run_study(name, folder, seed, small, workers or os.cpu_count() or 1, readme):
+        raise click.BadParameter(
+            f"{readme}: has no lines <!-- study {name} --> and <!-- end -->", param_hint="--readme"
+        )

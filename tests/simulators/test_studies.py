@@ -1,0 +1,116 @@
+"""The study frame goes on where it was stopped; the small comparison against a regression done here by hand."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from gateway.cli import main
+from simulators.studies import STUDIES, carry_out
+from simulators.studies.arx_vs_static import REST, STEPS, judge, recordings
+
+STUDY = STUDIES["arx-vs-static"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished small study by the command line, two processes."""
+    out = tmp_path_factory.mktemp("study") / "made"
+    answer = CliRunner().invoke(
+        main, ["study", STUDY.name, "--small", "--workers", "2", "--out", str(out)], catch_exceptions=False
+    )
+    assert answer.exit_code == 0, answer.output
+    assert "8 runs" in answer.output
+    return out
+
+
+def figures(folder: Path) -> list[dict[str, str]]:
+    with (folder / "figures.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def rmse(folder: Path, model: str, direction: str, sensors: str = "near", noise: str = "0") -> list[float]:
+    wanted = {"model": model, "direction": direction, "sensors": sensors, "noise": noise}
+    return [float(row["RMSE_um"]) for row in figures(folder) if wanted.items() <= row.items()]
+
+
+def test_static_is_the_regression_of_the_first_record_judged_on_the_second(folder: Path) -> None:
+    (u, _, y), (new_u, truth, _) = recordings({"seed": 1, "pair": 0, "sensors": "near", "noise": True})
+    own = np.column_stack([np.ones(STEPS), u])
+    fit = np.linalg.lstsq(own[4:], y[4:, 1], rcond=None)[0]  # the longest model in Y has four rows of past
+    left = truth[REST:, 1] - np.column_stack([np.ones(STEPS), new_u])[REST:] @ fit
+    assert rmse(folder, "static", "Y", noise="1")[0] == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-6)
+
+
+def test_none_is_the_drift_itself(folder: Path) -> None:
+    _, (_, truth, _) = recordings({"seed": 1, "pair": 1, "sensors": "far", "noise": False})
+    drift = np.sqrt(np.mean(truth[REST:, 2] ** 2))
+    assert rmse(folder, "none", "Z", sensors="far")[1] == pytest.approx(drift, rel=1e-12)
+    assert judge(truth[:, 2], np.zeros(STEPS))["PV"] == pytest.approx(100.0)
+
+
+def test_near_and_noise_change_the_reading_and_not_the_days() -> None:
+    plain = recordings({"seed": 1, "pair": 0, "sensors": "near", "noise": False})
+    spoilt = recordings({"seed": 1, "pair": 0, "sensors": "far", "noise": True})
+    other = recordings({"seed": 1, "pair": 1, "sensors": "near", "noise": False})
+    assert np.array_equal(plain[1][1], spoilt[1][1])
+    assert not np.array_equal(plain[0][1], plain[1][1])
+    assert not np.array_equal(plain[0][1], other[0][1])
+    steps = spoilt[0][0] / 0.1
+    assert np.allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_with_clean_sensors_near_the_sources_a_pole_helps(folder: Path) -> None:
+    for direction in ("Y", "Z"):
+        assert max(rmse(folder, "ARX", direction)) < min(rmse(folder, "static", direction))
+
+
+def test_report_labels_the_papers_figures_and_shows_the_losses(folder: Path) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    cells = "".join(f"<td>{cell}</td>" for cell in ("paper: ARX", 13, 1, 2, 4.3, 62.3, 3.5, 7.4, 41.9))
+    assert page.count(f'<tr class="paper">{cells}</tr>') == 4
+    assert page.count("Where they lose") == 4
+    assert page.count("<svg") == 1
+    assert "src=" not in page
+    assert "talc-gateway study arx-vs-static --seed 1 --small" in page
+
+
+def test_the_table_in_a_readme_is_renewed_between_its_marks(folder: Path, tmp_path: Path) -> None:
+    readme, command = tmp_path / "README.md", ["study", STUDY.name, "--small", "--workers", "1", "--out", str(folder)]
+    readme.write_text("before\n<!-- study arx-vs-static -->\nstale table\n<!-- end -->\nafter\n", encoding="utf-8")
+    answer = CliRunner().invoke(main, [*command, "--readme", str(readme)], catch_exceptions=False)
+    assert answer.exit_code == 0, answer.output
+    text = readme.read_text(encoding="utf-8")
+    assert text.startswith("before\n<!-- study arx-vs-static -->\n| RMSE, µm, median |")
+    assert text.endswith("<!-- end -->\nafter\n")
+    assert "stale table" not in text
+    assert "`talc-gateway study arx-vs-static --seed 1 --small`, 8 runs, " in text
+    readme.write_text("no marks\n", encoding="utf-8")
+    answer = CliRunner().invoke(main, [*command, "--readme", str(readme)])
+    assert answer.exit_code == 2
+    assert "<!-- study arx-vs-static -->" in answer.output
+
+
+def test_a_stopped_study_goes_on_and_ends_the_same(folder: Path) -> None:
+    before = {f.name: f.read_bytes() for f in (folder / "runs").iterdir()}
+    lost, cut = sorted(before)[:2]
+    (folder / "runs" / lost).unlink()
+    (folder / "runs" / cut).write_text(json.dumps({"result": 1})[:-2], encoding="utf-8")
+    assert list(carry_out(STUDY, folder, 1, True, 1)) == [(6, 8), (7, 8), (8, 8)]
+    assert {f.name: f.read_bytes() for f in (folder / "runs").iterdir()} == before
+    assert list(carry_out(STUDY, folder, 1, True, 1)) == [(8, 8)]
+
+
+def test_unknown_study_is_named_and_the_list_is_shown() -> None:
+    answer = CliRunner().invoke(main, ["study", "arx"])
+    assert answer.exit_code == 2
+    assert "arx-vs-static" in answer.output
+    assert "arx-vs-static" in CliRunner().invoke(main, ["study"]).output
+
+
+def test_no_worker_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="workers = 0"):
+        list(carry_out(STUDY, tmp_path, 1, True, 0))
