@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import eigsh, splu
+from skfem import Basis, ElementHex2, ElementVector, LinearForm, condense, solve
+from skfem.helpers import div
+from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from simulators.three_body import DRIFTS, load
 from simulators.three_body.generate import reduce
-from simulators.three_body.solid import Solid, assemble
+from simulators.three_body.solid import TOOL, WORKPIECE, Solid, assemble, mesh
 
 VOLUME = 1 * 0.8 * 0.3 + 0.6 * 0.25 * 1.1 + 0.2 * 0.5 * 0.4
 # Joined faces cancel the column's top against its footprint and the spindle's front against its seat.
@@ -54,6 +57,26 @@ def test_mirror_symmetry(coarse: Solid) -> None:
 def test_even_warming_of_the_unstrained_machine_opens_the_gap_by_its_free_growth() -> None:
     growth = assemble(0.3, free=True).D[: len(DRIFTS)].sum(axis=1)
     assert growth == pytest.approx([0, 0, 12e-6 * 0.5 * 1e6], abs=1e-6)  # 0.5 m between workpiece and tool
+
+
+def test_ordinary_elastic_solve_with_clamped_feet_gives_the_drift_of_the_adjoint_rows(coarse: Solid) -> None:
+    """Stress-strain law and solver of scikit-fem's own, steel in Pa, displacements of every node, then the gap."""
+    cells = mesh(0.3)
+    heat = Basis(cells, ElementHex2(), intorder=4)
+    motion = Basis(cells, ElementVector(ElementHex2()), intorder=4)
+    warmth = steady(coarse, (150, 90))
+    young, poisson = 210e9, 0.3
+    stress = young / (1 - 2 * poisson) * 12e-6  # per K, hydrostatic
+    swell = LinearForm(lambda v, w: stress * w["warmth"] * div(v)).assemble(motion, warmth=heat.interpolate(warmth))
+    stiffness = linear_elasticity(*lame_parameters(young, poisson)).assemble(motion)
+    x, y, z = np.asarray(motion.doflocs)
+    foot = (z < 1e-9) & ((x < 0.1 + 1e-9) | (x > 0.9 - 1e-9)) & ((y < 0.1 + 1e-9) | (y > 0.7 - 1e-9))
+    moved = solve(*condense(stiffness, swell, D=np.flatnonzero(foot)))
+    tool, workpiece = (
+        moved[np.abs(np.asarray(motion.doflocs) - np.array(place)[:, None]).max(axis=0) < 1e-9]
+        for place in (TOOL, WORKPIECE)
+    )
+    assert coarse.D[: len(DRIFTS)] @ warmth == pytest.approx(1e6 * (tool - workpiece), rel=1e-6, abs=1e-6)
 
 
 def test_zero_order_hold_does_not_depend_on_the_step() -> None:
