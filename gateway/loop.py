@@ -2,18 +2,17 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 from gateway.clock import ServiceClock
 from gateway.grid import GridSampler, Instant, Schedule
 from gateway.measurement import Outcome
 from gateway.nc_link import NcLink
 from gateway.outlet import Outlet
+from gateway.trainer import failed, train_apart
 from talc.control import Controller
 from talc.frame import Decision, Measurement, TrainingJob, Why
 from talc.models import ModelSet
-from talc.names import THERMAL_ERRORS
-from talc.training import train
 
 log = logging.getLogger(__name__)
 
@@ -29,6 +28,8 @@ class GridLoop:
     lead_s: a measurement is asked for so long before the instant that shall hold it
     outlet: told of frames, decisions, measurements, models and events
     decided: told of every decision, after the outlet
+    pending: a training and a measurement that an earlier run still wanted
+    train: runs a training
     """
 
     def __init__(
@@ -42,10 +43,12 @@ class GridLoop:
         outlet: Outlet,
         decided: Callable[[Decision], None],
         pending: tuple[TrainingJob | None, Why | None] = (None, None),
+        train: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
         self._link, self._lead, self._outlet, self._decided = link, lead_s, outlet, decided
         self._job, self._wish = pending
+        self._run_training = train
         self._finished: Measurement | None = None
         self._measuring: asyncio.Task[None] | None = None
         self._training: asyncio.Task[None] | None = None
@@ -107,14 +110,10 @@ class GridLoop:
         # A training takes seconds; on a real machine that is less than a grid step.
         with self._clock.hold():
             try:
-                models: ModelSet = await asyncio.to_thread(train, job)
+                models = await self._run_training(job)
             except Exception as error:
                 log.exception("the training of step %d failed", job.k)
-                note = f"the training failed: {type(error).__name__}: {error}"
-                nothing = (None,) * len(THERMAL_ERRORS)
-                models = ModelSet(
-                    k=job.k, why=job.why.value, input_names=job.input_names, models=nothing, notes=(note,)
-                )
+                models = failed(job, error)
             events = self._controller.adopt(models)
         self._outlet.models(models, self._last_k)
         for event in events:

@@ -9,6 +9,7 @@ from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.service import Past
 from gateway.store import History, StoredStep, StoreError
+from gateway.trainer import has_failed
 from talc.control import Controller
 from talc.frame import Decision, TrainingJob
 from talc.training import train
@@ -60,7 +61,9 @@ def replay(history: History, progress: Callable[[int], None] = lambda _: None) -
         job = decision.training or job
         for stored in step.adopted:
             models = stored
-            if job is None:
+            if has_failed(stored):  # of the computer, not of the data: nothing to repeat
+                job = None
+            elif job is None:
                 _note(result, step.frame.k, "models were adopted that no training was wanted for")
             else:
                 models, job = train(job), None
