@@ -1,27 +1,43 @@
-"""Opening and releasing a CAN interface with python-can. Both block."""
+"""Opening and releasing a CAN interface with python-can. Both block.
 
+Two of its interfaces are taken in a form of our own: theirs end at the first line or packet that is no frame, so a
+disturbed byte would cost the whole bus a period.
+"""
+
+import re
+from collections import deque
 from contextlib import suppress
+from time import monotonic
 from typing import Any
 
 import can
+from can.interfaces.slcan import slcanBus
+from can.interfaces.udp_multicast.bus import UdpMulticastBus
+from can.interfaces.udp_multicast.utils import unpack_message
 
 from drivers.base import ConnectError
 from drivers.bus_settings import CanInterfaceSettings
 
 _SERIAL_WAIT_S = 0.1
-"""How long python-can's slcan blocks for a byte. Its 1 ms would wake the thread a thousand times a second for
-nothing; a byte that comes ends the wait at once, so a longer wait costs no latency."""
+"""How long a read of the adapter's port blocks. A shorter wait would wake the thread for nothing; a byte that comes
+ends it at once, so a longer one costs no latency."""
+
+_LINE_END = re.compile(rb"[\r\a]")
+_LINE = re.compile(rb"(?:t([0-9A-F]{3})|T([01][0-9A-F]{7}))([0-8])((?:[0-9A-F]{2})*)", re.IGNORECASE)
+_LONGEST_LINE = 64
+_TIMESTAMP_BYTES = 2
 
 
 def open_interface(bus: str, settings: CanInterfaceSettings) -> can.BusABC:
     """The interface, open. Raises ConnectError."""
-    options: dict[str, Any] = {"interface": settings.interface, "channel": settings.channel}
-    if settings.interface == "slcan":
-        options |= {"bitrate": settings.bitrate, "sleep_after_open": 0.0, "timeout": _SERIAL_WAIT_S}
-    elif settings.interface == "udp_multicast":
-        options |= {"port": settings.port, "hop_limit": 0}
     try:
-        return can.Bus(**options)
+        match settings.interface:
+            case "slcan":
+                return _Slcan(settings.channel, bitrate=settings.bitrate, sleep_after_open=0.0, timeout=_SERIAL_WAIT_S)
+            case "udp_multicast":
+                return _Multicast(settings.channel, port=settings.port, hop_limit=0)
+            case other:
+                return can.Bus(interface=other, channel=settings.channel)
     except (can.CanError, OSError, ValueError, ImportError) as error:
         raise ConnectError(
             f"cannot open {settings.interface} {settings.channel}: {error}",
@@ -36,3 +52,55 @@ def release(interface: Any) -> None:
     with suppress(OSError):
         if port is not None:
             port.close()
+
+
+def slcan_frame(line: bytes) -> can.Message | None:
+    """The data frame in one line of the LAWICEL protocol, without its end; None when it is none, or not whole.
+
+    `tiiildd...` with an identifier of 11 bits or `Tiiiiiiiildd...` with one of 29, length, data; a time stamp of two
+    bytes may follow. Remote frames carry no value.
+    """
+    found = _LINE.fullmatch(line)
+    if found is None:
+        return None
+    short, long, length, digits = found.groups()
+    size, data = int(length), bytes.fromhex(digits.decode("ascii"))
+    identifier = int(short or long, 16)
+    if len(data) - size not in (0, _TIMESTAMP_BYTES) or (short is not None and identifier > 0x7FF):
+        return None
+    return can.Message(arbitration_id=identifier, is_extended_id=short is None, data=data[:size])
+
+
+class _Slcan(slcanBus):
+    """An adapter with the LAWICEL protocol; lines that are no frame are passed over."""
+
+    def __init__(self, channel: str, **options: Any) -> None:
+        self._heard = b""
+        self._lines: deque[bytes] = deque()
+        super().__init__(channel, **options)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        deadline = None if timeout is None else monotonic() + timeout
+        while True:
+            while self._lines:
+                if (message := slcan_frame(self._lines.popleft())) is not None:
+                    return message, False
+            port = self.serialPortOrig
+            *lines, rest = _LINE_END.split(self._heard + port.read(max(1, port.in_waiting)))
+            self._lines.extend(lines)
+            self._heard = rest[-_LONGEST_LINE:]  # a babbling adapter must not fill the memory
+            if not self._lines and deadline is not None and monotonic() >= deadline:
+                return None, False
+
+
+class _Multicast(UdpMulticastBus):
+    """A group on which anybody can send; packets that are no frame are passed over."""
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        received = self._multicast.recv(timeout)
+        if received is None:
+            return None, False
+        try:
+            return unpack_message(received[0], replace={"timestamp": received[2]}, check=True), False
+        except Exception:  # noqa: BLE001 - whatever the unpacking of a stranger's bytes raises
+            return None, False

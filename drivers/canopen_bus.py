@@ -5,7 +5,6 @@ Two threads while connected: one receives, one asks. Nothing of the library is t
 
 import asyncio
 import logging
-import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -21,11 +20,14 @@ from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.bus_settings import CanOpenSettings
 from drivers.can_interface import open_interface, release
 from drivers.canopen_events import NodeEvents
+from drivers.canopen_frames import LatestFrames, NodeFrames
 
 R = TypeVar("R")
 
 _SYNC = 0x080
 _NMT_START = 1
+_LONGEST_OBJECT = 8
+"""Bytes of the widest number that a node may hold; one that never ends its transfer is stopped there."""
 
 _RECEIVE_WAIT_S = 0.1
 """How long closing may have to wait for the receiving thread."""
@@ -56,6 +58,7 @@ class CanOpenBus:
         self._thread: ThreadPoolExecutor | None = None
         self._doubtful: set[int] = set()
         self._events: dict[int, NodeEvents] = {}
+        self._frames = LatestFrames()
 
     @property
     def name(self) -> str:
@@ -100,6 +103,15 @@ class CanOpenBus:
         """Send SYNC and wait for these TPDOs of the node. Raises NoAnswer or ConnectError."""
         return await self._in_thread(lambda: self._synchronise(device, node, identifiers))
 
+    async def latest(self, device: str, node: int, identifiers: Sequence[int], oldest_s: float) -> dict[int, bytes]:
+        """These TPDOs of the node as they came last, at monotonic `oldest_s` or later; waits for those that did not.
+
+        Raises NoAnswer or ConnectError.
+        """
+        return await self._in_thread(
+            lambda: self._await_frames(device, node, identifiers, oldest_s, "does not come by itself")
+        )
+
     def events(self, node: int) -> NodeEvents:
         """What the node says unasked, since its first upload on this connection."""
         return self._events.setdefault(node, NodeEvents())
@@ -116,16 +128,20 @@ class CanOpenBus:
         interface = open_interface(self._name, self._settings)
         network = canopen.Network(interface)
         network.NOTIFIER_CYCLE = _RECEIVE_WAIT_S
-        network.listeners.append(_EndOnError(network))  # type: ignore[arg-type]
+        network.listeners[:] = [NodeFrames(network)]  # type: ignore[list-item]
+        network.unsubscribe(network.lss.LSS_RX_COBID)  # it would keep those frames for ever
         network.connect()
         self._network = network
         self._doubtful.clear()
+        self._frames = LatestFrames()
 
     def _shut(self) -> None:
         network, self._network = self._network, None
         if network is not None:
             interface = network.bus
-            with suppress(can.CanError, OSError):  # an unplugged adapter cannot be told anything any more
+            with suppress(
+                Exception
+            ):  # an unplugged adapter cannot be told anything; and it raises what ended the thread
                 network.disconnect()
             if interface is not None and network.bus is not None:
                 release(interface)
@@ -136,9 +152,9 @@ class CanOpenBus:
         if node not in self._network:
             dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
             self._network.add_node(canopen.RemoteNode(node, dictionary))
-            remote = self._network[node]
-            # The library keeps every emergency for ever; a node in trouble must not fill the memory.
-            self._network.unsubscribe(0x80 + node, remote.emcy.on_emcy)
+            # The library keeps every emergency for ever, and breaks on a short heartbeat or command: it gets none.
+            for identifier in (0, 0x80 + node, 0x700 + node):
+                self._network.unsubscribe(identifier)
             self._network.subscribe(0x80 + node, self.events(node).on_emergency)
             self._network.subscribe(0x700 + node, self.events(node).on_heartbeat)
         sdo = self._network[node].sdo
@@ -152,30 +168,26 @@ class CanOpenBus:
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
         if node in self._doubtful:
             self._upload(device, node, ())  # frames of an earlier SYNC are before this answer
-        frames: queue.SimpleQueue[tuple[int, bytes]] = queue.SimpleQueue()
+        self._listen(device, identifiers)
+        asked_s = monotonic()
+        self._send(device, _SYNC, b"")
+        return self._await_frames(device, node, identifiers, asked_s, "did not come after SYNC")
 
-        def put(identifier: int, data: bytes | bytearray, _: float) -> None:
-            frames.put((identifier, bytes(data)))
-
+    def _listen(self, device: str, identifiers: Sequence[int]) -> None:
         if self._network is None:
             raise ConnectError("not connected", bus=self._name, device=device)
         for identifier in identifiers:
-            self._network.subscribe(identifier, put)
-        try:
-            self._send(device, _SYNC, b"")
-            deadline = monotonic() + self._settings.timeout_s
-            found: dict[int, bytes] = {}
-            while missing := set(identifiers) - set(found):
-                try:
-                    identifier, data = frames.get(timeout=max(0.0, deadline - monotonic()))
-                except queue.Empty:
-                    listed = ", ".join(f"0x{identifier:03X}" for identifier in sorted(missing))
-                    raise self._silence(device, node, f"TPDO {listed} did not come after SYNC") from None
-                found[identifier] = data
-            return found
-        finally:
-            for identifier in identifiers:
-                self._network.unsubscribe(identifier, put)
+            self._network.subscribe(identifier, self._frames.put)
+
+    def _await_frames(
+        self, device: str, node: int, identifiers: Sequence[int], oldest_s: float, failing: str
+    ) -> dict[int, bytes]:
+        self._listen(device, identifiers)
+        found = self._frames.since(oldest_s, identifiers, self._settings.timeout_s)
+        if missing := sorted(set(identifiers) - set(found)):
+            listed = ", ".join(f"0x{identifier:03X}" for identifier in missing)
+            raise self._silence(device, node, f"TPDO {listed} {failing}")
+        return found
 
     def _send(self, device: str, identifier: int, data: bytes) -> None:
         if self._network is None:
@@ -186,8 +198,11 @@ class CanOpenBus:
             raise self._lost(device, error) from error
 
     def _one(self, sdo: Any, device: str, node: int, wanted: CanObject) -> bytes:
+        data = b""
         try:
-            return bytes(sdo.upload(wanted.index, wanted.subindex))
+            with sdo.open(wanted.index, wanted.subindex, buffering=0) as segments:
+                while len(data) <= _LONGEST_OBJECT and (segment := segments.read(_LONGEST_OBJECT)):
+                    data += segment
         except SdoAbortedError as error:
             raise Refused(
                 f"node {node} refused object {wanted}: {error}",
@@ -199,6 +214,11 @@ class CanOpenBus:
             raise self._communication(device, node, wanted, error) from error
         except (can.CanError, OSError) as error:
             raise self._lost(device, error) from error
+        if not 0 < len(data) <= _LONGEST_OBJECT:
+            self._doubtful.add(node)
+            size = f"more than {_LONGEST_OBJECT} bytes" if data else "nothing"
+            raise BadAnswer(f"node {node}, object {wanted} holds {size}", bus=self._name, device=device)
+        return data
 
     def _lost(self, device: str, error: Exception) -> ConnectError:
         return ConnectError(
@@ -224,17 +244,3 @@ class CanOpenBus:
             device=device,
             hint="check power, termination (60 ohm between CAN_H and CAN_L), node id and bitrate",
         )
-
-
-class _EndOnError(can.Listener):
-    """Ends the receiving thread when the interface fails; python-can would print a traceback or try for ever."""
-
-    def __init__(self, network: Any) -> None:
-        self._network = network
-
-    def on_message_received(self, msg: can.Message) -> None:
-        """The network has its own listener."""
-
-    def on_error(self, exc: Exception) -> None:  # noqa: ARG002 - python-can keeps it in Notifier.exception
-        if self._network.notifier is not None:
-            self._network.notifier.stop(0.0)

@@ -15,7 +15,7 @@ from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
-from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
+from drivers.base import BadAnswer, NoAnswer, Refused
 from drivers.bus_settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
 from drivers.modbus_profile import BIT_FUNCTIONS, Block
@@ -41,6 +41,8 @@ _TARGET_SILENT = (10, 11)
 _DECODER = DecodePDU(False)
 _HEADER = struct.Struct(">HHHB")  # transaction, protocol 0, length, unit
 _LONGEST_TCP_LENGTH = 254
+_MOST_HEARD = 4096
+"""Bytes in which the answer to one request is looked for."""
 
 
 class ModbusBus(ABC):
@@ -82,8 +84,7 @@ class ModbusBus(ABC):
             return tuple(int(bit) for bit in pdu.bits[: block.count])
         return tuple(pdu.registers)
 
-    @abstractmethod
-    def _opened(self) -> None:
+    def _opened(self) -> None:  # noqa: B027 - most have nothing to forget
         """Forget what belonged to the last connection."""
 
     @abstractmethod
@@ -192,24 +193,22 @@ class ModbusTcpBus(ModbusBus):
     def __init__(self, name: str, settings: ModbusTcpSettings) -> None:
         super().__init__(name, TcpStream(name, settings.host, settings.port), settings.timeout_s)
         self._number = 0
-        self._unread = bytearray()
-
-    def _opened(self) -> None:
-        self._unread.clear()
 
     async def _exchange(self, device: str, unit: int, block: Block) -> ModbusPDU:
         self._number = self._number % 0xFFFF + 1
         pdu = _request_pdu(block)
+        self._stream.discard()
         self._stream.write(_HEADER.pack(self._number, 0, len(pdu) + 1, unit) + pdu)
         loop = asyncio.get_running_loop()
         deadline = loop.time() + self._timeout_s
+        heard = bytearray()
         try:
-            while True:
-                number, answering, answer = await self._next_message(device, deadline)
-                if number == self._number:
-                    break
+            while (found := take_tcp_answer(heard, self._number)) is None:
+                del heard[:-_MOST_HEARD]
+                heard += await self._stream.read(deadline - loop.time())
         except TimeoutError:
-            raise self._silence(device, unit) from None
+            raise self._nothing_valid(device, unit, heard) from None
+        answering, answer = found
         if answering != unit:
             raise BadAnswer(f"unit {answering} answered instead of unit {unit}", bus=self._name, device=device)
         if not _fits(answer, block):
@@ -220,26 +219,36 @@ class ModbusTcpBus(ModbusBus):
             )
         return _decode(answer, self._name, device)
 
-    async def _next_message(self, device: str, deadline: float) -> tuple[int, int, bytes]:
-        """Transaction number, unit and message. Closes the connection when the stream makes no sense any more."""
-        loop = asyncio.get_running_loop()
-        while True:
-            if len(self._unread) >= _HEADER.size:
-                number, protocol, length, unit = _HEADER.unpack_from(self._unread)
-                if protocol != 0 or not 2 <= length <= _LONGEST_TCP_LENGTH:
-                    start = self._unread[:16].hex(" ")
-                    await self._stream.close()
-                    raise ConnectError(
-                        f"what came is not Modbus TCP: {start}",
-                        bus=self._name,
-                        device=device,
-                        hint="check host and port",
-                    )
-                if len(self._unread) >= 6 + length:
-                    message = bytes(self._unread[_HEADER.size : 6 + length])
-                    del self._unread[: 6 + length]
-                    return number, unit, message
-            self._unread += await self._stream.read(deadline - loop.time())
+    def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray) -> NoAnswer | BadAnswer:
+        if not heard:
+            return self._silence(device, unit)
+        return BadAnswer(
+            f"what came is no whole Modbus TCP answer: {heard[:16].hex(' ')}",
+            bus=self._name,
+            device=device,
+            hint="check host and port; is the device's serial side disturbed?",
+        )
+
+
+def take_tcp_answer(heard: bytearray, number: int) -> tuple[int, bytes] | None:
+    """Unit and message (function code and data) of the answer with this number, or None when it is not there yet.
+
+    Whole answers with other numbers, which come late, are taken out of `heard`. Bytes that start no message are passed
+    over; so is a message that begins and does not end, unless its number is the right one.
+    """
+    start = 0
+    while len(heard) - start > _HEADER.size:
+        found, protocol, length, unit = _HEADER.unpack_from(heard, start)
+        end = start + 6 + length
+        if protocol != 0 or not 2 <= length <= _LONGEST_TCP_LENGTH or (end > len(heard) and found != number):
+            start += 1
+        elif end > len(heard):
+            return None
+        elif found == number:
+            return unit, bytes(heard[start + _HEADER.size : end])
+        else:
+            del heard[start:end]
+    return None
 
 
 def find_rtu_answer(heard: bytes | bytearray, unit: int, block: Block) -> bytes | None:

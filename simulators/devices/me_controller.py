@@ -4,6 +4,7 @@ import asyncio
 import struct
 
 from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.spoil import Spoil, send
 
 _FULL_SCALE = 0xFFFFFF
 _ORDER, _SERIAL = 2303021, 1001
@@ -22,6 +23,8 @@ class MeController:
         self._timer: asyncio.TimerHandle | None = None
         self._counter = 0
         self.faults = Faults()
+        self.spoil: Spoil | None = None
+        """What happens to blocks on the wire; the sender is 1."""
 
     async def start(self, port: int = 0) -> int:
         loop = asyncio.get_running_loop()
@@ -46,7 +49,7 @@ class MeController:
         if self._clients and not self.faults.silent:
             frame = block([[self._raw(i, value) for i, value in enumerate(self._source())]], self._counter)
             for client in self._clients:
-                client.write(frame)
+                send(client.write, self.spoil, 1, frame)
 
     def _raw(self, channel: int, distance_um: float) -> int:
         match self.faults.by_channel.get(channel):

@@ -7,6 +7,7 @@ from typing import Literal
 
 from simulators.devices.pty_port import PtyPort
 from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.spoil import Spoil, send
 
 ADDRESS = 0x7E
 _MASTER = 0x01
@@ -30,6 +31,8 @@ class MeSensor:
         self._heard = b""
         self._payload, self._counter = payload, 0
         self.faults = Faults()
+        self.spoil: Spoil | None = None
+        """What happens to answers on the wire."""
 
     async def start(self) -> str:
         return await self._port.start()
@@ -46,7 +49,7 @@ class MeSensor:
                 continue
             self._heard = self._heard[_REQUEST_BYTES:]
             if frame[1] == self._address and frame[3] == _MEASURE and not self.faults.silent:
-                self._port.write(self._answer())
+                send(self._port.write, self.spoil, self._address, self._answer())
 
     def _answer(self) -> bytes:
         if self._payload == "float":

@@ -1,12 +1,25 @@
 """Emulated CAN nodes on a UDP multicast group (python-can's `udp_multicast`): reachable from other processes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import can
 
 from simulators.devices.slcan_adapter import CanNode, Frame
 
 _STOP_S = 2.0
+
+
+class _Ears(can.Listener):
+    """Hears what others send; packets of strangers, which python-can cannot read, are passed over."""
+
+    def __init__(self, on_message: Callable[[can.Message], None]) -> None:
+        self._on_message = on_message
+
+    def on_message_received(self, msg: can.Message) -> None:
+        self._on_message(msg)
+
+    def on_error(self, exc: Exception) -> None:
+        """Nothing: python-can goes on listening."""
 
 
 class MulticastBus:
@@ -20,7 +33,7 @@ class MulticastBus:
     def start(self) -> None:
         """Raises OSError or can.CanError when the group cannot be joined."""
         self._bus = can.Bus(interface="udp_multicast", channel=self._group, port=self._port, hop_limit=0)
-        self._notifier = can.Notifier(self._bus, [self._on_message], timeout=0.05)
+        self._notifier = can.Notifier(self._bus, [_Ears(self._on_message)], timeout=0.05)
 
     def stop(self) -> None:
         """Leave the group; nothing answers any more."""

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from simulators.devices.pty_port import PtyPort
+from simulators.devices.spoil import Spoil, send
 
 Frame = tuple[int, bytes]
 """Identifier (11 bits) and up to 8 data bytes."""
@@ -30,6 +31,8 @@ class SlcanAdapter:
         self._open = False
         self.bus_off = False
         """The controller has left the bus after too many errors: nothing passes, sending is refused."""
+        self.spoil: Spoil | None = None
+        """What happens to each line with a frame on its way to the computer; the sender is the identifier."""
 
     async def start(self) -> str:
         return await self._port.start()
@@ -40,7 +43,7 @@ class SlcanAdapter:
     def send(self, frames: Sequence[Frame]) -> None:
         """Frames that nodes send by themselves: boot-up, heartbeat, emergency."""
         if self._open and not self.bus_off:
-            self._port.write(b"".join(_line(identifier, data) for identifier, data in frames))
+            self._pass(frames)
 
     def _on_bytes(self, data: bytes) -> None:
         *lines, rest = (self._heard + data).split(b"\r")
@@ -75,8 +78,16 @@ class SlcanAdapter:
             return _ERROR
         if count > 8 or len(data) != count:
             return _ERROR
-        answers = [frame for node in self._nodes for frame in node.on_frame(identifier, data)]
-        return _OK + b"".join(_line(*frame) for frame in answers)
+        self._port.write(_OK)
+        self._pass([frame for node in self._nodes for frame in node.on_frame(identifier, data)])
+        return b""
+
+    def _pass(self, frames: Sequence[Frame]) -> None:
+        if self.spoil is None:
+            self._port.write(b"".join(_line(*frame) for frame in frames))
+            return
+        for identifier, data in frames:
+            send(self._port.write, self.spoil, identifier, _line(identifier, data))
 
 
 def _line(identifier: int, data: bytes) -> bytes:
