@@ -8,6 +8,7 @@ from drivers.base import SetupError
 from drivers.byte_stream import SerialSettings
 
 CAN_INTERFACES = ("slcan", "socketcan", "udp_multicast", "virtual")
+CAN_BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_000)
 
 
 def _require(condition: bool, name: str, value: object, expected: str) -> None:
@@ -77,8 +78,7 @@ class CanInterfaceSettings:
     def __post_init__(self) -> None:
         _require(self.interface in CAN_INTERFACES, "interface", self.interface, f"one of {', '.join(CAN_INTERFACES)}")
         _require(bool(self.channel), "channel", self.channel, "a port, interface or group")
-        rates = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_000)
-        _require(self.bitrate in rates, "bitrate", self.bitrate, f"one of {', '.join(map(str, rates))}")
+        _require(self.bitrate in CAN_BITRATES, "bitrate", self.bitrate, f"one of {', '.join(map(str, CAN_BITRATES))}")
         _require(1 <= self.port <= 65535, "port", self.port, "1 to 65535")
         _check_timeout(self.timeout_s)
 

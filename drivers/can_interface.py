@@ -28,12 +28,16 @@ _LONGEST_LINE = 64
 _TIMESTAMP_BYTES = 2
 
 
-def open_interface(bus: str, settings: CanInterfaceSettings) -> can.BusABC:
-    """The interface, open. Raises ConnectError."""
+def open_interface(bus: str, settings: CanInterfaceSettings, *, listen_only: bool = False) -> can.BusABC:
+    """The interface, open. Raises ConnectError.
+
+    listen_only: an slcan adapter then sends nothing, not even acknowledgements; the other kinds do not know it
+    """
     try:
         match settings.interface:
             case "slcan":
-                return _Slcan(settings.channel, bitrate=settings.bitrate, sleep_after_open=0.0, timeout=_SERIAL_WAIT_S)
+                options: dict[str, Any] = {"sleep_after_open": 0.0, "timeout": _SERIAL_WAIT_S}
+                return _Slcan(settings.channel, bitrate=settings.bitrate, listen_only=listen_only, **options)
             case "udp_multicast":
                 return _Multicast(settings.channel, port=settings.port, hop_limit=0)
             case other:

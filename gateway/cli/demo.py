@@ -16,7 +16,8 @@ from rich.console import Console
 
 from drivers.base import DriverError
 from gateway.cli.report import write
-from gateway.cli.running import serve, stop_on_signals
+from gateway.cli.running import serve
+from gateway.cli.signals import stop_on_signals
 from gateway.config import GatewayConfig, load
 from gateway.view import LiveView, ViewOutlet, ViewState
 from simulators.clock import SharedClock

@@ -87,7 +87,7 @@ async def _line(line: Line) -> list[_Row]:
                     f"{r.value:.2f} {r.unit}",
                     r.quality.value,
                     latency,
-                    r.detail,
+                    f"{r.channel}: {r.detail}" if r.detail else "",
                 )
                 for r in readings
             ]

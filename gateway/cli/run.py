@@ -6,7 +6,8 @@ import signal
 from pathlib import Path
 
 from drivers.base import DriverError
-from gateway.cli.running import serve, stop_on_signals
+from gateway.cli.running import serve
+from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, load
 from gateway.reload import ReloadError

@@ -2,7 +2,6 @@
 
 import asyncio
 import platform
-import signal
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from importlib.metadata import version
@@ -69,15 +68,3 @@ async def serve(
         service = Service(config, clock, Fanout([*outlets, *more]), past, decided, configured)
         started(service)
         await service.run(stop)
-
-
-def stop_on_signals(stop: asyncio.Event) -> None:
-    """SIGINT and SIGTERM set `stop`; a second SIGINT ends the process at once."""
-    loop = asyncio.get_running_loop()
-
-    def asked() -> None:
-        stop.set()
-        loop.remove_signal_handler(signal.SIGINT)
-
-    loop.add_signal_handler(signal.SIGINT, asked)
-    loop.add_signal_handler(signal.SIGTERM, stop.set)

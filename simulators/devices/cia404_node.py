@@ -18,6 +18,9 @@ _BAD_COMMAND = 0x05040001
 _READ_ONLY = 0x06010002
 _LOW, _HIGH = -200.0, 850.0
 
+_VENDOR_IDS = {"axiomatic": 0x55, "esd": 0x17}
+_PRODUCT, _REVISION, _SERIAL = 404, 0x0001_0002, 4711
+
 _STATUS_BITS = {
     "jumo": {Fault.OPEN: 0x01, Fault.SHORT: 0x01, Fault.OVER: 0x02, Fault.UNDER: 0x04},
     "axiomatic": {Fault.OPEN: 0x03, Fault.SHORT: 0x10, Fault.OVER: 0x20, Fault.UNDER: 0x10},
@@ -57,6 +60,7 @@ class Cia404Node:
     ) -> None:
         self._node_id, self._source, self._inputs, self._digits = node_id, source, inputs, digits
         self._status_bits = _STATUS_BITS[vendor]
+        self._identity = [_VENDOR_IDS[vendor], _PRODUCT, _REVISION, _SERIAL] if vendor in _VENDOR_IDS else []
         self._sensor_types = list(sensor_types or [PT100] * inputs)
         self._state = Nmt.PRE_OPERATIONAL
         self._transmission_type = 1
@@ -129,6 +133,9 @@ class Cia404Node:
         """Value of an object in little-endian bytes, or an abort code."""
         if index == 0x1000:
             return (0x0002_0000 + 404).to_bytes(4, "little") if subindex == 0 else _NO_SUBINDEX
+        if index == 0x1018 and self._identity:
+            entries = [len(self._identity), *self._identity]
+            return entries[subindex].to_bytes(4 if subindex else 1, "little") if subindex <= 4 else _NO_SUBINDEX
         if index == 0x1017:
             return self._heartbeat_ms.to_bytes(2, "little") if subindex == 0 else _NO_SUBINDEX
         if 0x1800 <= index <= 0x1803 or 0x1A00 <= index <= 0x1A03:

@@ -34,10 +34,13 @@ def crc16(data: bytes) -> bytes:
 
 
 class RtuLine:
-    """Several units on one pseudo-terminal. `await start()` gives its path."""
+    """Several units on one pseudo-terminal. `await start()` gives its path.
 
-    def __init__(self, units: Mapping[int, ModbusUnit]) -> None:
-        self._units = dict(units)
+    baud: what the units are set to; at another speed they hear nonsense and stay silent. 0: they understand any
+    """
+
+    def __init__(self, units: Mapping[int, ModbusUnit], *, baud: int = 0) -> None:
+        self._units, self._baud = dict(units), baud
         self._port = PtyPort(self._on_bytes)
         self._heard = b""
         self.spoil: Spoil | None = None
@@ -51,6 +54,8 @@ class RtuLine:
 
     def _on_bytes(self, data: bytes) -> None:
         """Read requests of 8 bytes each; a byte that starts no valid request is skipped."""
+        if self._baud and self._port.baud != self._baud:
+            return
         self._heard += data
         while len(self._heard) >= _REQUEST_BYTES:
             frame, rest = self._heard[:_REQUEST_BYTES], self._heard[_REQUEST_BYTES:]

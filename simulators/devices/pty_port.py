@@ -1,11 +1,17 @@
 """The device's end of a serial line: a pseudo-terminal in raw mode, watched by the event loop."""
 
 import asyncio
+import fcntl
 import os
 import pty
+import struct
 import termios
 import tty
 from collections.abc import Callable
+
+_TCGETS2 = 0x802C542A
+_TERMIOS2 = struct.Struct("<4IB19sII")
+"""Flags, line discipline, control characters, input and output speed (asm-generic/termbits.h)."""
 
 
 class PtyPort:
@@ -25,6 +31,17 @@ class PtyPort:
         os.set_blocking(self._ours, False)
         asyncio.get_running_loop().add_reader(self._ours, self._readable)
         return os.ttyname(self._theirs)
+
+    @property
+    def baud(self) -> int:
+        """The speed that who has the path open has set: a pseudo-terminal keeps it and carries bytes regardless.
+
+        Raises OSError when not started.
+        """
+        if self._theirs is None:
+            raise OSError("the port is not open")
+        state = fcntl.ioctl(self._theirs, _TCGETS2, bytes(_TERMIOS2.size))
+        return int(_TERMIOS2.unpack(state)[-1])
 
     async def stop(self) -> None:
         """Hang up: who has the path open reads end of file."""

@@ -9,6 +9,8 @@ from simulators.devices.spoil import Spoil, send
 Frame = tuple[int, bytes]
 """Identifier (11 bits) and up to 8 data bytes."""
 
+_RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+_BITRATES = {b"%d" % number: rate for number, rate in enumerate(_RATES)}
 _OK, _ERROR = b"\r", b"\a"
 _LONGEST_LINE = 64
 
@@ -22,10 +24,14 @@ class CanNode(Protocol):
 
 
 class SlcanAdapter:
-    """`await start()` gives the path of its serial port. Frames pass only while the channel is open (`O`)."""
+    """`await start()` gives the path of its serial port. Frames pass only while the channel is open (`O`).
 
-    def __init__(self, nodes: Sequence[CanNode]) -> None:
-        self._nodes = tuple(nodes)
+    bitrate: what the nodes are set to; at another rate nothing passes. 0: any
+    """
+
+    def __init__(self, nodes: Sequence[CanNode], *, bitrate: int = 0) -> None:
+        self._nodes, self._bitrate, self._set = tuple(nodes), bitrate, bitrate
+        self._listens_only = False
         self._port = PtyPort(self._on_bytes)
         self._heard = b""
         self._open = False
@@ -42,7 +48,7 @@ class SlcanAdapter:
 
     def send(self, frames: Sequence[Frame]) -> None:
         """Frames that nodes send by themselves: boot-up, heartbeat, emergency."""
-        if self._open and not self.bus_off:
+        if self._open and not self.bus_off and self._set == self._bitrate:
             self._pass(frames)
 
     def _on_bytes(self, data: bytes) -> None:
@@ -58,14 +64,16 @@ class SlcanAdapter:
             case b"":
                 return _OK
             case b"O" | b"L":
-                self._open = True
+                self._open, self._listens_only = True, line[:1] == b"L"
                 return _OK
             case b"C":
                 self._open = False
                 return _OK
             case b"S" | b"s" | b"Y" if not self._open:
+                if self._bitrate and line[:1] == b"S":
+                    self._set = _BITRATES.get(line[1:2], 0)
                 return _OK
-            case b"t" if self._open and not self.bus_off:
+            case b"t" if self._open and not self.bus_off and not self._listens_only:
                 return self._transmit(line)
             case _:
                 return _ERROR
@@ -77,6 +85,8 @@ class SlcanAdapter:
         except (ValueError, UnicodeDecodeError):
             return _ERROR
         if count > 8 or len(data) != count:
+            return _ERROR
+        if self._set != self._bitrate:  # nobody acknowledges
             return _ERROR
         self._port.write(_OK)
         self._pass([frame for node in self._nodes for frame in node.on_frame(identifier, data)])

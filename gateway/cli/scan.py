@@ -1,0 +1,263 @@
+"""`talc-gateway scan`: what stands on a wire, as a table and as configuration text."""
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from drivers.bus_settings import CAN_BITRATES, CAN_INTERFACES, CanOpenSettings
+from drivers.recognition import describe
+from gateway.cli.signals import stop_on_signals
+from gateway.scan import can, serial, tcp
+from gateway.scan.found import Progress as Told
+from gateway.scan.found import Report, Stopped
+from gateway.scan.fragment import merged
+
+Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
+"""Takes also whether a report's question was answered with yes."""
+
+_BAUDS = (9600, 19200, 38400, 57600, 115200)
+_ME_BAUDS = (230_400, 256_000)
+_BITRATES = (125_000, 250_000, 500_000, 1_000_000)
+_EXIT_NOTHING = 3
+
+
+class Numbers(click.ParamType[tuple[int, ...]]):
+    """`1-8,12`: whole numbers within bounds, each once, in order."""
+
+    name = "numbers"
+
+    def __init__(self, low: int, high: int) -> None:
+        self._low, self._high = low, high
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, ...]:
+        if isinstance(value, tuple):
+            return value
+        found: set[int] = set()
+        for part in str(value).split(","):
+            first, _, last = part.strip().partition("-")
+            if not first.isdecimal() or not (last or first).isdecimal():
+                self.fail(f"{value!r}: expected numbers such as 1-8,12", param, ctx)
+            found |= set(range(int(first), int(last or first) + 1))
+        if not found or min(found) < self._low or max(found) > self._high:
+            self.fail(f"{value!r}: expected {self._low} to {self._high}", param, ctx)
+        return tuple(sorted(found))
+
+
+class Host(click.ParamType[tuple[str, int | None]]):
+    """`name` or `name:port`."""
+
+    name = "host"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, int | None]:
+        host, colon, port = str(value).rpartition(":") if str(value).count(":") == 1 else (str(value), "", "")
+        if not host or (colon and not (port.isdecimal() and 0 < int(port) < 65536)):
+            self.fail(f"{value!r}: expected a host, or host:port", param, ctx)
+        return host, int(port) if colon else None
+
+
+Toml = click.option(
+    "--toml", type=click.Path(dir_okay=False, path_type=Path, allow_dash=True),
+    help="Write a configuration of what was found; an existing file is added to, after a question. -: standard output.",
+)  # fmt: skip
+Limit = click.option(
+    "--limit", type=click.FloatRange(min=1), default=600.0, show_default=True, help="Stop after this many seconds."
+)
+Yes = click.option("--yes", is_flag=True, help="Answer every question with yes.")
+
+
+@click.group()
+def scan() -> None:
+    """Find devices on a wire: `scan serial PORT`, `scan can CHANNEL`, `scan tcp HOST`. Reads only.
+
+    \b
+    Each device that answers is compared with the supplied profiles and its inputs are read. --toml makes a
+    configuration of it; several scans can go into one file. Nothing else may use the wire meanwhile: stop the gateway.
+    Ctrl-C ends after the request under way and shows what was found so far.
+    """
+
+
+@scan.command("serial")
+@click.argument("port")
+@click.option("--baud", "bauds", type=click.IntRange(300, 4_000_000), multiple=True, default=_BAUDS, show_default=True,
+              help="Speed to try; may be given several times.")  # fmt: skip
+@click.option(
+    "--parity", "parities", type=click.Choice(["N", "E", "O"]), multiple=True, default=("N",), show_default=True
+)
+@click.option("--units", type=Numbers(1, 247), default="1-32", show_default=True, help="Modbus unit ids to ask.")
+@click.option("--me-baud", "me_bauds", type=click.IntRange(300, 4_000_000), multiple=True, default=_ME_BAUDS,
+              show_default=True, help="Speeds at which Micro-Epsilon sensors are asked, parity N and E.")  # fmt: skip
+@click.option("--me-addresses", type=Numbers(2, 126), default="126", show_default=True)
+@click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
+@click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 5), default=0.15, show_default=True,
+              help="How long a unit may think, s.")  # fmt: skip
+@Limit
+@Toml
+@Yes
+def serial_command(
+    port: str, bauds: tuple[int, ...], parities: tuple[str, ...], units: tuple[int, ...], me_bauds: tuple[int, ...],
+    me_addresses: tuple[int, ...], protocol: str, timeout_s: float, limit: float, toml: Path | None, yes: bool,
+) -> None:  # fmt: skip
+    """Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
+    what = serial.plan(
+        port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
+        me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s,
+    )  # fmt: skip
+    framings = ", ".join(dict.fromkeys(f"{t.protocol} {t.framing}" for t in what.tries))
+    intro = f"{port}: {what.requests} requests ({framings})"
+    _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: serial.scan_line(what, p, s))
+
+
+@scan.command("tcp")
+@click.argument("hosts", type=Host(), nargs=-1, required=True)
+@click.option("--units", type=Numbers(0, 255), default="1", show_default=True, help="Units to ask behind each host.")
+@click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 60), default=1.0, show_default=True, help="s.")
+@Limit
+@Toml
+@Yes
+def tcp_command(
+    hosts: tuple[tuple[str, int | None], ...], units: tuple[int, ...], timeout_s: float,
+    limit: float, toml: Path | None, yes: bool,
+) -> None:  # fmt: skip
+    """Modbus TCP units behind HOSTS (host or host:port), and Micro-Epsilon controllers. Asks these hosts only.
+
+    Without a port, 502 (Modbus) and 10001 (a controller's data) are tried. Behind a gateway to a serial line each
+    device has a unit id of its own: --units 1-16.
+    """
+    what = tcp.TcpScan(hosts, units, timeout_s)
+    listed = ", ".join(host if port is None else f"{host}:{port}" for host, port in hosts)
+    intro = f"{listed}: {what.requests} requests"
+    _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: tcp.scan_hosts(what, p, s))
+
+
+@scan.command("can")
+@click.argument("channel")
+@click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
+@click.option("--bitrate", "bitrates", type=click.Choice(CAN_BITRATES),
+              multiple=True, help=f"To try, on slcan. Default there: {', '.join(map(str, _BITRATES))}.")  # fmt: skip
+@click.option("--nodes", type=Numbers(1, 127), default="1-127", show_default=True, help="CANopen nodes to ask.")
+@click.option("--listen", "listen_s", type=click.FloatRange(0, 3600), default=3.0, show_default=True,
+              help="Listen this many seconds before anybody is asked.")  # fmt: skip
+@click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 5), default=0.3, show_default=True, help="s.")
+@click.option("--udp-port", type=int, default=43113, show_default=True, help="For udp_multicast only.")
+@Limit
+@Toml
+@Yes
+def can_command(
+    channel: str, interface: str, bitrates: tuple[int, ...], nodes: tuple[int, ...], listen_s: float, timeout_s: float,
+    udp_port: int, limit: float, toml: Path | None, yes: bool,
+) -> None:  # fmt: skip
+    """CANopen nodes and plain CAN frames on CHANNEL: can0, or the serial port of an slcan adapter.
+
+    \b
+    The bit rate of a socketcan interface is set by the system and cannot be tried out:
+      ip link set can0 up type can bitrate 125000 restart-ms 100
+    On slcan every rate is first only listened at (the adapter sends nothing, not even acknowledgements).
+    """
+    if len(bitrates) > 1 and interface != "slcan":
+        raise click.UsageError(f"--bitrate: the rate of {interface} cannot be switched here; give one, or none")
+    rates = bitrates or (_BITRATES if interface == "slcan" else (125_000,))
+    settings = CanOpenSettings(interface=interface, channel=channel, bitrate=rates[0], port=udp_port)
+    what = can.CanScan(settings, rates, nodes, listen_s, timeout_s)
+    rate = (
+        "bit rate as the system has set it" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"
+    )
+    intro = f"{interface} {channel}: listening, then asking {len(nodes)} nodes ({rate})"
+
+    def run(tell: Told, stopped: Stopped, anyway: bool) -> Awaitable[Report]:
+        return can.scan_can(replace(what, anyway=anyway), tell, stopped)
+
+    _scan(intro, 2 * len(rates), what.longest_s, limit, toml, yes, run)
+
+
+def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path | None, yes: bool, run: Run) -> None:
+    """Say how long it may take, scan with a progress bar, print the table, write the configuration."""
+    said = Console(stderr=True)
+    said.print(f"{intro}; at most {_duration(longest_s)} when nobody answers", soft_wrap=True, highlight=False)
+    if longest_s > limit_s:
+        said.print(f"it will be stopped after {_duration(limit_s)}; name fewer speeds or units, or raise --limit")
+    report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, yes)))
+    if report.question and click.confirm(report.question, err=True):
+        report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, True)))
+    console = Console(stderr=str(toml) == "-")  # what is piped is the configuration alone
+    _print(console, report)
+    if ended:
+        console.print(f"{ended}: {report.asked} of {report.total} asked", style="yellow")
+    if toml is not None and any(device.what.profile for device in report.found):
+        _write(toml, report, yes)
+    sys.exit(0 if report.found else _EXIT_NOTHING)
+
+
+async def _run(
+    said: Console, total: int, limit_s: float, run: Callable[[Told, Stopped], Awaitable[Report]]
+) -> tuple[Report, str]:
+    """The report, and why the scan ended early."""
+    stop = asyncio.Event()
+    stop_on_signals(stop)
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + limit_s
+    columns = (
+        BarColumn(20),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=said, transient=True) if said.is_terminal else nullcontext() as bar:
+        task = None if bar is None else bar.add_task("", total=total)
+
+        def tell(done: int, text: str) -> None:
+            if bar is not None and task is not None:
+                bar.update(task, completed=done, description=text)
+
+        report = await run(tell, lambda: stop.is_set() or loop.time() > deadline)
+    if stop.is_set():
+        return report, "interrupted"
+    return report, f"stopped after {_duration(limit_s)}" if loop.time() > deadline else ""
+
+
+def _print(console: Console, report: Report) -> None:
+    for place in report.places:
+        table = Table(
+            "unit", "profile", "inputs", "evidence, and what they read", title=place.title, title_justify="left"
+        )
+        for device in place.devices:
+            what = device.what
+            text = "\n".join(
+                [what.evidence, *([device.reads] if device.reads else []), *(f"check {d}" for d in what.doubts)]
+            )
+            table.add_row(str(device.unit), what.profile or "unknown", describe(what.inputs), text)
+        console.print(table)
+    for remark in report.remarks:
+        console.print(f"- {remark}", highlight=False, soft_wrap=True)
+    known = sum(bool(device.what.profile) for device in report.found)
+    console.print(f"{len(report.found)} answered, {known} recognised")
+
+
+def _write(path: Path, report: Report, yes: bool) -> None:
+    if str(path) == "-":
+        click.echo(merged("", report.places, Path("found.toml")), nl=False)
+        return
+    existing = path.read_text(encoding="utf-8") if path.exists() else ""
+    text = merged(existing, report.places, path)
+    if text == existing:
+        click.echo(f"{path} has all of it already", err=True)
+        return
+    if existing and not yes and not click.confirm(f"{path} exists. Add what it does not have yet?", err=True):
+        return
+    path.write_text(text, encoding="utf-8")
+    click.echo(
+        f"{path} {'extended' if existing else 'written'}: name the channels, then talc-gateway probe {path}", err=True
+    )
+
+
+def _duration(seconds: float) -> str:
+    return f"{max(1.0, seconds):.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

@@ -1,0 +1,165 @@
+"""CAN buses: listen first, then ask every node by SDO for what it is."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from drivers.base import BadAnswer
+from drivers.bus_settings import CanOpenSettings
+from drivers.can_survey import CanSurvey, Heard
+from drivers.canopen_bus import CanOpenBus
+from drivers.recognition import Recognition, recognise_canopen
+from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
+
+_MOST_FRAMES = 8
+"""Identifiers of plain CAN that are listed."""
+
+
+@dataclass(frozen=True, slots=True)
+class CanScan:
+    """Where and how."""
+
+    settings: CanOpenSettings
+    bitrates: tuple[int, ...]
+    """Several are possible on slcan only: the system sets those of the other interfaces."""
+    nodes: Sequence[int]
+    listen_s: float
+    wait_s: float
+    """For how long the last node may think."""
+    anyway: bool = False
+    """Send also at a bit rate at which nobody was heard, when several are to be tried."""
+
+    @property
+    def asking_s(self) -> float:
+        """For one bit rate."""
+        slowest = min(self.bitrates)
+        return len(self.nodes) * (400 / slowest + 0.004) + self.wait_s
+
+    @property
+    def longest_s(self) -> float:
+        return len(self.bitrates) * (self.listen_s + self.asking_s)
+
+
+async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> Report:
+    """Listen at each bit rate, then ask the nodes at the one where something was heard.
+
+    When nothing was heard and there are several rates, the report holds a question and nobody was asked: a wrong rate
+    disturbs nodes that talk at another. Raises ConnectError.
+    """
+    report = Report(total=2 * len(scan.bitrates))
+    heard = {rate: Heard() for rate in scan.bitrates}
+    for rate in scan.bitrates:
+        if stopped():
+            return report
+        progress(report.asked, f"listening at {rate} bit/s")
+        await asyncio.to_thread(_listen, scan, rate, heard[rate], stopped)
+        report.asked += 1
+        if heard[rate].frames:
+            break
+    talking = [rate for rate in scan.bitrates if heard[rate].frames]
+    rates = talking or list(scan.bitrates)
+    if len(rates) > 1 and not scan.anyway:
+        report.question = (
+            "Nothing was heard at any bit rate. Ask the nodes at each? "
+            "At a wrong rate that disturbs nodes which talk at another."
+        )
+        report.remarks.append("nothing was heard, and nobody was asked")
+        return report
+    for rate in rates:
+        if stopped():
+            break
+        progress(report.asked, f"asking nodes at {rate} bit/s")
+        await asyncio.to_thread(_ask, scan, rate, heard[rate], stopped)
+        report.asked += 1
+        if heard[rate].nodes or talking:
+            await _look(scan, rate, heard[rate], report, progress, stopped)
+            break
+    else:
+        _note_silence(scan, heard, report)
+    if not stopped():
+        report.asked = report.total
+    return report
+
+
+def _at(scan: CanScan, rate: int) -> CanOpenSettings:
+    return replace(scan.settings, bitrate=rate)
+
+
+def _listen(scan: CanScan, rate: int, heard: Heard, stopped: Stopped) -> None:
+    with CanSurvey("scan", _at(scan, rate), listen_only=True) as survey:
+        survey.listen(scan.listen_s, heard, stopped)
+
+
+def _ask(scan: CanScan, rate: int, heard: Heard, stopped: Stopped) -> None:
+    with CanSurvey("scan", _at(scan, rate)) as survey:
+        survey.ask(scan.nodes, scan.wait_s, heard, stopped)
+
+
+async def _look(scan: CanScan, rate: int, heard: Heard, report: Report, progress: Progress, stopped: Stopped) -> None:
+    """What each node that answered is."""
+    settings = _at(scan, rate)
+    bus = CanOpenBus("scan", replace(settings, timeout_s=max(scan.wait_s, 0.1)))
+    found: list[Found] = []
+    try:
+        await bus.connect()
+        for node in heard.nodes:
+            if stopped():
+                break
+            progress(report.asked, f"looking at node {node}")
+            what = await _recognise(bus, node, heard, report)
+            if what is not None:
+                found.append(Found(node, what, await read_inputs(bus, node, what)))
+    finally:
+        await bus.close()
+    for node, code in heard.emergencies.items():
+        report.remarks.append(f"node {node} sent an emergency: error code 0x{code:04X}")
+    for node in sorted(heard.doubled):
+        report.remarks.append(f"node {node} answered twice: two nodes have this id; give one of them another")
+    _note_others(heard, report)
+    if heard.error_frames:
+        report.remarks.append(
+            f"{heard.error_frames} error frames: a node with another bit rate, termination, or wiring"
+        )
+    options: dict[str, object] = {"interface": settings.interface, "channel": settings.channel, "bitrate": rate}
+    if settings.interface == "udp_multicast":
+        options["port"] = settings.port
+    if found:
+        report.places.append(Place("canopen", options, tuple(found)))
+
+
+async def _recognise(bus: CanOpenBus, node: int, heard: Heard, report: Report) -> Recognition | None:
+    state = heard.states.get(node)
+    if node not in heard.device_types:
+        report.remarks.append(
+            f"node {node} is heard ({state or 'emergency'}) but does not answer SDO: is it stopped (NMT)?"
+        )
+        return None
+    try:
+        what = await recognise_canopen(bus, node)
+    except BadAnswer as error:
+        report.remarks.append(f"node {node}: {error.what}")
+        return None
+    if what is not None and state is not None:
+        return replace(what, evidence=f"{what.evidence}, {state}")
+    return what
+
+
+def _note_others(heard: Heard, report: Report) -> None:
+    others = heard.unexplained()
+    for (identifier, extended), count in list(others.items())[:_MOST_FRAMES]:
+        kind = "29 bits" if extended else "11 bits"
+        report.remarks.append(
+            f"frame 0x{identifier:X} ({kind}), {count} times: plain CAN; its maker's DBC file names it"
+        )
+    if len(others) > _MOST_FRAMES:
+        report.remarks.append(f"and {len(others) - _MOST_FRAMES} more identifiers")
+
+
+def _note_silence(scan: CanScan, heard: dict[int, Heard], report: Report) -> None:
+    errors = sum(h.error_frames for h in heard.values())
+    listed = ", ".join(map(str, scan.bitrates))
+    report.remarks.append(
+        f"nothing answered or was heard at {listed} bit/s"
+        + (f", {errors} error frames came" if errors else "")
+        + ": check bit rate, termination (60 ohm between CAN_H and CAN_L), CAN_H and CAN_L swapped, power of the nodes"
+    )

@@ -1,0 +1,125 @@
+"""From what a scan found to configuration text that validates: `[[bus]]` and `[[device]]` sections."""
+
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import count
+from pathlib import Path
+
+from drivers.profiles import load_profile
+from gateway.config.load import parse
+from gateway.scan.found import Found, Place
+
+_BUS_NAMES = {
+    "modbus_rtu": "rtu",
+    "modbus_tcp": "tcp",
+    "canopen": "can",
+    "me_rs485": "growth_line",
+    "me_ethernet": "eddy",
+}
+_UNIT_NAMES = {"degC": "rtd", "µm": "growth"}
+
+
+def merged(existing: str, places: Sequence[Place], path: Path) -> str:
+    """`existing` (which may be empty) with a section for every recognised device that it does not have yet.
+
+    Every name is new, so several scans can go into one file. `path` names the file in messages. The text is checked
+    before it is returned: raises ConfigError with every problem, such as those that `existing` has.
+    """
+    data = tomllib.loads(existing) if existing else {}
+    names = _Names(data)
+    parts = [existing.rstrip("\n")] if existing.strip() else ['[machine]\nname = "machine"']
+    for group in _by_port(places):
+        parts += _sections(group, data, names)
+    text = "\n\n".join(parts) + "\n"
+    parse(text, path)
+    return text
+
+
+class _Names:
+    """Names of buses, devices and channels that are free."""
+
+    def __init__(self, data: dict[str, object]) -> None:
+        self._used = set(re.findall(r"\w+", json.dumps(data, default=str)))
+
+    def free(self, stem: str) -> str:
+        name = next(name for i in count(1) if (name := f"{stem}{i}") not in self._used)
+        self._used.add(name)
+        return name
+
+
+def _by_port(places: Sequence[Place]) -> Iterator[list[Place]]:
+    """Places that share a wire, the one with most recognised devices first: a bus has one speed and one protocol."""
+    wires: dict[str, list[Place]] = {}
+    for place in places:
+        wires.setdefault(_wire(place), []).append(place)
+    for group in wires.values():
+        yield sorted(group, key=lambda place: -sum(bool(device.what.profile) for device in place.devices))
+
+
+def _wire(place: Place) -> str:
+    options = place.options
+    return str(options.get("host") or options.get("channel")) + f" {options.get('port', '')}"
+
+
+def _sections(group: list[Place], data: dict[str, object], names: _Names) -> list[str]:
+    """The sections of one wire; what cannot be on the same bus stands there as comments."""
+    first, *others = group
+    lines = _comments(
+        f"{device.what.profile or 'a unit'} at unit {device.unit} answers as {other.title}: set it as the others"
+        for other in others for device in other.devices
+    )  # fmt: skip
+    usable = [device for device in first.devices if device.what.profile]
+    lines += _comments(f"unit {d.unit}: {d.what.evidence}" for d in first.devices if not d.what.profile)
+    known = _existing_bus(data, first)
+    if known is None and usable:
+        bus = names.free(_BUS_NAMES[first.kind])
+        lines += ["[[bus]]", f"name = {_toml(bus)}", f"kind = {_toml(first.kind)}"]
+        lines += [f"{key} = {_toml(value)}" for key, value in first.options.items()]
+    else:
+        bus = known or ""
+    sections = ["\n".join(lines)] if lines else []
+    return sections + [_device(bus, device, names) for device in usable if not _has(data, bus, device)]
+
+
+def _existing_bus(data: dict[str, object], place: Place) -> str | None:
+    for bus in _tables(data, "bus"):
+        if bus.get("kind") == place.kind and all(
+            bus.get(key, value) == value for key, value in place.options.items() if key in ("port", "host", "channel")
+        ):
+            return str(bus["name"])
+    return None
+
+
+def _has(data: dict[str, object], bus: str, device: Found) -> bool:
+    return any(d.get("bus") == bus and d.get("unit", 1) == device.unit for d in _tables(data, "device"))
+
+
+def _tables(data: dict[str, object], key: str) -> list[dict[str, object]]:
+    entries = data.get(key)
+    return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
+
+
+def _device(bus: str, device: Found, names: _Names) -> str:
+    what = device.what
+    profile = load_profile(what.profile)
+    name = names.free(_UNIT_NAMES.get(profile.unit, "device"))
+    lines = _comments([f"{profile.title}; {what.evidence}", *(f"CHECK {doubt}" for doubt in what.doubts)])
+    if device.reads:
+        lines += _comments([f"when found: {device.reads}"])
+    lines += ["[[device]]", f"name = {_toml(name)}", f"bus = {_toml(bus)}", f"profile = {_toml(what.profile)}"]
+    lines += [f"unit = {device.unit}"]
+    if what.options:
+        lines += ["[device.options]", *(f"{key} = {_toml(value)}" for key, value in what.options.items())]
+    lines += ["[device.channels]", *(f"{name}_in{number} = {number}" for number in what.inputs)]
+    return "\n".join(lines)
+
+
+def _comments(texts: Iterable[str]) -> list[str]:
+    """One comment line each, whatever characters a device's name holds."""
+    return ["# " + "".join(c if c.isprintable() else " " for c in text) for text in texts]
+
+
+def _toml(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False)

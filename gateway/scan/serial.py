@@ -1,0 +1,144 @@
+"""Serial lines: units are asked one by one, at each speed and parity that is to be tried."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Literal
+
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
+from drivers.bus_settings import MeRs485Settings, ModbusRtuSettings
+from drivers.me_rs485 import MeRs485Bus
+from drivers.modbus_bus import ModbusRtuBus
+from drivers.modbus_profile import Block
+from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
+from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
+
+Protocol = Literal["modbus_rtu", "me_rs485"]
+
+ANY_REGISTER = Block(3, 0, 1)
+"""Asked of every unit: reading holding registers is what nearly every device can do; the others refuse, which is an
+answer too."""
+_MOST_BABBLE = 3
+"""Units whose garbage is shown for one speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineTry:
+    """One speed and parity at which the units of one protocol are asked."""
+
+    protocol: Protocol
+    baud: int
+    parity: str
+    units: Sequence[int]
+
+    @property
+    def framing(self) -> str:
+        return f"{self.baud} 8{self.parity}1"
+
+
+@dataclass(frozen=True, slots=True)
+class SerialScan:
+    """What to try on one port."""
+
+    port: str
+    tries: tuple[LineTry, ...]
+    timeout_s: float
+    """For how long each unit may think."""
+
+    @property
+    def requests(self) -> int:
+        return sum(len(attempt.units) for attempt in self.tries)
+
+    @property
+    def longest_s(self) -> float:
+        """When nobody answers; each unit that does costs a little more, as it is looked at."""
+        return sum(len(t.units) * (self.timeout_s + 0.003 + 40 / t.baud) for t in self.tries)
+
+
+def plan(
+    port: str, *, bauds: Sequence[int], parities: Sequence[str], units: Sequence[int],
+    me_bauds: Sequence[int], me_addresses: Sequence[int], timeout_s: float,
+) -> SerialScan:  # fmt: skip
+    """Modbus at every speed and parity, then Micro-Epsilon sensors likewise; an empty list leaves a protocol out."""
+    modbus = [LineTry("modbus_rtu", baud, parity, units) for baud, parity in product(bauds, parities) if units]
+    me = [LineTry("me_rs485", b, parity, me_addresses) for b, parity in product(me_bauds, ("N", "E")) if me_addresses]
+    return SerialScan(port, (*modbus, *me), timeout_s)
+
+
+async def scan_line(scan: SerialScan, progress: Progress, stopped: Stopped) -> Report:
+    """Ask, until done or stopped; a request that is under way is finished first, so no unit is left answering.
+
+    Raises ConnectError when the port cannot be opened at all.
+    """
+    report = Report(total=scan.requests)
+    refused: dict[str, list[str]] = {}
+    first_refusal: ConnectError | None = None
+    for attempt in scan.tries:
+        if stopped():
+            break
+        try:
+            place = await _try(scan, attempt, report, progress, stopped)
+        except ConnectError as error:
+            first_refusal = first_refusal or error
+            refused.setdefault(error.what, []).append(attempt.framing)
+            report.asked += len(attempt.units)
+            continue
+        if place.devices:
+            report.places.append(place)
+    if first_refusal is not None and sum(map(len, refused.values())) == len(scan.tries):
+        raise first_refusal
+    report.remarks += [f"{', '.join(dict.fromkeys(at))} could not be tried: {what}" for what, at in refused.items()]
+    return report
+
+
+async def _try(scan: SerialScan, attempt: LineTry, report: Report, progress: Progress, stopped: Stopped) -> Place:
+    line = {"port": scan.port, "baud": attempt.baud, "parity": attempt.parity}
+    bus: ModbusRtuBus | MeRs485Bus
+    if attempt.protocol == "modbus_rtu":
+        bus = ModbusRtuBus(
+            "scan",
+            ModbusRtuSettings(port=scan.port, baud=attempt.baud, parity=attempt.parity, timeout_s=scan.timeout_s),
+        )
+    else:
+        bus = MeRs485Bus(
+            "scan", MeRs485Settings(port=scan.port, baud=attempt.baud, parity=attempt.parity, timeout_s=scan.timeout_s)
+        )
+    babble: list[str] = []
+    found: list[Found] = []
+    try:
+        await bus.connect()
+        for unit in attempt.units:
+            if stopped():
+                break
+            progress(report.asked, f"{attempt.protocol} {attempt.framing} unit {unit}")
+            what = await _ask(bus, unit, babble)
+            report.asked += 1
+            if what is not None:
+                found.append(Found(unit, what, await read_inputs(bus, unit, what)))
+    finally:
+        await bus.close()
+    report.remarks += [f"{attempt.framing}: {text}" for text in babble[:_MOST_BABBLE]]
+    if len(babble) > _MOST_BABBLE:
+        report.remarks.append(f"{attempt.framing}: and the same from {len(babble) - _MOST_BABBLE} more")
+    return Place(attempt.protocol, line, tuple(found))
+
+
+async def _ask(bus: ModbusRtuBus | MeRs485Bus, unit: int, babble: list[str]) -> Recognition | None:
+    """What the unit is, None when it is silent; what is no valid answer is noted in `babble`. Raises ConnectError."""
+    try:
+        if isinstance(bus, MeRs485Bus):
+            return await recognise_me_rs485(bus, unit)
+        try:
+            await bus.read("", unit, ANY_REGISTER)
+        except NoAnswer:
+            return None
+        except BadAnswer:
+            raise
+        except ConnectError:
+            raise
+        except DriverError:  # refused: an answer too
+            pass
+        return await recognise_modbus(bus, unit)
+    except BadAnswer as error:
+        babble.append(f"{error.what} ({error.hint})")
+        return None

@@ -1,0 +1,107 @@
+"""Hosts that the user names: Modbus TCP units behind them, or a Micro-Epsilon controller's data port."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
+from drivers.bus_settings import MeEthernetSettings, ModbusTcpSettings
+from drivers.me_ethernet import MeEthernetBus
+from drivers.modbus_bus import ModbusTcpBus
+from drivers.recognition import recognise_me_ethernet, recognise_modbus
+from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
+from gateway.scan.serial import ANY_REGISTER
+
+_MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
+_UNUSUAL_UNITS = (113, 114, 115)
+"""Ids that nobody sets: a host that answers for one does not look at the id."""
+_ONE_DEVICE = "answers whatever the unit id is: one device"
+
+
+@dataclass(frozen=True, slots=True)
+class TcpScan:
+    """Which hosts, ports and units to ask."""
+
+    hosts: tuple[tuple[str, int | None], ...]
+    """Host and port; None: the usual ports of Modbus and of controllers. A given port is asked for either."""
+    units: Sequence[int]
+    timeout_s: float
+
+    @property
+    def requests(self) -> int:
+        return len(self.hosts) * (len(self.units) + 2)
+
+    @property
+    def longest_s(self) -> float:
+        """When nobody answers."""
+        return self.requests * self.timeout_s
+
+
+async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> Report:
+    """Ask until done or stopped. A host that does not answer is a remark, not an error."""
+    report = Report(total=scan.requests)
+    for number, (host, port) in enumerate(scan.hosts, start=1):
+        before, remarks = len(report.places), len(report.remarks)
+        await _modbus(scan, host, port or _MODBUS_PORT, report, progress, stopped)
+        if stopped():
+            break
+        if port is None or len(report.places) == before:
+            progress(report.asked, f"{host}:{port or _CONTROLLER_PORT}")
+            await _controller(host, port or _CONTROLLER_PORT, scan.timeout_s, report)
+        if len(report.places) > before:  # what the other protocol met is no news
+            report.remarks = [text for i, text in enumerate(report.remarks) if i < remarks or _ONE_DEVICE in text]
+        report.asked = number * (len(scan.units) + 2)
+    return report
+
+
+async def _modbus(scan: TcpScan, host: str, port: int, report: Report, progress: Progress, stopped: Stopped) -> None:
+    bus = ModbusTcpBus("scan", ModbusTcpSettings(host=host, port=port, timeout_s=scan.timeout_s))
+    found: list[Found] = []
+    try:
+        await bus.connect()
+        blind = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]))
+        for unit in scan.units:
+            if stopped():
+                break
+            progress(report.asked, f"{host}:{port} unit {unit}")
+            report.asked += 1
+            await bus.connect()
+            if not await _answers(bus, unit):
+                continue
+            what = await recognise_modbus(bus, unit)
+            found.append(Found(unit, what, await read_inputs(bus, unit, what)))
+            if blind:
+                report.remarks.append(f"{host}:{port} {_ONE_DEVICE}, shown as unit {unit}")
+                break
+        if not found and not stopped():
+            report.remarks.append(f"{host}:{port} accepts connections, but none of the units asked answers Modbus")
+    except (ConnectError, BadAnswer) as error:
+        report.remarks.append(f"Modbus: {error.what}" + (f" ({error.hint})" if error.hint else ""))
+    finally:
+        await bus.close()
+    if found:
+        report.places.append(Place("modbus_tcp", {"host": host, "port": port}, tuple(found)))
+
+
+async def _answers(bus: ModbusTcpBus, unit: int) -> bool:
+    """Whether there is such a unit. Raises BadAnswer or ConnectError."""
+    try:
+        await bus.read("", unit, ANY_REGISTER)
+    except NoAnswer:
+        return False
+    except Refused:
+        return True
+    return True
+
+
+async def _controller(host: str, port: int, timeout_s: float, report: Report) -> None:
+    bus = MeEthernetBus("scan", MeEthernetSettings(host=host, port=port, timeout_s=timeout_s))
+    try:
+        await bus.connect()
+        what = await recognise_me_ethernet(bus)
+        reads = await read_inputs(bus, 1, what)
+    except (ConnectError, NoAnswer, BadAnswer) as error:
+        report.remarks.append(f"displacement controller: {error.what}")
+    else:
+        report.places.append(Place("me_ethernet", {"host": host, "port": port}, (Found(1, what, reads),)))
+    finally:
+        await bus.close()

@@ -1,0 +1,43 @@
+"""The command line as a user has it: a process of its own, while the emulated devices live in the test."""
+
+import asyncio
+import os
+import sys
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from signal import SIGINT
+
+LIMIT_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What a command left."""
+
+    code: int
+    out: str
+    err: str
+
+
+async def talc_gateway(
+    *arguments: str, answer: str = "", columns: int = 100, interrupt: Callable[[], Awaitable[object]] | None = None
+) -> Done:
+    """Run to its end. `answer` is typed at its questions; Ctrl-C comes when `interrupt` returns."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "gateway", *arguments),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env={**os.environ, "COLUMNS": str(columns), "PYTHONWARNINGS": "error::ResourceWarning"},
+    )
+    try:
+        async with asyncio.timeout(LIMIT_S):
+            if interrupt is not None:
+                await interrupt()
+                process.send_signal(SIGINT)
+            out, err = await process.communicate(answer.encode())
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    return Done(process.returncode or 0, out.decode(), err.decode())

@@ -1,0 +1,13 @@
+"""Free ports for the tests of this folder."""
+
+import socket
+
+import pytest
+
+
+@pytest.fixture
+def free_udp_port() -> int:
+    """A port that nobody has at this moment."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        return int(probe.getsockname()[1])

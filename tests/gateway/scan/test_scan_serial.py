@@ -1,0 +1,261 @@
+"""Scanning a serial line: who is there, at which speed, and that nobody is disturbed."""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers.base import ConnectError
+from gateway.config import load
+from gateway.scan.found import Found, Report
+from gateway.scan.serial import SerialScan, plan, scan_line
+from simulators.devices.m7015 import M7015
+from simulators.devices.me_sensor import MeSensor
+from simulators.devices.modbus_servers import RtuLine, crc16
+from simulators.devices.modbus_unit import ModbusUnit, answer
+from simulators.devices.pta8d08 import Pta8d08
+from simulators.devices.pty_port import PtyPort
+from simulators.devices.source import Fault
+from simulators.devices.voltage_input import VoltageInput
+from tests.gateway.command import talc_gateway
+
+TIMEOUT_S = 0.03
+SIX = [20.04, 21.26, -3.3, 40.0, 99.96, 22.22]
+EIGHT = [*SIX, 0.0, 94.96]
+
+
+def quiet(_done: int, _text: str) -> None:
+    """Nobody watches."""
+
+
+def line_plan(
+    port: str, *, bauds: Sequence[int] = (9600,), units: Sequence[int] = (1, 2, 3), me: bool = False
+) -> SerialScan:
+    return plan(
+        port,
+        bauds=bauds,
+        parities=("N",),
+        units=units,
+        me_bauds=(230_400,),
+        me_addresses=(126,) if me else (),
+        timeout_s=TIMEOUT_S,
+    )
+
+
+@asynccontextmanager
+async def line(units: dict[int, ModbusUnit], baud: int = 0) -> AsyncIterator[str]:
+    wire = RtuLine(units, baud=baud)
+    path = await wire.start()
+    try:
+        yield path
+    finally:
+        await wire.stop()
+
+
+async def scan(what: SerialScan) -> Report:
+    return await scan_line(what, quiet, lambda: False)
+
+
+def by_unit(report: Report) -> dict[int, Found]:
+    return {device.unit: device for device in report.found}
+
+
+async def test_known_modules_are_recognised_and_others_called_unknown() -> None:
+    broken = M7015(lambda: SIX)
+    broken.faults.set(2, Fault.OPEN)
+    voltage = VoltageInput(lambda: [100.0] * 8, range_um=500.0)
+    async with line({1: broken, 2: Pta8d08(lambda: EIGHT), 3: voltage}) as path:
+        found = by_unit(await scan(line_plan(path, units=(1, 2, 3, 4))))
+    assert {unit: device.what.profile for unit, device in found.items()} == {
+        1: "icpdas_m7015",
+        2: "eletechsup_pta8d08",
+        3: "",
+    }
+    assert found[1].what.inputs == tuple(range(6))
+    assert found[1].reads == "20.0 21.3 sensor_fault 40.0 100.0 22.2 degC"
+    assert found[2].reads == "20.0 21.3 -3.3 40.0 out_of_range 22.2 0.0 95.0 degC"
+
+
+async def test_input_set_to_something_else_is_left_out_and_told() -> None:
+    module = M7015(lambda: SIX)
+    module.set_type_code(3, 0x05)  # a voltage
+    async with line({1: module}) as path:
+        (device,) = (await scan(line_plan(path, units=(1,)))).found
+    assert device.what.inputs == (0, 1, 2, 4, 5)
+    assert device.what.doubts == ("input 3 has type code 0x0005, which the profile cannot read",)
+
+
+async def test_resistances_that_do_not_agree_are_no_pta8d08() -> None:
+    class Meter(Pta8d08):
+        def memory(self, function: int) -> dict[int, int]:
+            return {**super().memory(function), 34: 1234} if function == 3 else {}
+
+    async with line({1: Meter(lambda: EIGHT)}) as path:
+        (device,) = (await scan(line_plan(path, units=(1,)))).found
+    assert device.what.profile == ""
+
+
+async def test_speed_at_which_the_line_talks_is_found() -> None:
+    async with line({2: M7015(lambda: SIX)}, baud=38400) as path:
+        report = await scan(line_plan(path, bauds=(9600, 38400, 115200)))
+    (place,) = report.places
+    assert place.options == {"port": path, "baud": 38400, "parity": "N"}
+    assert [device.unit for device in place.devices] == [2]
+    assert report.asked == report.total == 9
+
+
+@pytest.mark.parametrize(("payload", "profile"), [("float", "me_rs485"), ("counted", "me_dt6120")])
+async def test_displacement_sensor_is_told_by_its_answer(payload: str, profile: str) -> None:
+    sensor = MeSensor(lambda: [123.4], range_um=500.0, payload="counted" if payload == "counted" else "float")
+    path = await sensor.start()
+    try:
+        report = await scan(line_plan(path, me=True))
+    finally:
+        await sensor.stop()
+    (device,) = report.found
+    assert (device.what.profile, device.unit, device.reads) == (profile, 126, "123.4 µm")
+    assert report.places[0].options["baud"] == 230_400
+
+
+async def test_answers_that_collide_are_told_and_are_no_device() -> None:
+    """Two units with one id: their bits mix, here by AND as on an RS-485 pair pulled down by both."""
+    wire = RtuLine({1: M7015(lambda: SIX)})
+    wire.spoil = lambda _, frame: [(0.0, bytes(a & b for a, b in zip(frame, frame[1:] + b"\x12", strict=True)))]
+    path = await wire.start()
+    try:
+        report = await scan(line_plan(path, units=(1,)))
+    finally:
+        await wire.stop()
+    assert report.found == []
+    assert "two units with one id" in report.remarks[0]
+
+
+async def test_speed_that_the_port_cannot_do_is_a_remark_and_the_rest_goes_on() -> None:
+    """Pseudo-terminals have no parity, and say so when nothing but the parity changes."""
+    async with line({1: M7015(lambda: SIX)}) as path:
+        both = plan(
+            path, bauds=(9600,), parities=("N", "E"), units=(1,), me_bauds=(), me_addresses=(), timeout_s=TIMEOUT_S
+        )
+        report = await scan(both)
+    assert [device.unit for device in report.found] == [1]
+    assert report.remarks[0].startswith("9600 8E1 could not be tried: cannot open serial port")
+
+
+async def test_port_that_is_missing_is_an_error() -> None:
+    with pytest.raises(ConnectError, match="is the adapter plugged in"):
+        await scan(line_plan("/dev/does-not-exist"))
+
+
+async def test_only_reading_is_ever_asked() -> None:
+    requests: list[bytes] = []
+    units: dict[int, ModbusUnit] = {1: M7015(lambda: SIX), 2: VoltageInput(lambda: [1.0] * 8, range_um=500.0)}
+
+    def heard(request: bytes) -> None:
+        requests.append(request)
+        if (unit := units.get(request[0])) is not None:
+            reply = request[:1] + answer(unit, request[1:-2])
+            port.write(reply + crc16(reply))
+
+    port = PtyPort(heard)
+    path = await port.start()
+    try:
+        await scan(line_plan(path, units=(1, 2, 3)))
+    finally:
+        await port.stop()
+    assert len(requests) > 6
+    assert all(crc16(request[:-2]) == request[-2:] for request in requests)
+    assert {request[1] for request in requests} <= {1, 2, 3, 4}
+
+
+async def test_stopping_waits_for_the_request_under_way() -> None:
+    """What is stopped leaves no unit answering into somebody else's request."""
+    asked = asyncio.Event()
+    requests: list[bytes] = []
+
+    def heard(data: bytes) -> None:
+        requests.append(data)
+        asked.set()
+
+    port = PtyPort(heard)
+    path = await port.start()
+    try:
+        running = asyncio.create_task(scan_line(line_plan(path, units=range(1, 200)), quiet, asked.is_set))
+        await asked.wait()
+        report = await running
+    finally:
+        await port.stop()
+    assert report.asked == len(requests) == 1
+
+
+async def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    async with line({1: M7015(lambda: SIX), 7: Pta8d08(lambda: EIGHT)}, baud=9600) as path:
+        arguments = ("scan", "serial", path, "--units", "1-8", "--baud", "9600", "--protocol", "modbus_rtu")
+        done = await talc_gateway(*arguments, "--timeout", "0.05", "--toml", str(file))
+        assert done.code == 0, done.err
+        again = await talc_gateway(*arguments, "--timeout", "0.05", "--toml", str(file))
+        probed = await talc_gateway("probe", str(file))
+    assert "8 requests (modbus_rtu 9600 8N1); at most 1 s when nobody answers" in done.err
+    assert "2 answered, 2 recognised" in done.out
+    config = load(file)
+    assert [(d.unit, d.profile, len(d.channels)) for d in config.devices] == [
+        (1, "icpdas_m7015", 6),
+        (7, "eletechsup_pta8d08", 8),
+    ]
+    assert "has all of it already" in again.err
+    assert (probed.code, probed.out.splitlines()[-1]) == (3, "13 of 14 good")  # unit 7: 99.96 degC is not plausible
+
+
+async def test_file_that_exists_is_added_to_only_after_a_yes(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(
+        '[machine]\nname = "mill"\n\n[[bus]]\nname = "tcp1"\nkind = "modbus_tcp"\nhost = "10.0.0.9"\n\n'
+        '[[device]]\nname = "rtd1"\nbus = "tcp1"\nprofile = "advantech_adam6015"\n[device.channels]\nbed = 0\n',
+        encoding="utf-8",
+    )
+    before = file.read_text(encoding="utf-8")
+    async with line({1: M7015(lambda: SIX)}) as path:
+        arguments = ("scan", "serial", path, "--units", "1", "--baud", "9600", "--protocol", "modbus_rtu")
+        await talc_gateway(*arguments, "--toml", str(file), answer="n\n")
+        assert file.read_text(encoding="utf-8") == before
+        await talc_gateway(*arguments, "--toml", str(file), answer="y\n")
+    assert file.read_text(encoding="utf-8").startswith(before)
+    config = load(file)
+    assert [device.name for device in config.devices] == ["rtd1", "rtd2"]
+    assert config.machine.name == "mill"
+
+
+async def test_ctrl_c_shows_what_was_found_and_frees_the_port(tmp_path: Path) -> None:
+    answered = asyncio.Event()
+
+    class Noted(M7015):
+        def memory(self, function: int) -> dict[int, int]:
+            if function == 2:  # the last of what is read when it is looked at
+                answered.set()
+            return dict(super().memory(function))
+
+    async with line({1: Noted(lambda: SIX)}) as path:
+        done = await talc_gateway(
+            "scan", "serial", path, "--units", "1-247", "--timeout", "1", "--baud", "9600", interrupt=answered.wait
+        )
+        assert (await scan(line_plan(path, units=(1,)))).found  # the port is free, the line is quiet
+    assert done.code == 0
+    assert "icpdas_m7015" in done.out
+    assert "interrupted: " in done.out
+
+
+async def test_limit_ends_a_scan_that_would_last_for_hours() -> None:
+    async with line({}) as path:
+        done = await talc_gateway("scan", "serial", path, "--units", "1-247", "--timeout", "2", "--limit", "1")
+    assert "it will be stopped after 1 s" in done.err
+    assert "stopped after 1 s: 1 of 1239 asked" in done.out
+    assert done.code == 3
+
+
+@pytest.mark.parametrize("units", ["0", "1-248", "a", "", "3-1"])
+async def test_units_that_cannot_be_are_refused(units: str) -> None:
+    done = await talc_gateway("scan", "serial", "/dev/null", "--units", units)
+    assert done.code == 2
+    assert "expected" in done.err

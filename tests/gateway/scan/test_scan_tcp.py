@@ -1,0 +1,115 @@
+"""Scanning hosts: units behind one port, devices that do not look at the unit id, controllers that stream."""
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from gateway.scan.found import Report
+from gateway.scan.fragment import merged
+from gateway.scan.tcp import TcpScan, scan_hosts
+from simulators.devices.adam6015 import Adam6015
+from simulators.devices.me_controller import MeController
+from simulators.devices.modbus_servers import TcpHost
+from simulators.devices.modbus_unit import ModbusUnit
+from simulators.devices.wago464 import Wago464
+from simulators.devices.wago_coupler import WagoCoupler
+
+SEVEN = [20.0, 21.0, 22.0, 23.0, 24.0, 25.0, 26.0]
+
+
+@asynccontextmanager
+async def host(units: Mapping[int, ModbusUnit]) -> AsyncIterator[int]:
+    server = TcpHost(units)
+    port = await server.start()
+    try:
+        yield port
+    finally:
+        await server.stop()
+
+
+async def scan(*ports: int, units: range = range(1, 4)) -> Report:
+    hosts = tuple(("127.0.0.1", port) for port in ports)
+    return await scan_hosts(TcpScan(hosts, units, timeout_s=0.1), lambda *_: None, lambda: False)
+
+
+async def test_units_behind_one_host_are_recognised() -> None:
+    image = WagoCoupler([Wago464(lambda: SEVEN[:4])], modules=(0x8401, 464))
+    async with host({1: Adam6015(lambda: SEVEN), 3: image}) as port:
+        report = await scan(port)
+    (place,) = report.places
+    assert [(d.unit, d.what.profile) for d in place.devices] == [(1, "advantech_adam6015"), (3, "wago_750_464")]
+    assert place.devices[0].reads == "20.0 21.0 22.0 23.0 24.0 25.0 26.0 degC"
+    assert place.devices[1].what.doubts == ()  # digital modules stand behind the analogue ones in the image
+    assert report.remarks == []
+
+
+async def test_module_behind_another_analogue_one_is_doubtful() -> None:
+    image = WagoCoupler([Wago464(lambda: SEVEN[:4], start=4)], modules=(467, 464, 464))
+    async with host({1: image}) as port:
+        (device,) = (await scan(port)).found
+    assert device.what.doubts == (
+        "address_offset: count the words of 750-467, which stand before the 750-464",
+        "the coupler has 2 modules 750-464; this is the first",
+    )
+
+
+async def test_coupler_without_a_known_module_says_what_it_has() -> None:
+    async with host({1: WagoCoupler([], modules=(467, 0x8202))}) as port:
+        (device,) = (await scan(port)).found
+    assert device.what.profile == ""
+    assert device.what.evidence == "WAGO coupler 750-352 without 750-464; analogue modules: 750-467"
+
+
+async def test_host_that_ignores_the_unit_id_is_one_device() -> None:
+    adam = Adam6015(lambda: SEVEN)
+    async with host(dict.fromkeys(range(256), adam)) as port:
+        report = await scan(port)
+    assert [device.unit for device in report.found] == [1]
+    assert report.remarks == [f"127.0.0.1:{port} answers whatever the unit id is: one device, shown as unit 1"]
+
+
+async def test_controller_that_streams_is_told_from_modbus() -> None:
+    controller = MeController(lambda: [100.0, 200.0], range_um=500.0)
+    port = await controller.start()
+    try:
+        report = await scan(port)
+    finally:
+        await controller.stop()
+    (place,) = report.places
+    assert place.kind == "me_ethernet"
+    assert place.devices[0].what.evidence == "order number 2303021, serial number 1001"
+    assert place.devices[0].reads == "100.0 200.0 µm"
+
+
+async def test_dead_host_is_a_remark_and_the_next_one_is_asked() -> None:
+    async with host({1: Adam6015(lambda: SEVEN)}) as gone:
+        pass
+    async with host({2: Adam6015(lambda: SEVEN)}) as port:
+        report = await scan(gone, port)
+    assert [device.unit for device in report.found] == [2]
+    assert any(f"cannot connect to 127.0.0.1:{gone}" in remark for remark in report.remarks)
+
+
+async def test_host_that_accepts_and_never_answers_is_told() -> None:
+    server = await asyncio.start_server(lambda _r, w: w.close(), "127.0.0.1", 0)
+    silent = TcpHost({})
+    port = await silent.start()
+    try:
+        report = await scan(port)
+    finally:
+        await silent.stop()
+        server.close()
+        await server.wait_closed()
+    assert report.remarks[0] == f"127.0.0.1:{port} accepts connections, but none of the units asked answers Modbus"
+
+
+async def test_what_was_found_becomes_one_file_and_is_not_added_twice() -> None:
+    path = Path("gateway.toml")
+    async with host({1: Adam6015(lambda: SEVEN)}) as one, host({5: Adam6015(lambda: SEVEN)}) as two:
+        first, second = await scan(one), await scan(two, units=range(5, 6))
+    text = merged("", first.places, path)
+    both = merged(text, second.places, path)
+    assert both.startswith(text.rstrip("\n"))
+    assert both.count("[[device]]") == both.count("[[bus]]") == 2
+    assert merged(both, [*first.places, *second.places], path) == both
