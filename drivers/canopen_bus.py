@@ -64,6 +64,11 @@ class CanOpenBus:
     def name(self) -> str:
         return self._name
 
+    @property
+    def timeout_s(self) -> float:
+        """How long one request may take."""
+        return self._settings.timeout_s
+
     async def connect(self) -> None:
         """Open the interface; an open one stays. Raises ConnectError."""
         if self._thread is not None:

@@ -11,6 +11,8 @@ TPDOS = 4
 """TPDOs that are looked at; CiA 404 uses the first four."""
 EVERY_SYNC = 1
 """Transmission type: sent after each SYNC."""
+ON_EVENTS = (254, 255)
+"""Transmission types: sent when something happens, and whenever the event timer of sub-index 5 has run out."""
 
 _INVALID = 1 << 31
 _LONGEST_FRAME = 8
@@ -22,6 +24,8 @@ class PdoMap:
 
     identifier: int
     places: Mapping[CanObject, tuple[int, int]]
+    event_s: float = 0.0
+    """Event timer, s; 0: it is not sent by time."""
 
     def decode(self, data: bytes) -> dict[CanObject, bytes]:
         """Objects in one frame, little-endian bytes each; those that a short frame does not hold are missing."""

@@ -1,13 +1,13 @@
-"""A CANopen measuring device (CiA 404), read by SDO, or by TPDOs after SYNC."""
+"""A CANopen measuring device (CiA 404), read by SDO, by TPDOs after SYNC, or by TPDOs that it sends by its timer."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import monotonic
 
 from drivers.base import BadAnswer, Clock, DriverError, Quality, Reading, Refused, WrongDevice
 from drivers.canopen_bus import CanObject, CanOpenBus
 from drivers.canopen_events import HeartbeatWatch
-from drivers.canopen_pdo import COMMUNICATION, EVERY_SYNC, MAPPING, TPDOS, PdoMap, pdo_map
+from drivers.canopen_pdo import COMMUNICATION, EVERY_SYNC, MAPPING, ON_EVENTS, TPDOS, PdoMap, pdo_map
 from drivers.canopen_profile import Cia404Profile
 from drivers.faults import Fault, first_fault
 from drivers.readings import ReadingMaker
@@ -21,7 +21,7 @@ STATUS = 0x6150
 
 _CIA_404 = 404
 _PRODUCER_TIMES = 3
-"""Heartbeats that may be lost before the node is: one may meet a busy bus, three do not."""
+"""Heartbeats or timed TPDOs that may be lost before the node is: one may meet a busy bus, three do not."""
 
 _NO_HEARTBEAT = Fault(
     Quality.STALE, "the node answers, but its heartbeat stopped: its program may hang; switch it off and on"
@@ -35,14 +35,15 @@ class Cia404Options:
     vendor: str
     """Whose table of status bits applies; the profile lists them."""
     transfer: str = "sdo"
-    """`sdo`: ask for each value; `sync`: send SYNC and take the node's TPDOs, much cheaper on the bus."""
+    """`sdo`: ask for each value; `sync`: send SYNC and take the node's TPDOs, much cheaper on the bus; `timer`: send
+    nothing and take the TPDOs that the node sends by its event timer."""
     heartbeat_s: float = 0.0
     """For how long the node's heartbeat may be absent (consumer time); 0: three times what the node says in object
     1017, and no watch over a node that sends none."""
 
     def __post_init__(self) -> None:
-        if self.transfer not in ("sdo", "sync"):
-            raise ValueError(f"transfer = {self.transfer!r}: expected sdo or sync")
+        if self.transfer not in ("sdo", "sync", "timer"):
+            raise ValueError(f"transfer = {self.transfer!r}: expected sdo, sync or timer")
         if not 0 <= self.heartbeat_s <= 600:
             raise ValueError(f"heartbeat_s = {self.heartbeat_s!r}: expected 0 to 600")
 
@@ -69,8 +70,9 @@ class Cia404Device:
         self._boots = 0
         self._heartbeat_s = options.heartbeat_s
         self._heartbeat = HeartbeatWatch(bus.events(node))
-        self._by_sync = options.transfer == "sync"
+        self._transfer = options.transfer
         self._maps: tuple[PdoMap, ...] = ()
+        self._started_s = 0.0
         self._wanted = tuple(
             CanObject(index, number + 1) for number in channels.values() for index in (profile.process_value, STATUS)
         )
@@ -113,8 +115,9 @@ class Cia404Device:
                     f"set object 6131:{number + 1:02X} to 0x{self._profile.unit_code:08X}",
                 )
             scales[number] = 10.0 ** -int.from_bytes(digits[:1], "little", signed=True)
-        if self._by_sync:
+        if self._transfer != "sdo":
             self._maps = await self._pdo_maps()
+            self._started_s = monotonic()
             await self._bus.start_node(self._device, self._node)
         self._scales, self._boots = scales, boots
         self._heartbeat.begin(limit_s, monotonic())
@@ -161,9 +164,16 @@ class Cia404Device:
 
     async def _objects(self) -> dict[CanObject, bytes]:
         """Values and status of all channels."""
-        if not self._by_sync:
+        if self._transfer == "sdo":
             return dict(zip(self._wanted, await self._upload(self._wanted), strict=True))
-        frames = await self._bus.synchronise(self._device, self._node, [pdo.identifier for pdo in self._maps])
+        identifiers = [pdo.identifier for pdo in self._maps]
+        if self._transfer == "sync":
+            frames = await self._bus.synchronise(self._device, self._node, identifiers)
+        else:
+            # What came before the node was checked may be another node's, or of another mapping.
+            longest_s = _PRODUCER_TIMES * max(pdo.event_s for pdo in self._maps)
+            oldest_s = max(self._started_s, monotonic() - longest_s)
+            frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s)
         objects = {place: data for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
         for wanted in self._wanted:
             if wanted not in objects:
@@ -171,7 +181,7 @@ class Cia404Device:
         return objects
 
     async def _pdo_maps(self) -> tuple[PdoMap, ...]:
-        """The TPDOs that hold what we want; each must be sent after every SYNC. Raises WrongDevice."""
+        """The TPDOs that hold what we want, each sent when the transfer needs it. Raises WrongDevice."""
         found: list[PdoMap] = []
         for number in range(TPDOS):
             description = [
@@ -188,18 +198,36 @@ class Cia404Device:
                 pdo = pdo_map(int.from_bytes(cob_id, "little"), [int.from_bytes(entry, "little") for entry in entries])
             except ValueError as error:
                 raise self._wrong(f"TPDO {number + 1}: {error}", hint="use transfer = 'sdo'") from error
-            if pdo is None or not any(wanted in pdo.places for wanted in self._wanted):
-                continue
-            if kind[0] != EVERY_SYNC:
-                raise self._wrong(
-                    f"TPDO {number + 1} has transmission type {kind[0]}, not {EVERY_SYNC}",
-                    hint=f"set object {COMMUNICATION + number:04X}:02 to {EVERY_SYNC}, or use transfer = 'sdo'",
-                )
-            found.append(pdo)
+            if pdo is not None and any(wanted in pdo.places for wanted in self._wanted):
+                found.append(await self._timed(number, kind[0], pdo))
         for wanted in self._wanted:
             if not any(wanted in pdo.places for pdo in found):
                 raise self._wrong(f"object {wanted} is in no TPDO", hint="map it, or use transfer = 'sdo'")
         return tuple(found)
+
+    async def _timed(self, number: int, kind: int, pdo: PdoMap) -> PdoMap:
+        """The TPDO with its event timer. Raises WrongDevice when it is not sent as the transfer needs."""
+        right = (EVERY_SYNC,) if self._transfer == "sync" else ON_EVENTS
+        if kind not in right:
+            raise self._wrong(
+                f"TPDO {number + 1} has transmission type {kind}, not {right[-1]}",
+                hint=f"set object {COMMUNICATION + number:04X}:02 to {right[-1]}, or use another transfer",
+            )
+        if self._transfer == "sync":
+            return pdo
+        timer = CanObject(COMMUNICATION + number, 5)
+        try:
+            (interval,) = await self._upload([timer])
+        except Refused:  # the object is optional
+            interval = b""
+        event_s = int.from_bytes(interval[:2], "little") / 1000
+        if not 0 < event_s < self._bus.timeout_s:
+            sends = f"every {event_s:g} s" if event_s else "never by time"
+            raise self._wrong(
+                f"TPDO {number + 1} is sent {sends}, but timeout_s = {self._bus.timeout_s:g}",
+                hint=f"set object {timer} to less than that, in ms; best to a third of the polling period",
+            )
+        return replace(pdo, event_s=event_s)
 
     async def _upload(self, objects: Sequence[CanObject]) -> list[bytes]:
         return await self._bus.upload(self._device, self._node, objects)

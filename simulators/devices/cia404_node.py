@@ -42,9 +42,10 @@ _HEARTBEAT_STATE = {Nmt.PRE_OPERATIONAL: 0x7F, Nmt.START: 0x05, Nmt.STOP: 0x04}
 
 
 class Cia404Node:
-    """A node for an SlcanAdapter: SDO server (expedited uploads), TPDOs on SYNC, boot-up, heartbeat.
+    """A node for an SlcanAdapter: SDO server (expedited uploads), TPDOs on SYNC or by timer, boot-up, heartbeat.
 
-    Between `start` and `stop` it sends its heartbeat every `heartbeat_ms` (object 1017, real time; 0: never).
+    Between `start` and `stop` it sends its heartbeat every `heartbeat_ms` (object 1017, real time; 0: never) and, when
+    operational, its TPDOs every `event_ms` (objects 18xx:05; 0: after each SYNC instead).
     """
 
     def __init__(
@@ -57,41 +58,54 @@ class Cia404Node:
         digits: int = 1,
         sensor_types: Sequence[int] | None = None,
         heartbeat_ms: int = 0,
+        event_ms: int = 0,
     ) -> None:
         self._node_id, self._source, self._inputs, self._digits = node_id, source, inputs, digits
         self._status_bits = _STATUS_BITS[vendor]
         self._identity = [_VENDOR_IDS[vendor], _PRODUCT, _REVISION, _SERIAL] if vendor in _VENDOR_IDS else []
         self._sensor_types = list(sensor_types or [PT100] * inputs)
         self._state = Nmt.PRE_OPERATIONAL
-        self._transmission_type = 1
-        self._heartbeat_ms = heartbeat_ms
-        self._timer: asyncio.TimerHandle | None = None
+        self._transmission_type = 255 if event_ms else 1
+        self._heartbeat_ms, self._event_ms = heartbeat_ms, event_ms
+        self._timers: dict[str, asyncio.TimerHandle] = {}
         self.heartbeat_stopped = False
         """The program that sends the heartbeat hangs; the SDO server does not."""
         self.faults = Faults()
 
-    def start(self, beat_to: Callable[[Sequence[Frame]], None]) -> None:
-        """Send heartbeats from now on."""
-        if self._heartbeat_ms:
-            self._timer = asyncio.get_running_loop().call_later(self._heartbeat_ms / 1000, self._beat, beat_to)
+    def start(self, send: Callable[[Sequence[Frame]], None]) -> None:
+        """Send by itself from now on."""
+        self._every(self._heartbeat_ms, self._beat, send)
+        self._every(self._event_ms, self._event, send)
 
     def stop(self) -> None:
-        """Send no more heartbeats."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+        """Send nothing by itself any more."""
+        for timer in self._timers.values():
+            timer.cancel()
+        self._timers.clear()
 
-    def _beat(self, beat_to: Callable[[Sequence[Frame]], None]) -> None:
-        self.start(beat_to)
-        if not (self.faults.silent or self.heartbeat_stopped):
-            beat_to([(0x700 + self._node_id, bytes((_HEARTBEAT_STATE[self._state],)))])
+    def _every(
+        self, interval_ms: int, frames: Callable[[], Sequence[Frame]], send: Callable[[Sequence[Frame]], None]
+    ) -> None:
+        def tick() -> None:
+            self._every(interval_ms, frames, send)
+            if not self.faults.silent:
+                send(frames())
+
+        if interval_ms:
+            self._timers[frames.__name__] = asyncio.get_running_loop().call_later(interval_ms / 1000, tick)
+
+    def _beat(self) -> Sequence[Frame]:
+        return () if self.heartbeat_stopped else ((0x700 + self._node_id, bytes((_HEARTBEAT_STATE[self._state],))),)
+
+    def _event(self) -> Sequence[Frame]:
+        return self._tpdos() if self._state == Nmt.START else ()
 
     def set_sensor_type(self, channel: int, code: int) -> None:
         """What a service man does with the maker's tool."""
         self._sensor_types[channel] = code
 
     def set_transmission_type(self, kind: int) -> None:
-        """When all TPDOs are sent: 1 after each SYNC, 254 and 255 on events (which this node does not have)."""
+        """When all TPDOs are sent: 1 after each SYNC, 254 and 255 on events (here the timer's only)."""
         self._transmission_type = kind
 
     def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
@@ -103,7 +117,7 @@ class Cia404Node:
         if identifier == 0 and len(data) == 2 and data[1] in (0, self._node_id):
             return self._network_management(data[0])
         if identifier == 0x080 and self._state == Nmt.START and self._transmission_type == 1:
-            return tuple(self._tpdo(number) for number in range(len(self._mapping())))
+            return self._tpdos()
         return ()
 
     def _network_management(self, command: int) -> Sequence[Frame]:
@@ -167,6 +181,9 @@ class Cia404Node:
         pairs = [[(0x9130, i, 4) for i in subindices[start : start + 2]] for start in range(0, len(subindices), 2)]
         return [*pairs, [(0x6150, i, 1) for i in subindices]]
 
+    def _tpdos(self) -> Sequence[Frame]:
+        return tuple(self._tpdo(number) for number in range(len(self._mapping())))
+
     def _tpdo(self, number: int) -> Frame:
         parts = (self._object(index, subindex) for index, subindex, _ in self._mapping()[number])
         data = b"".join(part for part in parts if isinstance(part, bytes))
@@ -178,8 +195,10 @@ class Cia404Node:
         used = number < len(mapping)
         if index < 0x1A00:
             identifier = 0x180 + 0x100 * number + self._node_id | (0 if used else 1 << 31)
-            values = (bytes((2,)), identifier.to_bytes(4, "little"), bytes((self._transmission_type,)))
-            return values[subindex] if subindex < len(values) else _NO_SUBINDEX
+            values = {1: identifier.to_bytes(4, "little"), 2: bytes((self._transmission_type,))}
+            if self._event_ms:
+                values[5] = self._event_ms.to_bytes(2, "little")
+            return ({0: bytes((max(values),))} | values).get(subindex, _NO_SUBINDEX)
         entries = mapping[number] if used else []
         if subindex == 0:
             return bytes((len(entries),))

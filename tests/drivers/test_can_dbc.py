@@ -19,34 +19,10 @@ from drivers.profiles import load_profile
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import Fault
+from tests.drivers.logger_files import logger_profile, logger_profile_text
 
 TEMPERATURES = [20.0, -3.3, 150.5, 0.0, 33.3]
-SIGNALS = "".join(f' SG_ T{i} : {16 * i}|16@1- (0.1,0) [-200|850] "degC" G\n' for i in range(4))
-DBC = f"""VERSION ""
-NS_ :
-BS_:
-BU_: L G
-BO_ 768 First: 8 L
-{SIGNALS}
-BO_ 769 Second: 2 L
- SG_ T4 : 0|16@1- (0.1,0) [-200|850] "degC" G
-
-BO_ 770 Real: 4 L
- SG_ F : 0|32@1- (1,0) [0|0] "" G
-
-SIG_VALTYPE_ 770 F : 1;
-"""
-INVALID = """invalid = [{ mask = 0xFFFF, equals = 0x7FFF, quality = "sensor_fault", detail = "open" },
-           { mask = 0xFFFF, equals = 0x8000, quality = "sensor_fault", detail = "short" }]"""
-PROFILE = 'protocol = "can_dbc"\ntitle = "Logger"\nunit = "degC"\ndbc = "logger.dbc"\n' + "".join(
-    f'[[signal]]\nmessage = "{"First" if i < 4 else "Second"}"\nname = "T{i}"\n{INVALID}\n' for i in range(5)
-)
-
-
-def profile_file(folder: Path, text: str = PROFILE) -> str:
-    (folder / "logger.dbc").write_text(DBC)
-    (folder / "logger.toml").write_text(text)
-    return str(folder / "logger.toml")
+PROFILE = logger_profile_text("logger")
 
 
 @asynccontextmanager
@@ -77,7 +53,7 @@ async def read_on(driver: Driver) -> None:
 
 
 async def test_values_come_by_the_names_of_the_dbc_file(tmp_path: Path) -> None:
-    async with bench(profile_file(tmp_path)) as (_, driver, _adapter):
+    async with bench(logger_profile(tmp_path)) as (_, driver, _adapter):
         readings = await driver.read()
     assert [r.value for r in readings] == pytest.approx(TEMPERATURES, abs=1e-9)
     assert {(r.quality, r.unit) for r in readings} == {(Quality.GOOD, "degC")}
@@ -90,7 +66,7 @@ async def test_broken_sensors_and_what_is_beyond_the_range(tmp_path: Path) -> No
         Fault.OVER: Quality.OUT_OF_RANGE,
         Fault.UNDER: Quality.OUT_OF_RANGE,
     }
-    async with bench(profile_file(tmp_path)) as (logger, driver, _):
+    async with bench(logger_profile(tmp_path)) as (logger, driver, _):
         for fault, quality in expected.items():
             logger.faults.set(1, fault)
             async with asyncio.timeout(5):
@@ -102,7 +78,7 @@ async def test_broken_sensors_and_what_is_beyond_the_range(tmp_path: Path) -> No
 
 
 async def test_silent_logger_is_no_answer_and_back_again(tmp_path: Path) -> None:
-    async with bench(profile_file(tmp_path)) as (logger, driver, _):
+    async with bench(logger_profile(tmp_path)) as (logger, driver, _):
         logger.faults.silent = True
         with pytest.raises(NoAnswer, match=r"0x300, 0x301"):
             await read_on(driver)
@@ -111,7 +87,7 @@ async def test_silent_logger_is_no_answer_and_back_again(tmp_path: Path) -> None
 
 
 async def test_missing_message_costs_its_own_channels_only(tmp_path: Path) -> None:
-    async with bench(profile_file(tmp_path)) as (logger, driver, adapter):
+    async with bench(logger_profile(tmp_path)) as (logger, driver, adapter):
         logger.stop()
         with pytest.raises(NoAnswer):
             await read_on(driver)
@@ -121,7 +97,7 @@ async def test_missing_message_costs_its_own_channels_only(tmp_path: Path) -> No
 
 
 async def test_unplugged_adapter_is_a_connection_fault(tmp_path: Path) -> None:
-    async with bench(profile_file(tmp_path)) as (logger, driver, adapter):
+    async with bench(logger_profile(tmp_path)) as (logger, driver, adapter):
         logger.stop()
         await adapter.stop()
         with pytest.raises(ConnectError, match="is gone"):
@@ -138,13 +114,13 @@ async def test_unplugged_adapter_is_a_connection_fault(tmp_path: Path) -> None:
 )
 def test_mistakes_in_the_profile_are_named(tmp_path: Path, old: str, new: str, says: str) -> None:
     with pytest.raises(SetupError, match=says):
-        load_profile(profile_file(tmp_path, PROFILE.replace(old, new)))
+        load_profile(logger_profile(tmp_path, text=PROFILE.replace(old, new)))
 
 
 @pytest.fixture(scope="module")
 def loaded(tmp_path_factory: pytest.TempPathFactory) -> CanDbcProfile:
     text = PROFILE + '[[signal]]\nmessage = "Real"\nname = "F"\n'
-    profile = load_profile(profile_file(tmp_path_factory.mktemp("dbc"), text))
+    profile = load_profile(logger_profile(tmp_path_factory.mktemp("dbc"), text=text))
     assert isinstance(profile, CanDbcProfile)
     return profile
 
