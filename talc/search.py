@@ -32,6 +32,8 @@ RIDGE = 1e-4
 _PENALTIES = np.geomspace(0.6, 2e-3, 10)
 """Points of the path, relative to the smallest penalty that leaves no input."""
 _GAP = 1e-6
+_ROUNDING = 1e-10
+"""Share of a column that is left when all of it is projected out."""
 _FLOOR = 1e-12
 """Least mean square residual, in scaled units: an exact fit is not infinitely good."""
 
@@ -115,8 +117,11 @@ class Candidates:
             inverse = np.linalg.pinv(gram[p:, p:], rcond=1e-12, hermitian=True)
             onto = inverse @ gram[p:, :p]
             rest = gram[:p, :p] - gram[:p, p:] @ onto
-            length = np.sqrt(np.maximum(np.diag(rest), 1e-12))
-            paths.append((GroupLasso(rest / np.outer(length, length), [lags] * self._inputs), length, onto, inverse))
+            # A column that the nuisance explains (one spike at the first row) leaves rounding, even negative.
+            empty = np.diag(rest) <= _ROUNDING * np.diag(gram)[:p]
+            length = np.where(empty, np.inf, np.sqrt(np.maximum(np.diag(rest), 1e-12)))
+            scaled = rest / np.outer(length, length) + np.diag(empty.astype(np.float64))
+            paths.append((GroupLasso(scaled, [lags] * self._inputs), length, onto, inverse))
         return paths
 
     def _starts(

@@ -9,6 +9,7 @@ import click
 
 from drivers.base import DriverError, SetupError
 from gateway.config import ConfigError, GatewayConfig, cautions, load
+from gateway.recording import RecordingError
 from gateway.store import StoreError
 
 EXIT_CONFIG = 2
@@ -27,7 +28,7 @@ class _Commands(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         try:
             return super().invoke(ctx)
-        except (ConfigError, SetupError) as error:
+        except (ConfigError, RecordingError, SetupError) as error:
             click.echo(f"error: {error}", err=True)
             sys.exit(EXIT_CONFIG)
         except (DriverError, StoreError, OSError) as error:
@@ -145,12 +146,54 @@ def watch(connect: tuple[str, ...], prefix: str, machine: str) -> None:
 
 
 @main.command()
-@click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-def replay(database: Path) -> None:
-    """Feed the frames of DATABASE to a fresh controller and compare every decision."""
-    from gateway.cli.replay import show
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Page. Default: beside FILE.")
+@click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Its [grid] and [talc].")
+@click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
+@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Thermal error that a column holds.")
+@click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is no input.")
+@click.option("--every-measurement", is_flag=True, help="Use each one, not only those that the controller asks for.")
+def replay(
+    file: Path,
+    output: Path | None,
+    config: Path | None,
+    time_column: str,
+    errors: tuple[str, ...],
+    ignore: tuple[str, ...],
+    every_measurement: bool,
+) -> None:
+    """Repeat a store's decisions, or run a recording.
 
-    sys.exit(0 if show(database) else EXIT_DIFFERENT)
+    FILE is a gateway's store: its frames go to a fresh controller and every decision is compared.
+
+    Or a recording of your own, CSV or Parquet: a column `time` (ISO 8601, or seconds), columns of thermal errors with
+    gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), every other column an input. The controller runs over it as if it
+    were live, and the report is written. The options are for recordings.
+    """
+    from gateway.recording import Columns, is_database
+
+    if is_database(file):
+        from gateway.cli.replay import show
+
+        sys.exit(0 if show(file) else EXIT_DIFFERENT)
+    from gateway.cli.replay import run_recording
+
+    columns = Columns(time_column, _named_errors(errors), ignore)
+    run_recording(file, columns, output or file.with_suffix(".html"), config, every_measurement=every_measurement)
+
+
+def _named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
+    """Thermal error to column, from NAME=COLUMN."""
+    from talc.names import THERMAL_ERRORS
+
+    found = {}
+    for pair in pairs:
+        name, equals, column = pair.partition("=")
+        if name not in THERMAL_ERRORS or not equals:
+            expected = f"expected NAME=COLUMN with one of {', '.join(THERMAL_ERRORS)}"
+            raise click.BadParameter(f"{pair!r}: {expected}", param_hint="--error")
+        found[name] = column
+    return found
 
 
 @main.command()

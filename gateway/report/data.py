@@ -63,6 +63,10 @@ class ReportData:
     cycles: int
     rejected_cycles: int
     truth: Truth | None
+    recorded: FloatArray | None = None
+    """(T, 9) all that a recording holds, asked for or not; None: a run of a gateway."""
+    held: FloatArray | None = None
+    """(T, 9) the last of the measurements that were used, before this step's; beside a recording."""
 
     @property
     def time_s(self) -> FloatArray:

@@ -3,6 +3,7 @@
 from datetime import UTC, datetime
 from importlib.resources import files
 
+import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
@@ -29,13 +30,18 @@ def build(data: ReportData) -> str:
         s=summary(data),
         begin=_date(data.start_utc_s),
         end=_date(data.start_utc_s + float(data.time_s[-1])),
-        errors=[Markup(error_plot(data, e)) for e in range(len(THERMAL_ERRORS))],
+        errors=[Markup(error_plot(data, e)) for e in range(len(THERMAL_ERRORS)) if _known(data, e)],
         inputs=Markup(inputs_plot(data)),
-        tool=Markup(tool_plot(data)),
+        tool=Markup(tool_plot(data) if data.recorded is None else ""),
         unhealthy=unhealthy,
         healthy=len(data.channel_health) - len(unhealthy),
         events=[(at / 3600.0, event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE],
     )
+
+
+def _known(data: ReportData, e: int) -> bool:
+    """Whether a recording holds this error at all; a run has all nine."""
+    return data.recorded is None or bool(np.isfinite(data.recorded[:, e]).any())
 
 
 def _date(utc_s: float) -> str:

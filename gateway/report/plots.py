@@ -41,16 +41,20 @@ def error_plot(data: ReportData, e: int) -> str:
         if data.truth is not None:
             top.plot(data.truth.time_s / _HOUR, data.truth.errors[:, e], color=_TRUTH, lw=2.5, label="simulated truth")
         top.plot(hours, data.corrected[:, e], color=_PREDICTION, lw=1.1, label="estimate in force")
+        if data.recorded is not None:
+            top.plot(hours, data.recorded[:, e], ".", color=_TRUTH, ms=2.5, label="recorded")
         seen = np.isfinite(data.measured[:, e])
-        top.plot(hours[seen], data.measured[seen, e], ".", color=_MEASURED, ms=2.5, label="measured")
+        label = "measured" if data.recorded is None else "used as a measurement"
+        top.plot(hours[seen], data.measured[seen, e], ".", color=_MEASURED, ms=2.5, label=label)
         top.set_ylabel(f"{name}, {unit}")
         top.set_title(f"{name}: {ERROR_MEANINGS[name]}", loc="left", fontsize=10, fontweight="bold")
         if data.truth is not None:
             index = np.clip(np.searchsorted(data.time_s, data.truth.time_s, side="right") - 1, 0, None)
             left = data.truth.errors[:, e] - data.corrected[index, e]
             bottom.plot(data.truth.time_s / _HOUR, left, color=_RESIDUAL, lw=0.9, label="truth minus estimate")
-        residual = data.measured[:, e] - data.predicted[:, e]
-        bottom.plot(hours, residual, ".", color=_MEASURED, ms=2.5, label="measured minus predicted")
+        seen_as, known = ("measured", data.measured) if data.recorded is None else ("recorded", data.recorded)
+        residual = known[:, e] - data.predicted[:, e]
+        bottom.plot(hours, residual, ".", color=_MEASURED, ms=2.5, label=f"{seen_as} minus predicted")
         for sign in (1, -1):
             bottom.step(
                 hours, sign * data.limits[:, e], where="post", color=_LIMIT, lw=1.0, label="ACL" if sign > 0 else None

@@ -1,6 +1,6 @@
 """Figures of a run: per error without and with compensation, each with the basis it rests on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from rich.table import Table
@@ -53,6 +53,8 @@ class Summary:
     state_updates: int
     model_updates: int
     rejected_cycles: int
+    held: tuple[Row, ...] = ()
+    """The peer: the same measurements, the last one held; only beside a recording."""
 
 
 def summary(data: ReportData) -> Summary:
@@ -68,6 +70,9 @@ def summary(data: ReportData) -> Summary:
     if data.truth is not None:
         basis = "simulated truth each minute, against the estimate in force"
         rows = _rows(*_against_truth(data, begin_s))
+    elif data.recorded is not None:
+        basis = "recorded instants, against what would have been in force before that instant's measurement"
+        rows = _recorded(data.recorded[first:], data.predicted[first:])
     else:
         basis = "measured instants, against the prediction before each measurement"
         rows = _rows(data.measured[first:], data.measured[first:] - data.predicted[first:])
@@ -83,7 +88,13 @@ def summary(data: ReportData) -> Summary:
         state_updates=data.count(EventKind.STATE_UPDATE),
         model_updates=sum(a.after_k >= data.k[first] for a in data.models),
         rejected_cycles=data.rejected_cycles,
+        held=() if data.recorded is None or data.held is None else _recorded(data.recorded[first:], data.held[first:]),
     )
+
+
+def _recorded(errors: FloatArray, estimate: FloatArray) -> tuple[Row, ...]:
+    """Of the errors that were recorded after calibration."""
+    return tuple(row for row in _rows(errors, errors - estimate) if np.isfinite(row.e_pv))
 
 
 def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatArray]:
@@ -125,10 +136,11 @@ def table(s: Summary) -> Table:
     grid = Table(title="Thermal errors without and with compensation", caption=caption, caption_justify="left")
     for name in ("error", "unit", "E_PV", "comp.", "red. %", "E_RMS", "comp.", "red. %"):
         grid.add_column(name, justify="left" if name in ("error", "unit") else "right")
-    for row in (*s.rows, *s.tool):
+    held = tuple(replace(row, name=f"{row.name} held") for row in s.held)
+    for row in (*s.rows, *held, *s.tool):
         figures = (
             f"{row.e_pv:.1f}", f"{row.compensated_e_pv:.1f}", f"{row.reduction_pv:.0f}",
             f"{row.e_rms:.2f}", f"{row.compensated_e_rms:.2f}", f"{row.reduction_rms:.0f}",
         )  # fmt: skip
-        grid.add_row(row.name, row.unit, *figures, end_section=row is s.rows[-1])
+        grid.add_row(row.name, row.unit, *figures, end_section=row in (s.rows[-1], *held[-1:]))
     return grid
