@@ -1,5 +1,6 @@
 """What every numerical control is to the gateway. The NC's own units: mm and degrees; offsets in µm."""
 
+import math
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
@@ -78,6 +79,22 @@ class ProbingStatus:
     """Why refused or failed."""
 
 
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """What the control's watchdog does when the gateway falls silent. Raises ValueError for what cannot be."""
+
+    silence_s: float
+    """Without a heartbeat for so long the gateway is taken for dead."""
+    ramp_um_per_s: float
+    """Rate at which the offsets then go to zero; 0 holds them."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.silence_s < math.inf:
+            raise ValueError(f"silence_s = {self.silence_s!r}: expected more than 0")
+        if not 0 <= self.ramp_um_per_s < math.inf:
+            raise ValueError(f"ramp_um_per_s = {self.ramp_um_per_s!r}: expected 0 or more")
+
+
 class NumericalControl(Protocol):
     """Any control. Raises drivers.base.DriverError; never retries."""
 
@@ -101,4 +118,24 @@ class NumericalControl(Protocol):
 
     async def read_compensation(self) -> tuple[float, float, float]:
         """The offsets that the control has in force, µm."""
+        ...
+
+    async def claim(self, owner: int, watch: Watch) -> None:
+        """Become the one gateway that writes offsets, and tell the control's watchdog what to do on silence.
+
+        Raises Refused while another owner's heartbeat is alive.
+        """
+        ...
+
+    async def heartbeat(self, owner: int) -> bool:
+        """Tell the control that the gateway is alive.
+
+        False: its watchdog was not watching until this beat (it found the gateway silent, it was switched on, or it is
+        missing): the offsets may have moved, so nothing may be written until they are read and a later beat is True.
+        Raises Refused when the control belongs to another owner.
+        """
+        ...
+
+    async def release(self, owner: int) -> None:
+        """Give the control back; its watchdog then does at once what it does on silence. Another's stays as it is."""
         ...

@@ -12,6 +12,7 @@ from drivers.nc import (
     ProbingState,
     ProbingStatus,
     ProgramState,
+    Watch,
 )
 from drivers.opcua import Number, OpcUaSession
 from drivers.sinumerik_settings import SinumerikSettings
@@ -58,6 +59,8 @@ REASONS: Final = {
     7: "the program was stopped",
 }
 LARGEST_NUMBER: Final = 2**31 - 1
+ALIVE: Final = 1
+"""State of the control's watchdog while it hears the gateway."""
 
 
 class Sinumerik:
@@ -81,6 +84,8 @@ class Sinumerik:
         self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in results))
         self._offsets = self._offset_paths()
         self._in_force = self._in_force_paths()
+        lease = settings.lease
+        self._lease = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.state))
 
     async def connect(self) -> None:
         """Open the session and read everything once, so that a wrong path or a missing right shows at once."""
@@ -193,6 +198,36 @@ class Sinumerik:
         x, y, z = (self._settings.compensation.sign(axis) * value * 1e3 for axis, value in enumerate(values))
         return x, y, z
 
+    async def claim(self, owner: int, watch: Watch) -> None:
+        """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
+        _check_number(owner, "owner")
+        holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
+        if holder not in (0, owner) and state == ALIVE:
+            raise self._anothers(holder)
+        lease, r = self._settings.lease, self._settings.r
+        await self._session.write({r(lease.silence): watch.silence_s, r(lease.ramp): watch.ramp_um_per_s * 1e-3})
+        await self._session.write({r(lease.owner): float(owner)})
+        await self._session.write({r(lease.beat): _next_beat(beat)})
+
+    async def heartbeat(self, owner: int) -> bool:
+        holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
+        if holder != owner:
+            raise self._anothers(holder)
+        await self._session.write({self._settings.r(self._settings.lease.beat): _next_beat(beat)})
+        return state == ALIVE
+
+    async def release(self, owner: int) -> None:
+        holder, _, _ = self._numbers(self._lease, await self._session.read(self._lease))
+        if holder == owner:
+            await self._session.write({self._settings.r(self._settings.lease.owner): 0.0})
+
+    def _anothers(self, holder: float) -> Refused:
+        return Refused(
+            f"the control's compensation belongs to gateway {holder:.0f}, not to this one",
+            device=self._settings.device,
+            hint="stop the other gateway, or run this one in the mode monitor or advise",
+        )
+
     def _offset_paths(self) -> tuple[str, ...]:
         comp = self._settings.compensation
         if comp.route == "r":
@@ -221,9 +256,14 @@ class Sinumerik:
         return [float(value) for value in values if value is not None]
 
 
-def _check_number(number: int) -> None:
+def _check_number(number: int, what: str = "request number") -> None:
     if not 1 <= number <= LARGEST_NUMBER:
-        raise ValueError(f"request number = {number!r}: expected 1 to {LARGEST_NUMBER}")
+        raise ValueError(f"{what} = {number!r}: expected 1 to {LARGEST_NUMBER}")
+
+
+def _next_beat(beat: float) -> float:
+    """Another number than the last: the watchdog looks for a change."""
+    return float((_code(beat) + 1) % 1_000_000)
 
 
 def _code(value: Number | None) -> int:

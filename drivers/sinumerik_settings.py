@@ -114,6 +114,25 @@ class Compensation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Lease:
+    """R-parameters of claim and watchdog (docs/nc.md). The gateway writes all but `state`."""
+
+    owner: int = 93
+    beat: int = 94
+    silence: int = 95
+    """Seconds without a new beat until the control takes the gateway for dead."""
+    state: int = 96
+    """0 the watchdog has seen no beat since power on, 1 alive, 2 silent."""
+    ramp: int = 97
+    """mm/s towards zero on silence; 0 holds."""
+
+    def __post_init__(self) -> None:
+        numbers = [self.owner, self.beat, self.silence, self.state, self.ramp]
+        if min(numbers) < 0 or len(set(numbers)) != len(numbers):
+            raise SetupError(f"lease: R-parameters {numbers} overlap or are below 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SinumerikSettings(OpcUaSettings):
     """One SINUMERIK control. Raises SetupError naming the field that cannot be."""
 
@@ -129,6 +148,7 @@ class SinumerikSettings(OpcUaSettings):
     """Machine states to read; None: default_states."""
     handshake: Handshake = field(default_factory=Handshake)
     compensation: Compensation = field(default_factory=Compensation)
+    lease: Lease = field(default_factory=Lease)
 
     def __post_init__(self) -> None:
         OpcUaSettings.__post_init__(self)

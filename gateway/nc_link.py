@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from drivers.base import DriverError
-from drivers.nc import NcSnapshot, NumericalControl
+from drivers.base import DriverError, NoAnswer
+from drivers.nc import NcSnapshot, NumericalControl, Watch
 from gateway.breaker import Breaker, Change
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, Slew, Source, Step, Write
@@ -40,6 +40,7 @@ class NcLink:
     reference_mm: (poses, 3) centres that deviations are measured from; None: the first measurement sets them, from
         the mean of `probing.reference_cycles` cycles
     first_number: number of the first probing request; must differ from every earlier one
+    owner: number of this gateway on the control, the same after every restart; 1 .. 2**31 - 1
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class NcLink:
         notify: Notify,
         reference_mm: FloatArray | None,
         first_number: int,
+        owner: int = 1,
     ) -> None:
         if config.nc is None:
             raise ValueError("config has no [nc] section")
@@ -65,6 +67,11 @@ class NcLink:
         self._breaker = Breaker(self._period, self._period * _LONGEST_RETRY_PERIODS)
         self._connected = False
         self._disarmed = False
+        self._owner = owner
+        self._watched: bool | None = None
+        self._beat_s = -math.inf
+        settings = self._settings
+        self._watch = Watch(settings.watchdog_s, settings.slew_um_per_s if settings.when_stale == "zero" else 0.0)
         self._slew: Slew | None = None
         self._frozen = False
         self._decision: tuple[Decision, float] | None = None
@@ -105,11 +112,18 @@ class NcLink:
                 for _ in range(steps):
                     due += self._period
                     await self._clock.sleep_until(due)
+                    if not await self._alive():
+                        break  # the control's watchdog has it
                     await self._send(self._slew.follow(self._clock.monotonic(), None, Source.STOPPED))
                     if not any(self._slew.offsets_um):
                         break
             except DriverError as error:
                 log.warning("compensation could not be taken back: %s", error)
+        if self._connected and self.armed:
+            try:
+                await self._nc.release(self._owner)
+            except DriverError as error:
+                log.warning("the NC could not be given back: %s", error)
         await self._close()
 
     async def measure(self, why: Why) -> Outcome:
@@ -166,6 +180,7 @@ class NcLink:
             self._states(self.snapshot.states, self.snapshot.monotonic_s)
             await self._compensate(self.snapshot)
         except DriverError as error:
+            await self._close()
             self._lost(error, due)
 
     async def _connect(self, due: float) -> bool:
@@ -173,14 +188,21 @@ class NcLink:
             return False
         try:
             await self._nc.connect()
+            if self.armed:
+                await self._nc.claim(self._owner, self._watch)
             in_force = await self._nc.read_compensation()
         except DriverError as error:
+            await self._close()
             self._lost(error, due)
             return False
         self._connected = True
         if self._breaker.succeeded() is Change.HEALED:
             self._notify("NC: connected again", True)
-        # Whatever stands on the control is where the ramp begins: no step at start and none after a reconnect.
+        self._begin_from(in_force)
+        return True
+
+    def _begin_from(self, in_force: Offsets) -> None:
+        """Whatever stands on the control is where the ramp begins: no step at start and none after a reconnect."""
         self._slew = Slew(
             self._settings.bound_um,
             self._settings.slew_um_per_s,
@@ -189,7 +211,18 @@ class NcLink:
             in_force,
             self._clock.monotonic(),
         )
-        return True
+
+    async def _alive(self) -> bool:
+        """Beat. Whether offsets may be written: the control's watchdog watches, and nothing moved since it did not."""
+        watched = await self._nc.heartbeat(self._owner)
+        self._beat_s = self._clock.monotonic()
+        if not watched:
+            # It may have moved the offsets. This beat stops it, so what is read now is where to go on.
+            self._begin_from(await self._nc.read_compensation())
+        if watched is not self._watched and self._watched is not None:
+            self._notify(f"NC: its watchdog {'watches again' if watched else 'did not hear this gateway'}", watched)
+        self._watched = watched
+        return watched
 
     def _lost(self, error: DriverError, due: float) -> None:
         self._connected = False
@@ -200,10 +233,11 @@ class NcLink:
     async def _compensate(self, snapshot: NcSnapshot) -> None:
         if self._slew is None:
             return
+        may_write = self.armed and await self._alive()
         now = self._clock.monotonic()
         k = self._decision[0].k if self._decision else None
         step = self._slew.freeze(now) if self._frozen else self._slew.follow(now, *self._wanted(snapshot, now))
-        read_back = await self._send(step) if self.armed and not self._frozen else None
+        read_back = await self._send(step) if may_write and not self._frozen else None
         if step != self._last_step:
             self._written(
                 Write(snapshot.time, self._settings.mode, step, k, snapshot.positions, read_back is not None, read_back)
@@ -222,7 +256,10 @@ class NcLink:
         known = np.nan_to_num(decision.corrected)
         return kinematics.tcp_offsets(known, positions(snapshot), self._probe.radius_m), Source.PREDICTION
 
-    async def _send(self, step: Step) -> Offsets:
+    async def _send(self, step: Step) -> Offsets | None:
+        if self._clock.monotonic() - self._beat_s > self._watch.silence_s / 2:
+            # This process stood still after its beat. The control may be about to move the offsets, or has.
+            raise NoAnswer(f"more than {self._watch.silence_s / 2:g} s between heartbeat and write", device="nc")
         await self._nc.write_compensation(step.offsets_um)
         read_back = await self._nc.read_compensation()
         if any(abs(a - b) > _READ_BACK_TOLERANCE_UM for a, b in zip(step.offsets_um, read_back, strict=True)):

@@ -2,9 +2,12 @@
 
 import asyncio
 import logging
+import platform
+import zlib
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from pathlib import Path
 
 from drivers.base import Reading
 from drivers.nc import NumericalControl
@@ -27,6 +30,8 @@ log = logging.getLogger(__name__)
 
 _FIRST_NUMBER_BELOW = 1_000_000
 """Request numbers travel in R-parameters (64-bit reals) and are read by people."""
+
+_MACHINE_ID = Path("/etc/machine-id")
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +155,7 @@ class Service:
             notify=self._nc_noticed,
             reference_mm=self._past.reference_mm,
             first_number=number + 1,
+            owner=_owner(config.storage.path),
         )
 
     def _take(self, readings: Sequence[Reading]) -> None:
@@ -162,3 +168,9 @@ class Service:
 
     def _nc_noticed(self, text: str, ended: bool) -> None:
         self._outlet.event(Event(EventKind.PROBLEM_ENDED if ended else EventKind.PROBLEM, text), None)
+
+
+def _owner(store: Path) -> int:
+    """This gateway's number on the control: the same after a restart, another one for another computer or database."""
+    computer = _MACHINE_ID.read_text() if _MACHINE_ID.exists() else platform.node()
+    return zlib.crc32(f"{computer.strip()} {store.resolve()}".encode()) % (2**31 - 1) + 1

@@ -28,6 +28,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_limits(config),
         *_control(config),
         *_poses(config),
+        *_watchdog(config),
         *_built(config),
     ]
 
@@ -53,6 +54,14 @@ def _serial_port(bus: Bus) -> tuple[str, str | None]:
     if isinstance(bus, CanopenBus | CanBus) and bus.interface == "slcan":
         return "channel", bus.channel
     return "", None
+
+
+def _watchdog(config: GatewayConfig) -> Iterator[Problem]:
+    if config.nc is not None and config.compensation.watchdog_s < 4 * config.nc.period_s:
+        yield Problem(
+            "[compensation] watchdog_s",
+            f"{config.compensation.watchdog_s:g}: expected at least four times [nc] period_s = {config.nc.period_s:g}",
+        )
 
 
 def _repeated(section: str, names: Iterable[str]) -> Iterator[Problem]:

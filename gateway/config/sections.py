@@ -188,3 +188,6 @@ class Compensation(Section):
     """A prediction older than this is no longer used."""
     when_stale: Literal["zero", "hold"] = "zero"
     """Without a usable prediction: ramp the offsets to zero, or hold the last ones."""
+    watchdog_s: Positive = 10.0
+    """When the control has heard nothing of the gateway for so long, it does by itself what `when_stale` says. At
+    least four times [nc] period_s."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, Reason
 from simulators.nc.program import Block, Kind, LoadCase, Loads
+from simulators.nc.watchdog import R_BEAT, R_RAMP, R_WATCH, Logged, Watchdog
 
 AXES = ("X", "Y", "Z", "A", "C")
 
@@ -91,6 +92,9 @@ class Nck:
         """SD43910 $SA_TEMP_COMP_SLOPE."""
         self.reference_mm = [0.0] * 3
         """SD43920 $SA_TEMP_COMP_REF_POSITION."""
+        self.watchdog = Watchdog(self.r, ((self.k0_mm, 0), (self.r, R_OFFSETS)))
+        self.log: list[Logged] = []
+        """Every change of SD43900 with its time."""
         self.mode = AUTO
         self.alarms: tuple[int, ...] = ()
         self.probe_available = True
@@ -106,6 +110,8 @@ class Nck:
     def advance(self, now_s: float) -> None:
         """Work off what was due until now and show the cycle's answer in the R-parameters."""
         self.cycle.advance(now_s)
+        self.watchdog.advance(now_s)
+        self._note(now_s, ramped=True)
         self._show_answer()
 
     def state(self, time_s: float) -> MachineState:
@@ -149,12 +155,32 @@ class Nck:
     def write_r(self, number: int, value: float, now_s: float) -> None:
         """Set an R-parameter; the handshake's own ones take effect."""
         self.advance(now_s)
-        self.r[number] = value
-        if number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
+        if number == R_WATCH:
+            return  # the watchdog's own: it writes it again in its next cycle
+        other, self.r[number] = value != self.r[number], value
+        if number == R_BEAT and other:
+            self.watchdog.beat(now_s)
+        elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
             valid_for = self.r[R_VALID_FOR]
             self.cycle.ask(now_s, int(value), valid_for if valid_for > 0 else math.inf)
         elif number == R_WITHDRAW and value > 0:
             self.cycle.withdraw(now_s, int(value))
+        self._show_answer()
+
+    def write_k0(self, axis: int, value_mm: float, now_s: float) -> None:
+        """Set SD43900 of X, Y or Z (0, 1, 2)."""
+        self.advance(now_s)
+        self.k0_mm[axis] = value_mm
+        self._note(now_s, ramped=False)
+
+    def power_on(self, now_s: float) -> None:
+        """Switched off and on again: TALC_START takes the offsets away and no gateway is known."""
+        self.advance(now_s)
+        self.cycle.interrupt(now_s, Reason.STOPPED)
+        self.k0_mm[:] = [0.0] * 3
+        for number in range(R_OFFSETS, R_RAMP + 1):
+            self.r[number] = 0.0
+        self._note(now_s, ramped=False)
         self._show_answer()
 
     def raise_alarm(self, number: int, now_s: float) -> None:
@@ -193,6 +219,11 @@ class Nck:
             value_mm = self.k0_mm[axis] + self.slope[axis] * (position - self.reference_mm[axis])
             shift.append((self._sign * value_mm + self.r[R_OFFSETS + axis]) * 1e3)
         return shift[0], shift[1], shift[2]
+
+    def _note(self, now_s: float, *, ramped: bool) -> None:
+        x, y, z = self.k0_mm
+        if (x, y, z) != (self.log[-1].values_mm if self.log else (0.0, 0.0, 0.0)):
+            self.log.append(Logged(now_s, (x, y, z), ramped))
 
     # Inside ----------------------------------------------------------------------------------------------------------
 

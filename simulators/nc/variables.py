@@ -59,13 +59,23 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
     for number in range(R_COUNT):
         table[f"/Channel/Parameter/R[u1,{number}]"] = _r_parameter(nck, number)
     for name, values in (
-        ("TEMP_COMP_ABS_VALUE", nck.k0_mm),
         ("TEMP_COMP_SLOPE", nck.slope),
         ("TEMP_COMP_REF_POSITION", nck.reference_mm),
     ):
         for index in range(3):
             table[f"/NC/_N_AX_SEA_ACX/$SA_{name}[u{index + 1}]"] = _setting(nck, values, index)
+    for index in range(3):
+        table[f"/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{index + 1}]"] = _k0(nck, index)
     return table
+
+
+def _k0(nck: Nck, index: int) -> Variable:
+    return Variable(
+        lambda _: nck.k0_mm[index],
+        Right.SEA_READ,
+        lambda value, now_s: nck.write_k0(index, value, now_s),
+        Right.SEA_WRITE,
+    )
 
 
 def _alarm(index: int) -> Variable:

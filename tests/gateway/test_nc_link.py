@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from drivers.base import ConnectError
-from drivers.nc import NcSnapshot, ProbingState, ProbingStatus
+from drivers.base import ConnectError, Refused
+from drivers.nc import NcSnapshot, ProbingState, ProbingStatus, Watch
 from gateway.compensation import Offsets, Source, Write
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
@@ -36,6 +36,9 @@ class Control:
     answer: ProbingStatus | None = None
     answers: dict[int, ProbingStatus] = field(default_factory=dict)
     """By request number; the others get `answer`."""
+    beats: list[float] = field(default_factory=list)
+    watching: bool = True
+    owner: int = 0
 
     async def connect(self) -> None:
         if self.absent:
@@ -61,6 +64,21 @@ class Control:
         self.writes.append((self.clock.monotonic(), offsets_um))
         if not self.deaf:
             self.in_force = offsets_um
+
+    async def claim(self, owner: int, watch: Watch) -> None:
+        if self.owner not in (0, owner):
+            raise Refused(f"belongs to gateway {self.owner}", device="nc")
+        self.owner = owner
+
+    async def heartbeat(self, owner: int) -> bool:
+        if self.owner != owner:
+            raise Refused(f"belongs to gateway {self.owner}", device="nc")
+        self.beats.append(self.clock.monotonic())
+        return self.watching
+
+    async def release(self, owner: int) -> None:
+        if self.owner == owner:
+            self.owner = 0
 
     async def read_compensation(self) -> Offsets:
         return self.in_force
@@ -124,6 +142,8 @@ async def test_unarmed_nothing_is_ever_written(mode: str) -> None:
         await bench.clock.run_until(30.0)
     await bench.link.stop()
     assert bench.control.writes == []
+    assert bench.control.beats == []
+    assert bench.control.owner == 0
     assert bench.steps[-1].step.offsets_um == (0.0, 0.0, 20.0)  # computed all the same
     assert not any(step.written for step in bench.steps)
 
@@ -302,3 +322,62 @@ async def test_stopping_takes_the_offsets_back() -> None:
     await bench.clock.run_until(60.0)
     await stopping
     assert bench.control.in_force == (0.0, 0.0, 0.0)
+
+
+async def test_a_second_gateway_is_refused_and_the_message_says_so() -> None:
+    bench = Bench("compensate")
+    bench.control.owner = 99
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        assert bench.control.writes == []
+        assert any("belongs to gateway 99" in notice for notice in bench.notices)
+        bench.control.owner = 0
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(60.0)
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+
+
+async def test_a_gateway_that_lost_its_claim_while_running_stops_writing_at_once() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(2.5)
+        bench.control.owner = 99
+        before = len(bench.control.writes)
+        await bench.clock.run_until(20.0)
+    assert len(bench.control.writes) == before
+
+
+async def test_without_a_watchdog_on_the_control_nothing_is_written() -> None:
+    bench = Bench("compensate")
+    bench.control.watching = False
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(20.0)
+    assert bench.control.writes == []
+    assert len(bench.control.beats) > 10
+
+
+async def test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(8.0))
+        await bench.clock.run_until(15.0)
+        bench.control.watching, bench.control.in_force = False, (0.0, 0.0, 2.0)  # ramped while this process hung
+        await bench.clock.run_until(17.0)
+        bench.control.watching = True
+        first = len(bench.control.writes)
+        await bench.clock.run_until(20.0)
+    assert bench.control.writes[first][1][2] == pytest.approx(3.0)
+
+
+async def test_stopping_gives_the_control_back() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        await bench.clock.run_until(3.0)
+        assert bench.control.owner == 1
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(10.0)
+    await stopping
+    assert bench.control.owner == 0

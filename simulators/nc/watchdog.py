@@ -1,0 +1,64 @@
+"""The NC side's watchdog as TALC_WATCH describes it: silence takes the offsets to zero, or holds them. No protocol.
+
+state     leaves when                                          to
+off       the beat changes                                     alive
+alive     no other beat for R95 seconds, or the owner leaves   silent
+silent    the beat changes                                     alive
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+R_OWNER, R_BEAT, R_SILENCE, R_WATCH, R_RAMP = 93, 94, 95, 96, 97
+
+
+class WatchState(IntEnum):
+    """Value of the state parameter R96."""
+
+    OFF = 0
+    ALIVE = 1
+    SILENT = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Logged:
+    """Offsets as set by the gateway (`ramped` false) or by the watchdog, in the control's sign, mm."""
+
+    time_s: float
+    values_mm: tuple[float, float, float]
+    ramped: bool
+
+
+class Watchdog:
+    """Steps with time; works on the control's own R-parameters and offsets.
+
+    Parameters
+    ----------
+    r: all R-parameters
+    offsets: every (list, first index) whose three values, mm, are offsets and go to zero on silence
+    """
+
+    def __init__(self, r: list[float], offsets: tuple[tuple[list[float], int], ...]) -> None:
+        self._r, self._offsets = r, offsets
+        self._heard_s = self._now_s = 0.0
+
+    def beat(self, now_s: float) -> None:
+        """R94 has changed."""
+        self.advance(now_s)
+        self._heard_s = now_s
+        if self._r[R_OWNER] > 0:
+            self._r[R_WATCH] = WatchState.ALIVE
+
+    def advance(self, now_s: float) -> None:
+        """Let time pass; exact however rarely it is called."""
+        silent_from = self._now_s
+        if self._r[R_WATCH] == WatchState.ALIVE:
+            silent_from = max(self._now_s, self._heard_s + self._r[R_SILENCE]) if self._r[R_OWNER] > 0 else now_s
+            if now_s >= silent_from:
+                self._r[R_WATCH] = WatchState.SILENT
+        if self._r[R_WATCH] == WatchState.SILENT:
+            reach = max(0.0, now_s - silent_from) * self._r[R_RAMP]
+            for values, first in self._offsets:
+                for index in range(first, first + 3):
+                    values[index] -= min(max(values[index], -reach), reach)
+        self._now_s = max(self._now_s, now_s)

@@ -1,0 +1,126 @@
+"""Claim, heartbeat and the control's own watchdog, over the real wire to the emulated control."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from drivers.base import Refused
+from drivers.nc import Watch
+from drivers.sinumerik import Sinumerik
+from drivers.sinumerik_settings import SinumerikSettings
+from tests.drivers.test_sinumerik_contract import Bench, sinumerik_bench
+
+WATCH = Watch(silence_s=5.0, ramp_um_per_s=1.0)
+
+
+@asynccontextmanager
+async def second(bench: Bench) -> AsyncIterator[Sinumerik]:
+    other = Sinumerik(SinumerikSettings(url=bench.url), bench.clock)
+    await other.connect()
+    try:
+        yield other
+    finally:
+        await other.close()
+
+
+def not_installed(now_s: float) -> None:
+    """TALC_START never ran on this control."""
+
+
+async def beat_at(bench: Bench, *times: float) -> list[bool]:
+    found = []
+    for now in times:
+        bench.clock.move_to(now)
+        found.append(await bench.nc.heartbeat(7))
+    return found
+
+
+async def test_after_silence_the_offsets_go_to_zero_at_the_declared_rate() -> None:
+    async with sinumerik_bench() as bench:
+        await bench.nc.claim(7, WATCH)
+        assert await beat_at(bench, 1.0, 5.0, 9.5) == [True, True, True]
+        await bench.nc.write_compensation((8.0, -3.0, 0.5))
+        bench.clock.move_to(14.4)
+        assert await bench.nc.read_compensation() == pytest.approx((8.0, -3.0, 0.5))
+        bench.clock.move_to(16.5)
+        assert await bench.nc.read_compensation() == pytest.approx((6.0, -1.0, 0.0))
+        bench.clock.move_to(60.0)
+        assert await bench.nc.read_compensation() == pytest.approx((0.0, 0.0, 0.0))
+
+
+async def test_after_silence_the_offsets_are_held_where_that_is_declared() -> None:
+    async with sinumerik_bench() as bench:
+        await bench.nc.claim(7, Watch(5.0, 0.0))
+        await bench.nc.write_compensation((8.0, -3.0, 0.5))
+        bench.clock.move_to(600.0)
+        assert await bench.nc.read_compensation() == pytest.approx((8.0, -3.0, 0.5))
+        assert await bench.nc.heartbeat(7) is False
+
+
+async def test_a_beat_stops_the_ramp_and_says_that_it_had_begun() -> None:
+    async with sinumerik_bench() as bench:
+        await bench.nc.claim(7, WATCH)
+        await bench.nc.write_compensation((8.0, 0.0, 0.0))
+        assert await beat_at(bench, 7.0, 8.0) == [False, True]
+        assert await bench.nc.read_compensation() == pytest.approx((6.0, 0.0, 0.0))
+
+
+async def test_a_second_gateway_is_refused_until_the_first_is_silent_or_gone() -> None:
+    async with sinumerik_bench() as bench, second(bench) as other:
+        await bench.nc.claim(7, WATCH)
+        with pytest.raises(Refused, match="belongs to gateway 7"):
+            await other.claim(8, WATCH)
+        with pytest.raises(Refused, match="belongs to gateway 7"):
+            await other.heartbeat(8)
+        await other.release(8)  # not its own: nothing happens
+        assert await beat_at(bench, 1.0) == [True]
+        bench.clock.move_to(20.0)
+        await other.claim(8, WATCH)
+        with pytest.raises(Refused, match="belongs to gateway 8"):
+            await bench.nc.heartbeat(7)
+        await other.release(8)
+        await bench.nc.claim(7, WATCH)
+        assert await beat_at(bench, 21.0) == [True]
+
+
+async def test_the_same_gateway_may_claim_again_after_it_was_killed() -> None:
+    async with sinumerik_bench() as bench, second(bench) as restarted:
+        await bench.nc.claim(7, WATCH)
+        await restarted.claim(7, WATCH)
+        assert await restarted.heartbeat(7)
+
+
+async def test_giving_back_takes_what_is_left_to_zero() -> None:
+    async with sinumerik_bench() as bench:
+        await bench.nc.claim(7, WATCH)
+        await bench.nc.write_compensation((2.0, 0.0, 0.0))
+        await bench.nc.release(7)
+        assert await bench.nc.read_compensation() == pytest.approx((2.0, 0.0, 0.0))
+        bench.clock.move_to(1.0)
+        assert await bench.nc.read_compensation() == pytest.approx((1.0, 0.0, 0.0))
+
+
+async def test_power_off_and_on_leaves_no_offset_and_no_owner() -> None:
+    async with sinumerik_bench() as bench:
+        await bench.nc.claim(7, WATCH)
+        await bench.nc.write_compensation((2.0, 3.0, 4.0))
+        bench.control.nck.power_on(bench.clock.now)
+        assert await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
+        with pytest.raises(Refused, match="gateway 0"):
+            await bench.nc.heartbeat(7)
+        await bench.nc.claim(7, WATCH)
+        assert await beat_at(bench, 1.0) == [True]
+
+
+async def test_a_control_without_the_watchdog_is_never_alive() -> None:
+    async with sinumerik_bench() as bench:
+        bench.control.nck.watchdog.beat = not_installed  # type: ignore[method-assign]
+        await bench.nc.claim(7, WATCH)
+        assert await beat_at(bench, 1.0, 2.0, 3.0) == [False, False, False]
+
+
+@pytest.mark.parametrize(("silence_s", "ramp"), [(0.0, 1.0), (float("nan"), 1.0), (1.0, -1.0), (1.0, float("inf"))])
+def test_a_watch_that_cannot_be(silence_s: float, ramp: float) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        Watch(silence_s, ramp)
