@@ -105,7 +105,10 @@ class NumericalControl(Protocol):
     async def snapshot(self) -> NcSnapshot: ...
 
     async def request_probing(self, number: int) -> None:
-        """Ask for a cycle; `number` must differ from the last one, so an old result is never taken for a new one."""
+        """Ask for a cycle, which the control begins at its next safe point, never in a cut.
+
+        `number` must differ from the last one, so an old result is never taken for a new one.
+        """
         ...
 
     async def probing_status(self, number: int) -> ProbingStatus: ...

@@ -12,6 +12,7 @@ from typing import Any, Final
 from drivers.base import Reading
 from gateway.compensation import Write
 from gateway.measurement import Outcome
+from gateway.probing_schedule import Outlook
 from talc.frame import Decision, Event, FloatArray, Frame
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
@@ -23,6 +24,7 @@ MEASUREMENT: Final = "measurement"
 MODEL: Final = "model"
 EVENT: Final = "event"
 COMPENSATION: Final = "compensation"
+PROBING: Final = "probing"
 STATUS: Final = "status"
 ALIVE: Final = "alive"
 
@@ -139,9 +141,26 @@ def compensation(w: Write) -> Payload:
     }
 
 
-def status(phase: str | None, k: int | None, readings_dropped: int, config: str | None) -> Payload:
-    """`status`: the latest decision, and the fingerprint of the configuration that really runs; null before each."""
-    return {"phase": phase, "k": k, "readings_dropped": readings_dropped, "config": config}
+def probing(o: Outlook) -> Payload:
+    """`probing`: where the wish for a measurement stands, since when this was published, and why."""
+    return {
+        "standing": o.standing.value,
+        "why": None if o.why is None else o.why.value,
+        "reason": o.reason,
+        "rejected": o.rejected,
+        "operator": o.operator,
+    }
+
+
+def status(
+    phase: str | None, k: int | None, readings_dropped: int, config: str | None, outlook: Outlook | None
+) -> Payload:
+    """`status`: the latest decision, the fingerprint of the configuration that really runs, how probing stands.
+
+    Null before each.
+    """
+    found = None if outlook is None else probing(outlook)
+    return {"phase": phase, "k": k, "readings_dropped": readings_dropped, "config": config, "probing": found}
 
 
 def _number(value: float) -> float | None:

@@ -9,9 +9,10 @@ from gateway.grid import GridSampler, Instant, Schedule
 from gateway.measurement import Outcome
 from gateway.nc_link import NcLink
 from gateway.outlet import Outlet
+from gateway.probing_schedule import Bulletin, Outlook, ProbingSchedule, Standing
 from gateway.trainer import failed, train_apart
 from talc.control import Controller
-from talc.frame import Decision, Measurement, TrainingJob, Why
+from talc.frame import Decision, EventKind, Measurement, TrainingJob, Why
 from talc.models import ModelSet
 
 log = logging.getLogger(__name__)
@@ -25,7 +26,9 @@ class GridLoop:
     controller: fresh, or rebuilt from the store
     sampler, schedule: the grid
     link: the NC; None when the gateway runs without one
-    lead_s: a measurement is asked for so long before the instant that shall hold it
+    plan: when to ask for a measurement
+    lead_s: it is asked for so long before the instant that shall hold it, or later
+    poll_s: how often the machine's moment is looked at while a measurement waits for a better one
     outlet: told of frames, decisions, measurements, models and events
     decided: told of every decision, after the outlet
     pending: a training and a measurement that an earlier run still wanted
@@ -39,16 +42,21 @@ class GridLoop:
         schedule: Schedule,
         clock: ServiceClock,
         link: NcLink | None,
+        plan: ProbingSchedule,
         lead_s: float,
+        poll_s: float,
         outlet: Outlet,
         decided: Callable[[Decision], None],
         pending: tuple[TrainingJob | None, Why | None] = (None, None),
         train: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
-        self._link, self._lead, self._outlet, self._decided = link, lead_s, outlet, decided
-        self._job, self._wish = pending
+        self._link, self._plan, self._lead, self._poll = link, plan, lead_s, poll_s
+        self._outlet, self._decided = outlet, decided
+        self._job, wish = pending
+        self._plan.wish(wish, clock.monotonic())
         self._run_training = train
+        self._bulletin, self._outlook = Bulletin(), Outlook(Standing.NOT_WANTED, None)
         self._finished: Measurement | None = None
         self._measuring: asyncio.Task[None] | None = None
         self._training: asyncio.Task[None] | None = None
@@ -73,14 +81,14 @@ class GridLoop:
             job, self._job = self._job, None
             self._training = tasks.create_task(self._train(job), name="training")
         if (
-            self._wish is not None
+            self._plan.wanted
             and self._link is not None
             and self._link.may_probe
             and (self._measuring is None or self._measuring.done())
             and self._finished is None
         ):
             at = max(self._clock.monotonic(), instant.monotonic_s - self._lead)
-            self._measuring = tasks.create_task(self._measure(self._link, self._wish, at), name="measurement")
+            self._measuring = tasks.create_task(self._measure(self._link, at), name="measurement")
 
     def _step(self, instant: Instant) -> None:
         measurement, self._finished = self._finished, None
@@ -91,20 +99,45 @@ class GridLoop:
         self._outlet.decision(decision)
         for event in decision.events:
             self._outlet.event(event, decision.k)
-        self._wish = decision.measure
+        self._plan.wish(decision.measure, self._clock.monotonic())
         if decision.training is not None:
             self._job = decision.training
         if self._link is not None:
             self._link.follow(decision)
         self._decided(decision)
 
-    async def _measure(self, link: NcLink, why: Why, at_s: float) -> None:
-        await self._clock.sleep_until(at_s)
+    async def _measure(self, link: NcLink, at_s: float) -> None:
+        """See one wish through: wait for the moment, ask, hand the result on."""
+        due = at_s
+        while True:
+            await self._clock.sleep_until(due)
+            outlook = self._plan.look(link.present, self._clock.monotonic())
+            self._tell(outlook)
+            if outlook.standing is Standing.DUE:
+                break
+            if not self._plan.wanted:
+                return
+            due = self._clock.monotonic() + self._poll
+        why = self._plan.asked()
+        self._tell(self._plan.look(link.present, self._clock.monotonic()))
         outcome: Outcome = await link.measure(why)
         self._outlet.measurement(outcome)
         if outcome.measurement is None:
-            log.warning("no measurement: %s", outcome.reason)
+            log.info("no measurement: %s", outcome.reason)
         self._finished = outcome.measurement
+        self._tell(self._plan.ended(outcome.end, outcome.reason, self._clock.monotonic()))
+
+    def _tell(self, outlook: Outlook) -> None:
+        """Publish what changed; log each reason once for as long as it lasts."""
+        if outlook == self._outlook:
+            return
+        if outlook.standing is Standing.WAITING and outlook.reason != self._outlook.reason:
+            log.info("a measurement (%s) %s", outlook.why, outlook.reason)
+        self._outlook = outlook
+        self._outlet.probing(outlook)
+        for event in self._bulletin.of(outlook):
+            log.log(logging.INFO if event.kind is EventKind.PROBLEM_ENDED else logging.WARNING, "%s", event.text)
+            self._outlet.event(event, self._last_k)
 
     async def _train(self, job: TrainingJob) -> None:
         # A training takes seconds; on a real machine that is less than a grid step.

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from enum import StrEnum
 from typing import assert_never
 
 import numpy as np
@@ -13,6 +14,16 @@ from gateway.clock import ServiceClock
 from gateway.compensation import Offsets
 from talc import probing
 from talc.frame import FloatArray, Measurement, Why
+
+
+class End(StrEnum):
+    """How a request ended."""
+
+    MEASURED = "measured"
+    REFUSED = "refused"
+    """The control did not begin the cycle, or could not be reached."""
+    REJECTED = "rejected"
+    """The cycle failed, or its result is not to be believed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +43,11 @@ class Outcome:
     residual_um: float
     """RMS of what the nine errors do not explain; NaN without a result."""
     reason: str = ""
+    end: End = End.MEASURED
+
+    def __post_init__(self) -> None:
+        if (self.end is End.MEASURED) != (self.measurement is not None):
+            raise ValueError(f"end = {self.end.value!r} with measurement = {self.measurement!r}: they contradict")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +76,12 @@ class Probe:
         )
 
 
+class Refused(Exception):
+    """The control did not begin the cycle; the message says why."""
+
+
 class Rejected(Exception):
-    """The control's answer cannot be used; the message says why."""
+    """The cycle failed, or its result cannot be used; the message says why."""
 
 
 async def run_cycle(
@@ -69,8 +89,8 @@ async def run_cycle(
 ) -> ProbingStatus:
     """Ask for cycle `number` and wait for its end.
 
-    Raises Rejected when it is refused, fails or does not end within `timeout_s` (the request is then withdrawn),
-    DriverError when the control cannot be reached.
+    Raises Refused when it is refused or has not begun within `timeout_s` (the request is then withdrawn), Rejected when
+    it fails or has not ended then, DriverError when the control cannot be reached.
     """
     deadline = clock.monotonic() + timeout_s
     with clock.hold():
@@ -82,8 +102,10 @@ async def run_cycle(
         match status.state:
             case ProbingState.DONE:
                 return status
-            case ProbingState.REFUSED | ProbingState.FAILED:
-                raise Rejected(f"the control {status.state.value} cycle {number}: {status.reason or 'no reason given'}")
+            case ProbingState.REFUSED:
+                raise Refused(f"the control refused the cycle: {status.reason or 'no reason given'}")
+            case ProbingState.FAILED:
+                raise Rejected(f"the cycle failed: {status.reason or 'no reason given'}")
             case ProbingState.IDLE | ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
                 pass
             case _:
@@ -91,16 +113,18 @@ async def run_cycle(
         if clock.monotonic() > deadline:
             with clock.hold():
                 await nc.withdraw_probing(number)
-            raise Rejected(f"cycle {number} did not end within {timeout_s:g} s; last state: {status.state.value}")
+            begun = status.state in (ProbingState.ACCEPTED, ProbingState.RUNNING)
+            text = f"the cycle did not {'end' if begun else 'begin'} within {timeout_s:g} s"
+            raise Rejected(text) if begun else Refused(text)
 
 
 def centres(status: ProbingStatus, poses: int) -> FloatArray:
     """(poses, 3) mm. Raises Rejected when the count or a number is wrong."""
     values = np.asarray(status.centres_mm if status.centres_mm is not None else [], dtype=float)
     if values.shape != (poses, 3):
-        raise Rejected(f"cycle {status.number}: {values.size} result values, expected {poses * 3}")
+        raise Rejected(f"{values.size} result values, expected {poses * 3}")
     if not np.all(np.isfinite(values)):
-        raise Rejected(f"cycle {status.number}: a result is not a finite number")
+        raise Rejected("a result is not a finite number")
     return values
 
 

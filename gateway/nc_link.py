@@ -12,7 +12,7 @@ from gateway.breaker import Breaker, Change
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, Slew, Source, Step, Write
 from gateway.config import GatewayConfig
-from gateway.measurement import Outcome, Probe, Rejected, at_rest, centres, run_cycle
+from gateway.measurement import End, Outcome, Probe, Refused, Rejected, at_rest, centres, run_cycle
 from talc import kinematics
 from talc.frame import Decision, FloatArray, Measurement, Why
 
@@ -85,8 +85,13 @@ class NcLink:
 
     @property
     def may_probe(self) -> bool:
-        """Whether a cycle can be asked for now."""
-        return self._probing.armed and self._connected
+        """Whether cycles may be asked for at all."""
+        return self._probing.armed
+
+    @property
+    def present(self) -> NcSnapshot | None:
+        """The control's latest state; None while it cannot be reached."""
+        return self.snapshot if self._connected else None
 
     def follow(self, decision: Decision) -> None:
         """Compensate from this decision on."""
@@ -134,7 +139,7 @@ class NcLink:
         in_force: Offsets = (0.0, 0.0, 0.0)
         found: FloatArray | None = None
         measurement: Measurement | None = None
-        residual, reason = math.nan, ""
+        residual, reason, end = math.nan, "", End.MEASURED
         try:
             with self._clock.hold():
                 in_force = await self._nc.read_compensation()
@@ -146,12 +151,16 @@ class NcLink:
             found = np.mean(cycles, axis=0)
             measurement, residual = self._evaluate(found, in_force)
         except Rejected as error:
-            reason = str(error)
+            reason, end = str(error), End.REJECTED
+        except Refused as error:
+            reason, end = str(error), End.REFUSED
         except DriverError as error:
-            reason = f"the control could not be reached: {error}"
+            reason, end = f"the control could not be asked: {error}", End.REFUSED
         finally:
             self._frozen = False
-        return Outcome(self._number - 1, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason)
+        return Outcome(
+            self._number - 1, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason, end
+        )
 
     async def _probed(self) -> FloatArray:
         number = self._number
@@ -225,7 +234,7 @@ class NcLink:
         return watched
 
     def _lost(self, error: DriverError, due: float) -> None:
-        self._connected = False
+        self._connected, self.snapshot = False, None
         if self._breaker.failed(due) is Change.BROKE:
             log.warning("NC: %s", error)
             self._notify(f"NC: {error}", False)

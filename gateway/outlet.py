@@ -6,6 +6,7 @@ from typing import Protocol
 from drivers.base import Reading
 from gateway.compensation import Write
 from gateway.measurement import Outcome
+from gateway.probing_schedule import Outlook
 from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
 
@@ -28,6 +29,10 @@ class Outlet(Protocol):
     def event(self, event: Event, k: int | None) -> None: ...
 
     def compensation(self, write: Write) -> None: ...
+
+    def probing(self, outlook: Outlook) -> None:
+        """Where the wish for a measurement stands, when that changes."""
+        ...
 
 
 class Fanout:
@@ -63,3 +68,7 @@ class Fanout:
     def compensation(self, write: Write) -> None:
         for outlet in self._outlets:
             outlet.compensation(write)
+
+    def probing(self, outlook: Outlook) -> None:
+        for outlet in self._outlets:
+            outlet.probing(outlook)

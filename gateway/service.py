@@ -21,6 +21,7 @@ from gateway.loop import GridLoop
 from gateway.measurement import Probe, poses_in_radians
 from gateway.nc_link import NcLink
 from gateway.outlet import Outlet
+from gateway.probing_schedule import ProbingSchedule
 from gateway.reload import Difference, ReloadError, apply
 from gateway.wiring import lines_of, sinumerik_settings
 from talc.control import Controller
@@ -118,13 +119,21 @@ class Service:
         self._acquisition = None
 
     def _loop(self) -> GridLoop:
+        probing = self._config.probing
         return GridLoop(
             self._past.controller,
             self._sampler,
             self._schedule,
             self._clock,
             self.link,
-            self._config.probing.lead_s,
+            ProbingSchedule(
+                prefer_idle_s=probing.prefer_idle_s,
+                insist_after_s=probing.insist_after_s,
+                retries=probing.retries,
+                pause_s=probing.pause_s,
+            ),
+            probing.lead_s,
+            probing.poll_s,
             self._outlet,
             self._decided,
             self._past.pending,

@@ -23,6 +23,7 @@ import numpy as np
 from drivers.base import Clock, Reading
 from gateway.compensation import Write
 from gateway.measurement import Outcome
+from gateway.probing_schedule import Outlook
 from gateway.schema import SCHEMA_VERSION, FileLock, StoreError, connect, make_schema
 from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
@@ -209,6 +210,9 @@ class Store:
             None if write.read_back_um is None else _blob(write.read_back_um),
         )  # fmt: skip
         self._put("INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row])
+
+    def probing(self, outlook: Outlook) -> None:
+        """Not kept: what blocks probing and what an operator should know are events."""
 
     # Writing ---------------------------------------------------------------------------------------------------------
 

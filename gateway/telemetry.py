@@ -15,6 +15,7 @@ from gateway import keys
 from gateway.compensation import Write
 from gateway.config.sections import Telemetry as TelemetrySettings
 from gateway.measurement import Outcome
+from gateway.probing_schedule import Outlook
 from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
 
@@ -22,7 +23,7 @@ log = logging.getLogger(__name__)
 
 _QUEUE = 5000
 _JSON = zenoh.Encoding.APPLICATION_JSON
-_MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODEL, keys.EVENT})
+_MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODEL, keys.EVENT, keys.PROBING})
 """Kinds for which a slow subscriber makes the publishing thread wait instead of losing a sample."""
 
 
@@ -80,6 +81,7 @@ class Telemetry:
         self._names, self._clock, self._boot = tuple(input_names), clock, boot
         self._clock_state = "simulated" if simulated else "system"
         self._queue: queue.Queue[tuple[str, bytes] | None] = queue.Queue()
+        self._outlook: Outlook | None = None
         self._sequence = 0
         self._dropped = 0
         self._decided: tuple[str | None, int | None] = None, None
@@ -148,7 +150,13 @@ class Telemetry:
         self._put(keys.EVENT, keys.event(event, k))
 
     def compensation(self, write: Write) -> None:
-        self._put(keys.COMPENSATION, keys.compensation(write))
+        if write.mode != "monitor":
+            self._put(keys.COMPENSATION, keys.compensation(write))
+
+    def probing(self, outlook: Outlook) -> None:
+        self._outlook = outlook
+        self._put(keys.PROBING, keys.probing(outlook))
+        self._put_status()
 
     def runs(self, fingerprint: str) -> None:
         """The configuration with this fingerprint runs from now on; call it after every change."""
@@ -159,7 +167,7 @@ class Telemetry:
 
     def _put_status(self) -> None:
         phase, k = self._decided
-        self._put(keys.STATUS, keys.status(phase, k, self._dropped, self._config))
+        self._put(keys.STATUS, keys.status(phase, k, self._dropped, self._config, self._outlook))
 
     def _put(self, suffix: str, payload: keys.Payload) -> None:
         self._sequence += 1

@@ -19,6 +19,7 @@ from drivers.base import Clock, Reading
 from gateway import keys
 from gateway.compensation import Write
 from gateway.measurement import Outcome
+from gateway.probing_schedule import Outlook
 from talc.frame import Decision, Event, EventKind, Frame
 from talc.models import ModelSet
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
@@ -28,7 +29,15 @@ _REFRESH_PER_S = 4
 _SUMMARY_EVERY_S = 6 * 3600.0
 _GOOD = ("good", "simulated")
 _PHASE_STYLE = {"calibration": "yellow", "compensation": "green", "no_good": "red"}
-_NOTABLE = frozenset({EventKind.PHASE_CHANGED, EventKind.MODEL_REJECTED, EventKind.PROBLEM, EventKind.PROBLEM_ENDED})
+_NOTABLE = frozenset(
+    {
+        EventKind.PHASE_CHANGED,
+        EventKind.MODEL_REJECTED,
+        EventKind.PROBLEM,
+        EventKind.PROBLEM_ENDED,
+        EventKind.OPERATOR,
+    }
+)
 
 
 @dataclass(slots=True)
@@ -56,6 +65,8 @@ class ViewState:
     offsets_um: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     mode: str = ""
     source: str = ""
+    probing: str = ""
+    """Why a wanted measurement waits."""
     measurements: int = 0
     rejected: int = 0
     state_updates: int = 0
@@ -90,6 +101,8 @@ class ViewState:
                     self.model_updates += 1
             case keys.COMPENSATION:
                 self.offsets_um, self.mode, self.source = p["offsets_um"], p["mode"], p["source"]
+            case keys.PROBING:
+                self.probing = p["reason"]
             case keys.EVENT:
                 if p["kind"] == EventKind.STATE_UPDATE:
                     self.state_updates += 1
@@ -162,7 +175,7 @@ def _footer(s: ViewState) -> RenderableType:
     return Text(
         f"compensation {s.mode or '-'} ({s.source or 'nothing yet'})  X {x:+.1f}  Y {y:+.1f}  Z {z:+.1f} µm\n"
         f"{s.measurements} measurements ({s.rejected} rejected{age}), {s.state_updates} state updates, "
-        f"{s.model_updates} model updates"
+        f"{s.model_updates} model updates" + (f"\nprobing: {s.probing}" if s.probing else "")
     )
 
 
@@ -213,6 +226,9 @@ class ViewOutlet:
 
     def compensation(self, write: Write) -> None:
         self._apply(keys.COMPENSATION, keys.compensation(write))
+
+    def probing(self, outlook: Outlook) -> None:
+        self._apply(keys.PROBING, keys.probing(outlook))
 
 
 class LiveView:

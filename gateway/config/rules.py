@@ -131,6 +131,11 @@ def _control(config: GatewayConfig) -> Iterator[Problem]:
     step_s = config.grid.step_s
     if config.probing.lead_s > step_s:
         yield Problem("[probing] lead_s", f"{config.probing.lead_s:g}: expected at most the grid step, {step_s:g}")
+    if config.probing.insist_after_s < config.probing.prefer_idle_s:
+        yield Problem(
+            "[probing] insist_after_s",
+            f"{config.probing.insist_after_s:g}: expected at least prefer_idle_s = {config.probing.prefer_idle_s:g}",
+        )
     if config.compensation.stale_after_s <= step_s:
         yield Problem(
             "[compensation] stale_after_s",

@@ -169,7 +169,16 @@ class Probing(Section):
     timeout_s: Positive = 900.0
     """A cycle that has not ended after this long is withdrawn."""
     poll_s: Positive = 2.0
-    """How often the NC is asked how far the cycle is."""
+    """How often the NC is asked how far the cycle is, and looked at while a measurement waits for a better moment."""
+    prefer_idle_s: NotNegative = 600.0
+    """A routine measurement waits so long for the machine to stand idle or a program to end; after that a tool change
+    will do as well. Calibration and its like (`no_good`, repeats) do not wait."""
+    insist_after_s: NotNegative = 1800.0
+    """After that the NC is asked whatever it does, and the operator is told. It still probes at a safe point only."""
+    retries: Annotated[int, Field(ge=0, le=20)] = 3
+    """A rejected measurement is asked for again at most so often in a row; then the operator is told."""
+    pause_s: NotNegative = 3600.0
+    """After that nothing is asked for so long."""
 
 
 Bound = Annotated[float, Field(gt=0, le=LARGEST_BOUND_UM)]

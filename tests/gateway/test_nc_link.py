@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.base import ConnectError, Refused
-from drivers.nc import NcSnapshot, ProbingState, ProbingStatus, Watch
+from drivers.nc import NcSnapshot, OperatingMode, ProbingState, ProbingStatus, ProgramState, Watch
 from gateway.compensation import Offsets, Source, Write
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
@@ -39,6 +39,9 @@ class Control:
     beats: list[float] = field(default_factory=list)
     watching: bool = True
     owner: int = 0
+    mode: OperatingMode = OperatingMode.AUTO
+    program: ProgramState = ProgramState.ABORTED
+    speed: float = 0.0
 
     async def connect(self) -> None:
         if self.absent:
@@ -50,7 +53,8 @@ class Control:
         if self.absent:
             raise ConnectError("no answer", device="nc")
         positions = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": 0.0, "C": 0.0}
-        return NcSnapshot(self.clock.utc(), self.clock.monotonic(), positions, {"coolant": 1.0})
+        states = {"coolant": 1.0, "spindle_speed": self.speed}
+        return NcSnapshot(self.clock.utc(), self.clock.monotonic(), positions, states, self.mode, self.program)
 
     async def request_probing(self, number: int) -> None:
         self.requests.append(number)
@@ -153,6 +157,7 @@ async def test_unarmed_probing_asks_for_nothing() -> None:
     async with bench.running():
         await bench.clock.run_until(5.0)
         assert not bench.link.may_probe
+        assert bench.link.present is not None
     assert bench.control.requests == []
 
 

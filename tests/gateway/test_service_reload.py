@@ -10,6 +10,7 @@ from drivers.base import Reading
 from gateway.compensation import Write
 from gateway.config import GatewayConfig, parse
 from gateway.measurement import Outcome
+from gateway.probing_schedule import Outlook
 from gateway.reload import ReloadError
 from gateway.service import Past, Service
 from talc.control import Controller
@@ -55,6 +56,8 @@ class Readings:
     def event(self, event: Event, k: int | None) -> None: ...
 
     def compensation(self, write: Write) -> None: ...
+
+    def probing(self, outlook: Outlook) -> None: ...
 
 
 def config(text: str = TEXT) -> GatewayConfig:

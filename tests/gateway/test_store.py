@@ -17,7 +17,7 @@ import pytest
 
 from drivers.base import Quality, Reading
 from gateway.compensation import Source, Step, Write
-from gateway.measurement import Outcome
+from gateway.measurement import End, Outcome
 from gateway.store import History, Store, StoreError
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
@@ -93,7 +93,7 @@ def test_measurements_keep_the_raw_centres_and_why_they_were_refused(tmp_path: P
     with store_at(path) as store:
         store.measurement(Outcome(1, Why.CALIBRATION, EPOCH, later, centres, (1.0, 2.0, 1 / 3), good, 0.4))
         store.measurement(
-            Outcome(2, Why.RETRY, EPOCH, later, None, (0.0, 0.0, 0.0), None, math.nan, "the control refused cycle 2")
+            Outcome(2, Why.RETRY, EPOCH, later, None, (0.0, 0.0, 0.0), None, math.nan, "refused: alarm", End.REFUSED)
         )
     with History(path) as history:
         accepted, refused = history.measurements()
@@ -101,7 +101,7 @@ def test_measurements_keep_the_raw_centres_and_why_they_were_refused(tmp_path: P
     assert same_bits(accepted.centres_mm, centres)
     assert same_bits(accepted.in_force_um, (1.0, 2.0, 1 / 3))
     assert same_bits(accepted.errors, AWKWARD)
-    assert (refused.centres_mm, refused.errors, refused.reason) == (None, None, "the control refused cycle 2")
+    assert (refused.centres_mm, refused.errors, refused.reason) == (None, None, "refused: alarm")
 
 
 def test_every_write_to_the_control_is_kept(tmp_path: Path) -> None:

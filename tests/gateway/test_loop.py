@@ -1,0 +1,128 @@
+"""The grid loop between controller, schedule and NC: who is asked when, and what is told."""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+
+import pytest
+
+from drivers.base import Reading
+from drivers.nc import OperatingMode, ProbingState, ProbingStatus, ProgramState
+from gateway.compensation import Write
+from gateway.grid import GridSampler, Schedule
+from gateway.loop import GridLoop
+from gateway.measurement import Outcome
+from gateway.probing_schedule import Outlook, ProbingSchedule, Standing
+from talc.control import Controller
+from talc.frame import Decision, Event, EventKind, Frame, Why
+from talc.models import ModelSet
+from talc.settings import TalcSettings
+from tests.gateway.test_nc_link import Bench
+
+STEP_S = 300.0
+NOWHERE = ((0.0, 0.0, 0.0),) * 6
+
+
+class Told:
+    """An outlet that keeps what the tests ask for."""
+
+    def __init__(self) -> None:
+        self.frames: list[Frame] = []
+        self.outcomes: list[Outcome] = []
+        self.events: list[Event] = []
+        self.outlooks: list[Outlook] = []
+
+    def readings(self, readings: Sequence[Reading]) -> None: ...
+
+    def frame(self, frame: Frame) -> None:
+        self.frames.append(frame)
+
+    def decision(self, decision: Decision) -> None: ...
+
+    def measurement(self, outcome: Outcome) -> None:
+        self.outcomes.append(outcome)
+
+    def models(self, models: ModelSet, after_k: int) -> None: ...
+
+    def event(self, event: Event, k: int | None) -> None:
+        self.events.append(event)
+
+    def compensation(self, write: Write) -> None: ...
+
+    def probing(self, outlook: Outlook) -> None:
+        self.outlooks.append(outlook)
+
+    def of(self, *kinds: EventKind) -> list[str]:
+        return [e.text for e in self.events if e.kind in kinds]
+
+
+@asynccontextmanager
+async def running(
+    bench: Bench, told: Told, *, pending: Why | None = None, retries: int = 2
+) -> AsyncIterator[ProbingSchedule]:
+    plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
+    loop = GridLoop(
+        Controller(("a",), TalcSettings()), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock, bench.link,
+        plan, 180.0, 2.0, told, lambda _: None, (None, pending),
+    )  # fmt: skip
+    task = asyncio.create_task(loop.run())
+    try:
+        async with bench.running():
+            yield plan
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_a_calibration_measurement_is_asked_for_so_long_before_its_step_ends() -> None:
+    bench, told = Bench("monitor"), Told()
+    bench.control.answer = ProbingStatus(0, ProbingState.DONE, NOWHERE)
+    async with running(bench, told):
+        await bench.clock.run_until(STEP_S + 119.0)
+        assert bench.control.requests == []  # the wish came with the first step; 180 s before the second is 420 s
+        await bench.clock.run_until(2 * STEP_S + 1.0)
+        assert len(bench.control.requests) == 1
+        assert told.frames[-1].measurement is not None
+    assert [o.standing for o in told.outlooks] == [Standing.DUE, Standing.ASKED, Standing.NOT_WANTED]
+
+
+async def test_what_blocks_probing_is_published_and_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    bench, told = Bench("monitor"), Told()
+    bench.control.mode = OperatingMode.JOG
+    async with running(bench, told):
+        await bench.clock.run_until(4 * STEP_S)
+        assert bench.control.requests == []
+        bench.control.mode = OperatingMode.AUTO
+        bench.control.answer = ProbingStatus(0, ProbingState.DONE, NOWHERE)
+        await bench.clock.run_until(5 * STEP_S)
+    assert told.of(EventKind.PROBLEM) == ["probing: the control is in JOG, not in AUTO"]
+    assert len(told.of(EventKind.PROBLEM_ENDED)) == 1
+    assert len([r for r in caplog.records if "in JOG" in r.message and r.levelname == "WARNING"]) == 1
+    standings = [o.standing for o in told.outlooks]
+    assert standings == [Standing.BLOCKED, Standing.DUE, Standing.ASKED, Standing.NOT_WANTED]
+    assert len(bench.control.requests) == 1
+
+
+async def test_a_wish_that_ends_while_it_waits_is_never_asked_for() -> None:
+    bench, told = Bench("monitor"), Told()
+    bench.control.program, bench.control.speed = ProgramState.RUNNING, 8000.0
+    async with running(bench, told, pending=Why.INTERVAL) as plan:
+        await bench.clock.run_until(200.0)
+        plan.wish(None, bench.clock.monotonic())
+        bench.control.program, bench.control.speed = ProgramState.ABORTED, 0.0
+        await bench.clock.run_until(250.0)
+    assert bench.control.requests == []
+    assert [o.standing for o in told.outlooks] == [Standing.WAITING, Standing.NOT_WANTED]
+
+
+async def test_a_cycle_that_keeps_failing_is_asked_for_so_often_and_the_operator_is_told_once() -> None:
+    bench, told = Bench("monitor"), Told()
+    bench.control.answer = ProbingStatus(0, ProbingState.FAILED, reason="a touch found no sphere")
+    async with running(bench, told, retries=2):
+        await bench.clock.run_until(3000.0)
+    assert len(bench.control.requests) == 3
+    assert [o.why for o in told.outcomes] == [Why.CALIBRATION, Why.RETRY, Why.RETRY]
+    assert all(o.reason == "the cycle failed: a touch found no sphere" for o in told.outcomes)
+    assert all(f.measurement is None for f in told.frames)
+    assert len(told.of(EventKind.OPERATOR)) == 1
+    assert "Clean the sphere" in told.of(EventKind.OPERATOR)[0]
