@@ -5,6 +5,7 @@ import logging
 from collections.abc import Awaitable, Callable
 
 from gateway.clock import ServiceClock
+from gateway.config.sections import Probing
 from gateway.grid import GridSampler, Instant, Schedule
 from gateway.measurement import Outcome
 from gateway.nc_link import NcLink
@@ -27,8 +28,7 @@ class GridLoop:
     sampler, schedule: the grid
     link: the NC; None when the gateway runs without one
     plan: when to ask for a measurement
-    lead_s: it is asked for so long before the instant that shall hold it, or later
-    poll_s: how often the machine's moment is looked at while a measurement waits for a better one
+    probing: `lead_s` and `poll_s` are used
     outlet: told of frames, decisions, measurements, models and events
     decided: told of every decision, after the outlet
     pending: a training and a measurement that an earlier run still wanted
@@ -43,15 +43,14 @@ class GridLoop:
         clock: ServiceClock,
         link: NcLink | None,
         plan: ProbingSchedule,
-        lead_s: float,
-        poll_s: float,
+        probing: Probing,
         outlet: Outlet,
         decided: Callable[[Decision], None],
         pending: tuple[TrainingJob | None, Why | None] = (None, None),
         train: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
-        self._link, self._plan, self._lead, self._poll = link, plan, lead_s, poll_s
+        self._link, self._plan, self._probing = link, plan, probing
         self._outlet, self._decided = outlet, decided
         self._job, wish = pending
         self._plan.wish(wish, clock.monotonic())
@@ -87,7 +86,7 @@ class GridLoop:
             and (self._measuring is None or self._measuring.done())
             and self._finished is None
         ):
-            at = max(self._clock.monotonic(), instant.monotonic_s - self._lead)
+            at = max(self._clock.monotonic(), instant.monotonic_s - self._probing.lead_s)
             self._measuring = tasks.create_task(self._measure(self._link, at), name="measurement")
 
     def _step(self, instant: Instant) -> None:
@@ -117,7 +116,7 @@ class GridLoop:
                 break
             if not self._plan.wanted:
                 return
-            due = self._clock.monotonic() + self._poll
+            due = self._clock.monotonic() + self._probing.poll_s
         why = self._plan.asked()
         self._tell(self._plan.look(link.present, self._clock.monotonic()))
         outcome: Outcome = await link.measure(why)

@@ -9,6 +9,7 @@ import pytest
 from drivers.base import Reading
 from drivers.nc import OperatingMode, ProbingState, ProbingStatus, ProgramState
 from gateway.compensation import Write
+from gateway.config.sections import Probing
 from gateway.grid import GridSampler, Schedule
 from gateway.loop import GridLoop
 from gateway.measurement import Outcome
@@ -64,7 +65,7 @@ async def running(
     plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
     loop = GridLoop(
         Controller(("a",), TalcSettings()), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock, bench.link,
-        plan, 180.0, 2.0, told, lambda _: None, (None, pending),
+        plan, Probing(), told, lambda _: None, (None, pending),
     )  # fmt: skip
     task = asyncio.create_task(loop.run())
     try:

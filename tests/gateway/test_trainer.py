@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gateway.config.sections import Probing
 from gateway.grid import GridSampler, Schedule
 from gateway.loop import GridLoop
+from gateway.probing_schedule import ProbingSchedule
 from gateway.trainer import TrainingError, failed, has_failed, train_apart
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, TrainingJob, Why
@@ -141,7 +143,8 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
     controller.adopt(train(first))
     crashing, log, clock = replace(first, measured=first.measured[:, :4]), Log(), SteppedClock()
     sampler, schedule = GridSampler(DAY.names, 300.0), Schedule(300.0)
-    loop = GridLoop(controller, sampler, schedule, clock, None, 0.0, log, lambda _: None, (crashing, None))
+    plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0)
+    loop = GridLoop(controller, sampler, schedule, clock, None, plan, Probing(), log, lambda _: None, (crashing, None))
     running = asyncio.create_task(loop.run())
     try:
         await until_adopted(clock, log)
