@@ -83,6 +83,15 @@ class _Slcan(slcanBus):
         self._lines: deque[bytes] = deque()
         super().__init__(channel, **options)
 
+    def set_bitrate(self, bitrate: int, data_bitrate: int | None = None) -> None:
+        """The first that python-can does with an open port: nothing is sent to an adapter that another program has."""
+        try:
+            self.serialPortOrig.exclusive = True
+        except OSError:
+            self.serialPortOrig.close()
+            raise
+        super().set_bitrate(bitrate, data_bitrate)
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         deadline = None if timeout is None else monotonic() + timeout
         while True:

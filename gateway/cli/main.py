@@ -93,8 +93,25 @@ def check(config: Path) -> None:
 
 @main.command()
 @ConfigPath
-def probe(config: Path) -> None:
-    """Read every device of CONFIG once and show each channel. Writes and publishes nothing."""
+@click.option(
+    "--watch", "watched", is_flag=True, help="Go on reading: value, age, rate, jitter and errors. Not the NC."
+)
+@click.option("--seconds", type=click.FloatRange(min=0.1), help="With --watch: end after so long. Default: at Ctrl-C.")
+@click.option("--every", type=click.FloatRange(min=0.1), help="With --watch: show it this often, s.")
+def probe(config: Path, watched: bool, seconds: float | None, every: float | None) -> None:
+    """Read every device of CONFIG once and show each channel. Writes and publishes nothing.
+
+    \b
+    --watch goes on, at the periods of CONFIG. On a terminal it is a table: a device's rate and jitter are those of
+    its last 60 answers, lost are periods without an answer, age is how old the last good value is. Elsewhere it is
+    lines, one for each device each 10 s, and one for each problem when it begins or ends.
+    """
+    if watched:
+        from gateway.cli.probe_watch import watch as keep_watching
+
+        sys.exit(0 if keep_watching(read_config(config), seconds, every) else EXIT_WORLD)
+    if seconds is not None or every is not None:
+        raise click.UsageError("--seconds and --every are for --watch")
     from gateway.cli.probe import show
 
     sys.exit(0 if show(read_config(config)) else EXIT_WORLD)

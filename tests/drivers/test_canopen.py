@@ -12,7 +12,7 @@ from canopen.objectdictionary.datatypes import INTEGER32, UNSIGNED8, UNSIGNED16,
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.base import Driver, NoAnswer, Quality, Reading, Refused, SystemClock, WrongDevice
+from drivers.base import ConnectError, Driver, NoAnswer, Quality, Reading, Refused, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.canopen_events import NodeEvents
 from simulators.devices.cia404_node import Cia404Node
@@ -251,3 +251,21 @@ async def test_node_of_the_canopen_library_is_read(local_node: dict[str, object]
     assert good.quality is Quality.GOOD
     assert good.value == pytest.approx(-12.34)
     assert broken.quality is Quality.SENSOR_FAULT
+
+
+async def test_adapter_that_another_program_has_is_not_disturbed(node: Cia404Node) -> None:
+    """Two programs on one slcan adapter would take each other's frames."""
+    adapter = SlcanAdapter([node])
+    options = {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.1}
+    first, second = make_bus("can1", "canopen", options), make_bus("can2", "canopen", options)
+    driver = make_device("node", first, "cia404", 5, {"a": 0}, JUMO, SystemClock())
+    try:
+        await first.connect()
+        await driver.connect()
+        with pytest.raises(ConnectError, match="another program may have it open"):
+            await second.connect()
+        assert (await driver.read())[0].quality is Quality.GOOD
+    finally:
+        await second.close()
+        await first.close()
+        await adapter.stop()

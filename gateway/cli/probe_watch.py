@@ -1,0 +1,241 @@
+"""`talc-gateway probe --watch`: the devices read over and over, as a table on a terminal or as lines elsewhere."""
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import isnan
+from statistics import median
+from time import monotonic
+
+from rich.console import Console, RenderableType
+from rich.live import Live
+from rich.text import Text
+
+from drivers.base import Quality, Reading
+from gateway.acquisition import Acquisition, Line, Notice
+from gateway.cli.signals import stop_on_signals
+from gateway.clock import RealClock
+from gateway.config import GatewayConfig
+from gateway.wiring import lines_of
+
+_WINDOW = 60
+"""Reads over which rate and jitter are taken."""
+_TABLE_EVERY_S, _LINES_EVERY_S = 0.5, 10.0
+_CELL = 17 + 1 + 14 + 1 + 6
+"""Width of one channel: two stand beside each other on 80 columns."""
+
+
+@dataclass(slots=True)
+class DeviceWatch:
+    """What was seen of one device."""
+
+    name: str
+    bus: str
+    channels: tuple[str, ...]
+    answers: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW))
+    """Monotonic seconds of the last reads that were answered."""
+    lost: int = 0
+    """Periods without an answer since the start."""
+    error: str = ""
+    """The last one's text."""
+    error_at: float = 0.0
+    latest: dict[str, Reading] = field(default_factory=dict)
+    good_at: dict[str, float] = field(default_factory=dict)
+    """Channel to the monotonic seconds of its last good value."""
+
+    def take(self, readings: Sequence[Reading]) -> None:
+        """The readings of one period."""
+        self.latest |= {reading.channel: reading for reading in readings}
+        self.good_at |= {r.channel: r.monotonic_s for r in readings if r.quality is Quality.GOOD}
+        first = readings[0]
+        if all(reading.quality is Quality.COMM_FAULT for reading in readings):
+            self.lost += 1
+            self._fails(first.detail, first.monotonic_s)
+        else:
+            self.answers.append(first.monotonic_s)
+            for reading in readings:
+                if reading.detail:
+                    self._fails(f"{reading.channel}: {reading.detail}", reading.monotonic_s)
+
+    def _fails(self, text: str, now_s: float) -> None:
+        self.error, self.error_at = text, now_s
+
+    @property
+    def good(self) -> int:
+        return sum(reading.quality is Quality.GOOD for reading in self.latest.values())
+
+    @property
+    def complete(self) -> bool:
+        """Whether every channel is good."""
+        return self.good == len(self.channels)
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Answers in a second, over the last reads; None before there are two."""
+        if len(self.answers) < 2:
+            return None
+        return (len(self.answers) - 1) / (self.answers[-1] - self.answers[0])
+
+    @property
+    def jitter_s(self) -> float | None:
+        """How far the worst interval between two answers is from the usual one."""
+        times = list(self.answers)
+        intervals = [after - before for before, after in pairwise(times)]
+        if not intervals:
+            return None
+        usual = median(intervals)
+        return max(abs(interval - usual) for interval in intervals)
+
+
+class Watch:
+    """Everything that is shown, and how. Knows no terminal."""
+
+    def __init__(self, machine: str, lines: Sequence[Line], now_s: float) -> None:
+        self._machine, self._began = machine, now_s
+        self.devices = [
+            DeviceWatch(driver.device, line.bus.name, driver.channels) for line in lines for driver in line.drivers
+        ]
+        self._of_channel = {channel: device for device in self.devices for channel in device.channels}
+
+    def take(self, readings: Sequence[Reading]) -> None:
+        """The readings of one device."""
+        if readings:
+            self._of_channel[readings[0].channel].take(readings)
+
+    @property
+    def all_good(self) -> bool:
+        return all(device.complete for device in self.devices)
+
+    def table(self, now_s: float, width: int, height: int) -> Text:
+        """For a terminal of this size. Channels that are not good come first when not all have room."""
+        good, channels = sum(d.good for d in self.devices), len(self._of_channel)
+        head = f"{self._machine}  {good} of {channels} good  {_seconds(now_s - self._began)}  Ctrl-C ends"
+        titles = _columns("device", "bus", "good", "rate", "jitter", "lost", "age")
+        top = [Text(head[:width], style="bold"), Text(titles[:width])]
+        top += [Text(self._device(d, now_s)[:width], style="" if d.complete else "red") for d in self.devices]
+        for device in self.devices:
+            if device.error:
+                text = f"{device.name}, {_seconds(now_s - device.error_at)} ago: {device.error}"
+                top += Text(text, style="dim" if device.complete else "red").wrap(_PLAIN, width)[:2]
+        return Text("\n").join([*top, Text(""), *self._rows(now_s, width, max(1, height - len(top) - 2))])
+
+    def lines(self, now_s: float) -> Iterator[str]:
+        """One line for each device: what a log or a pipe gets."""
+        for device in self.devices:
+            values = " ".join(f"{channel}={_value(device.latest.get(channel))}" for channel in device.channels)
+            rate, jitter = _rate(device.rate_hz), _milliseconds(device.jitter_s)
+            counted = f"{device.good}/{len(device.channels)} good, {rate}, jitter {jitter}, {device.lost} lost"
+            age = f", age {_seconds(now_s - device.answers[-1])}" if device.answers else ""
+            yield f"{device.bus} {device.name}: {counted}{age}: {values}"
+
+    def _device(self, device: DeviceWatch, now_s: float) -> str:
+        age = _seconds(now_s - device.answers[-1]) if device.answers else "never"
+        count = f"{device.good}/{len(device.channels)}"
+        rate, jitter = _rate(device.rate_hz), _milliseconds(device.jitter_s)
+        return _columns(device.name, device.bus, count, rate, jitter, str(device.lost), age)
+
+    def _rows(self, now_s: float, width: int, room: int) -> list[Text]:
+        cells = [self._cell(device, channel, now_s) for device in self.devices for channel in device.channels]
+        beside = max(1, (width + 2) // (_CELL + 2))
+        if (len(cells) + beside - 1) // beside > room:
+            cells.sort(key=lambda cell: not cell.style)  # stable: the rest stays in file order
+            cells, left = cells[: beside * (room - 1)], cells[beside * (room - 1) :]
+            cells.append(Text(f"... and {len(left)} more, {sum(not cell.style for cell in left)} of them good"))
+        return [Text("  ").join(cells[start : start + beside]) for start in range(0, len(cells), beside)]
+
+    def _cell(self, device: DeviceWatch, channel: str, now_s: float) -> Text:
+        reading = device.latest.get(channel)
+        since = device.good_at.get(channel)
+        age = "never" if since is None else _seconds(now_s - since)
+        good = reading is not None and reading.quality is Quality.GOOD
+        shown = f"{_value(reading):>9}{_unit(reading):<5}" if good else _value(reading)
+        return Text(f"{_fitted(channel, 17):<17} {shown:>14.14} {age:>6.6}", style="" if good else "red")
+
+
+_PLAIN = Console(width=80)
+"""Wraps text; prints nothing."""
+
+
+def _fitted(name: str, width: int) -> str:
+    """A long name without its middle: names of one machine differ at their ends."""
+    return name if len(name) <= width else f"{name[: width // 2]}…{name[width // 2 + 1 - width :]}"
+
+
+def _columns(device: str, bus: str, good: str, rate: str, jitter: str, lost: str, age: str) -> str:
+    return f"{_fitted(device, 18):<18} {_fitted(bus, 10):<10} {good:>7} {rate:>8} {jitter:>8} {lost:>6} {age:>8}"
+
+
+def _value(reading: Reading | None) -> str:
+    if reading is None:
+        return "-"
+    if reading.quality is not Quality.GOOD and isnan(reading.value):
+        return reading.quality.value
+    shown = f"{reading.value:.2f}" if abs(reading.value) < 1e5 else f"{reading.value:.3g}"
+    return shown if reading.quality is Quality.GOOD else f"{shown}({reading.quality.value})"
+
+
+def _unit(reading: Reading | None) -> str:
+    return f" {reading.unit}" if reading is not None and reading.quality is Quality.GOOD else ""
+
+
+def _rate(hertz: float | None) -> str:
+    return "-" if hertz is None else f"{hertz:.2f} Hz"
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{seconds * 1e3:.0f} ms"
+
+
+def _seconds(seconds: float) -> str:
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 60:.0f} min"
+
+
+def watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
+    """Show until Ctrl-C, or for so many seconds; True when every channel was good at the end.
+
+    every_s: how often it is shown; None: twice a second on a terminal, each 10 s elsewhere
+    """
+    logging.getLogger("gateway.acquisition").setLevel(logging.ERROR)  # what it tells is shown here
+    return asyncio.run(_watch(config, seconds, every_s))
+
+
+async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
+    console = Console()
+    lines = lines_of(config, RealClock())
+    shown = Watch(config.machine.name, lines, monotonic())
+    stop = asyncio.Event()
+    stop_on_signals(stop)
+    on_terminal = console.is_terminal
+
+    def noticed(notice: Notice) -> None:
+        if not on_terminal:
+            _say(console, notice.text if not notice.ended else f"{notice.subject}: {notice.text}")
+
+    def screen() -> RenderableType:
+        return shown.table(monotonic(), console.width, console.height)
+
+    every_s = every_s or (_TABLE_EVERY_S if on_terminal else _LINES_EVERY_S)
+    end_s = None if seconds is None else monotonic() + seconds
+    live = Live(screen(), console=console, auto_refresh=False, screen=False, vertical_overflow="crop")
+    async with Acquisition(lines, RealClock(), shown.take, noticed):
+        with live if on_terminal else nullcontext():
+            while not stop.is_set() and (end_s is None or monotonic() < end_s):
+                left = every_s if end_s is None else min(every_s, max(0.0, end_s - monotonic()))
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(stop.wait(), left)
+                if on_terminal:
+                    live.update(screen(), refresh=True)
+                else:
+                    for line in shown.lines(monotonic()):
+                        _say(console, line)
+    return shown.all_good
+
+
+def _say(console: Console, text: str) -> None:
+    console.print(f"{RealClock().utc():%H:%M:%S} {text}", highlight=False, soft_wrap=True, markup=False)
