@@ -61,6 +61,7 @@ class GroupLasso {
 
     LassoResult solve(double penalty, double tolerance, size_t limit) {
         LassoResult result;
+        shy_.assign(start_.size(), 1);
         for (size_t round = 0; round < limit; ++round) {
             // All groups may enter; then only the support moves.
             pass(penalty, false), ++result.passes;
@@ -83,6 +84,7 @@ class GroupLasso {
    private:
     // Between two looks at the groups outside the support (medians over thermal problems; more of either is slower).
     static constexpr int kPasses = 3, kNewtonSteps = 8;
+    static constexpr double kShrinking = 0.8;
 
     static double norm(const double *x, size_t n) {
         double s = 0.0;
@@ -180,16 +182,17 @@ class GroupLasso {
         double scale = 0.0;
         for (size_t i = 0; i < m; ++i) scale = std::max(scale, gram_[support_[i] * p_ + support_[i]]);
         for (size_t i = 0; i < m; ++i) {
+            const double *row = gram_.data() + support_[i] * p_;
+            for (size_t j = i; j < m; ++j) hessian_[i * m + j] = 2.0 * row[support_[j]];
+        }
+        for (size_t i = 0; i < m; ++i) {
             const size_t a = support_[i], s = group_[i];
             const double r = norm(theta_.data() + start_[s], start_[s + 1] - start_[s]);
-            const double bend = penalty * weight_[s] / r;
-            for (size_t j = i; j < m; ++j) {
-                const size_t b = support_[j];
-                double h = 2.0 * gram_[a * p_ + b];
-                if (group_[j] == s) h += bend * ((a == b) - theta_[a] * theta_[b] / (r * r));
-                hessian_[i * m + j] = h;
-            }
-            hessian_[i * m + i] += 1e-13 * scale;  // collinear columns: only the step, never the optimum, depends on it
+            const double bend = penalty * weight_[s] / r, along = shy_[s] ? 0.0 : bend / (r * r);
+            for (size_t j = i; j < m && group_[j] == s; ++j)
+                hessian_[i * m + j] -= along * theta_[a] * theta_[support_[j]];
+            // Collinear columns need the last term; only the step, never the optimum, depends on it.
+            hessian_[i * m + i] += bend + 1e-13 * scale;
             step_[i] = -(2.0 * (image_[a] - moment_[a]) + bend * theta_[a]);
         }
         double steepness = 0.0;
@@ -211,11 +214,28 @@ class GroupLasso {
             for (size_t i = 0; i < m; ++i) trial_[support_[i]] = theta_[support_[i]] + share * step_[i];
             for (size_t j = 0; j < p_; ++j) trial_image_[j] = image_[j] + share * turn_[j];
             if (near || objective(trial_.data(), trial_image_.data(), penalty) <= before - 1e-4 * share * steepness) {
+                restrain(share);
                 theta_ = trial_, image_ = trial_image_;
                 return leave(penalty) || steepness > 1e-22 * std::abs(before);
             }
         }
         return false;
+    }
+
+    // Newton's model of a norm ends at zero, where a group on its way out makes the whole step short. Such groups get the
+    // quadratic majorant ||t|| <= (||t||^2 / r + r) / 2 for the next step, which never overshoots.
+    void restrain(double share) {
+        std::fill(shy_.begin(), shy_.end(), 0);
+        if (share == 1.0) return;
+        for (size_t i = 0; i < support_.size();) {
+            const size_t s = group_[i], a = start_[s], n = start_[s + 1] - a;
+            double length = 0.0, along = 0.0;
+            for (size_t q = 0; q < n; ++q, ++i) {
+                length += theta_[a + q] * theta_[a + q];
+                along += theta_[a + q] * step_[i];
+            }
+            shy_[s] = along < -kShrinking * length;
+        }
     }
 
     // Primal minus dual value relative to the primal; the dual point is the residual, scaled until it is feasible.
@@ -244,6 +264,7 @@ class GroupLasso {
     size_t p_ = 0;
     double energy_ = 0.0;
     std::vector<size_t> columns_, start_, support_, group_;
+    std::vector<char> shy_;
     std::vector<double> weight_, slope_, gram_, moment_, theta_, image_, hessian_, step_, gradient_, turn_, trial_,
         trial_image_;
 };

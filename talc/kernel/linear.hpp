@@ -11,7 +11,7 @@ namespace talc {
 __attribute__((target_clones("avx2", "default")))
 #endif
 inline bool cholesky(double *m, size_t n) {
-    constexpr size_t panel = 4;
+    constexpr size_t panel = 8;
     for (size_t j = 0; j < n; j += panel) {
         const size_t end = j + panel < n ? j + panel : n;
         for (size_t r = j; r < end; ++r) {
@@ -27,11 +27,14 @@ inline bool cholesky(double *m, size_t n) {
             }
         }
         if (end - j < panel) break;
-        const double *r0 = m + j * n, *r1 = r0 + n, *r2 = r1 + n, *r3 = r2 + n;
+        const double *r = m + j * n;
         for (size_t i = end; i < n; ++i) {
-            const double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i];
+            double f[panel];
+            for (size_t q = 0; q < panel; ++q) f[q] = r[q * n + i];
             double *below = m + i * n;
-            for (size_t k = i; k < n; ++k) below[k] -= ((f0 * r0[k] + f1 * r1[k]) + (f2 * r2[k] + f3 * r3[k]));
+            for (size_t k = i; k < n; ++k)
+                below[k] -= ((f[0] * r[k] + f[1] * r[n + k]) + (f[2] * r[2 * n + k] + f[3] * r[3 * n + k])) +
+                            ((f[4] * r[4 * n + k] + f[5] * r[5 * n + k]) + (f[6] * r[6 * n + k] + f[7] * r[7 * n + k]));
         }
     }
     return true;
@@ -46,9 +49,13 @@ inline void cholesky_solve(const double *factor, size_t n, double *x) {
     }
     for (size_t i = n; i-- > 0;) {
         const double *row = factor + i * n;
-        double s = x[i];
-        for (size_t k = i + 1; k < n; ++k) s -= row[k] * x[k];
-        x[i] = s / row[i];
+        // Four sums side by side: one alone waits for each of its additions.
+        double s[4] = {0.0, 0.0, 0.0, 0.0};
+        size_t k = i + 1;
+        for (; k + 4 <= n; k += 4)
+            for (size_t q = 0; q < 4; ++q) s[q] += row[k + q] * x[k + q];
+        for (; k < n; ++k) s[0] += row[k] * x[k];
+        x[i] = (x[i] - ((s[0] + s[1]) + (s[2] + s[3]))) / row[i];
     }
 }
 }  // namespace talc
