@@ -105,7 +105,7 @@ class DriverError(Exception):
         super().__init__((f"{where}: " if where else "") + what + (f" ({hint})" if hint else ""))
 
 
-class SetupError(DriverError):
+class SetupError(DriverError, ValueError):
     """The settings cannot work: unknown profile, channel or unit id out of range. Raised when made, without network."""
 
 

@@ -76,11 +76,13 @@ class Sinumerik:
         paths = settings.paths
         self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
         self._states = settings.state_sources
-        condition = (paths.mode, paths.program, paths.tool, paths.probe_in_spindle, *paths.alarms)
-        self._snapshot = (*self._positions, *(source.path for source in self._states.values()), *condition)
+        named = {name: getattr(paths, name) for name in ("mode", "program", "tool", "probe_in_spindle")}
+        self._named = {name: path for name, path in named.items() if path}
+        state_paths = (source.path for source in self._states.values())
+        self._snapshot = (*self._positions, *state_paths, *self._named.values(), *paths.alarms)
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
-        results = range(hand.results, hand.results + 3 * hand.poses)
+        results = range(hand.results, hand.results + 3 * settings.poses)
         self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in results))
         self._offsets = self._offset_paths()
         self._in_force = self._in_force_paths()
@@ -114,17 +116,19 @@ class Sinumerik:
             for (name, source), value in zip(self._states.items(), values, strict=False)
             if value is not None
         }
-        mode, program, tool, probe, *alarms = values[len(self._states) :]
+        values = values[len(self._states) :]
+        named = dict(zip(self._named, values, strict=False))
+        tool, probe = named.get("tool"), named.get("probe_in_spindle")
         return NcSnapshot(
             time=time,
             monotonic_s=monotonic_s,
             positions=dict(zip(AXES, positions, strict=True)),
             states=states,
-            mode=MODES.get(_code(mode), OperatingMode.UNKNOWN),
-            program=PROGRAM_STATES.get(_code(program), ProgramState.UNKNOWN),
+            mode=MODES.get(_code(named.get("mode")), OperatingMode.UNKNOWN),
+            program=PROGRAM_STATES.get(_code(named.get("program")), ProgramState.UNKNOWN),
             tool=None if tool is None else int(tool),
             probe_in_spindle=None if probe is None else bool(probe),
-            alarms=tuple(int(alarm) for alarm in alarms if alarm),
+            alarms=tuple(int(alarm) for alarm in values[len(self._named) :] if alarm),
             quality=Quality.GOOD,
         )
 

@@ -1,8 +1,9 @@
 """Where things are on a SINUMERIK control: node names, handshake parameters, compensation route. All replaceable."""
 
+import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 from drivers.base import SetupError
@@ -14,42 +15,66 @@ _DEGREES_PER_TURN = 360.0
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A value on the control: node name and what to divide it by."""
+    """A machine state that the control shows."""
 
     path: str
+    """Node name, such as `/Plc/Q4.0`."""
     divisor: float = 1.0
+    """What the node's value is divided by."""
+
+    def __post_init__(self) -> None:
+        if not self.path.startswith("/"):
+            raise SetupError(f"path = {self.path!r}: expected a node name beginning with /")
+        if not (math.isfinite(self.divisor) and self.divisor):
+            raise SetupError(f"divisor = {self.divisor!r}: expected a number that is not 0")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Paths:
-    """Node names without namespace. `{n}` stands for the axis or R-parameter number."""
+    """Node names without namespace. `{n}` stands for the number of an axis or of an R-parameter."""
 
     position: str = "/Channel/MachineAxis/actToolBasePos[u1,{n}]"
     """Position of a machine axis, mm or degrees, machine coordinates."""
     r_parameter: str = "/Channel/Parameter/R[u1,{n}]"
+    """R-parameters of the channel that probes."""
     k0: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{n}]"
-    """SD43900, mm."""
+    """K0 of an axis, SD43900, mm."""
     slope: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"
-    """SD43910."""
+    """tanβ of an axis, SD43910."""
     reference: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_REF_POSITION[u{n}]"
-    """SD43920, mm."""
+    """P0 of an axis, SD43920, mm."""
     mode: str = "/Bag/State/opMode[u1]"
+    """Operating mode: 0 JOG, 1 MDA, 2 AUTO. Empty: not read, as the next three."""
     program: str = "/Channel/State/progStatus[u1]"
+    """State of the program: 1 interrupted, 2 stopped, 3 running, 4 waiting, 5 aborted."""
     tool: str = "/Channel/State/actTNumber[u1]"
-    probe_in_spindle: str = "/Plc/M120.1"
-    """A bit of the machine builder's PLC program."""
+    """Number of the tool in the spindle."""
+    probe_in_spindle: str = ""
+    """A bit of the machine builder's PLC program, such as `/Plc/M120.1`; there is none that every control has."""
     alarms: tuple[str, ...] = tuple(f"/Nck/SequencedAlarms/textIndex[{n}]" for n in (1, 2, 3))
     """Numbers of the alarms shown, 0 where there is none."""
 
+    def __post_init__(self) -> None:
+        for name in ("position", "r_parameter", "k0", "slope", "reference"):
+            path = getattr(self, name)
+            if not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", path):
+                raise SetupError(f"{name} = {path!r}: expected a node name beginning with / that holds {{n}} once")
+        for name in ("mode", "program", "tool", "probe_in_spindle"):
+            path = getattr(self, name)
+            if path and not path.startswith("/"):
+                raise SetupError(f"{name} = {path!r}: expected a node name beginning with /, or an empty text")
+        for path in self.alarms:
+            if not path.startswith("/"):
+                raise SetupError(f"alarms holds {path!r}: expected node names beginning with /")
+
 
 def default_states(axis_numbers: Mapping[str, int]) -> dict[str, Source]:
-    """Machine states under the names that models use.
+    """Machine states that every control shows, under the names that models use.
 
-    The control shows rotary axes in degrees per minute; models take 1/min. The cutting fluid is a bit of the machine
-    builder's PLC program.
+    The control shows rotary axes in degrees per minute; models take 1/min.
     """
     feed = "/Channel/MachineAxis/actFeedRate[u1,{n}]"
-    states = {"spindle_speed": Source("/Channel/Spindle/actSpeed[u1,1]"), "coolant": Source("/Plc/M120.0")}
+    states = {"spindle_speed": Source("/Channel/Spindle/actSpeed[u1,1]")}
     for axis, number in axis_numbers.items():
         divisor = _DEGREES_PER_TURN if axis in ROTARY_AXES else 1.0
         states[f"speed_{axis}"] = Source(feed.format(n=number), divisor)
@@ -61,25 +86,26 @@ class Handshake:
     """R-parameters of the probing handshake (docs/nc.md). The gateway writes the first three, the control the rest."""
 
     request: int = 60
+    """Number of the request."""
     withdraw: int = 61
+    """Number of a request that is taken back."""
     valid_for: int = 62
     """Seconds within which the cycle must begin."""
     answers: int = 64
+    """Number of the request that state and reason speak of."""
     state: int = 65
+    """0 idle, 1 accepted, 2 running, 3 done, 4 refused, 5 failed."""
     reason: int = 66
+    """Why refused or failed."""
     result_of: int = 67
+    """Number of the request that the results belong to."""
     results: int = 70
     """First of three per pose."""
-    poses: int = 6
     request_valid_for_s: float = 900.0
     """A control that reaches its safe point later than this refuses: nobody may be listening any more. 0: no limit."""
 
     def __post_init__(self) -> None:
-        numbers = [self.request, self.withdraw, self.valid_for, self.answers, self.state, self.reason, self.result_of]
-        numbers += range(self.results, self.results + 3 * self.poses)
-        if self.poses < 1 or min(numbers) < 0 or len(set(numbers)) != len(numbers):
-            raise SetupError(f"handshake: R-parameters {numbers} overlap or are below 0")
-        if not self.request_valid_for_s >= 0:
+        if not (math.isfinite(self.request_valid_for_s) and self.request_valid_for_s >= 0):
             raise SetupError(f"request_valid_for_s = {self.request_valid_for_s!r}: expected 0 or more")
 
 
@@ -93,6 +119,7 @@ class Compensation:
     """+1 where a positive value moves the tool in plus direction, -1 where in minus. None: -1 for `k0`, as a
     compensation value stands for an error to be taken away, +1 for `r`. Check with a dial gauge (docs/nc.md)."""
     first_r: int = 90
+    """First of the three R-parameters of route `r`."""
     largest_um: float = 500.0
     """No offset beyond this is ever sent, whoever asks: last line of defence against a wrong unit."""
 
@@ -101,9 +128,7 @@ class Compensation:
             raise SetupError(f"route = {self.route!r}: expected 'k0' or 'r'")
         if self.signs is not None and sorted({-1, 1, *self.signs}) != [-1, 1]:
             raise SetupError(f"signs = {self.signs!r}: expected three of +1 or -1")
-        if self.first_r < 0:
-            raise SetupError(f"first_r = {self.first_r!r}: expected 0 or more")
-        if not self.largest_um > 0:
+        if not 0 < self.largest_um < math.inf:
             raise SetupError(f"largest_um = {self.largest_um!r}: expected more than 0")
 
     def sign(self, axis: int) -> int:
@@ -118,18 +143,15 @@ class Lease:
     """R-parameters of claim and watchdog (docs/nc.md). The gateway writes all but `state`."""
 
     owner: int = 93
+    """Number of the gateway that writes offsets; 0: nobody."""
     beat: int = 94
+    """Another number at every heartbeat."""
     silence: int = 95
     """Seconds without a new beat until the control takes the gateway for dead."""
     state: int = 96
     """0 the watchdog has seen no beat since power on, 1 alive, 2 silent."""
     ramp: int = 97
     """mm/s towards zero on silence; 0 holds."""
-
-    def __post_init__(self) -> None:
-        numbers = [self.owner, self.beat, self.silence, self.state, self.ramp]
-        if min(numbers) < 0 or len(set(numbers)) != len(numbers):
-            raise SetupError(f"lease: R-parameters {numbers} overlap or are below 0")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,50 +168,53 @@ class SinumerikSettings(OpcUaSettings):
     no subscription, or falls silent, is asked."""
     states: Mapping[str, Source] | None = None
     """Machine states to read; None: default_states."""
+    poses: int = 6
+    """Number of poses that one probing cycle touches."""
     handshake: Handshake = field(default_factory=Handshake)
     compensation: Compensation = field(default_factory=Compensation)
     lease: Lease = field(default_factory=Lease)
 
     def __post_init__(self) -> None:
         OpcUaSettings.__post_init__(self)
-        if not self.subscribe_s >= 0:
+        if not (math.isfinite(self.subscribe_s) and self.subscribe_s >= 0):
             raise SetupError(f"subscribe_s = {self.subscribe_s!r}: expected 0 or more")
+        if self.poses < 1:
+            raise SetupError(f"poses = {self.poses!r}: expected 1 or more")
         wanted = set(LINEAR_AXES + ROTARY_AXES)
-        if set(self.axis_numbers) != wanted or len(set(self.axis_numbers.values())) != len(wanted):
+        numbers = list(self.axis_numbers.values())
+        if set(self.axis_numbers) != wanted or len(set(numbers)) != len(wanted) or min(numbers) < 1:
             raise SetupError(
-                f"axis_numbers = {dict(self.axis_numbers)!r}: expected a different number for each of X Y Z A C"
+                f"axis_numbers = {dict(self.axis_numbers)!r}: expected for each of X Y Z A C its own number from 1 on"
             )
-        for name in ("position", "r_parameter", "k0", "slope", "reference"):
-            path = getattr(self.paths, name)
-            if not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", path):
-                raise SetupError(f"paths.{name} = {path!r}: expected a name beginning with / that holds {{n}} once")
-        for name, source in self.state_sources.items():
-            if source.divisor == 0 or not source.path.startswith("/"):
+        self._check_r_parameters()
+
+    def _check_r_parameters(self) -> None:
+        """No number below 0, and none with two meanings."""
+        meaning: dict[int, str] = {}
+        for name, number in self._r_numbers():
+            if number < 0:
+                raise SetupError(f"{name} = {number}: expected the number of an R-parameter, 0 or more")
+            if number in meaning:
                 raise SetupError(
-                    f"states.{name} = {source!r}: expected a path beginning with / and a divisor that is not 0"
+                    f"R{number} is {meaning[number]} as well as {name}", hint="give one of them another R-parameter"
                 )
+            meaning[number] = name
+
+    def _r_numbers(self) -> Iterator[tuple[str, int]]:
+        for group in ("handshake", "lease"):
+            section = getattr(self, group)
+            for item in fields(section):
+                number = getattr(section, item.name)
+                if item.name == "results":
+                    yield from ((f"{group}.results (of {self.poses} poses)", number + i) for i in range(3 * self.poses))
+                elif item.type is int:
+                    yield f"{group}.{item.name}", number
+        if self.compensation.route == "r":
+            yield from (("compensation.first_r (and the next two)", self.compensation.first_r + i) for i in range(3))
 
     @property
     def state_sources(self) -> Mapping[str, Source]:
         return self.states if self.states is not None else default_states(self.axis_numbers)
-
-    def with_nodes(self, nodes: Mapping[str, str]) -> "SinumerikSettings":
-        """The same control with other node names, by field of Paths or as `states.<name>`.
-
-        Raises SetupError for a name that is neither.
-        """
-        known = {f.name for f in fields(Paths)} - {"alarms"}
-        states, paths = dict(self.state_sources), self.paths
-        for name, path in nodes.items():
-            state = name.removeprefix("states.")
-            if name in known:
-                paths = replace(paths, **{name: path})  # type: ignore[arg-type]  # `known` holds the plain names only
-            elif name.startswith("states.") and state in states:
-                states[state] = replace(states[state], path=path)
-            else:
-                every = sorted(known | {f"states.{s}" for s in states})
-                raise SetupError(f"nodes.{name}: unknown", hint=f"one of {', '.join(every)}")
-        return replace(self, paths=paths, states=states)
 
     def r(self, number: int) -> str:
         """Node name of an R-parameter."""

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.base import Reading
-from drivers.nc import NumericalControl
-from drivers.sinumerik import Sinumerik
 from gateway.acquisition import Acquisition, Line, Notice
 from gateway.board import Board
 from gateway.clock import ServiceClock
@@ -23,7 +21,7 @@ from gateway.nc_link import NcLink
 from gateway.outlet import Outlet
 from gateway.probing_schedule import ProbingSchedule
 from gateway.reload import Difference, ReloadError, apply
-from gateway.wiring import lines_of, sinumerik_settings
+from gateway.wiring import control_of, lines_of
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
 
@@ -142,7 +140,6 @@ class Service:
         config = self._config
         if config.nc is None:
             return None
-        nc: NumericalControl = Sinumerik(sinumerik_settings(config.nc, len(config.probing.poses_deg)), self._clock)
         probing = config.probing
         probe = Probe(
             poses_in_radians(probing.poses_deg),
@@ -154,7 +151,7 @@ class Service:
         if number is None:
             number = int(self._clock.utc().timestamp()) % _FIRST_NUMBER_BELOW
         return NcLink(
-            nc,
+            control_of(config.nc, config, self._clock),
             config,
             self._clock,
             probe,

@@ -1,11 +1,12 @@
 """From the configuration to drivers. Validates everything that drivers validate; never touches the network."""
 
 from drivers.build import make_bus, make_device
-from drivers.sinumerik_settings import Handshake, SinumerikSettings
+from drivers.nc import NumericalControl
+from drivers.sinumerik import Sinumerik
 from gateway.acquisition import Line
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
-from gateway.config.sections import SinumerikNc
+from gateway.config.controls import Nc
 from gateway.plausibility import Plausible
 
 
@@ -39,15 +40,6 @@ def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def sinumerik_settings(nc: SinumerikNc, poses: int) -> SinumerikSettings:
-    """The NC driver's settings. Raises SetupError naming the field and the value."""
-    return SinumerikSettings(
-        url=nc.url,
-        timeout_s=nc.timeout_s,
-        security=nc.security,
-        user=nc.user or "",
-        password_file=nc.password_file,
-        certificate=nc.certificate,
-        private_key=nc.private_key,
-        handshake=Handshake(poses=poses),
-    ).with_nodes(nc.nodes)
+def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalControl:
+    """The driver of the numerical control. Raises SetupError naming the field and the value."""
+    return Sinumerik(nc.settings(len(config.probing.poses_deg), (state.name for state in config.states)), clock)

@@ -8,11 +8,10 @@ from rich.console import Console
 from rich.table import Table
 
 from drivers.base import DriverError, Quality
-from drivers.sinumerik import Sinumerik
 from gateway.acquisition import Line
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
-from gateway.wiring import lines_of, sinumerik_settings
+from gateway.wiring import control_of, lines_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +99,7 @@ async def _line(line: Line) -> list[_Row]:
 async def _nc(config: GatewayConfig) -> list[_Row]:
     if config.nc is None:
         return []
-    nc = Sinumerik(sinumerik_settings(config.nc, len(config.probing.poses_deg)), RealClock())
+    nc = control_of(config.nc, config, RealClock())
     try:
         await nc.connect()
         began = time.perf_counter()
@@ -108,8 +107,12 @@ async def _nc(config: GatewayConfig) -> list[_Row]:
         latency = (time.perf_counter() - began) * 1e3
         values = {f"position {axis}": value for axis, value in snapshot.positions.items()}
         values |= {state.name: snapshot.states[state.name] for state in config.states if state.name in snapshot.states}
+        shown = {name: f"{value:.3f}" for name, value in values.items()}
+        shown |= {"mode": snapshot.mode.value, "program": snapshot.program.value}
+        if snapshot.alarms:
+            shown["alarms"] = ", ".join(map(str, snapshot.alarms))
         missing = [state.name for state in config.states if state.name not in snapshot.states]
-        rows = [_Row("nc", config.nc.kind, n, f"{v:.3f}", Quality.GOOD.value, latency) for n, v in values.items()]
+        rows = [_Row("nc", config.nc.kind, n, text, Quality.GOOD.value, latency) for n, text in shown.items()]
         gone = Quality.COMM_FAULT.value
         return rows + [
             _Row("nc", config.nc.kind, n, "", gone, latency, "the NC reports no such state") for n in missing

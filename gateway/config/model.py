@@ -9,6 +9,7 @@ from pathlib import Path
 from pydantic import Field
 
 from gateway.config.buses import Bus
+from gateway.config.controls import Nc
 from gateway.config.fields import Section
 from gateway.config.sections import (
     DEFAULT_DATABASE,
@@ -18,7 +19,6 @@ from gateway.config.sections import (
     Limits,
     Machine,
     Probing,
-    SinumerikNc,
     State,
     Storage,
     Telemetry,
@@ -48,7 +48,7 @@ class GatewayConfig(Section):
     devices: tuple[Device, ...] = Field(default=(), alias="device")
     states: tuple[State, ...] = Field(default=(), alias="state")
     limits: Mapping[str, Limits] = Field(default_factory=dict)
-    nc: SinumerikNc | None = None
+    nc: Nc | None = None
     probing: Probing = Probing()
     compensation: Compensation = Compensation()
     talc: TalcSettings = TalcSettings()

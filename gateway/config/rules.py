@@ -30,6 +30,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_poses(config),
         *_watchdog(config),
         *_built(config),
+        *_nc(config),
     ]
 
 
@@ -45,6 +46,8 @@ def cautions(config: GatewayConfig) -> list[Problem]:
                     f"'{port}' may name another adapter after a reboot; use its name in /dev/serial/by-id",
                 )
             )
+    if config.nc is not None:
+        found += [Problem(f"[nc] {field}", text) for field, text in config.nc.cautions()]
     return found
 
 
@@ -184,6 +187,32 @@ def _built(config: GatewayConfig) -> Iterator[Problem]:
                 )
             except SetupError as error:
                 yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, _said(error))
+
+
+def _nc(config: GatewayConfig) -> Iterator[Problem]:
+    """What the control's driver itself finds, without network."""
+    if config.nc is None:
+        return
+    known = config.nc.known_states()
+    channels = {name for device in config.devices for name in device.channels}
+    names = [state.name for state in config.states]
+    for name in names:
+        if name not in known and name not in channels:
+            yield Problem(
+                f"state '{name}'",
+                f"not every control shows it; {suggestion(name, known)}, or say where it is: "
+                f'[nc.states.{name}] path = "/Plc/..."',
+            )
+    try:
+        config.nc.settings(len(config.probing.poses_deg), (name for name in names if name in known))
+    except SetupError as error:
+        yield Problem("[nc]", _said(error))
+    largest, bound = config.nc.compensation.largest_um, max(config.compensation.bound_um)
+    if bound > largest:
+        yield Problem(
+            "[compensation] bound_um",
+            f"{bound:g}: expected at most [nc.compensation] largest_um = {largest:g}, beyond which nothing is sent",
+        )
 
 
 def _said(error: SetupError) -> str:

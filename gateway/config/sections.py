@@ -111,39 +111,6 @@ class Limits(Section):
         return self
 
 
-class SinumerikNc(Section):
-    """A SINUMERIK control over OPC UA."""
-
-    kind: Literal["sinumerik"]
-    """`sinumerik`."""
-    url: Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
-    """Endpoint of the control's OPC UA server, such as `opc.tcp://192.168.214.1:4840`."""
-    security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
-    """Security policy. `none` sends everything in the clear: for an emulated control only."""
-    user: str | None = None
-    """OPC UA user; the control grants it the rights to write."""
-    password_file: FilePath | None = None
-    """File that holds the user's password, so that it is never in this file, the store or a message."""
-    certificate: FilePath | None = None
-    """The gateway's certificate (.der or .pem)."""
-    private_key: FilePath | None = None
-    """The certificate's key (.pem)."""
-    period_s: Positive = 1.0
-    """How often positions and states are read, and compensation is written."""
-    timeout_s: Positive = 2.0
-    """How long one answer may take."""
-    nodes: Mapping[str, str] = Field(default_factory=dict)
-    """Node ids that differ from the driver's defaults, by the driver's name for them."""
-
-    @model_validator(mode="after")
-    def _complete(self) -> "SinumerikNc":
-        if self.security != "none" and (self.certificate is None or self.private_key is None):
-            raise ValueError(f"security = '{self.security}' needs certificate and private_key")
-        if (self.user is None) != (self.password_file is None):
-            raise ValueError("user and password_file go together: give both or neither")
-        return self
-
-
 class Probing(Section):
     """The probing cycle: six poses of the rotary axes, one sphere."""
 

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from drivers.base import ConnectError, DriverError, Refused
 from drivers.nc import NumericalControl, OperatingMode, ProbingState, ProbingStatus
 from drivers.sinumerik import Sinumerik
-from drivers.sinumerik_settings import SinumerikSettings
+from drivers.sinumerik_settings import SinumerikSettings, Source
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads, User
 from simulators.nc.nck import JOG
-from simulators.nc.variables import Right
+from simulators.nc.variables import COOLANT, PROBE_IN_SPINDLE, Right
 
 POSES = ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0))
 RADIUS_MM, HEIGHT_MM = 120.0, 80.0
@@ -107,12 +107,19 @@ def day() -> LoadCase:
     return LoadCase(blocks, operation_s=40.0)
 
 
+def wired(url: str) -> SinumerikSettings:
+    """With the bits that the emulated control's machine builder has wired."""
+    plain = SinumerikSettings(url=url)
+    states = {**plain.state_sources, "coolant": Source(COOLANT)}
+    return replace(plain, paths=replace(plain.paths, probe_in_spindle=PROBE_IN_SPINDLE), states=states)
+
+
 @asynccontextmanager
 async def sinumerik_bench(users: dict[str, User] | None = None, noise_um: float = 0.0) -> AsyncIterator[Bench]:
     clock, plant = ManualClock(), Plant()
     control = EmulatedControl(plant, clock, day(), cycle=CycleSettings(noise_um=noise_um), users=users)
     url = await control.start()
-    nc = Sinumerik(SinumerikSettings(url=url), clock)
+    nc = Sinumerik(wired(url), clock)
     try:
         if users is None:
             await nc.connect()

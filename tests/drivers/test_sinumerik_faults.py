@@ -234,7 +234,10 @@ async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, 
     password = tmp_path / "password"
     password.write_text("secret")
     async with running(emulated({"watcher": User("secret", frozenset(Right) - {right})})) as url:
-        nc = Sinumerik(SinumerikSettings(url=url, user="watcher", password_file=password), SystemClock())
+        settings = SinumerikSettings(
+            url=url, user="watcher", password_file=password, states={"coolant": Source("/Plc/M120.0")}
+        )
+        nc = Sinumerik(settings, SystemClock())
         with pytest.raises(Refused, match=f"'watcher' the right {right.value}"):
             await nc.connect()
         await nc.close()

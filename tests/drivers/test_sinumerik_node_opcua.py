@@ -13,7 +13,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from drivers.base import ConnectError, DriverError, Refused, SystemClock, WrongDevice
 from drivers.nc import OperatingMode, ProbingState, ProgramState
 from drivers.sinumerik import Sinumerik
-from drivers.sinumerik_settings import SinumerikSettings
+from drivers.sinumerik_settings import Paths, SinumerikSettings
 from tests.drivers.npm_peer import node_with, running
 
 pytestmark = pytest.mark.peer
@@ -44,7 +44,6 @@ async def works(nc: Sinumerik) -> None:
     assert snapshot.positions == {"X": 10.5, "Y": -20.25, "Z": 150.0, "A": 30.0, "C": 270.0}
     assert snapshot.states["speed_X"] == 720.0
     assert snapshot.states["speed_C"] == 2.0
-    assert snapshot.states["coolant"] == 1.0
     assert (snapshot.mode, snapshot.program) == (OperatingMode.AUTO, ProgramState.RUNNING)
     assert snapshot.alarms == (4711,)
     for number in (41, 42):
@@ -119,11 +118,11 @@ async def test_killed_in_a_session(node: str, tmp_path: Path) -> None:
 
 async def test_what_the_server_does_not_have_or_does_not_let_us_write(node: str, tmp_path: Path) -> None:
     async with peer(node, tmp_path) as (url, _):
-        wrong = SinumerikSettings(url=url).with_nodes({"tool": "/Channel/State/actTNo[u1]"})
+        wrong = SinumerikSettings(url=url, paths=Paths(tool="/Channel/State/actTNo[u1]"))
         with pytest.raises(WrongDevice, match=r"actTNo\[u1\] does not exist"):
             await Sinumerik(wrong, SystemClock()).connect()
         # tanβ is shown, not writable
-        locked = SinumerikSettings(url=url).with_nodes({"k0": "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"})
+        locked = SinumerikSettings(url=url, paths=Paths(k0="/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"))
         nc = Sinumerik(locked, SystemClock())
         await nc.connect()
         with pytest.raises(Refused, match=r"SLOPE\[u1\].*SeaWrite"):

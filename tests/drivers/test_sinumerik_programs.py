@@ -10,7 +10,7 @@ import pytest
 
 from drivers.nc import ProbingState
 from drivers.sinumerik import PROBING_STATES, REASONS
-from drivers.sinumerik_settings import Handshake
+from drivers.sinumerik_settings import Handshake, SinumerikSettings
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "nc" / "sinumerik"
 PROGRAMS = sorted(FOLDER.glob("*.SPF"))
@@ -71,7 +71,7 @@ def test_results_have_their_number_before_the_state_vouches_for_them() -> None:
 def test_eighteen_results_in_their_order() -> None:
     found = [re.fullmatch(r"R\[(\d+) \+ 3 \* POSE\] = C([XYZ])", line) for line in statements("TALC_SPHERE.SPF")]
     assert [(int(m[1]), m[2]) for m in found if m] == [(HAND.results + i, axis) for i, axis in enumerate("XYZ")]
-    assert f"FOR POSE = 0 TO {HAND.poses - 1}" in statements("TALC_SAFE_POINT.SPF")
+    assert f"FOR POSE = 0 TO {SinumerikSettings(url='opc.tcp://nc').poses - 1}" in statements("TALC_SAFE_POINT.SPF")
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.name)
