@@ -33,6 +33,8 @@ class Line:
     """Real seconds that one read may take before the bus is closed and opened again."""
     plausible: Mapping[str, Plausible] = field(default_factory=dict)
     """Stated limits, by channel."""
+    phase_s: float = 0.0
+    """The polls after the first one come this long after those of a line without."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +94,14 @@ class Runner:
     async def run(self) -> None:
         """Poll until cancelled; then close the devices and the bus."""
         due = self._clock.monotonic()
-        period = self.line.period_s
+        period, phase = self.line.period_s, self.line.phase_s
         try:
             while True:
                 await self._clock.sleep_until(due)
                 with self._clock.hold():
                     await self._poll(due)
+                if phase:  # the first poll is at once, for all
+                    due, phase = due + phase - period, 0.0
                 late = max(0, math.ceil((self._clock.monotonic() - due) / period) - 1)
                 self.missed += late
                 due += period * (1 + late)

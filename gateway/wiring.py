@@ -36,7 +36,18 @@ def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
             )
             for device in config.devices_of(section.name)
         )
-        lines.append(Line(bus, drivers, section.period_s, section.retry_max_periods, section.read_limit_s, plausible))
+        lines.append(
+            Line(
+                bus,
+                drivers,
+                section.period_s,
+                section.retry_max_periods,
+                section.read_limit_s,
+                plausible,
+                # Spread over the period: twenty buses at one instant would wait for each other, and all meet a hiccup.
+                phase_s=section.period_s * len(lines) / len(config.buses),
+            )
+        )
     return tuple(lines)
 
 

@@ -92,6 +92,7 @@ class Plant:
             retry_max_periods=int(policy.get("retry_max_periods", 8)),
             read_limit_s=policy.get("read_limit_s", 5.0),
             plausible=self.plausible,
+            phase_s=policy.get("phase_s", 0.0),
         )
 
     @asynccontextmanager
@@ -117,6 +118,13 @@ async def test_every_device_is_read_once_a_period_without_drift() -> None:
     assert plant.devices["a"].asked == pytest.approx(list(range(101)))
     assert all(r.quality is Quality.GOOD for r in plant.readings)
     assert plant.notices == []
+
+
+async def test_a_phase_shifts_all_polls_but_the_first() -> None:
+    plant = Plant("a")
+    async with plant.running(phase_s=0.25):
+        await plant.clock.run_until(10.0)
+    assert plant.devices["a"].asked == pytest.approx([0.0, *(0.25 + k for k in range(10))])
 
 
 async def test_sequence_numbers_tell_every_reading_of_a_channel_apart() -> None:

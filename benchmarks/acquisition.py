@@ -1,0 +1,269 @@
+"""What the whole service costs at real time: `talc-gateway run` in its process, the emulated devices in others.
+
+The processor time is the service's process' alone, all its threads, from /proc; periods are those of the stored
+readings, by their source times.
+"""
+
+import json
+import os
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from benchmarks.emulators import CHANNELS, UNITS
+from benchmarks.rows import Row
+from drivers.base import SystemClock
+from gateway.config import GatewayConfig, load
+from gateway.store import Store
+from simulators.clock import SharedClock
+from talc.control import Controller
+from talc.frame import Frame, Measurement
+
+_WINDOW_S = 60.0
+_SETTLE_S = 5.0
+_READY_S = 30.0
+_LISTENER = "tcp/127.0.0.1:17447"
+"""Where this process listens to what the service publishes: without a subscriber Zenoh has little to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a service took over the window."""
+
+    share: float
+    """Of one core."""
+    resident_mb: float
+    jitter_p99_ms: float
+    """p99 over all channels of |interval - period|."""
+    first_s: float
+    """From the start of the process until every channel had a good value."""
+    channels: int
+    training: bool
+    """Whether a training ran at the begin and at the end of the window."""
+    heard: int
+    """Messages that came to a Zenoh subscriber."""
+
+
+def _ticks(pid: int) -> float:
+    """Processor seconds, user and system, of all threads."""
+    words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _resident_mb(pid: int) -> float:
+    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmRSS"))
+
+
+def _children(pid: int) -> set[str]:
+    return {c for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()}
+
+
+def measured(path: Path) -> Cost:
+    """Run the service of a configuration and measure it once it has settled."""
+    config, heard = load(path), [0]
+
+    def hear(_: zenoh.Sample) -> None:
+        heard[0] += 1
+
+    with zenoh.open(_listening()) as session:
+        subscriber = session.declare_subscriber("talc/**", hear)
+        cost = _measured(path, config)
+        subscriber.undeclare()
+    return replace(cost, heard=heard[0])
+
+
+def _listening() -> zenoh.Config:
+    config = zenoh.Config()
+    config.insert_json5("listen/endpoints", f'["{_LISTENER}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return config
+
+
+def _measured(path: Path, config: GatewayConfig) -> Cost:
+    launched = time.time()
+    service = subprocess.Popen([sys.executable, "-m", "gateway", "run", str(path)])
+    try:
+        time.sleep(_SETTLE_S)
+        before, begun, trainer = _ticks(service.pid), time.monotonic(), _children(service.pid)
+        since = time.time()
+        time.sleep(_WINDOW_S)
+        share = (_ticks(service.pid) - before) / (time.monotonic() - begun)
+        until, resident = time.time(), _resident_mb(service.pid)
+        training = bool(trainer & _children(service.pid))
+    finally:
+        service.terminate()
+        service.wait(30.0)
+    if service.returncode != 0:
+        raise RuntimeError(f"the service of {path} ended with {service.returncode}")
+    with closing(sqlite3.connect(config.storage.path)) as database:
+        times: dict[str, list[float]] = {}
+        for channel, at in database.execute(
+            "SELECT channel, time FROM sample WHERE quality = 'good' AND time > ? ORDER BY time", (launched,)
+        ):
+            times.setdefault(channel, []).append(at)
+    if missing := [c.name for c in config.channels if c.name not in times]:
+        raise RuntimeError(f"no good value of {', '.join(missing[:5])}")
+    late = []
+    for channel in config.channels:
+        at = np.array(times[channel.name])
+        late.append(np.abs(np.diff(at[(at > since) & (at < until)]) - channel.period_s))
+    jitter = float(np.percentile(np.concatenate(late), 99)) * 1e3
+    first = max(at[0] for at in times.values()) - launched
+    return Cost(share, resident, jitter, first, len(config.channels), training, 0)
+
+
+@contextmanager
+def _process(*module: str) -> Iterator[dict[str, Any]]:
+    """Emulators in a process of their own, and the addresses it prints when ready."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", *module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    if process.stdin is None or process.stdout is None:
+        raise RuntimeError("the emulators' process has no pipes")
+    try:
+        yield json.loads(process.stdout.readline())
+    finally:
+        process.stdin.close()
+        process.stdout.close()
+        process.wait(_READY_S)
+
+
+@contextmanager
+def _bench(folder: Path) -> Iterator[dict[str, Any]]:
+    """The bench's emulated machine at real time."""
+    epoch = datetime.now(UTC)
+    clock = SharedClock(folder / "clock", epoch=epoch, owner=True)
+    try:
+        with _process("simulators.bench", str(folder), epoch.isoformat(), "1", "1", "1") as addresses:
+            clock.start()
+            yield addresses
+    finally:
+        clock.close()
+
+
+def bench_config(folder: Path, addresses: dict[str, Any], *, nc: bool) -> Path:
+    """The bench's own configuration at a real machine's rates: 1 s, the spindle's sensor 0.1 s."""
+    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
+    fillings = {
+        **addresses,
+        "folder": folder,
+        "zenoh_port": 0,
+        "zenoh_connect": f'["{_LISTENER}"]',
+        "calibration_steps": 288,
+    }
+    for name, value in fillings.items():
+        text = text.replace("{" + name + "}", str(value))
+    before, growth, after = text.partition('name = "growth1"')
+    text = before.replace("period_s = 100.0", "period_s = 1.0") + growth + after.replace("100.0", "0.1", 1)
+    text = text.replace("period_s = 30.0", "period_s = 1.0").replace("poll_s = 10.0", "poll_s = 2.0")
+    return _written(folder, text if nc else text[: text.index("# Machine states")])
+
+
+def buses_config(folder: Path, addresses: dict[str, Any], talc: str = "") -> Path:
+    """500 channels on 20 buses at 1 s."""
+    places = [("modbus_rtu", f'port = "{port}"\nbaud = 115200', "icpdas_m7015") for port in addresses["lines"]]
+    places += [("modbus_tcp", f'host = "127.0.0.1"\nport = {p}', "advantech_adam6015") for p in addresses["hosts"]]
+    text = f'[machine]\nname = "many"\n[storage]\npath = "{folder}/gateway.sqlite"\n'
+    text += f'[telemetry]\nconnect = ["{_LISTENER}"]\n'
+    for n, (kind, place, _) in enumerate(places):
+        text += f'[[bus]]\nname = "bus{n}"\nkind = "{kind}"\n{place}\n'
+    for n, (_, _, profile) in enumerate(places):
+        for unit in range(1, UNITS + 1):
+            text += f'[[device]]\nname = "d{n}_{unit}"\nbus = "bus{n}"\nprofile = "{profile}"\nunit = {unit}\n'
+            text += "[device.channels]\n" + "".join(f"t{n}_{unit}_{c} = {c}\n" for c in range(CHANNELS))
+    return _written(folder, text + talc)
+
+
+def _written(folder: Path, text: str) -> Path:
+    path = folder / "gateway.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+_LONG_TRAINING = """
+[talc.training]
+selector = "pso"
+max_na = 5
+max_nb = 5
+max_inputs = 12
+"""
+
+
+def want_training(config: GatewayConfig) -> None:
+    """Fill the store with an earlier run's calibration whose training has not been done: a start takes it up."""
+    steps = config.talc.control.calibration_steps
+    draw, n, step_s = np.random.default_rng(0), len(config.input_names), config.grid.step_s
+    inputs = 22.0 + np.cumsum(draw.normal(0, 0.1, (steps, n)), axis=0)
+    errors = inputs[:, :9] - 22.0 + draw.normal(0, 0.5, (steps, 9))
+    controller, first = Controller(config.input_names, config.talc), int(time.time() // step_s) - steps
+    with Store(config.storage.path, "earlier", SystemClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        for k in range(steps):
+            frame = Frame(first + k, inputs[k], np.ones(n, np.bool_), Measurement(errors[k], np.full(9, 0.5)))
+            store.frame(frame)
+            store.decision(controller.step(frame))
+
+
+def _row(work: str, cost: Cost, goal: str) -> Row:
+    ours = f"{cost.share:.1%} of a core, {cost.resident_mb:.0f} MB resident"
+    return Row(work, ours, f"{cost.heard} messages came to a subscriber", goal)
+
+
+def _jitter(cost: Cost) -> str:
+    return f"p99 of abs(interval - 1 s) {cost.jitter_p99_ms:.1f} ms"
+
+
+def _bench_rows() -> list[Row]:
+    table = []
+    for nc in (False, True):
+        with TemporaryDirectory() as name, _bench(Path(name)) as addresses:
+            cost = measured(bench_config(Path(name), addresses, nc=nc))
+        if nc:
+            table.append(_row("the same, and an NC read and written at 1 Hz", cost, ""))
+        else:
+            table.append(_row("service: 30 channels at 1 Hz, growth at 10 Hz", cost, "≤ 4 %, ≤ 120 MB"))
+            table.append(Row("its start until every channel is read", f"{cost.first_s:.1f} s", "", "≤ 3 s"))
+    return table
+
+
+def _buses_rows() -> list[Row]:
+    with _process("benchmarks.emulators") as addresses, TemporaryDirectory() as name:
+        quiet = measured(buses_config(Path(name), addresses))
+        path = buses_config(Path(name), addresses, _LONG_TRAINING)
+        Path(name, "gateway.sqlite").unlink()
+        want_training(load(path))
+        busy = measured(path)
+        if quiet.training or not busy.training:
+            raise RuntimeError(f"a training ran: {quiet.training}, {busy.training}; expected False, True")
+        command = [sys.executable, "-m", "benchmarks.pymodbus_poll", str(_WINDOW_S), json.dumps(addresses)]
+        out = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    share, bare_ms = json.loads(out)
+    bare = f"p99 {bare_ms:.1f} ms in a bare loop of pymodbus clients"
+    return [
+        _row("service: 500 channels on 20 Modbus buses at 1 Hz", quiet, "≤ 30 %"),
+        Row(
+            "a bare loop of pymodbus clients on them: nothing checked, stored or published",
+            f"{share / quiet.share:.2f} × ours",
+            f"{share:.1%} of a core",
+        ),
+        Row("periods of the 500 channels", _jitter(quiet), bare, "≤ 20 ms"),
+        Row("the same while a training runs", _jitter(busy), f"{busy.share:.1%} of a core", "≤ 20 ms"),
+    ]
+
+
+def rows() -> list[Row]:
+    """A machine's usual size, then 500 channels, alone and with a training beside."""
+    return [*_bench_rows(), *_buses_rows()]
