@@ -21,7 +21,7 @@ def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
         )
         for name, limits in config.limits.items()
     }
-    lines = []
+    lines: list[Line] = []
     for section in config.buses:
         bus = make_bus(section.name, section.kind, section.options())
         drivers = tuple(
