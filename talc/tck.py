@@ -19,8 +19,8 @@ _SMALL_ENSEMBLE: Final = 10
 """Largest number of mixture components for fewer than 100 series."""
 _LARGE_ENSEMBLE: Final = 40
 _EM_STEPS: Final = 20
-_FLOOR: Final = float(np.exp(-4.5) / np.sqrt(2.0 * np.pi))
-"""The normal density at three standard deviations: no single value decides."""
+_FLOOR: Final = -4.5
+"""Logarithm of the normal density at three standard deviations, less a constant: no single value decides."""
 _ALIKE: Final = 0.7
 """Sensors whose |correlation| with each other averages above this form one cluster (choice)."""
 MOST_INPUTS: Final = 8
@@ -72,7 +72,8 @@ def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> 
         first, second = assigned.T @ (r * x), assigned.T @ (r * x**2)
         square = (second - 2.0 * mean * first + weight * mean**2).sum(axis=1)
         variance = (n0 * spread**2 + np.maximum(square, 0.0)) / (n0 + weight.sum(axis=1))
-        system = precision + np.einsum("gt,tu->gtu", weight / variance[:, None], np.eye(length))
+        system = np.repeat(precision[None], components, axis=0)
+        system[:, time, time] += weight / variance[:, None]
         mean = np.linalg.solve(system, (precision @ prior_mean + first / variance[:, None])[:, :, None])[:, :, 0]
         std = np.sqrt(variance)
         assigned = _posterior(x, r, share, mean, std)
@@ -81,8 +82,10 @@ def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> 
 
 def _posterior(x: FloatArray, r: FloatArray, share: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
     z = (x[:, None, :] - mean[None]) / std[None, :, None]
-    density = np.maximum(np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi), _FLOOR) / std[None, :, None]
-    logs = (r[:, None, :] * np.log(density)).sum(axis=2) + np.log(np.maximum(share, 1e-300))
+    z *= z
+    z *= -0.5
+    np.maximum(z, _FLOOR, out=z)
+    logs = (z @ r[:, :, None])[:, :, 0] - r.sum(axis=1)[:, None] * np.log(std) + np.log(np.maximum(share, 1e-300))
     logs -= logs.max(axis=1, keepdims=True)
     weights = np.exp(logs)
     return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float64)
