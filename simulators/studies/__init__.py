@@ -3,7 +3,8 @@
 from simulators.studies.arx_vs_static import STUDY as _ARX_VS_STATIC
 from simulators.studies.frame import Run, Study, carry_out, key
 from simulators.studies.page import renew
+from simulators.studies.test_piece import STUDY as _TEST_PIECE
 
-STUDIES: dict[str, Study] = {study.name: study for study in (_ARX_VS_STATIC,)}
+STUDIES: dict[str, Study] = {study.name: study for study in (_ARX_VS_STATIC, _TEST_PIECE)}
 
 __all__ = ["STUDIES", "Run", "Study", "carry_out", "key", "renew"]

@@ -1,0 +1,113 @@
+"""A machine's days as the controller sees them, the controller's course over them, and naive peers beside it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulators.plant import Recording
+from talc.control import Controller
+from talc.frame import BoolArray, FloatArray, Frame, Measurement, Phase, TrainingJob
+from talc.models import ModelSet
+from talc.probing import design_matrix
+from talc.settings import TalcSettings
+from talc.training import train
+
+POSES = np.deg2rad(np.array([[0.0, 0.0], [0.0, 90.0], [0.0, 180.0], [0.0, 270.0], [90.0, 0.0], [-90.0, 0.0]]))
+RADIUS_M, HEIGHT_M, TOUCH_UM = 0.2, 0.08, 1.0
+CYCLE_S = 120.0
+"""A probing cycle (Z22)."""
+TEMPERATURES = 29
+_RIDGE = 1e-3
+"""Of the static regression, relative to the number of rows: 36 inputs that nearly repeat each other need one."""
+_LEAST_ROWS = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Days:
+    """T grid steps; row k is the end of step k."""
+
+    names: tuple[str, ...]
+    inputs: FloatArray
+    """(T, n) as read: temperatures in steps of 0.1 K."""
+    truth: FloatArray
+    """(T, 9)"""
+    measured: FloatArray
+    """(T, 9) what a six-pose probing cycle would tell in that row."""
+    sigma: FloatArray
+    """(9,) of a measurement."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What a controller made of them."""
+
+    estimate: FloatArray
+    """(T, 9) in force when a row's measurement is made, or would be; NaN before the first models."""
+    limits: FloatArray
+    """(T, 9) action control limits."""
+    used: BoolArray
+    """(T,) a measurement was made."""
+    phases: tuple[Phase, ...]
+    updates: tuple[tuple[int, ModelSet], ...]
+    """Row after which models were adopted, and what the training gave; the first ones end the calibration."""
+
+
+def days(recording: Recording, seed: int) -> Days:
+    """With probing noise (1 µm a touch) and the steps of the temperature modules."""
+    design = design_matrix(POSES, RADIUS_M, HEIGHT_M)
+    covariance = np.linalg.inv(design.T @ design) * TOUCH_UM**2
+    noise = np.random.default_rng([seed, 11]).multivariate_normal(np.zeros(9), covariance, len(recording.errors))
+    raw = recording.inputs
+    inputs = np.column_stack([np.round(raw[:, :TEMPERATURES], 1), np.round(raw[:, TEMPERATURES:], 2)])
+    sigma = np.sqrt(np.diag(covariance))
+    return Days(recording.input_names, inputs, recording.errors, recording.errors + noise, sigma)
+
+
+def control(series: Days, settings: TalcSettings, learn: Callable[[TrainingJob], ModelSet] = train) -> Course:
+    """Run the controller over the days; a training (`learn`) ends within its step."""
+    controller = Controller(series.names, settings)
+    rows, errors = series.truth.shape
+    estimate, limits = np.full((rows, errors), np.nan), np.full((rows, errors), np.nan)
+    used, in_force = np.zeros(rows, dtype=np.bool_), np.full(errors, np.nan)
+    valid = np.ones(len(series.names), dtype=np.bool_)
+    phases, updates, asked = [], [], True
+    for k in range(rows):
+        measurement = Measurement(series.measured[k], series.sigma) if asked else None
+        decision = controller.step(Frame(k, series.inputs[k], valid, measurement))
+        # An error without a model is corrected by what was measured last.
+        estimate[k] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
+        limits[k], used[k], in_force = decision.limits, asked, decision.corrected
+        phases.append(decision.phase)
+        asked = decision.measure is not None
+        if decision.training is not None:
+            models = learn(decision.training)
+            controller.adopt(models)
+            updates.append((k, models))
+    return Course(estimate, limits, used, tuple(phases), tuple(updates))
+
+
+def held(series: Days, used: BoolArray) -> FloatArray:
+    """(T, 9) the last measurement before each row; NaN before the first one."""
+    last = np.maximum.accumulate(np.where(used, np.arange(len(used)), -1))
+    before = np.concatenate([[-1], last[:-1]])
+    return np.where(before[:, None] >= 0, series.measured[before], np.nan)
+
+
+def regressed(series: Days, used: BoolArray) -> FloatArray:
+    """(T, 9) by a linear regression on all inputs, renewed at each measurement from all so far; NaN before 24."""
+    estimate = np.full(series.truth.shape, np.nan)
+    rows = np.flatnonzero(used)
+    since, until = rows + 1, np.append(rows[1:] + 1, len(used))
+    for count, (a, b) in enumerate(zip(since, until, strict=True), start=1):
+        if count < _LEAST_ROWS:
+            continue
+        known = rows[:count]
+        mean, std = series.inputs[known].mean(axis=0), series.inputs[known].std(axis=0)
+        varied = std > 1e-9
+        x = (series.inputs[:, varied] - mean[varied]) / std[varied]
+        level = series.measured[known].mean(axis=0)
+        gram = x[known].T @ x[known] + _RIDGE * count * np.eye(x.shape[1])
+        gains = np.linalg.solve(gram, x[known].T @ (series.measured[known] - level))
+        estimate[a:b] = level + x[a:b] @ gains
+    return estimate

@@ -1,0 +1,127 @@
+"""A test piece milled hour by hour on a machine that warms and cools, as in B19 section 4.
+
+A day of calibration under changing loads, a night of rest, then 4 h of the C axis at 1200 1/min and 4 h of rest; each
+hour a set of features is milled. A feature's deviation is that of the tool against the workpiece when it is milled,
+against the first set.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from simulators.cases import SEASONS, table_and_fluid
+from simulators.plant import MachineDrive, Plant, load, record
+from simulators.studies.frame import Parameters, Study
+from simulators.studies.loop import RADIUS_M, control, days, held, regressed
+from simulators.studies.test_piece_report import METHODS, report
+from talc.frame import FloatArray
+from talc.kinematics import tcp_offsets, workpiece_growth
+from talc.settings import TalcSettings
+
+REPETITIONS = 20
+STEP_S = 300.0
+HOUR = 12
+"""Steps."""
+CALIBRATION_H, REST_H, WARM_H, COOL_H = 24, 12, 4, 4
+IDLE_H = 12
+"""The machine is on before its calibration begins."""
+SPEED = 1200.0
+SETS = WARM_H + COOL_H + 1
+
+FEATURES: dict[str, tuple[tuple[float, float, float], float, float, tuple[float, float, float]]] = {
+    "top face, Z": ((0.0, 0.0, 80.0), 0.0, 0.0, (0.0, 0.0, 1.0)),
+    "right face, X": ((90.0, 0.0, 40.0), 0.0, 0.0, (1.0, 0.0, 0.0)),
+    "left face, X (C 180°)": ((90.0, 0.0, 40.0), 0.0, 180.0, (1.0, 0.0, 0.0)),
+    "rear face, Y": ((0.0, 90.0, 40.0), 0.0, 0.0, (0.0, 1.0, 0.0)),
+    "side face, Z (A -90°)": ((0.0, 40.0, 90.0), -90.0, 0.0, (0.0, 0.0, 1.0)),
+    "bore, Y (A -90°)": ((0.0, 40.0, 90.0), -90.0, 0.0, (0.0, 1.0, 0.0)),
+}
+"""Tool tip X Y Z in mm from where A and C meet, A and C in degrees, and the direction that the feature shows."""
+
+EXPANSION_PER_K = 23.1e-6
+"""Aluminium."""
+HELD_MM = np.zeros(3)
+"""The workpiece is held in the table's middle, at the height where A and C meet."""
+TO_TABLE_S, TO_AIR_S = 1800.0, 7200.0
+"""Time constants of the workpiece's mean temperature towards table and working space (choice)."""
+
+
+def runs(seed: int, small: bool) -> list[Parameters]:
+    """Each repetition has its own weather, calibration loads and noise."""
+    return [{"seed": seed, "repetition": r} for r in range(1 if small else REPETITIONS)]
+
+
+def run(parameters: Parameters) -> Mapping[str, Any]:
+    """By method, without and with the workpiece's growth: (sets, features) µm against the first set."""
+    seed = 1000 * parameters["seed"] + parameters["repetition"]
+    rest, warm = MachineDrive(), MachineDrive(speed_c=SPEED)
+    case = table_and_fluid("C", seed, hours=CALIBRATION_H, step_s=STEP_S).drives
+    drives = [*case, *[rest] * (REST_H * HOUR), *[warm] * (WARM_H * HOUR), *[rest] * (COOL_H * HOUR)]
+    plant = Plant(load(), SEASONS["spring"], seed)
+    plant.advance(IDLE_H * 3600.0, rest)
+    plant.zero()
+    series = days(record(plant, drives, STEP_S), seed)
+    course = control(series, TalcSettings())
+    first = (CALIBRATION_H + REST_H) * HOUR - 1
+    sets = first + HOUR * np.arange(SETS)
+    estimates = {
+        "none": np.zeros_like(series.truth),
+        "hold": held(series, course.used),
+        "regression": regressed(series, course.used),
+        "TALC": course.estimate,
+    }
+    table, air = series.names.index("c_table"), [series.names.index(n) for n in ("space_left", "space_right")]
+    piece = workpiece(series.inputs[:, table], series.inputs[:, air].mean(axis=1))
+    assumed = series.inputs[:, table]
+    result: dict[str, Any] = {
+        "features": list(FEATURES),
+        "measurements": int(course.used[first:].sum()),
+        "workpiece_K": float(np.ptp(piece[sets])),
+    }
+    for method in METHODS:
+        left = np.array([deviations(series.truth[k] - estimates[method][k]) for k in sets])
+        for term in (False, True):
+            # Without the term the workpiece is taken to stay as warm as it was.
+            believed = assumed if term else np.full(len(assumed), assumed[first])
+            grown = np.array([growth(piece[k] - piece[first]) - growth(believed[k] - assumed[first]) for k in sets])
+            seen = left + grown
+            result[f"{method} + growth" if term else method] = (seen - seen[0]).tolist()
+    return result
+
+
+def workpiece(table_degC: FloatArray, air_degC: FloatArray) -> FloatArray:
+    """(T,) degC: the workpiece's mean temperature follows table and air; before the first row it had settled."""
+    to_table, to_air = STEP_S / TO_TABLE_S, STEP_S / TO_AIR_S
+    rate = to_table + to_air
+    keep = np.exp(-rate)
+    drive = (to_table * table_degC + to_air * air_degC) / rate
+    piece = np.empty(len(drive))
+    now = float(drive[0])
+    for k, towards in enumerate(drive.tolist()):
+        now = keep * now + (1.0 - keep) * towards
+        piece[k] = now
+    return piece
+
+
+def deviations(errors: FloatArray) -> FloatArray:
+    """(features,) µm by which the workpiece point is away from the tool, in each feature's direction."""
+    found = []
+    for point, a, c, direction in FEATURES.values():
+        position = np.array([*point, np.deg2rad(a), np.deg2rad(c)])
+        found.append(float(np.array(direction) @ tcp_offsets(errors, position, RADIUS_M)))
+    return np.array(found)
+
+
+def growth(warmer_K: float) -> FloatArray:
+    """(features,) µm that a workpiece warmer by so much loses there when it has cooled."""
+    found = []
+    for point, _, _, direction in FEATURES.values():
+        shift = workpiece_growth(
+            np.array(point), HELD_MM, expansion_per_K=EXPANSION_PER_K, temperature_degC=warmer_K, reference_degC=0.0
+        )
+        found.append(float(np.array(direction) @ shift))
+    return np.array(found)
+
+
+STUDY = Study("test-piece", "A test piece milled hour by hour while the machine warms and cools", runs, run, report)
