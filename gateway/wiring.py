@@ -1,12 +1,15 @@
 """From the configuration to drivers. Validates everything that drivers validate; never touches the network."""
 
+from typing import assert_never
+
 from drivers.build import make_bus, make_device
+from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NumericalControl
 from drivers.sinumerik import Sinumerik
 from gateway.acquisition import Line
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
-from gateway.config.controls import Nc
+from gateway.config.controls import LinuxCncNc, Nc, SinumerikNc
 from gateway.plausibility import Plausible
 
 
@@ -53,4 +56,11 @@ def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
 
 def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalControl:
     """The driver of the numerical control. Raises SetupError naming the field and the value."""
-    return Sinumerik(nc.settings(len(config.probing.poses_deg), (state.name for state in config.states)), clock)
+    poses = len(config.probing.poses_deg)
+    match nc:
+        case SinumerikNc():
+            return Sinumerik(nc.settings(poses, (state.name for state in config.states)), clock)
+        case LinuxCncNc():
+            return LinuxCnc(nc.settings(poses, ()), clock)
+        case _:
+            assert_never(nc)

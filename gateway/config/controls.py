@@ -6,12 +6,14 @@ from dataclasses import fields
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 from urllib.parse import urlsplit
 
 from pydantic import Field, model_validator
 
 from drivers.base import SetupError
+from drivers.linuxcnc import STATES as LINUXCNC_STATES
+from drivers.linuxcnc_settings import DEFAULT_PORT, LARGEST_UM, LinuxCncSettings
 from drivers.opcua_settings import OpcUaSettings, valid_certificate
 from drivers.sinumerik_settings import (
     Compensation,
@@ -93,6 +95,17 @@ class SinumerikNc(Section):
         """Every machine state that can be an input."""
         return default_states(self.axis_numbers) | dict(self.states)
 
+    def other_states(self, name: str) -> str:
+        """What to do about a state that is not known."""
+        return f', or say where it is: [nc.states.{name}] path = "/Plc/..."'
+
+    largest_is: ClassVar[str] = "[nc.compensation] largest_um"
+
+    @property
+    def largest_um(self) -> float:
+        """Offsets beyond are never sent."""
+        return self.compensation.largest_um
+
     def cautions(self) -> Iterator[tuple[str, str]]:
         """Field, and what about it works today and may not tomorrow, or is less safe than it could be. Reads files."""
         if self.security == "none":
@@ -111,12 +124,59 @@ class SinumerikNc(Section):
                 yield from ((name, text) for text in _secret_cautions(path))
 
 
-Nc = SinumerikNc
-"""Any control: a union over `kind` as soon as there is a second."""
+class LinuxCncNc(Section):
+    """LinuxCNC through the agent of deploy/nc/linuxcnc; see docs/nc.md."""
+
+    kind: Literal["linuxcnc"]
+    """`linuxcnc`."""
+    host: str = Field(default="127.0.0.1", min_length=1)
+    """Where the agent listens. Beyond this computer use a tunnel: lines are signed but can be read on the way."""
+    port: int = Field(default=DEFAULT_PORT, ge=1, le=65535)
+    """The agent's port."""
+    key_file: FilePath
+    """File that holds the key shared with the agent: a copy of its talc.key."""
+    period_s: Positive = 1.0
+    """How often positions and states are read, and compensation is written."""
+    timeout_s: Positive = 2.0
+    """How long one answer may take."""
+
+    def settings(self, poses: int, states: Iterable[str]) -> LinuxCncSettings:  # noqa: ARG002 - it tells all of them
+        """What the driver takes, for a probing cycle of `poses` poses. Raises SetupError; no network."""
+        return LinuxCncSettings(
+            host=self.host, port=self.port, key_file=self.key_file, timeout_s=self.timeout_s, poses=poses
+        )
+
+    def known_states(self) -> Iterable[str]:
+        """Every machine state that can be an input."""
+        return LINUXCNC_STATES
+
+    def other_states(self, name: str) -> str:  # noqa: ARG002
+        """Nothing can be done about a state that is not known."""
+        return ""
+
+    largest_is: ClassVar[str] = "the driver's largest_um"
+
+    @property
+    def largest_um(self) -> float:
+        """Offsets beyond are never sent; LinuxCNC's own bound is in its INI file."""
+        return LARGEST_UM
+
+    def cautions(self) -> Iterator[tuple[str, str]]:
+        """Field, and what about it may not work, or is less safe than it could be. Reads files."""
+        if not _is_loopback(self.host):
+            yield "host", f"'{self.host}' is beyond this computer: use a tunnel, the lines are signed but not secret"
+        yield from (("key_file", text) for text in _secret_cautions(self.key_file))
+
+
+Nc = Annotated[SinumerikNc | LinuxCncNc, Field(discriminator="kind")]
+"""Any control."""
 
 
 def _on_this_computer(url: str) -> bool:
-    host = urlsplit(url).hostname or ""
+    return _is_loopback(urlsplit(url).hostname or "")
+
+
+def _is_loopback(host: str) -> bool:
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:

@@ -57,7 +57,7 @@ def _tables(path: str, table: Mapping[str, object], definitions: Mapping[str, Ma
         yield from ("| key | type | default | meaning |", "|---|---|---|---|", *rows, "")
     for title, here, member in below:
         kind = _kind(member)
-        yield f"## `{title}`" + (f" of kind `{kind}`" if kind and title.startswith("[[") else "")
+        yield f"## `{title}`" + (f" of kind `{kind}`" if kind else "")
         yield ""
         yield from (str(member.get("description", "")), "")
         yield from _tables(here, member, definitions)
@@ -70,10 +70,10 @@ def _members(
     for holder in (field, field.get("items"), field.get("additionalProperties")):
         if not isinstance(holder, dict):
             continue
-        choices = [holder, *holder.get("anyOf", ()), *holder.get("oneOf", ()), *holder.get("allOf", ())]
-        for choice in choices:
-            if isinstance(choice, dict) and "$ref" in choice:
-                yield definitions[str(choice["$ref"]).rsplit("/", 1)[-1]]
+        if "$ref" in holder:
+            yield definitions[str(holder["$ref"]).rsplit("/", 1)[-1]]
+        for choice in (c for union in ("anyOf", "oneOf", "allOf") for c in holder.get(union, ())):
+            yield from _members(choice, definitions)
 
 
 def _kind(section: Mapping[str, object]) -> str | None:

@@ -200,18 +200,17 @@ def _nc(config: GatewayConfig) -> Iterator[Problem]:
         if name not in known and name not in channels:
             yield Problem(
                 f"state '{name}'",
-                f"not every control shows it; {suggestion(name, known)}, or say where it is: "
-                f'[nc.states.{name}] path = "/Plc/..."',
+                f"not every control shows it; {suggestion(name, known)}{config.nc.other_states(name)}",
             )
     try:
         config.nc.settings(len(config.probing.poses_deg), (name for name in names if name in known))
     except SetupError as error:
         yield Problem("[nc]", _said(error))
-    largest, bound = config.nc.compensation.largest_um, max(config.compensation.bound_um)
+    largest, bound = config.nc.largest_um, max(config.compensation.bound_um)
     if bound > largest:
         yield Problem(
             "[compensation] bound_um",
-            f"{bound:g}: expected at most [nc.compensation] largest_um = {largest:g}, beyond which nothing is sent",
+            f"{bound:g}: expected at most {config.nc.largest_is} = {largest:g}, beyond which nothing is sent",
         )
 
 

@@ -10,7 +10,8 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from drivers.sinumerik_settings import Compensation, Handshake, Lease, SinumerikSettings, Source
-from gateway.config import GatewayConfig, cautions, parse
+from gateway.config import ConfigError, GatewayConfig, cautions, parse
+from gateway.config.controls import LinuxCncNc, SinumerikNc
 
 HEAD = """
 [machine]
@@ -100,7 +101,7 @@ def config(text: str, folder: Path = Path("/etc/talc")) -> GatewayConfig:
 
 
 def driver_settings(config: GatewayConfig) -> SinumerikSettings:
-    assert config.nc is not None
+    assert isinstance(config.nc, SinumerikNc)
     return config.nc.settings(len(config.probing.poses_deg), [state.name for state in config.states])
 
 
@@ -196,3 +197,19 @@ def test_believing_anybody_is_a_caution(tmp_path: Path) -> None:
 def test_speaking_in_the_clear_beyond_this_computer_is_a_caution(host: str, where: list[str]) -> None:
     text = f'[nc]\nkind = "sinumerik"\nurl = "opc.tcp://{host}:4840"\nsecurity = "none"\n'
     assert list(told(config(text))) == where
+
+
+def test_linuxcnc_gets_its_settings_and_its_cautions(tmp_path: Path) -> None:
+    (tmp_path / "talc.key").write_text("k" * 64)
+    (tmp_path / "talc.key").chmod(0o640)
+    text = '[nc]\nkind = "linuxcnc"\nhost = "192.168.0.20"\nport = 7700\nkey_file = "talc.key"\n'
+    states = '[[state]]\nname = "speed_C"\n'
+    made = config(states + text, tmp_path)
+    assert isinstance(made.nc, LinuxCncNc)
+    settings = made.nc.settings(6, ["speed_C"])
+    assert (settings.host, settings.port, settings.key()) == ("192.168.0.20", 7700, b"k" * 64)
+    told = [str(problem) for problem in cautions(made)]
+    assert any("beyond this computer" in line for line in told)
+    assert any("can be read by others" in line for line in told)
+    with pytest.raises(ConfigError, match="state 'door': not every control shows it; possible: coolant, speed_A, "):
+        config('[[state]]\nname = "door"\n' + text, tmp_path)

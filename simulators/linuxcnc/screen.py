@@ -5,9 +5,13 @@ One JSON object per line. Runs under the system's Python, which has LinuxCNC's m
 """
 
 import json
+import os
+import re
+import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import linuxcnc
@@ -18,6 +22,7 @@ LIMIT_S = 20.0
 class Control:
     def __init__(self) -> None:
         self.command, self.stat, self.errors = linuxcnc.command(), linuxcnc.stat(), linuxcnc.error_channel()
+        self.sphere = _sphere() if Path("sphere.hal").exists() else None
 
     def until(self, what: str, condition: Any) -> None:
         """Wait for a state: an acknowledged command has not yet been carried out."""
@@ -49,6 +54,36 @@ class Control:
         if self.command.wait_complete(LIMIT_S) != linuxcnc.RCS_DONE:
             raise RuntimeError(f"{block}: {self.errors.poll()}")
 
+    def run(self, program: str) -> None:
+        """Start a program; it goes on by itself."""
+        self.command.mode(linuxcnc.MODE_AUTO)
+        self.until("automatic mode", lambda s: s.task_mode == linuxcnc.MODE_AUTO)
+        self.command.program_open(program)
+        self.command.auto(linuxcnc.AUTO_RUN, 0)
+
+    def abort(self) -> None:
+        self.command.abort()
+        self.until("idle", lambda s: s.interp_state == linuxcnc.INTERP_IDLE)
+
+    def kill_agent(self) -> None:
+        """As the kernel does when memory runs out: no warning, no last word."""
+        listed = re.search(r"^\s*\d+\s+User\s+talc\s+(\d+)", self.hal("show", "comp"), re.MULTILINE)
+        if listed is None:
+            raise RuntimeError("no component talc")
+        os.kill(int(listed[1]), signal.SIGKILL)
+
+    def warm(self, hours: float) -> None:
+        self._the_sphere().warm(hours)
+
+    def thermal_errors(self) -> list[float]:
+        errors: list[float] = self._the_sphere().errors()
+        return errors
+
+    def _the_sphere(self) -> Any:
+        if self.sphere is None:
+            raise RuntimeError("this machine has no sphere")
+        return self.sphere
+
     def estop(self) -> None:
         self.command.state(linuxcnc.STATE_ESTOP)
         self.until("emergency stop", lambda s: s.task_state == linuxcnc.STATE_ESTOP)
@@ -59,6 +94,13 @@ class Control:
             "on": self.stat.task_state == linuxcnc.STATE_ON,
             "homed": list(self.stat.homed[:5]),
             "position": list(self.stat.joint_actual_position[:5]),
+            "idle": self.stat.interp_state == linuxcnc.INTERP_IDLE,
+            "mode": self.stat.task_mode,
+            "tool": self.stat.tool_in_spindle,
+            "tool_offset": list(self.stat.tool_offset[:3]),
+            "g5x_index": self.stat.g5x_index,
+            "g92": list(self.stat.g92_offset[:3]),
+            "gcodes": sorted(self.stat.gcodes[1:]),
         }
 
     def hal(self, *words: str) -> str:
@@ -68,9 +110,31 @@ class Control:
         return done.stdout.strip()
 
 
+def _sphere() -> Any:
+    """With the sphere, tool and pivot of the INI file; the plant's code stands beside it."""
+    sys.path.insert(0, str(Path.cwd()))
+    from simulators.linuxcnc.sphere import Sphere
+
+    talc = linuxcnc.ini("talc.ini")
+    radius, height, x, y, z = (
+        float(talc.find("TALC", name)) for name in ("SPHERE_RADIUS", "SPHERE_HEIGHT", "PIVOT_X", "PIVOT_Y", "PIVOT_Z")
+    )
+    length = re.search(r"^T99 .*\bZ(\S+)", Path("talc.tbl").read_text(), re.MULTILINE)
+    sphere = Sphere(radius, height, [x, y, z + float(length[1] if length else 0)], seed=1)
+    subprocess.run(["halcmd", "-i", "talc.ini", "-f", "sphere.hal"], check=True)
+    sphere.start()
+    return sphere
+
+
+VERBS = (
+    *("switch_on", "home", "mdi", "run", "abort", "estop", "state", "hal", "kill_agent"),
+    *("warm", "thermal_errors"),
+)
+
+
 def main() -> None:
     control = Control()
-    verbs = {name: getattr(control, name) for name in ("switch_on", "home", "mdi", "estop", "state", "hal")}
+    verbs = {name: getattr(control, name) for name in VERBS}
     print(json.dumps({"ready": linuxcnc.version}), flush=True)
     for line in sys.stdin:
         verb, *arguments = json.loads(line)
@@ -79,6 +143,8 @@ def main() -> None:
         except (KeyError, RuntimeError, TimeoutError, linuxcnc.error) as error:
             answer = {"error": repr(error)}
         print(json.dumps(answer), flush=True)
+    if control.sphere is not None:
+        control.sphere.stop()
 
 
 main()

@@ -1,0 +1,131 @@
+"""One probing request at a time: waits for a safe point of the part program, or starts the cycle where that is allowed.
+
+Times are arguments. The pins are the handshake with talc_safe_point.ngc, see talc_agent.hal.
+"""
+
+import math
+from typing import Any, Protocol
+
+import linuxcnc
+from talc_server import Refusal
+
+STATES = {1: "accepted", 2: "running", 3: "done", 4: "refused", 5: "failed"}
+FINAL = ("done", "refused", "failed")
+REASONS = {
+    0: "",
+    2: "the touch probe is missing",
+    3: "the kinematics are not the identity",
+    4: "withdrawn",
+    6: "a touch found no sphere",
+}
+POSES = 6
+START_LIMIT_S, IDLE_LIMIT_S = 10.0, 0.5
+
+
+class Pins(Protocol):
+    """The HAL component's pins by name."""
+
+    def __getitem__(self, name: str) -> Any: ...
+
+    def __setitem__(self, name: str, value: Any) -> None: ...
+
+
+class Cycle:
+    """What the gateway asked for and how far it is."""
+
+    def __init__(self, pins: Pins) -> None:
+        self._pins = pins
+        self._number, self._state, self._reason = 0, "idle", ""
+        self._expires_s = math.inf
+        self._since_idle_s: float | None = None
+        self._mode_before: int | None = None
+        self._started_s: float | None = None
+        self._begun = False
+
+    def request(self, now: float, number: int, valid_for_s: float) -> None:
+        """Ask. Another request that waits is forgotten; one that runs is not."""
+        if number == self._number:
+            raise Refusal(f"request number {number} was the last one: its old result could be taken for a new one")
+        if self._state in ("accepted", "running"):
+            raise Refusal(f"cycle {self._number} is under way")
+        self._number, self._state, self._reason = number, "requested", ""
+        self._expires_s = now + valid_for_s if valid_for_s > 0 else math.inf
+        self._started_s, self._since_idle_s, self._begun = None, None, False
+        self._pins["withdrawn"] = 0.0
+        self._pins["request"] = float(number)
+
+    def withdraw(self, number: int) -> None:
+        """Take back what waits; what runs looks at this before each pose and touch."""
+        if number == self._number and self._state not in ("idle", *FINAL):
+            self._pins["withdrawn"] = float(number)
+            if self._state == "requested":
+                self._refuse("withdrawn")
+
+    def status(self, number: int) -> dict[str, Any]:
+        """State, reason and, when done, the centres (mm) in the order of the poses."""
+        if number != self._number:
+            return {"state": "idle", "reason": "", "centres": None}
+        centres = None
+        if self._state == "done":
+            centres = [[self._pins[f"centre-{pose}-{axis}"] for axis in "xyz"] for pose in range(POSES)]
+        return {"state": self._state, "reason": self._reason, "centres": centres}
+
+    def step(self, now: float, nc: Any, command: Any) -> None:
+        """Look at program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""
+        if self._number and self._pins["answers"] == self._number and self._state != "idle":
+            self._follow(now, nc)
+        elif self._state == "requested":
+            self._wait(now, nc, command)
+        if nc is not None and self._mode_before is not None and self._state in FINAL and _idle(nc):
+            command.mode(self._mode_before)
+            self._mode_before = None
+
+    def _follow(self, now: float, nc: Any) -> None:
+        """The program has taken the request: what it says holds, unless it was stopped."""
+        told = STATES.get(round(self._pins["state"]), "accepted")
+        if told == "done" and self._pins["result-of"] != self._number:
+            told = "running"  # its pins are not all written yet
+        if told in FINAL:
+            self._end(told, REASONS.get(round(self._pins["reason"]), f"reason {self._pins['reason']:g}"))
+            return
+        if self._state in FINAL:
+            return
+        self._state = told
+        if nc is None or not _idle(nc):
+            self._since_idle_s = None
+        elif self._since_idle_s is None:
+            self._since_idle_s = now
+        elif now - self._since_idle_s > IDLE_LIMIT_S:
+            self._end("failed", "the program was stopped")
+
+    def _wait(self, now: float, nc: Any, command: Any) -> None:
+        if nc is None:
+            return
+        if nc.task_state != linuxcnc.STATE_ON or not all(nc.homed[: nc.joints]):
+            self._refuse("the machine is off or not homed")
+        elif now >= self._expires_s:
+            self._refuse("no safe point before the request expired")
+        elif self._started_s is not None:
+            self._start(now, nc, command)
+        elif _idle(nc) and self._pins["may-start"]:
+            self._started_s, self._mode_before = now, nc.task_mode
+            command.mode(linuxcnc.MODE_MDI)
+
+    def _start(self, now: float, nc: Any, command: Any) -> None:
+        if self._started_s is not None and now - self._started_s > START_LIMIT_S:
+            self._refuse("the program did not start")
+        elif not self._begun and nc.task_mode == linuxcnc.MODE_MDI and _idle(nc):
+            command.mdi("o<talc_safe_point> call")
+            self._begun = True
+
+    def _refuse(self, reason: str) -> None:
+        self._pins["withdrawn"] = float(self._number)  # should the program be taking it at this moment
+        self._end("refused", reason)
+
+    def _end(self, state: str, reason: str) -> None:
+        self._state, self._reason = state, reason
+        self._pins["request"] = 0.0
+
+
+def _idle(nc: Any) -> bool:
+    return nc.interp_state == linuxcnc.INTERP_IDLE and nc.state != linuxcnc.RCS_EXEC

@@ -1,0 +1,156 @@
+"""One authenticated client on a TCP port: lines of JSON, each signed. See docs/nc.md, LinuxCNC."""
+
+import hmac
+import json
+import secrets
+import selectors
+import socket
+import stat
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+TICK_S, LOGIN_S, QUIET_S = 0.02, 2.0, 3.0
+LONGEST_LINE = 4096
+MOST_STRANGERS = 4
+
+Verb = Callable[[dict[str, Any]], Any]
+
+
+class Refusal(Exception):
+    """The message says what was wrong; it is the answer."""
+
+
+class Client:
+    """One connection. Its first line proves that it holds the key, later ones are commands."""
+
+    def __init__(self, line: socket.socket) -> None:
+        self.line, self.challenge, self.heard_s = line, secrets.token_hex(32), time.monotonic()
+        self.session: bytes | None = None
+        self.rest, self.heard, self.said = b"", 0, 0
+
+
+class Server:
+    """Serves while `turn` is called."""
+
+    def __init__(self, listener: socket.socket, key: bytes, verbs: Mapping[str, Verb]) -> None:
+        self._key, self._verbs, self._listener = key, verbs, listener
+        self._clients: list[Client] = []
+        self._selector = selectors.DefaultSelector()
+        listener.setblocking(False)
+        self._selector.register(listener, selectors.EVENT_READ, None)
+
+    def turn(self) -> None:
+        """Wait for a line for one tick, answer what came."""
+        for key, _ in self._selector.select(TICK_S):
+            if key.data is None:
+                self._welcome()
+            else:
+                self._listen(key.data)
+        for client in [c for c in self._clients if c.session is None and time.monotonic() - c.heard_s > LOGIN_S]:
+            self._drop(client)
+
+    def _welcome(self) -> None:
+        try:
+            line, _ = self._listener.accept()
+        except OSError:
+            return
+        line.setblocking(False)
+        if sum(c.session is None for c in self._clients) >= MOST_STRANGERS:
+            line.close()
+            return
+        client = Client(line)
+        self._clients.append(client)
+        self._selector.register(line, selectors.EVENT_READ, client)
+        self._say(client, {"challenge": client.challenge})
+
+    def _listen(self, client: Client) -> None:
+        try:
+            heard = client.line.recv(LONGEST_LINE)
+        except BlockingIOError:
+            return
+        except OSError:
+            heard = b""
+        *lines, client.rest = (client.rest + heard).split(b"\n")
+        if not heard or len(client.rest) > LONGEST_LINE:
+            self._drop(client)
+            return
+        for line in lines:
+            if client in self._clients:
+                self._answer(client, line)
+
+    def _answer(self, client: Client, line: bytes) -> None:
+        mac, _, text = line.partition(b" ")
+        if client.session is not None:
+            if not _fits(client.session, "client", client.heard, text, mac):
+                self._drop(client)  # not who logged in: nothing it says is worth an answer
+                return
+            client.heard, client.heard_s = client.heard + 1, time.monotonic()
+        try:
+            command = json.loads(text)
+            if not isinstance(command, dict):
+                raise Refusal("expected an object")
+            if client.session is None:
+                self._login(client, command, mac, text)
+                answer: Any = sorted(self._verbs)
+            else:
+                answer = self._obey(command)
+            self._say(client, {"answer": answer})
+        except (Refusal, ValueError, RecursionError) as error:
+            self._say(client, {"error": str(error)})
+            if client.session is None:
+                self._drop(client)
+
+    def _obey(self, command: dict[str, Any]) -> Any:
+        verb = self._verbs.get(str(command.get("do")))
+        if verb is None:
+            raise Refusal(f"do = {command.get('do')!r}: expected one of {', '.join(self._verbs)}")
+        return verb(command)
+
+    def _login(self, client: Client, command: dict[str, Any], mac: bytes, text: bytes) -> None:
+        """The session's key comes of the shared one and of a number from each side: nothing can be played again."""
+        session = hmac.digest(self._key, f"{client.challenge} {command.get('nonce')}".encode(), "sha256")
+        if not _fits(session, "client", 0, text, mac):
+            raise Refusal("the proof does not fit: is it the same key on both sides?")
+        for other in [c for c in self._clients if c.session is not None]:
+            if time.monotonic() - other.heard_s < QUIET_S:
+                raise Refusal("another client is connected")
+            self._drop(other)  # its computer has lost power, perhaps, and comes back here
+        client.session, client.heard, client.heard_s = session, 1, time.monotonic()
+
+    def _say(self, client: Client, message: dict[str, Any]) -> None:
+        text = json.dumps(message).encode()
+        if client.session is not None:
+            text = _mac(client.session, "agent", client.said, text) + b" " + text
+            client.said += 1
+        try:
+            client.line.sendall(text + b"\n")
+        except OSError:  # gone, or does not read
+            self._drop(client)
+
+    def _drop(self, client: Client) -> None:
+        if client in self._clients:
+            self._clients.remove(client)
+            self._selector.unregister(client.line)
+            client.line.close()
+
+
+def _mac(session: bytes, who: str, count: int, text: bytes) -> bytes:
+    return hmac.new(session, f"{who} {count} ".encode() + text, "sha256").hexdigest().encode()
+
+
+def _fits(session: bytes, who: str, count: int, text: bytes, mac: bytes) -> bool:
+    return hmac.compare_digest(_mac(session, who, count, text), mac)
+
+
+def read_key(path: Path) -> bytes:
+    """Ends with a message when others may read it or it is too short."""
+    if not path.exists():
+        raise SystemExit(f"{path}: no such file; make one: (umask 077; openssl rand -hex 32 > {path})")
+    if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise SystemExit(f"{path}: others may read the key: chmod 600")
+    key = path.read_bytes().strip()
+    if len(key) < 32:
+        raise SystemExit(f"{path}: the key has {len(key)} characters: expected at least 32")
+    return key

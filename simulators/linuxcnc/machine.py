@@ -1,0 +1,169 @@
+"""Starts the real LinuxCNC with the files of deploy/nc/linuxcnc, headless, in namespaces of its own.
+
+Its own IPC namespace because there is one LinuxCNC in each; its own process and network namespaces because its stop
+script kills by name and its server takes a fixed port.
+"""
+
+import asyncio
+import json
+import os
+import re
+import shutil
+import socket
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+_ROOT = Path(__file__).parents[2]
+FILES = _ROOT / "deploy" / "nc" / "linuxcnc"
+_HERE = Path(__file__).parent
+APT_LINE = "apt-get install linuxcnc-uspace"
+
+HURRY: Mapping[str, object] = {
+    "MAX_VELOCITY": 2000,
+    "MAX_ACCELERATION": 20000,
+    "MAX_LINEAR_VELOCITY": 2000,
+    "MAX_LINEAR_ACCELERATION": 20000,
+    "MAX_ANGULAR_VELOCITY": 2000,
+    "MAX_ANGULAR_ACCELERATION": 20000,
+    "CLEAR": 3,
+    "REACH": 1,
+    "FINE_REACH": 0.05,
+    "FIND_FEED": 600,
+}
+"""Settings of a machine without mass: a cycle takes half a minute, as the touches themselves stay slow."""
+
+_NAMESPACES = ("--ipc", "--pid", "--mount", "--net", "--fork", "--mount-proc", "--kill-child")
+_START = 'ip link set lo up 2>/dev/null; mount --bind "$1" /tmp && cd /tmp/nc && exec linuxcnc -r /tmp/nc/talc.ini'
+_REAL_TIME_USER = 65534
+"""LinuxCNC's real-time part refuses root unless it is told which user it works for: nobody."""
+_BOOT_S, _ANSWER_S, _STOP_S = 60.0, 60.0, 30.0
+
+
+class Machine:
+    """What the operator can do at the control."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self.process = process
+
+    async def ask(self, verb: str, *arguments: str) -> Any:
+        """Raises RuntimeError with what the control said."""
+        if self.process.stdin is None:
+            raise RuntimeError("LinuxCNC's process has no pipes")
+        self.process.stdin.write(json.dumps([verb, *arguments]).encode() + b"\n")
+        answer = await self.line(_ANSWER_S)
+        if "error" in answer:
+            raise RuntimeError(f"{verb} {arguments}: {answer['error']}")
+        return answer["answer"]
+
+    async def number(self, kind: str, name: str) -> float:
+        """A HAL pin (getp) or signal (gets)."""
+        return float(await self.ask("hal", kind, name))
+
+    async def line(self, timeout_s: float) -> dict[str, Any]:
+        """The operator's next line; LinuxCNC's own talk is passed over and shown when it ends."""
+        if self.process.stdout is None:
+            raise RuntimeError("LinuxCNC's process has no pipes")
+        said = []
+        async with asyncio.timeout(timeout_s):
+            while line := await self.process.stdout.readline():
+                if line.startswith(b"{"):
+                    answer: dict[str, Any] = json.loads(line)
+                    return answer
+                said.append(line.decode(errors="replace"))
+        raise RuntimeError(f"LinuxCNC has ended:\n{''.join(said)}")
+
+
+def missing() -> str | None:
+    """What keeps LinuxCNC from running here, and what to do; None: nothing."""
+    if not FILES.is_dir():
+        return f"{FILES} is missing: run this from the source tree"
+    if shutil.which("linuxcnc") is None:
+        return f"LinuxCNC is not installed here. Debian 12 or later has it: {APT_LINE}"
+    if os.geteuid() != 0:
+        return "LinuxCNC's namespaces need root: run this as root"
+    return None
+
+
+@asynccontextmanager
+async def machine(
+    folder: Path,
+    agent: socket.socket | None = None,
+    key: str = "",
+    *,
+    sphere: bool = False,
+    settings: Mapping[str, object] | None = None,
+    tools: str | None = None,
+) -> AsyncIterator[Machine]:
+    """LinuxCNC from ready until it has shut itself down.
+
+    folder: an empty one; becomes its /tmp. agent: a listening socket of ours, for the agent: its own network is not
+    ours. key: what the agent shares with its client. sphere: with the emulated machine's sphere under the probe.
+    settings: other values in the INI file, by key, in whichever section. tools: another tool table. Raises OSError when
+    `missing` says something.
+    """
+    if (problem := missing()) is not None:
+        raise OSError(problem)
+    os.chown(folder, _REAL_TIME_USER, -1)
+    nc = folder / "nc"
+    shutil.copytree(FILES, nc, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(_HERE / "screen.py", nc)
+    (nc / "screen.py").chmod(0o755)
+    changed = {"DISPLAY": "/tmp/nc/screen.py", **(settings or {})}
+    if agent is not None:
+        changed["# HALFILE"] = "talc_agent.hal"
+        (nc / "talc.key").write_text(key)
+        (nc / "talc.key").chmod(0o600)
+    if sphere:
+        _bring_plant(nc)
+    (nc / "talc.ini").write_text(_with(changed, (nc / "talc.ini").read_text()))
+    if tools is not None:
+        (nc / "talc.tbl").write_text(tools)
+    environment = {"PATH": os.environ["PATH"], "HOME": "/tmp", "RTAPI_UID": str(_REAL_TIME_USER)}
+    if agent is not None:
+        environment["TALC_AGENT_FD"] = str(agent.fileno())
+    process = await asyncio.create_subprocess_exec(
+        "unshare",
+        *_NAMESPACES,
+        *("sh", "-c", _START, "sh", str(folder)),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+        env=environment,
+        pass_fds=() if agent is None else (agent.fileno(),),
+    )
+    try:
+        it = Machine(process)
+        await it.line(_BOOT_S)
+        yield it
+    finally:
+        if process.stdin is not None:
+            process.stdin.close()
+        try:
+            async with asyncio.timeout(_STOP_S):
+                await process.communicate()
+        except TimeoutError:
+            process.kill()  # this process alone: the kernel ends its namespace with it
+            await process.wait()
+
+
+def _with(changed: Mapping[str, object], ini: str) -> str:
+    """Raises ValueError for a key that the file does not have."""
+    for key, value in changed.items():
+        ini, count = re.subn(rf"(?m)^{key} = .*$", f"{key.removeprefix('# ')} = {value}", ini)
+        if count == 0:
+            raise ValueError(f"settings: {key} is not in talc.ini")
+    return ini
+
+
+def _bring_plant(nc: Path) -> None:
+    """What the sphere needs of our code, beside LinuxCNC's files: its Python is not ours and sees no other folder."""
+    shutil.copy(_HERE / "sphere.hal", nc)
+    shutil.copytree(_ROOT / "simulators" / "plant", nc / "simulators" / "plant")
+    (nc / "simulators" / "linuxcnc").mkdir()
+    (nc / "talc").mkdir()
+    for name in ("simulators/__init__.py", "simulators/linuxcnc/__init__.py", "simulators/linuxcnc/sphere.py"):
+        shutil.copy(_ROOT / name, nc / name)
+    for name in ("talc/__init__.py", "talc/names.py"):
+        shutil.copy(_ROOT / name, nc / name)

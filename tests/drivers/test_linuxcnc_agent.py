@@ -1,0 +1,159 @@
+"""The agent of deploy/nc/linuxcnc in the real LinuxCNC, seen from the wire: who may speak to it and what it refuses.
+
+Needs Debian's linuxcnc-uspace.
+"""
+
+import asyncio
+import hmac
+import json
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from simulators.linuxcnc.machine import machine
+
+pytestmark = pytest.mark.peer
+
+KEY = "0123456789abcdef0123456789abcdef"
+
+
+class Line:
+    """A client that knows nothing but the wire."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.reader, self.writer = reader, writer
+        self.session, self.count = b"", 0
+
+    async def hear(self) -> dict[str, Any]:
+        async with asyncio.timeout(5.0):
+            line = await self.reader.readline()
+        if not line.startswith(b"{"):
+            mac, _, text = line.strip().partition(b" ")
+            assert mac == self.mac("agent", text)
+            self.count += 1
+            line = text
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def mac(self, who: str, text: bytes) -> bytes:
+        return hmac.new(self.session, f"{who} {self.count} ".encode() + text, "sha256").hexdigest().encode()
+
+    def say(self, text: bytes) -> bytes:
+        signed = self.mac("client", text) + b" " + text + b"\n"
+        self.writer.write(signed)
+        return signed
+
+    async def ask(self, **command: Any) -> dict[str, Any]:
+        self.say(json.dumps(command).encode())
+        return await self.hear()
+
+    async def ended(self) -> bool:
+        async with asyncio.timeout(5.0):
+            try:
+                return await self.reader.read() == b""
+            except ConnectionResetError:  # closed with some of what we said unread
+                return True
+
+    async def login(self, key: str = KEY) -> dict[str, Any]:
+        challenge = (await self.hear())["challenge"]
+        self.session = hmac.digest(key.encode(), f"{challenge} here".encode(), "sha256")
+        return await self.ask(nonce="here")
+
+
+@pytest.fixture
+async def port(tmp_path: Path) -> AsyncIterator[int]:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        async with machine(tmp_path, listener, KEY):
+            yield listener.getsockname()[1]
+
+
+@asynccontextmanager
+async def line(port: int) -> AsyncIterator[Line]:
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    try:
+        yield Line(reader, writer)
+    finally:
+        writer.close()
+        with suppress(ConnectionError):
+            await writer.wait_closed()
+
+
+@asynccontextmanager
+async def client(port: int) -> AsyncIterator[Line]:
+    """Logged in, with the control claimed by owner 1."""
+    async with line(port) as it:
+        assert "status" in (await it.login())["answer"]
+        assert await it.ask(do="claim", owner=1, silence_s=60.0, ramp_um_per_s=1.0) == {"answer": None}
+        async with asyncio.timeout(5.0):
+            while await it.ask(do="heartbeat", owner=1) != {"answer": True}:
+                await asyncio.sleep(0.01)
+        yield it
+
+
+async def test_only_one_client_with_the_key_is_heard(port: int) -> None:
+    async with line(port) as stranger:
+        assert "proof does not fit" in (await stranger.login("x" * 32))["error"]
+        assert await stranger.ended()
+    async with line(port) as hasty:
+        await hasty.hear()
+        assert "proof does not fit" in (await hasty.ask(do="status"))["error"]
+        assert await hasty.ended()
+    async with line(port) as silent, client(port) as first, line(port) as second:
+        await silent.hear()
+        assert (await second.login())["error"] == "another client is connected"
+        assert await second.ended()
+        assert await silent.ended()  # never proved anything, dropped after its time
+        assert (await first.ask(do="status"))["answer"]["mode"] == "jog"
+        async with asyncio.timeout(10.0):  # the first one holds its connection but says nothing: it may be gone
+            while not await admitted(port):
+                await asyncio.sleep(0.05)
+        assert await first.ended()
+
+
+async def admitted(port: int) -> bool:
+    async with line(port) as it:
+        return "answer" in await it.login()
+
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"do": "shell"}, "expected one of"),
+    ({"do": "write", "um": [0, 0, 200.1]}, "beyond [TALC] BOUND"),
+    ({"do": "write", "um": [0, 0]}, "three numbers"),
+    ({"do": "write", "um": [float("nan"), 0, 0]}, "finite"),
+    ({"do": "write", "um": "high"}, "list of three"),
+    ({"do": "claim", "owner": 1, "silence_s": 0, "ramp_um_per_s": 1}, "silence_s 0.05"),
+    ({"do": "claim", "owner": 2, "silence_s": 1, "ramp_um_per_s": 1}, "belongs to gateway 1"),
+    ({"do": "heartbeat", "owner": 2}, "belongs to gateway 1"),
+    ({"do": "heartbeat", "owner": True}, "owner = True"),
+    ({"do": "probe", "number": 0, "valid_for_s": 1}, "number = 0"),
+    ({"do": "probe", "number": 1}, "valid_for_s = None"),
+    ({"do": "probing", "number": "1"}, "number = '1'"),
+]
+
+
+async def test_what_is_out_of_bounds_is_refused_and_the_line_lives_on(port: int) -> None:
+    async with client(port) as it:
+        for command, says in REFUSED:
+            assert says in (await it.ask(**command))["error"]
+        it.say(b"[" * 3000)
+        assert "error" in await it.hear()
+        assert (await it.ask(do="read"))["answer"] == [0.0, 0.0, 0.0]
+        it.writer.write(b"x" * 10000)
+        assert await it.ended()
+
+
+async def test_a_line_that_is_not_signed_or_was_heard_before_ends_the_connection(port: int) -> None:
+    async with client(port) as it:
+        once = it.say(b'{"do": "read"}')
+        assert "answer" in await it.hear()
+        it.writer.write(once)
+        assert await it.ended()
+    async with client(port) as it:
+        it.say(b'{"do": "read"}')
+        await it.hear()
+        it.writer.write(b'{"do": "write", "um": [1, 1, 1]}\n')
+        assert await it.ended()
