@@ -77,6 +77,8 @@ class ProbingStatus:
     """When done: the sphere's centre at each pose (X, Y, Z) as measured."""
     reason: str = ""
     """Why refused or failed."""
+    spread_mm: float | None = None
+    """When done: largest difference between repeated touches of one point; None: the control does not tell."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,7 +83,7 @@ class Sinumerik:
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
-        self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in results))
+        self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in (*results, hand.spread)))
         self._offsets = self._offset_paths()
         self._in_force = self._in_force_paths()
         lease = settings.lease
@@ -158,7 +158,7 @@ class Sinumerik:
             return ProbingStatus(number, known)
         # The four parameters need not stem from one moment. What is final stands still: read it again with the results.
         again = self._numbers(self._result, await self._session.read(self._result))
-        _, answers_again, state_again, reason, result_of, *values = again
+        _, answers_again, state_again, reason, result_of, *values, spread = again
         if answers_again != answers or state_again != state:
             return ProbingStatus(number, ProbingState.REQUESTED)
         if known is not ProbingState.DONE:
@@ -170,7 +170,7 @@ class Sinumerik:
                 hint="the NC program must write the results and their number before the state",
             )
         centres = tuple((values[i], values[i + 1], values[i + 2]) for i in range(0, len(values), 3))
-        return ProbingStatus(number, known, centres_mm=centres)
+        return ProbingStatus(number, known, centres_mm=centres, spread_mm=spread)
 
     async def withdraw_probing(self, number: int) -> None:
         """Take the request back; a cycle under way is stopped at the control's next chance."""

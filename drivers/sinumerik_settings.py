@@ -101,6 +101,8 @@ class Handshake:
     """Number of the request that the results belong to."""
     results: int = 70
     """First of three per pose."""
+    spread: int = 88
+    """Largest difference of repeated touches in the cycle, mm."""
     request_valid_for_s: float = 900.0
     """A control that reaches its safe point later than this refuses: nobody may be listening any more. 0: no limit."""
 

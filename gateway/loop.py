@@ -7,13 +7,13 @@ from collections.abc import Awaitable, Callable
 from gateway.clock import ServiceClock
 from gateway.config.sections import Probing
 from gateway.grid import GridSampler, Instant, Schedule
-from gateway.measurement import Outcome
+from gateway.measurement import End, Outcome
 from gateway.nc_link import NcLink
 from gateway.outlet import Outlet
 from gateway.probing_schedule import Bulletin, Outlook, ProbingSchedule, Standing
 from gateway.trainer import failed, train_apart
 from talc.control import Controller
-from talc.frame import Decision, EventKind, Measurement, TrainingJob, Why
+from talc.frame import Decision, Event, EventKind, Measurement, TrainingJob, Why
 from talc.models import ModelSet
 
 log = logging.getLogger(__name__)
@@ -121,8 +121,9 @@ class GridLoop:
         self._tell(self._plan.look(link.present, self._clock.monotonic()))
         outcome: Outcome = await link.measure(why)
         self._outlet.measurement(outcome)
-        if outcome.measurement is None:
-            log.info("no measurement: %s", outcome.reason)
+        if outcome.end is End.REJECTED:
+            log.warning("measurement rejected: %s", outcome.reason)
+            self._outlet.event(Event(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._last_k)
         self._finished = outcome.measurement
         self._tell(self._plan.ended(outcome.end, outcome.reason, self._clock.monotonic()))
 

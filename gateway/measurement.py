@@ -134,7 +134,7 @@ def at_rest(cycles: Sequence[FloatArray], most_um: float) -> None:
     if apart > most_um:
         raise Rejected(
             f"the {len(cycles)} cycles of the reference differ by {apart:.1f} µm, more than "
-            f"max_residual_um = {most_um:g}: the reference needs a machine at rest and at its usual temperature"
+            f"max_repeat_um = {most_um:g}: the reference needs a machine at rest and at its usual temperature"
         )
 
 

@@ -1,5 +1,6 @@
 """The gateway's side of the NC: keeps the connection, hands on its state, probes when asked, writes what is safe."""
 
+import asyncio
 import logging
 import math
 from collections.abc import Callable, Mapping
@@ -12,9 +13,10 @@ from gateway.breaker import Breaker, Change
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, Slew, Source, Step, Write
 from gateway.config import GatewayConfig
-from gateway.measurement import End, Outcome, Probe, Refused, Rejected, at_rest, centres, run_cycle
+from gateway.measurement import Outcome, Probe
+from gateway.prober import Prober
 from talc import kinematics
-from talc.frame import Decision, FloatArray, Measurement, Why
+from talc.frame import Decision, FloatArray, Why
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +65,8 @@ class NcLink:
         self._period = config.nc.period_s
         self._probing, self._settings = config.probing, config.compensation
         self._states, self._written, self._notify = states, written, notify
-        self._reference, self._number = reference_mm, first_number
+        self._prober = Prober(nc, config.probing, clock, probe, reference_mm, first_number)
+        self._writing = asyncio.Lock()
         self._breaker = Breaker(self._period, self._period * _LONGEST_RETRY_PERIODS)
         self._connected = False
         self._disarmed = False
@@ -132,54 +135,17 @@ class NcLink:
         await self._close()
 
     async def measure(self, why: Why) -> Outcome:
-        """One probing cycle, or those of the reference. Never raises for what the control does: the outcome says why
-        there is no result."""
-        asked = self._clock.utc()
-        self._frozen = True
-        in_force: Offsets = (0.0, 0.0, 0.0)
-        found: FloatArray | None = None
-        measurement: Measurement | None = None
-        residual, reason, end = math.nan, "", End.MEASURED
+        """One probing cycle, or those of the reference; see Prober. Offsets stand still until it has ended."""
         try:
-            with self._clock.hold():
-                in_force = await self._nc.read_compensation()
-            # Noise of the reference would stand in every later measurement, so it is a mean of several cycles.
-            cycles = [
-                await self._probed() for _ in range(self._probing.reference_cycles if self._reference is None else 1)
-            ]
-            at_rest(cycles, self._probing.max_residual_um)
-            found = np.mean(cycles, axis=0)
-            measurement, residual = self._evaluate(found, in_force)
-        except Rejected as error:
-            reason, end = str(error), End.REJECTED
-        except Refused as error:
-            reason, end = str(error), End.REFUSED
-        except DriverError as error:
-            reason, end = f"the control could not be asked: {error}", End.REFUSED
+            return await self._prober.measure(why, self._stand, None if self._decision is None else self._decision[0])
         finally:
             self._frozen = False
-        return Outcome(
-            self._number - 1, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason, end
-        )
 
-    async def _probed(self) -> FloatArray:
-        number = self._number
-        self._number += 1
-        status = await run_cycle(
-            self._nc, number, self._clock, poll_s=self._probing.poll_s, timeout_s=self._probing.timeout_s
-        )
-        return centres(status, len(self._probe.poses_rad))
-
-    def _evaluate(self, found: FloatArray, in_force: Offsets) -> tuple[Measurement, float]:
-        if self._reference is None:
-            self._reference = found + np.asarray(in_force) * 1e-3
-        result = self._probe.solve(self._probe.deviations_um(found, self._reference, in_force))
-        if result.residual_rms > self._probing.max_residual_um:
-            raise Rejected(
-                f"the centres differ from the best fit by {result.residual_rms:.1f} µm RMS, "
-                f"more than max_residual_um = {self._probing.max_residual_um:g}: is the sphere clean and fixed?"
-            )
-        return Measurement(result.errors, result.sigma), result.residual_rms
+    async def _stand(self) -> Offsets:
+        async with self._writing:  # a write under way ends first, or what is read were not what stands
+            self._frozen = True
+            with self._clock.hold():
+                return await self._nc.read_compensation()
 
     async def _cycle(self, due: float) -> None:
         if not self._connected and not await self._connect(due):
@@ -245,8 +211,9 @@ class NcLink:
         may_write = self.armed and await self._alive()
         now = self._clock.monotonic()
         k = self._decision[0].k if self._decision else None
-        step = self._slew.freeze(now) if self._frozen else self._slew.follow(now, *self._wanted(snapshot, now))
-        read_back = await self._send(step) if may_write and not self._frozen else None
+        async with self._writing:
+            step = self._slew.freeze(now) if self._frozen else self._slew.follow(now, *self._wanted(snapshot, now))
+            read_back = await self._send(step) if may_write and not self._frozen else None
         if step != self._last_step:
             self._written(
                 Write(snapshot.time, self._settings.mode, step, k, snapshot.positions, read_back is not None, read_back)

@@ -8,7 +8,7 @@ not_wanted   the controller wishes for a measurement                            
 waiting      the machine's moment is good enough, or the wish is urgent or old                due
 blocked      alarm, operating mode, connection, or the pause after rejected results is over   waiting
 due          the caller has asked the control                                                 asked
-asked        the cycle has ended                                                              not_wanted, or blocked
+asked        the cycle has ended                                                              as the result is
 any but asked: the controller no longer wishes for a measurement                              not_wanted
 """
 
@@ -174,6 +174,8 @@ class ProbingSchedule:
                         f"{self._rejected} measurements in a row could not be used; the last: {reason}. "
                         "Clean the sphere and the probe and see that both are fixed"
                     )
+                    return self._outlook(Standing.BLOCKED, self._blocked_by_rejects())
+                return self._outlook(Standing.WAITING, f"is asked for again: {reason}")
         return self._outlook(Standing.BLOCKED, reason)
 
     def _blocked(self, snapshot: NcSnapshot | None, now_s: float) -> str:
@@ -185,8 +187,11 @@ class ProbingSchedule:
         if snapshot.mode not in (OperatingMode.AUTO, OperatingMode.UNKNOWN):
             return f"the control is in {snapshot.mode.value.upper()}, not in AUTO"
         if self._paused_until is not None and now_s < self._paused_until:
-            return f"pause after {self._rejected} rejected results: {self._refused}"
+            return self._blocked_by_rejects()
         return ""
+
+    def _blocked_by_rejects(self) -> str:
+        return f"pause after {self._rejected} rejected results: {self._refused}"
 
     def _outlook(self, standing: Standing, reason: str = "") -> Outlook:
         why = Why.RETRY if self._rejected and self._why is not None else self._why

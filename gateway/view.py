@@ -35,6 +35,7 @@ _NOTABLE = frozenset(
         EventKind.MODEL_REJECTED,
         EventKind.PROBLEM,
         EventKind.PROBLEM_ENDED,
+        EventKind.MEASUREMENT_REJECTED,
         EventKind.OPERATOR,
     }
 )

@@ -17,6 +17,8 @@ from talc.frame import FloatArray
 from talc.names import THERMAL_ERRORS
 
 _RANK_TOLERANCE = 1e-9
+_NO_CHECK = 1e-6
+"""A coordinate with less than this share left to its residual is not checked by the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,9 @@ class ProbingResult:
     residual_rms: float
     """RMS of what the errors do not explain, µm."""
     rank: int
+    standardised: FloatArray
+    """(n, 3) residuals in units of their own standard deviation, sigma·sqrt(1 - leverage), so that a single wrong
+    coordinate stands out by as much wherever it is; NaN: not measured, 0: no other coordinate can tell."""
 
 
 def rotation_x(angle: float) -> FloatArray:
@@ -145,8 +150,16 @@ def solve(
     errors, *_ = np.linalg.lstsq(matrix, y, rcond=None)
     covariance = np.linalg.inv(matrix.T @ matrix) * sigma_um**2
     residual = y - matrix @ errors
+    free = 1.0 - np.einsum("ij,jk,ik->i", matrix, covariance, matrix) / sigma_um**2
+    standardised = np.full(deviations.shape, np.nan)
+    known = np.where(free > _NO_CHECK, residual / (sigma_um * np.sqrt(np.maximum(free, _NO_CHECK))), 0.0)
+    standardised[measured] = known.reshape(-1, 3)
     return ProbingResult(
-        np.asarray(errors, dtype=np.float64), np.sqrt(np.diag(covariance)), float(np.sqrt(np.mean(residual**2))), 9
+        np.asarray(errors, dtype=np.float64),
+        np.sqrt(np.diag(covariance)),
+        float(np.sqrt(np.mean(residual**2))),
+        9,
+        standardised,
     )
 
 

@@ -126,8 +126,18 @@ class Probing(Section):
     """Height of the sphere's centre above the A axis at A = 0."""
     sigma_um: Positive = 1.0
     """Standard uncertainty of one coordinate of a probed centre."""
-    max_residual_um: Positive = 20.0
+    max_repeat_um: Positive = 10.0
+    """A cycle in which repeated touches of one point differ by more than this is rejected, and a reference whose
+    cycles do."""
+    max_residual_um: Positive = 5.0
     """A cycle whose centres differ from the best fit by more than this (RMS) is rejected."""
+    outlier_sigmas: Positive = 6.0
+    """So is one with a coordinate that differs from what the others say by more than so many standard deviations."""
+    surprise_sigmas: Positive = 6.0
+    """A result that differs from the prediction by more than so many standard uncertainties of both, and by more than
+    the action control limit, is believed only when the next cycle finds the same."""
+    max_surprise_um: Positive = 50.0
+    """One that differs by more than this, at the sphere, is not believed at all, unless the prediction is so unsure."""
     reference_cycles: Annotated[int, Field(ge=1, le=20)] = 5
     """Cycles whose mean is the reference of every later deviation, run one after the other at the first measurement.
     One cycle's noise would stay in every error as a constant; the mean of n leaves 1/√n of it."""

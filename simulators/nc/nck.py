@@ -19,6 +19,8 @@ R_REQUEST, R_WITHDRAW, R_VALID_FOR = 60, 61, 62
 R_ANSWERS, R_STATE, R_REASON, R_RESULT_OF = 64, 65, 66, 67
 R_RESULTS = 70
 """First of eighteen: X, Y, Z of the sphere's centre at each pose, mm."""
+R_SPREAD = 88
+"""Largest difference between repeated touches, mm."""
 R_OFFSETS = 90
 """First of three: shift of the tool in X, Y, Z, mm, when the offsets go over R-parameters."""
 
@@ -82,7 +84,8 @@ class Nck:
         self.cycle = ProbingCycle(self.cycle_settings, self._touch, program.next_safe_point)
         self._cycle_loads = _cycle_loads(self.cycle_settings)
         self._seed = seed
-        self._noise = np.zeros((len(self.cycle_settings.poses_deg), 3))
+        self._noise = self._again = np.zeros((len(self.cycle_settings.poses_deg), 3))
+        self._spread_mm = 0.0
         self._noise_of = math.nan
         self._sign = compensation_sign
         self.r = [0.0] * R_COUNT
@@ -99,6 +102,10 @@ class Nck:
         self.alarms: tuple[int, ...] = ()
         self.probe_available = True
         self.sphere_present = True
+        self.chip_um: dict[int, Centre] = {}
+        """By pose: how far a chip under the stylus shifts the centre."""
+        self.loose_um = 0.0
+        """Standard deviation with which a loose sphere or stylus moves between touches."""
 
     # Time ---------------------------------------------------------------------------------------------------------
 
@@ -243,6 +250,7 @@ class Nck:
         answer = self.cycle.answer
         if answer.centres_mm:
             self.r[R_RESULTS : R_RESULTS + 3 * len(answer.centres_mm)] = [v for c in answer.centres_mm for v in c]
+            self.r[R_SPREAD] = self._spread_mm
         self.r[R_RESULT_OF] = answer.number if answer.centres_mm else 0
         self.r[R_ANSWERS], self.r[R_STATE], self.r[R_REASON] = answer.number, answer.state, answer.reason
 
@@ -252,9 +260,13 @@ class Nck:
         nominal = self.cycle_settings.nominal_centre_mm(pose)
         deviation = self._machine.tool_deviation_um(time_s, *nominal, *self.cycle_settings.poses_deg[pose])
         shift, noise = self.shift_um(nominal), self._noise_um()[pose]
+        chip = self.chip_um.get(pose, (0.0, 0.0, 0.0))
+        # Every point is touched twice; the second touch only tells whether the first is to be believed.
+        apart = float(np.max(np.abs(self._again[pose] - noise))) * 1e-3
+        self._spread_mm = apart if pose == 0 else max(self._spread_mm, apart)
         x, y, z = (
-            at + (found - added + error) * 1e-3
-            for at, found, added, error in zip(nominal, deviation, shift, noise, strict=True)
+            at + (found - added + error + stuck) * 1e-3
+            for at, found, added, error, stuck in zip(nominal, deviation, shift, noise, chip, strict=True)
         )
         return x, y, z
 
@@ -263,7 +275,12 @@ class Nck:
         if self._noise_of != started:
             self._noise_of = started
             draw = np.random.default_rng([self._seed, round(started * 1e3)])
-            self._noise = draw.normal(0.0, self.cycle_settings.noise_um, (len(self.cycle_settings.poses_deg), 3))
+            size = (len(self.cycle_settings.poses_deg), 3)
+            self._noise = draw.normal(0.0, self.cycle_settings.noise_um, size)
+            self._again = draw.normal(0.0, self.cycle_settings.noise_um, size)
+            if self.loose_um > 0:
+                self._noise = self._noise + draw.normal(0.0, self.loose_um, size)
+                self._again = self._again + draw.normal(0.0, self.loose_um, size)
         return self._noise
 
     def _cycle_at(self, time_s: float) -> float | None:

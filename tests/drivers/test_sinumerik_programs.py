@@ -30,7 +30,7 @@ def assigned(name: str) -> list[tuple[int, str]]:
 
 
 def test_the_control_writes_its_own_parameters_only() -> None:
-    own = {HAND.answers, HAND.state, HAND.reason, HAND.result_of}
+    own = {HAND.answers, HAND.state, HAND.reason, HAND.result_of, HAND.spread}
     for program in PROGRAMS:
         assert {number for number, _ in assigned(program.name)} <= own
 
@@ -85,3 +85,8 @@ def test_blocks_are_closed_and_the_interpreter_waits_before_it_tells(program: Pa
     assert all(lines[index + 1] == "STOPRE" for index in touches)
     finals = [i for i, line in enumerate(lines) if re.fullmatch(rf"R{HAND.state} = [35]", line)]
     assert all(lines[index - 1] == "STOPRE" for index in finals)
+
+
+def test_the_spread_of_the_touches_is_there_before_the_results_are_vouched_for() -> None:
+    order = assigned("TALC_SAFE_POINT.SPF")
+    assert order.index((HAND.spread, "TALC_SPREAD")) < order.index((HAND.result_of, "NUMBER"))

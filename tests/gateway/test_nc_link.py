@@ -4,7 +4,7 @@ import asyncio
 import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from drivers.nc import NcSnapshot, OperatingMode, ProbingState, ProbingStatus, P
 from gateway.compensation import Offsets, Source, Write
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
-from gateway.measurement import Probe, poses_in_radians
+from gateway.measurement import End, Probe, poses_in_radians
 from gateway.nc_link import NcLink
 from talc.frame import Decision, Phase, Why
 from tests.gateway.stepped_clock import SteppedClock
@@ -42,6 +42,9 @@ class Control:
     mode: OperatingMode = OperatingMode.AUTO
     program: ProgramState = ProgramState.ABORTED
     speed: float = 0.0
+    slow: asyncio.Event | None = None
+    """A write lasts until it is set."""
+    in_write: bool = False
 
     async def connect(self) -> None:
         if self.absent:
@@ -65,6 +68,9 @@ class Control:
     async def withdraw_probing(self, number: int) -> None: ...
 
     async def write_compensation(self, offsets_um: Offsets) -> None:
+        if self.slow is not None:
+            self.in_write = True
+            await self.slow.wait()
         self.writes.append((self.clock.monotonic(), offsets_um))
         if not self.deaf:
             self.in_force = offsets_um
@@ -316,6 +322,57 @@ async def test_a_reference_is_refused_while_the_machine_moves() -> None:
     assert outcome.measurement is None
     assert "differ by 24.0 µm" in outcome.reason
     assert "at rest" in outcome.reason
+
+
+async def test_a_cycle_whose_touches_do_not_repeat_is_no_measurement() -> None:
+    bench = Bench("compensate")
+    bench.control.answer = ProbingStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6, spread_mm=0.030)
+    async with bench.running():
+        await bench.clock.run_until(2.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(20.0)
+    outcome = await cycle
+    assert outcome.measurement is None
+    assert outcome.end is End.REJECTED
+    assert "repeated touches of a point differ by 30.0 µm" in outcome.reason
+
+
+async def test_a_result_that_the_prediction_does_not_know_must_be_found_twice() -> None:
+    bench = Bench("compensate")
+    bench.control.answers = cycles([0.0] * 5 + [20.0, 20.5, 90.0])
+    sure = replace(decision(0.0), sigma=np.ones(9), limits=np.full(9, 3.0))
+    outcomes = []
+    async with bench.running():
+        for _ in range(4):
+            bench.link.follow(sure)
+            cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+            await bench.clock.run_until(bench.clock.monotonic() + 20.0)
+            outcomes.append(await cycle)
+    assert [o.end for o in outcomes] == [End.MEASURED, End.REJECTED, End.MEASURED, End.REJECTED]
+    assert "a second cycle must find the same" in outcomes[1].reason
+    assert "more than can be believed" in outcomes[3].reason
+    assert outcomes[3].centres_mm is not None  # what was rejected is there to be looked at
+
+
+async def test_a_write_under_way_ends_before_the_offsets_stand_still() -> None:
+    bench = Bench("compensate")
+    bench.control.answer = ProbingStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
+    async with bench.running():
+        bench.link.follow(decision(20.0))
+        await bench.clock.run_until(5.0)
+        bench.control.slow = asyncio.Event()
+        running = asyncio.create_task(bench.clock.run_until(6.0))
+        while not bench.control.in_write:
+            await asyncio.sleep(0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        for _ in range(20):
+            await asyncio.sleep(0)
+        assert bench.control.requests == []
+        bench.control.slow.set()
+        await running
+        standing = bench.control.in_force
+        await bench.clock.run_until(30.0)
+        assert (await cycle).in_force_um == standing
 
 
 async def test_stopping_takes_the_offsets_back() -> None:

@@ -1,0 +1,101 @@
+"""Runs probing cycles on one control and makes measurements of their results, or says why there is none."""
+
+import math
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+
+from drivers.base import DriverError
+from drivers.nc import NumericalControl
+from gateway.clock import ServiceClock
+from gateway.compensation import ZERO, Offsets
+from gateway.config.sections import Probing
+from gateway.measurement import End, Outcome, Probe, Refused, Rejected, at_rest, centres, run_cycle
+from gateway.measurement_checks import Expected, MeasurementChecks
+from talc.frame import Decision, FloatArray, Measurement, Why
+
+_RECENT_S = 3600.0
+"""A last measurement younger than this stands in for a prediction that does not exist."""
+
+
+class Prober:
+    """Asks for cycles and judges what comes.
+
+    Parameters
+    ----------
+    settings: the [probing] section
+    reference_mm: (poses, 3) centres that deviations are measured from; None: the first measurement sets them, from
+        the mean of `reference_cycles` cycles
+    first_number: number of the first request; must differ from every earlier one
+    """
+
+    def __init__(
+        self,
+        nc: NumericalControl,
+        settings: Probing,
+        clock: ServiceClock,
+        probe: Probe,
+        reference_mm: FloatArray | None,
+        first_number: int,
+    ) -> None:
+        self._nc, self._settings, self._clock, self._probe = nc, settings, clock, probe
+        self._checks = MeasurementChecks(settings, probe.radius_m)
+        self._reference, self._number = reference_mm, first_number
+        self._last: tuple[Measurement, float] | None = None
+
+    async def measure(self, why: Why, standing: Callable[[], Awaitable[Offsets]], decision: Decision | None) -> Outcome:
+        """One cycle, or those of the reference. Never raises for what the control does: the outcome says why there is
+        no result.
+
+        standing: makes the offsets stand still and tells them; decision: the latest, None before the first
+        """
+        asked = self._clock.utc()
+        in_force: Offsets = ZERO
+        found: FloatArray | None = None
+        measurement: Measurement | None = None
+        residual, reason, end = math.nan, "", End.MEASURED
+        try:
+            in_force = await standing()
+            # Noise of the reference would stand in every later measurement, so it is a mean of several cycles.
+            count = self._settings.reference_cycles if self._reference is None else 1
+            cycles = [await self._probed() for _ in range(count)]
+            found = np.mean(cycles, axis=0)
+            at_rest(cycles, self._settings.max_repeat_um)
+            if self._reference is None:
+                self._reference = found + np.asarray(in_force) * 1e-3
+            result = self._probe.solve(self._probe.deviations_um(found, self._reference, in_force))
+            residual = result.residual_rms
+            self._checks.fits(result)
+            candidate = Measurement(result.errors, result.sigma)
+            self._checks.plausible(candidate, self._expected(decision))
+            measurement = candidate
+            self._last = candidate, self._clock.monotonic()
+        except Rejected as error:
+            reason, end = str(error), End.REJECTED
+        except Refused as error:
+            reason, end = str(error), End.REFUSED
+        except DriverError as error:
+            reason, end = f"the control could not be asked: {error}", End.REFUSED
+        return Outcome(
+            self._number - 1, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason, end
+        )
+
+    async def _probed(self) -> FloatArray:
+        number = self._number
+        self._number += 1
+        status = await run_cycle(
+            self._nc, number, self._clock, poll_s=self._settings.poll_s, timeout_s=self._settings.timeout_s
+        )
+        found = centres(status, len(self._probe.poses_rad))
+        self._checks.repeats(None if status.spread_mm is None else status.spread_mm * 1e3)
+        return found
+
+    def _expected(self, decision: Decision | None) -> Expected:
+        nothing = np.full(9, np.nan)
+        last = nothing
+        if self._last is not None and self._clock.monotonic() - self._last[1] <= _RECENT_S:
+            last = self._last[0].errors
+        if decision is None:
+            return Expected(last, nothing, nothing)
+        modelled = np.isfinite(decision.sigma)
+        return Expected(np.where(modelled, decision.corrected, last), decision.sigma, decision.limits)
