@@ -36,7 +36,7 @@ URL = "opc.tcp://127.0.0.1:4840"
         ({"handshake": Handshake(request=64)}, "R64 is handshake.request as well as handshake.answers"),
         ({"handshake": Handshake(results=50)}, r"R60 is handshake.request as well as handshake.results \(of 6 poses\)"),
         ({"handshake": Handshake(withdraw=-1)}, "handshake.withdraw = -1"),
-        ({"poses": 8}, r"R93 is handshake.results \(of 8 poses\) as well as lease.owner"),
+        ({"poses": 8}, r"R88 is handshake.results \(of 8 poses\) as well as handshake.spread"),
         ({"lease": Lease(beat=60)}, "R60 is handshake.request as well as lease.beat"),
         ({"compensation": Compensation(route="r", first_r=92)}, "R93 is lease.owner as well as compensation.first_r"),
         ({"compensation": Compensation(route="r", first_r=-1)}, "compensation.first_r .* = -1"),
