@@ -18,6 +18,8 @@ RADIUS_M, HEIGHT_M, TOUCH_UM = 0.2, 0.08, 1.0
 CYCLE_S = 120.0
 """A probing cycle (Z22)."""
 TEMPERATURES = 29
+PAUSE = 288
+"""Steps between two stretches: a day. After more than a week the record would start anew."""
 _RIDGE = 1e-3
 """Of the static regression, relative to the number of rows: 36 inputs that nearly repeat each other need one."""
 _LEAST_ROWS = 24
@@ -36,6 +38,8 @@ class Days:
     """(T, 9) what a six-pose probing cycle would tell in that row."""
     sigma: FloatArray
     """(9,) of a measurement."""
+    begins: tuple[int, ...] = (0,)
+    """Rows at which a stretch begins: `PAUSE` steps after the row before, and with a measurement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +76,12 @@ def control(series: Days, settings: TalcSettings, learn: Callable[[TrainingJob],
     used, in_force = np.zeros(rows, dtype=np.bool_), np.full(errors, np.nan)
     valid = np.ones(len(series.names), dtype=np.bool_)
     phases, updates, asked = [], [], True
+    pauses = 0
     for k in range(rows):
+        if k in series.begins[1:]:
+            pauses, asked = pauses + PAUSE, True
         measurement = Measurement(series.measured[k], series.sigma) if asked else None
-        decision = controller.step(Frame(k, series.inputs[k], valid, measurement))
+        decision = controller.step(Frame(k + pauses, series.inputs[k], valid, measurement))
         # An error without a model is corrected by what was measured last.
         estimate[k] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
         limits[k], used[k], in_force = decision.limits, asked, decision.corrected
