@@ -55,16 +55,18 @@ class CanBus:
             await asyncio.shield(asyncio.to_thread(receiver.end))
 
     async def latest(self, device: str, frames: Collection[FrameId]) -> dict[FrameId, bytes]:
-        """The newest of these frames, none older than the timeout; waits as long for those that are missing.
+        """The newest of these frames, none older than the timeout. Waits for those that are missing only until the
+        interface has been open for that long: later they had their time, and waiting would cost other devices theirs.
 
         Raises NoAnswer when none came, or ConnectError.
         """
         receiver = self._receiver
         if receiver is None:
             raise ConnectError("not connected", bus=self._name, device=device, hint="connect the bus first")
-        oldest = monotonic() - self._settings.timeout_s
+        now = monotonic()
+        oldest = now - self._settings.timeout_s
         with suppress(TimeoutError):
-            async with asyncio.timeout(self._settings.timeout_s):
+            async with asyncio.timeout(max(0.0, receiver.opened_s + self._settings.timeout_s - now)):
                 while receiver.lost is None and len(receiver.since(oldest, frames)) < len(set(frames)):
                     await receiver.news()
         if receiver.lost is not None:
@@ -91,6 +93,7 @@ class _Receiver(can.Listener):
 
     def __init__(self, interface: can.BusABC, wanted: set[FrameId]) -> None:
         self.lost: Exception | None = None
+        self.opened_s = monotonic()
         self._latest: dict[FrameId, tuple[float, bytes]] = {}
         self._interface, self._wanted = interface, wanted
         self._loop, self._arrived = asyncio.get_running_loop(), asyncio.Event()

@@ -108,13 +108,15 @@ class CanOpenBus:
         """Send SYNC and wait for these TPDOs of the node. Raises NoAnswer or ConnectError."""
         return await self._in_thread(lambda: self._synchronise(device, node, identifiers))
 
-    async def latest(self, device: str, node: int, identifiers: Sequence[int], oldest_s: float) -> dict[int, bytes]:
-        """These TPDOs of the node as they came last, at monotonic `oldest_s` or later; waits for those that did not.
+    async def latest(
+        self, device: str, node: int, identifiers: Sequence[int], oldest_s: float, until_s: float
+    ) -> dict[int, bytes]:
+        """These TPDOs of the node as they came last, not before `oldest_s`; waits for the missing until `until_s`.
 
-        Raises NoAnswer or ConnectError.
+        Both are monotonic seconds. Raises NoAnswer or ConnectError.
         """
         return await self._in_thread(
-            lambda: self._await_frames(device, node, identifiers, oldest_s, "does not come by itself")
+            lambda: self._await_frames(device, node, identifiers, oldest_s, until_s, "does not come by itself")
         )
 
     def events(self, node: int) -> NodeEvents:
@@ -176,7 +178,8 @@ class CanOpenBus:
         self._listen(device, identifiers)
         asked_s = monotonic()
         self._send(device, _SYNC, b"")
-        return self._await_frames(device, node, identifiers, asked_s, "did not come after SYNC")
+        until_s = asked_s + self._settings.timeout_s
+        return self._await_frames(device, node, identifiers, asked_s, until_s, "did not come after SYNC")
 
     def _listen(self, device: str, identifiers: Sequence[int]) -> None:
         if self._network is None:
@@ -185,10 +188,10 @@ class CanOpenBus:
             self._network.subscribe(identifier, self._frames.put)
 
     def _await_frames(
-        self, device: str, node: int, identifiers: Sequence[int], oldest_s: float, failing: str
+        self, device: str, node: int, identifiers: Sequence[int], oldest_s: float, until_s: float, failing: str
     ) -> dict[int, bytes]:
         self._listen(device, identifiers)
-        found = self._frames.since(oldest_s, identifiers, self._settings.timeout_s)
+        found = self._frames.since(oldest_s, identifiers, until_s)
         if missing := sorted(set(identifiers) - set(found)):
             listed = ", ".join(f"0x{identifier:03X}" for identifier in missing)
             raise self._silence(device, node, f"TPDO {listed} {failing}")

@@ -49,10 +49,14 @@ class LatestFrames:
             self._came[identifier] = monotonic(), bytes(data)
             self._news.notify_all()
 
-    def since(self, oldest_s: float, identifiers: Collection[int], timeout_s: float) -> dict[int, bytes]:
-        """Those that came at monotonic `oldest_s` or later; waits for the missing until the timeout. Blocks."""
+    def since(self, oldest_s: float, identifiers: Collection[int], until_s: float) -> dict[int, bytes]:
+        """Those that came at monotonic `oldest_s` or later; waits for the missing until `until_s`. Blocks."""
+
+        def complete() -> bool:
+            return len(self._fresh(oldest_s, identifiers)) == len(set(identifiers))
+
         with self._news:
-            self._news.wait_for(lambda: len(self._fresh(oldest_s, identifiers)) == len(set(identifiers)), timeout_s)
+            self._news.wait_for(complete, max(0.0, until_s - monotonic()))
             return self._fresh(oldest_s, identifiers)
 
     def _fresh(self, oldest_s: float, identifiers: Collection[int]) -> dict[int, bytes]:

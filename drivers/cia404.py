@@ -76,6 +76,12 @@ class Cia404Device:
         self._wanted = tuple(
             CanObject(index, number + 1) for number in channels.values() for index in (profile.process_value, STATUS)
         )
+        # By SDO the status is read before and after its value: a sensor that breaks or recovers in between is noticed.
+        self._asked = tuple(
+            CanObject(index, number + 1)
+            for number in channels.values()
+            for index in (STATUS, profile.process_value, STATUS)
+        )
 
     @property
     def device(self) -> str:
@@ -137,8 +143,8 @@ class Cia404Device:
         values: dict[str, float | Fault] = {}
         lost = self._heartbeat.silent_s(monotonic()) is not None
         for channel, number in self._channels.items():
-            value = objects[CanObject(self._profile.process_value, number + 1)]
-            status = int.from_bytes(objects[CanObject(STATUS, number + 1)], "little")
+            (value,) = objects[CanObject(self._profile.process_value, number + 1)]
+            status = next((code for code in map(_code, objects[CanObject(STATUS, number + 1)]) if code), 0)
             found = self._value(channel, number, value, status)
             values[channel] = _NO_HEARTBEAT if lost and not isinstance(found, Fault) else found
         return self._maker.make(values)
@@ -162,10 +168,13 @@ class Cia404Device:
             )
         return self._heartbeat_s or _PRODUCER_TIMES * producer_s
 
-    async def _objects(self) -> dict[CanObject, bytes]:
-        """Values and status of all channels."""
+    async def _objects(self) -> dict[CanObject, list[bytes]]:
+        """Values and status of all channels, each as often as it was read."""
         if self._transfer == "sdo":
-            return dict(zip(self._wanted, await self._upload(self._wanted), strict=True))
+            read: dict[CanObject, list[bytes]] = {}
+            for asked, data in zip(self._asked, await self._upload(self._asked), strict=True):
+                read.setdefault(asked, []).append(data)
+            return read
         identifiers = [pdo.identifier for pdo in self._maps]
         if self._transfer == "sync":
             frames = await self._bus.synchronise(self._device, self._node, identifiers)
@@ -173,8 +182,9 @@ class Cia404Device:
             # What came before the node was checked may be another node's, or of another mapping.
             longest_s = _PRODUCER_TIMES * max(pdo.event_s for pdo in self._maps)
             oldest_s = max(self._started_s, monotonic() - longest_s)
-            frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s)
-        objects = {place: data for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
+            until_s = self._started_s + self._bus.timeout_s  # later they had their time
+            frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s, until_s)
+        objects = {place: [data] for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
         for wanted in self._wanted:
             if wanted not in objects:
                 raise BadAnswer(f"object {wanted} is missing in its TPDO", bus=self._bus.name, device=self._device)
@@ -249,3 +259,7 @@ class Cia404Device:
 
     def _wrong(self, what: str, channel: str = "", hint: str = "") -> WrongDevice:
         return WrongDevice(what, bus=self._bus.name, device=self._device, channel=channel, hint=hint)
+
+
+def _code(status: bytes) -> int:
+    return int.from_bytes(status, "little")

@@ -149,7 +149,11 @@ class MeEthernetDevice:
 
 
 def find_block(heard: bytes | bytearray) -> MeBlock | None:
-    """The last whole block in `heard`, or None; the word MEAS among the values of another block is no block."""
+    """The last whole block in `heard`, or None.
+
+    There is no checksum: a block counts when nothing follows it, or the next block. So neither the word MEAS among the
+    values of another block is one, nor a block that lost bytes and would be filled up with those of the next.
+    """
     found = None
     start = 0
     while (start := heard.find(_START, start)) >= 0:
@@ -168,7 +172,10 @@ def _block_at(heard: bytes | bytearray, start: int) -> tuple[MeBlock, int] | Non
     _, order, serial, field, _status, frames, frame_size, _counter = _HEADER.unpack_from(heard, start)
     fitted = [channel for channel in range(_MOST_CHANNELS) if field >> 2 * channel & 3]
     size = _HEADER.size + frames * frame_size
-    if not fitted or not frames or frame_size != 4 * len(fitted) or len(heard) < start + size:
+    end = start + size
+    if not fitted or not frames or frame_size != 4 * len(fitted) or len(heard) < end:
         return None
-    newest = struct.unpack_from(f"<{len(fitted)}i", heard, start + size - frame_size)
+    if not _START.startswith(heard[end : end + len(_START)]):
+        return None
+    newest = struct.unpack_from(f"<{len(fitted)}i", heard, end - frame_size)
     return MeBlock(order, serial, dict(zip(fitted, newest, strict=True))), size

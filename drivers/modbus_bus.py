@@ -203,7 +203,7 @@ class ModbusTcpBus(ModbusBus):
         deadline = loop.time() + self._timeout_s
         heard = bytearray()
         try:
-            while (found := take_tcp_answer(heard, self._number)) is None:
+            while (found := find_tcp_answer(heard, self._number)) is None:
                 del heard[:-_MOST_HEARD]
                 heard += await self._stream.read(deadline - loop.time())
         except TimeoutError:
@@ -220,7 +220,7 @@ class ModbusTcpBus(ModbusBus):
         return _decode(answer, self._name, device)
 
     def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray) -> NoAnswer | BadAnswer:
-        if not heard:
+        if _messages(heard)[1] == len(heard):  # nothing, or late answers only
             return self._silence(device, unit)
         return BadAnswer(
             f"what came is no whole Modbus TCP answer: {heard[:16].hex(' ')}",
@@ -230,25 +230,44 @@ class ModbusTcpBus(ModbusBus):
         )
 
 
-def take_tcp_answer(heard: bytearray, number: int) -> tuple[int, bytes] | None:
+def find_tcp_answer(heard: bytes | bytearray, number: int) -> tuple[int, bytes] | None:
     """Unit and message (function code and data) of the answer with this number, or None when it is not there yet.
 
-    Whole answers with other numbers, which come late, are taken out of `heard`. Bytes that start no message are passed
-    over; so is a message that begins and does not end, unless its number is the right one.
+    Answers with other numbers, which come late, are passed over. Where the bytes make no sense, or begin a message that
+    has not ended, the answer is looked for at any place behind: noise may look like a header.
     """
-    start = 0
-    while len(heard) - start > _HEADER.size:
-        found, protocol, length, unit = _HEADER.unpack_from(heard, start)
-        end = start + 6 + length
-        if protocol != 0 or not 2 <= length <= _LONGEST_TCP_LENGTH or (end > len(heard) and found != number):
-            start += 1
-        elif end > len(heard):
-            return None
-        elif found == number:
-            return unit, bytes(heard[start + _HEADER.size : end])
-        else:
-            del heard[start:end]
+    messages, end = _messages(heard)
+    if number in messages:
+        return messages[number]
+    if end == len(heard):
+        return None
+    start = -1
+    header = struct.pack(">HH", number, 0)
+    while (start := heard.find(header, start + 1)) >= 0:
+        if (found := _message_at(heard, start)) is not None:
+            return found[1:]
     return None
+
+
+def _messages(heard: bytes | bytearray) -> tuple[dict[int, tuple[int, bytes]], int]:
+    """The whole messages that follow each other from the first byte on, by number, and where they end."""
+    messages, end = {}, 0
+    while (found := _message_at(heard, end)) is not None:
+        number, unit, message = found
+        messages[number] = unit, message
+        end += _HEADER.size + len(message)
+    return messages, end
+
+
+def _message_at(heard: bytes | bytearray, start: int) -> tuple[int, int, bytes] | None:
+    """Number, unit and message; None where none starts or ends."""
+    if len(heard) - start <= _HEADER.size:
+        return None
+    number, protocol, length, unit = _HEADER.unpack_from(heard, start)
+    message = bytes(heard[start + _HEADER.size : start + 6 + length])
+    if protocol != 0 or not 2 <= length <= _LONGEST_TCP_LENGTH or len(message) != length - 1:
+        return None
+    return number, unit, message
 
 
 def find_rtu_answer(heard: bytes | bytearray, unit: int, block: Block) -> bytes | None:

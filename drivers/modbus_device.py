@@ -12,6 +12,9 @@ from drivers.readings import ReadingMaker
 
 _MOST_BITS = 2000
 
+Place = tuple[int, int, int]
+"""Function, address, width."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModbusOptions:
@@ -41,7 +44,12 @@ class ModbusDevice:
         self._device, self._bus, self._profile, self._unit = device, bus, profile, unit
         self._channels, self._offset = dict(channels), options.address_offset
         self._maker = ReadingMaker(profile.unit, clock)
-        self._value_blocks = plan_blocks(self._measured_places(), profile.max_registers, profile.max_gap)
+        self._value_blocks = plan_blocks(
+            [place for index in channels.values() for place in (self._value_place(index), *self._fault_places(index))],
+            profile.max_registers,
+            profile.max_gap,
+        )
+        self._fault_blocks = plan_blocks(self._apart(), profile.max_registers, profile.max_gap)
         self._code_blocks = plan_blocks(self._type_code_places(), profile.max_registers, profile.max_gap)
         self._spans: dict[int, Span] = {}
 
@@ -88,10 +96,15 @@ class ModbusDevice:
             await self.connect()
         try:
             words = await self._fetch(self._value_blocks)
+            later = words | await self._fetch(self._fault_blocks)
         except DriverError:
             self._spans.clear()
             raise
-        return self._maker.make({name: self._value(index, words) for name, index in self._channels.items()})
+        values = {name: self._value(index, words) for name, index in self._channels.items()}
+        for name, index in self._channels.items():
+            if self._fault_blocks and not isinstance(values[name], Fault):
+                values[name] = self._value(index, later)
+        return self._maker.make(values)
 
     async def close(self) -> None:
         """Forget what was learnt about the unit; another one may stand there next time."""
@@ -125,27 +138,45 @@ class ModbusDevice:
         value = self._spans[index].apply(raw) if values.scaled_by_type_code else raw * values.scale + values.offset
         return _implausible(profile.plausibility, value, profile.unit) or value
 
-    def _measured_places(self) -> list[tuple[int, int, int]]:
-        """(function, address, width) of everything that one read needs."""
-        profile, values = self._profile, self._profile.values
-        places = []
-        for index in self._channels.values():
-            start = values.address + self._offset + index * values.stride
-            places.append((values.function, start, values.format.registers))
-            if (bits := profile.fault_bits) is not None:
-                places.append((bits.function, bits.address + self._offset + index, 1))
-            if (status := profile.status) is not None:
-                places.append((status.function, status.address + self._offset + index * status.stride, 1))
+    def _value_place(self, index: int) -> Place:
+        values = self._profile.values
+        return values.function, values.address + self._offset + index * values.stride, values.format.registers
+
+    def _fault_places(self, index: int) -> list[Place]:
+        profile, places = self._profile, []
+        if (bits := profile.fault_bits) is not None:
+            places.append((bits.function, bits.address + self._offset + index, 1))
+        if (status := profile.status) is not None:
+            places.append((status.function, status.address + self._offset + index * status.stride, 1))
         return places
 
-    def _type_code_places(self) -> list[tuple[int, int, int]]:
+    def _apart(self) -> list[Place]:
+        """What must be read again after the values, lest a sensor that recovers in between go unnoticed.
+
+        That is where bits or status come with another request than the value, and no number of the value tells.
+        """
+        if self._profile.sentinels:
+            return []
+        return [
+            place
+            for index in self._channels.values()
+            for place in self._fault_places(index)
+            if not any(_holds(block, place) and _holds(block, self._value_place(index)) for block in self._value_blocks)
+        ]
+
+    def _type_code_places(self) -> list[Place]:
         codes = self._profile.type_codes
         if codes is None:
             return []
         return [(codes.function, codes.address + self._offset + i, 1) for i in self._channels.values()]
 
 
-def plan_blocks(places: Iterable[tuple[int, int, int]], max_registers: int, max_gap: int) -> tuple[Block, ...]:
+def _holds(block: Block, place: Place) -> bool:
+    function, address, width = place
+    return block.function == function and block.address <= address and address + width <= block.address + block.count
+
+
+def plan_blocks(places: Iterable[Place], max_registers: int, max_gap: int) -> tuple[Block, ...]:
     """The read requests that cover all places (function, address, width), few and within the device's limit.
 
     Neighbours are joined over a gap of up to max_gap addresses: a request costs about as much as 8 registers.

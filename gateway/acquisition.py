@@ -62,7 +62,8 @@ class _Device:
         self.cost_s = 0.0
         """Time that its last failure took."""
         self.detail = "not asked yet"
-        self.kind: type[BaseException] | None = None
+        self.told: set[type[BaseException]] = set()
+        """Kinds of problem that were told since it last answered."""
         self.units = dict.fromkeys(driver.channels, "")
         self.qualities = dict.fromkeys(driver.channels, Quality.GOOD)
         self.checks = {name: Check(limits) for name, limits in plausible.items() if name in self.units}
@@ -171,7 +172,7 @@ class Runner:
             await self._failed(device, due, error)
             return False
         if device.breaker.succeeded() is Change.HEALED:
-            device.kind = None
+            device.told.clear()
             self._tell_end(f"device {device.driver.device}", "answers again")
         number = self._sequence()
         checked = [device.checked(replace(reading, sequence=number)) for reading in readings]
@@ -183,8 +184,8 @@ class Runner:
         subject = f"device {device.driver.device}"
         device.detail = self._text(error, subject)
         device.breaker.failed(due)
-        if device.kind is not type(error):  # begun, or turned into another problem
-            device.kind = type(error)
+        if type(error) not in device.told:  # begun, or turned into another problem
+            device.told.add(type(error))
             self._tell(subject, device.detail, error)
         if device.connected:
             device.connected = False

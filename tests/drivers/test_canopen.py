@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager
 
 import canopen
@@ -71,6 +71,30 @@ async def test_emergency_explains_a_fault_until_it_is_taken_back(node: Cia404Nod
         assert good.quality is Quality.GOOD
         await passed(adapter, (0x085, bytes(8)))
         assert (await driver.read())[0].detail == "sensor fault"
+
+
+@pytest.mark.parametrize("breaks", [True, False])
+async def test_sensor_that_breaks_or_recovers_while_it_is_read_gives_no_value(breaks: bool) -> None:
+    """A broken input of this node shows the end of the range; the status alone tells."""
+
+    class Flickering(Cia404Node):
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+            value_is_read = identifier == 0x605 and data[:4] == bytes.fromhex("40 30 91 01")
+            if value_is_read and breaks:
+                self.faults.set(0, Fault.OPEN)
+            frames = super().on_frame(identifier, data)
+            if value_is_read and not breaks:
+                self.faults.set(0, None)
+            return frames
+
+    node = Flickering(5, lambda: TEMPERATURES, inputs=2)
+    async with bench(node) as (_, driver):
+        await driver.connect()
+        if not breaks:
+            node.faults.set(0, Fault.OPEN)
+        broken, good = await driver.read()
+    assert broken.quality is Quality.SENSOR_FAULT
+    assert good.value == pytest.approx(-3.3)
 
 
 async def test_storm_of_emergencies_does_not_disturb_reading(node: Cia404Node) -> None:

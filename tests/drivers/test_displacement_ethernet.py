@@ -36,6 +36,19 @@ def test_name_of_the_block_among_its_values_is_no_block() -> None:
     assert set(found.values.values()) == {word}
 
 
+@pytest.mark.parametrize("lost", range(1, 8))
+def test_block_that_lost_bytes_is_not_filled_up_with_those_of_the_next(lost: int) -> None:
+    cut, whole = block([[1000, 2000]], 1)[:-lost], block([[7, 8]], 2)
+    found = find_block(cut + whole)
+    assert found is not None
+    assert found.values == {0: 7, 1: 8}
+    assert find_block(cut + whole[:-1]) is None
+
+
+def test_bytes_too_many_make_no_block() -> None:
+    assert find_block(block([[1000, 2000]], 1) + b"\0\0") is None
+
+
 @given(st.binary(max_size=200), st.booleans())
 def test_any_bytes_are_survived(heard: bytes, with_name: bool) -> None:
     heard = b"MEAS" + heard if with_name else heard

@@ -78,9 +78,11 @@ class Module:
 
 
 @asynccontextmanager
-async def reading(module: Module, folder: Path, channels: Mapping[str, int]) -> AsyncIterator[Driver]:
+async def reading(
+    module: Module, folder: Path, channels: Mapping[str, int], profile: str = PROFILE
+) -> AsyncIterator[Driver]:
     path = folder / "module.toml"
-    path.write_text(PROFILE, encoding="utf-8")
+    path.write_text(profile, encoding="utf-8")
     host = TcpHost({1: module})
     bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": await host.start()})
     driver = make_device("module", bus, str(path), 1, channels, {}, SystemClock())
@@ -125,3 +127,24 @@ async def test_every_fault_rule(tmp_path: Path) -> None:
         module.broken, module.raw = [0] * 4, [inf, -inf, 199.0, 700.0]
         qualities = [quality for quality, _ in told(await driver.read())]
         assert qualities == ["sensor_fault", "sensor_fault", "out_of_range", "good"]
+
+
+async def test_sensor_that_recovers_while_it_is_read_gives_no_value(tmp_path: Path) -> None:
+    """Bits are asked for before the values and after them, where no number of the value itself tells."""
+
+    class Flickering(Module):
+        breaks = True
+
+        def memory(self, function: int) -> Mapping[int, int]:
+            if function == 3:
+                self.raw[0] = 850.0 if self.broken[0] or self.breaks else 700.0
+                self.broken[0] = int(self.breaks)
+            return super().memory(function)
+
+    module = Flickering()
+    profile = PROFILE.replace(PROFILE[PROFILE.index("[[sentinel]]") : PROFILE.index("[plausibility]")], "")
+    async with reading(module, tmp_path, {"a": 0, "b": 1}, profile) as driver:
+        assert told(await driver.read()) == [("sensor_fault", "open"), ("good", "")]
+        module.breaks = False
+        assert told(await driver.read()) == [("sensor_fault", "open"), ("good", "")]
+        assert [r.value for r in await driver.read()] == pytest.approx([20.0, 21.0])

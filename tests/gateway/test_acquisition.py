@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from drivers.base import ConnectError, NoAnswer, Quality, Reading, WrongDevice
+from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, Reading, WrongDevice
 from gateway.acquisition import Acquisition, Line, Notice
 from gateway.board import Board
 from gateway.plausibility import Plausible
@@ -247,6 +247,17 @@ async def test_a_fault_that_comes_again_is_told_again() -> None:
             plant.devices["a"].fault = NoAnswer("silent") if plant.devices["a"].fault is None else None
         await plant.clock.run_until(60.0)
     assert plant.told() == [("device a", False), ("device a", True)] * 2
+
+
+async def test_problems_that_take_turns_are_each_told_once() -> None:
+    plant = Plant("a")
+    async with plant.running(retry_max_periods=1):
+        for until in range(5, 40):
+            plant.devices["a"].fault = NoAnswer("silent") if until % 2 else BadAnswer("noise")
+            await plant.clock.run_until(until + 0.5)
+        plant.devices["a"].fault = None
+        await plant.clock.run_until(45.0)
+    assert plant.told() == [("device a", False)] * 2 + [("device a", True)]
 
 
 async def test_a_device_that_returns_is_connected_again_so_that_its_type_is_checked() -> None:

@@ -1,10 +1,12 @@
 """An acquisition on real wires and a real clock, and what was heard of it."""
 
 import asyncio
+import logging
 import threading
 import time
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,9 +15,9 @@ from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Line, Notice
 from gateway.clock import RealClock
 from gateway.plausibility import Plausible
+from tests.gateway.faults.matrix import PERIOD_S
 from tests.gateway.faults.plants import Plant
 
-PERIOD_S = 0.2
 FAULT_PERIODS = 6
 RETRY_MAX_PERIODS = 2
 
@@ -26,6 +28,7 @@ class Heard:
 
     readings: list[Reading] = field(default_factory=list)
     notices: list[Notice] = field(default_factory=list)
+    log: list[str] = field(default_factory=list)
 
     def of(self, channel: str, since: float = 0.0) -> list[Reading]:
         return [r for r in self.readings if r.channel == channel and r.monotonic_s >= since]
@@ -42,16 +45,21 @@ class Metronome:
     """How late this computer wakes a thread that wants nothing: what a busy machine takes, the gateway cannot give."""
 
     def __init__(self) -> None:
-        self.worst_s = 0.0
+        self._late: list[tuple[float, float]] = []
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="metronome")
+
+    def worst_s(self, begin_s: float = 0.0, end_s: float = float("inf")) -> float:
+        """The most, of what ended between these monotonic times."""
+        return max((late for at, late in self._late if begin_s <= at <= end_s), default=0.0)
 
     def _run(self) -> None:
         while True:
             before = time.monotonic()
             if self._end.wait(0.005):
                 return
-            self.worst_s = max(self.worst_s, time.monotonic() - before - 0.005)
+            now = time.monotonic()
+            self._late.append((now, now - before - 0.005))
 
     def __enter__(self) -> "Metronome":
         self._thread.start()
@@ -62,11 +70,33 @@ class Metronome:
         self._thread.join()
 
 
+class _ToItsPlant(logging.Handler):
+    """Warnings of the acquisition go to what its own plant was heard to say; several run at once."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        _log.get().append(record.getMessage())
+
+
+_log: ContextVar[list[str]] = ContextVar("log")
+
+
+@contextmanager
+def logged() -> Iterator[None]:
+    """Inside, `Heard.log` is filled."""
+    logger, handler = logging.getLogger("gateway.acquisition"), _ToItsPlant(logging.WARNING)
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+
+
 @asynccontextmanager
 async def acquiring(
     *plants: Plant, clock: RealClock | None = None, limits: Mapping[str, Plausible] | None = None
 ) -> AsyncIterator[Heard]:
     heard = Heard()
+    _log.set(heard.log)
     lines = [Line(plant.bus, plant.drivers, PERIOD_S, RETRY_MAX_PERIODS, plausible=limits or {}) for plant in plants]
     try:
         async with Acquisition(lines, clock or RealClock(), heard.readings.extend, heard.notices.append):

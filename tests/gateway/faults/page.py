@@ -1,0 +1,125 @@
+"""Writes docs/faults.md from the table that the tests play: `python -m tests.gateway.faults.page > docs/faults.md`."""
+
+from collections.abc import Mapping
+
+from tests.gateway.faults.matrix import COMM, HARMLESS, MATRIX, Case
+from tests.gateway.faults.plants import WIRES
+
+HEAD = """# Faults
+
+What each fault of a sensor, a device or a wire looks like to you, and what to do. This page is written from the table
+of the tests: each row is played there over the real wire (pseudo-terminal, TCP, serial CAN adapter, UDP multicast),
+with the gateway's acquisition on the other end, and in each it is checked that
+
+- the channel's quality turns within two periods, and the reading says why, in the words of the last column;
+- no value of before is shown as good meanwhile;
+- other devices on the wire keep their period (99th percentile within 20 %) unless the wire itself is gone, and other
+  buses always;
+- recovery needs nobody: when the fault is gone the channel is good again;
+- log and events tell it once when it begins and once when it ends, not each second.
+
+`comm_fault`: no valid answer. `sensor_fault`, `out_of_range`: the device answers, this channel is broken or beyond.
+`stale`: the number may be an old one. Channels that are not good carry no number, or are not used.
+"""
+
+MEANING: Mapping[str, str] = {
+    "unplugged and back": (
+        "The adapter or the cable is out, or the host is off. The bus is opened again and again, less and less "
+        "often up to `retry_max_periods`; a serial port is found again by its lasting name."
+    ),
+    "dead device": (
+        "It hears and does not answer: no power, wrong address, broken. It is asked less and less often. On "
+        "multicast it cannot be told from one that is unplugged."
+    ),
+    "half-open connection": (
+        "The other end is gone without a word: power cut, network switched. When nobody on a connection answers, "
+        "it is closed and opened again."
+    ),
+    "gateway to a dead device": (
+        "The TCP gateway answers for the device behind it. Its neighbours share the connection and keep it."
+    ),
+    "wrong device answers": (
+        "Two devices with one address, or a gateway that mixes them up. No foreign answer becomes a value."
+    ),
+    "late answer": (
+        "It comes after `timeout_s` and is not taken for the answer to the next request. If it is the rule, raise "
+        "`timeout_s`."
+    ),
+    "checksum error": (
+        "Noise, missing termination, wrong baud rate. CAN frames with a wrong checksum never leave the controller; "
+        "TCP has its own."
+    ),
+    "truncated frame": "A frame ends too early. What comes next is read from its own beginning.",
+    "overlong frame": "A frame is longer than it may be, or than was asked for.",
+    "exception code": "The device understood and said no. Does the profile fit the device?",
+    "bus-off": (
+        "The CAN controller left the bus after too many errors: wrong bitrate, short circuit, missing termination."
+    ),
+    "node reboots": (
+        "The node was without power and is back. It is checked anew (sensor types, units) and started (NMT)."
+    ),
+    "heartbeat lost": (
+        "The node answers while its heartbeat stopped: its program may hang and repeat the last values."
+    ),
+    "returns with another type": (
+        "Another device, or another setting, is in the place of the one that was gone. Its values are refused."
+    ),
+    "sensor open": (
+        "A wire is off or broken. The PTA8D08 shows 97.7 °C, a number like any other: only the profile's guess tells."
+    ),
+    "sensor short": "The wires touch.",
+    "over range": "Above what the input can measure.",
+    "under range": "Below what the input can measure.",
+}
+FROZEN = """## frozen value
+With `stuck_after_s` set, a channel whose number has not changed at all for so long is `stale` ("exactly 21 for
+600 s"), on every kind of bus. Without it a frozen value cannot be told from a steady one.
+"""
+REST = """Two more are played: the computer's clock jumps by an hour, forwards or back, on Modbus TCP (periods and ages
+stand on the monotonic clock; only the UTC of readings jumps); and every core is busy with other programs, on Modbus
+RTU, Modbus TCP and CANopen (periods are as regular as the computer lets a thread wake).
+"""
+
+
+def page() -> str:
+    """The text of docs/faults.md."""
+    parts = [HEAD]
+    faults = dict.fromkeys(case.fault for case in MATRIX)
+    parts += [f"## {fault}\n{MEANING[fault]}\n\n{_table([c for c in MATRIX if c.fault == fault])}" for fault in faults]
+    parts.append(FROZEN)
+    parts.append(
+        f"## What no reading may show\nEvery value right, every period kept, nothing told.\n\n{_harmless()}\n{REST}"
+    )
+    return "\n".join(parts)
+
+
+def _table(cases: list[Case]) -> str:
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for case in cases:
+        rows.setdefault((case.quality.value, _who(case), _words(case)), []).append(WIRES[case.plant])
+    lines = ["| wire | quality | channels | the reading says |", "|---|---|---|---|"]
+    lines += [f"| {'; '.join(wires)} | `{quality}` | {who} | {says} |" for (quality, who, says), wires in rows.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _who(case: Case) -> str:
+    if case.whole_bus:
+        return "all on this wire"
+    return "all of the device" if case.quality is COMM or case.whole_device else "this one"
+
+
+def _words(case: Case) -> str:
+    says = " or ".join(f"“{part}”" for part in case.says.split("|"))
+    return f"{says}, then “{case.then}”" if case.then else says
+
+
+def _harmless() -> str:
+    lines = ["| disturbance | wires |", "|---|---|"]
+    for disturbance in dict.fromkeys(case.disturbance for case in HARMLESS):
+        wires = "; ".join(WIRES[case.plant] for case in HARMLESS if case.disturbance == disturbance)
+        lines.append(f"| {disturbance} | {wires} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(page(), end="")
