@@ -27,6 +27,7 @@ from drivers.modbus_bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
 from drivers.modbus_device import ModbusDevice, ModbusOptions
 from drivers.modbus_profile import ModbusProfile
 from drivers.profiles import Profile, load_profile
+from drivers.tap import Tap
 
 __all__ = ["BUS_KINDS", "make_bus", "make_device"]
 
@@ -38,31 +39,33 @@ class NoOptions:
     """Of a device that has none."""
 
 
-def make_bus(name: str, kind: str, options: Mapping[str, object]) -> Bus:
+def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | None = None) -> Bus:
     """The bus of that kind (a key of BUS_KINDS); `options` are the fields of its settings class.
+
+    tap: told of everything that passes the wire
 
     Raises SetupError naming the bus, the field and the value.
     """
     if kind not in BUS_KINDS:
         raise SetupError(f"kind {kind!r} does not exist", bus=name, hint=f"there are {', '.join(BUS_KINDS)}")
-    return bus_from_settings(name, settings_from(BUS_KINDS[kind], options, bus=name))
+    return bus_from_settings(name, settings_from(BUS_KINDS[kind], options, bus=name), tap)
 
 
-def bus_from_settings(name: str, settings: BusSettings) -> Bus:
+def bus_from_settings(name: str, settings: BusSettings, tap: Tap | None = None) -> Bus:
     """The bus that these settings describe."""
     match settings:
         case ModbusRtuSettings():
-            return ModbusRtuBus(name, settings)
+            return ModbusRtuBus(name, settings, tap)
         case ModbusTcpSettings():
-            return ModbusTcpBus(name, settings)
+            return ModbusTcpBus(name, settings, tap)
         case CanOpenSettings():
-            return CanOpenBus(name, settings)
+            return CanOpenBus(name, settings, tap)
         case CanSettings():
-            return CanBus(name, settings)
+            return CanBus(name, settings, tap)
         case MeRs485Settings():
-            return MeRs485Bus(name, settings)
+            return MeRs485Bus(name, settings, tap)
         case MeEthernetSettings():
-            return MeEthernetBus(name, settings)
+            return MeEthernetBus(name, settings, tap)
 
 
 def make_device(

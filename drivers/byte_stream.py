@@ -12,9 +12,11 @@ from typing import Protocol
 import serial
 
 from drivers.base import ConnectError
+from drivers.tap import Tap
 
 _READ_SIZE = 4096
 _MOST_UNREAD = 65536
+_CLOSED = "not connected"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +57,11 @@ class ByteStream(Protocol):
 class _Inbox:
     """Bytes that came, and one who waits for them."""
 
-    def __init__(self, bus: str) -> None:
-        self._bus = bus
+    def __init__(self, bus: str, tap: Tap | None) -> None:
+        self._bus, self._tap = bus, tap
         self._bytes = bytearray()
         self._waiter: asyncio.Future[None] | None = None
-        self._lost: str | None = "not connected"
+        self._lost: str | None = _CLOSED
 
     @property
     def lost(self) -> str | None:
@@ -68,13 +70,19 @@ class _Inbox:
     def opened(self) -> None:
         self._lost = None
         self._bytes.clear()
+        if self._tap is not None:
+            self._tap.note("open")
 
     def lose(self, reason: str) -> None:
         if self._lost is None:
             self._lost = reason
+            if self._tap is not None:
+                self._tap.note("close" if reason == _CLOSED else f"lost {reason}")
         self._wake()
 
     def put(self, data: bytes) -> None:
+        if self._tap is not None:
+            self._tap.data(False, data)
         self._bytes += data
         if len(self._bytes) > _MOST_UNREAD:  # a babbling line must not fill the memory
             del self._bytes[:-_MOST_UNREAD]
@@ -105,6 +113,11 @@ class _Inbox:
         self._bytes.clear()
         return count
 
+    def sent(self, data: bytes) -> None:
+        """Note what goes out."""
+        if self._tap is not None:
+            self._tap.data(True, data)
+
     def _wake(self) -> None:
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)
@@ -113,9 +126,9 @@ class _Inbox:
 class SerialStream:
     """A serial port, watched by the event loop; no thread, no polling."""
 
-    def __init__(self, bus: str, settings: SerialSettings) -> None:
+    def __init__(self, bus: str, settings: SerialSettings, tap: Tap | None = None) -> None:
         self._bus, self._settings = bus, settings
-        self._inbox = _Inbox(bus)
+        self._inbox = _Inbox(bus, tap)
         self._port: serial.Serial | None = None
 
     @property
@@ -140,7 +153,7 @@ class SerialStream:
         if self._port is None:
             return
         port, self._port = self._port, None
-        self._inbox.lose("not connected")
+        self._inbox.lose(_CLOSED)
         asyncio.get_running_loop().remove_reader(port.fileno())
         with suppress(OSError, termios.error):  # an unplugged adapter cannot be told anything any more
             port.close()
@@ -149,6 +162,7 @@ class SerialStream:
         self._inbox.check()
         if self._port is None:
             raise ConnectError("not connected", bus=self._bus)
+        self._inbox.sent(data)
         try:
             written = os.write(self._port.fileno(), data)
         except OSError as error:
@@ -196,9 +210,9 @@ class SerialStream:
 class TcpStream:
     """A TCP connection that the kernel itself finds dead after a few seconds without acknowledgement."""
 
-    def __init__(self, bus: str, host: str, port: int) -> None:
+    def __init__(self, bus: str, host: str, port: int, tap: Tap | None = None) -> None:
         self._bus, self._host, self._tcp_port = bus, host, port
-        self._inbox = _Inbox(bus)
+        self._inbox = _Inbox(bus, tap)
         self._transport: asyncio.Transport | None = None
 
     @property
@@ -231,7 +245,7 @@ class TcpStream:
         if self._transport is None:
             return
         transport, self._transport = self._transport, None
-        self._inbox.lose("not connected")
+        self._inbox.lose(_CLOSED)
         transport.abort()
         await asyncio.sleep(0)  # lets the loop close the socket
 
@@ -239,6 +253,7 @@ class TcpStream:
         self._inbox.check()
         if self._transport is None:
             raise ConnectError("not connected", bus=self._bus)
+        self._inbox.sent(data)
         self._transport.write(data)
 
     async def read(self, timeout_s: float) -> bytes:

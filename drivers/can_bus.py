@@ -13,6 +13,7 @@ import can
 from drivers.base import ConnectError, NoAnswer
 from drivers.bus_settings import CanSettings
 from drivers.can_interface import open_interface, release
+from drivers.tap import Tap
 
 FrameId = tuple[int, bool]
 """Identifier, and whether it has 29 bits."""
@@ -27,8 +28,8 @@ class CanBus:
     kind = "can"
     units = (1, 127)
 
-    def __init__(self, name: str, settings: CanSettings) -> None:
-        self._name, self._settings = name, settings
+    def __init__(self, name: str, settings: CanSettings, tap: Tap | None = None) -> None:
+        self._name, self._settings, self._tap = name, settings, tap
         self._wanted: set[FrameId] = set()
         self._receiver: _Receiver | None = None
 
@@ -46,7 +47,7 @@ class CanBus:
             if self._receiver.lost is None:
                 return
             await self.close()
-        interface = await asyncio.to_thread(open_interface, self._name, self._settings)
+        interface = await asyncio.to_thread(open_interface, self._name, self._settings, tap=self._tap)
         self._receiver = _Receiver(interface, self._wanted)
 
     async def close(self) -> None:

@@ -17,6 +17,7 @@ from can.interfaces.udp_multicast.utils import unpack_message
 
 from drivers.base import ConnectError
 from drivers.bus_settings import CanInterfaceSettings
+from drivers.tap import Tap, TappedInterface
 
 _SERIAL_WAIT_S = 0.1
 """How long a read of the adapter's port blocks. A shorter wait would wake the thread for nothing; a byte that comes
@@ -28,26 +29,35 @@ _LONGEST_LINE = 64
 _TIMESTAMP_BYTES = 2
 
 
-def open_interface(bus: str, settings: CanInterfaceSettings, *, listen_only: bool = False) -> can.BusABC:
+def open_interface(
+    bus: str, settings: CanInterfaceSettings, *, listen_only: bool = False, tap: Tap | None = None
+) -> can.BusABC:
     """The interface, open. Raises ConnectError.
 
     listen_only: an slcan adapter then sends nothing, not even acknowledgements; the other kinds do not know it
     """
     try:
-        match settings.interface:
-            case "slcan":
-                options: dict[str, Any] = {"sleep_after_open": 0.0, "timeout": _SERIAL_WAIT_S}
-                return _Slcan(settings.channel, bitrate=settings.bitrate, listen_only=listen_only, **options)
-            case "udp_multicast":
-                return _Multicast(settings.channel, port=settings.port, hop_limit=0)
-            case other:
-                return can.Bus(interface=other, channel=settings.channel)
+        interface = _open(settings, listen_only)
     except (can.CanError, OSError, ValueError, ImportError) as error:
         raise ConnectError(
             f"cannot open {settings.interface} {settings.channel}: {error}",
             bus=bus,
             hint="is the adapter plugged in, or the interface up? another program may have it open",
         ) from error
+    if tap is None:
+        return interface
+    return TappedInterface(interface, tap, echoes=settings.interface == "udp_multicast")
+
+
+def _open(settings: CanInterfaceSettings, listen_only: bool) -> can.BusABC:
+    match settings.interface:
+        case "slcan":
+            options: dict[str, Any] = {"sleep_after_open": 0.0, "timeout": _SERIAL_WAIT_S}
+            return _Slcan(settings.channel, bitrate=settings.bitrate, listen_only=listen_only, **options)
+        case "udp_multicast":
+            return _Multicast(settings.channel, port=settings.port, hop_limit=0)
+        case other:
+            return can.Bus(interface=other, channel=settings.channel)
 
 
 def release(interface: Any) -> None:

@@ -21,6 +21,7 @@ from drivers.bus_settings import CanOpenSettings
 from drivers.can_interface import open_interface, release
 from drivers.canopen_events import NodeEvents
 from drivers.canopen_frames import LatestFrames, NodeFrames
+from drivers.tap import Tap
 
 R = TypeVar("R")
 
@@ -52,8 +53,8 @@ class CanOpenBus:
     kind = "canopen"
     units = (1, 127)
 
-    def __init__(self, name: str, settings: CanOpenSettings) -> None:
-        self._name, self._settings = name, settings
+    def __init__(self, name: str, settings: CanOpenSettings, tap: Tap | None = None) -> None:
+        self._name, self._settings, self._tap = name, settings, tap
         self._network: Any = None
         self._thread: ThreadPoolExecutor | None = None
         self._doubtful: set[int] = set()
@@ -132,7 +133,7 @@ class CanOpenBus:
         return await asyncio.shield(future)
 
     def _open(self) -> None:
-        interface = open_interface(self._name, self._settings)
+        interface = open_interface(self._name, self._settings, tap=self._tap)
         network = canopen.Network(interface)
         network.NOTIFIER_CYCLE = _RECEIVE_WAIT_S
         network.listeners[:] = [NodeFrames(network)]  # type: ignore[list-item]

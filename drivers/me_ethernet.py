@@ -15,6 +15,7 @@ from drivers.byte_stream import TcpStream
 from drivers.displacement_profile import DisplacementOptions, MeEthernetProfile
 from drivers.faults import Fault
 from drivers.readings import ReadingMaker
+from drivers.tap import Tap
 
 _START = b"MEAS"
 _HEADER = struct.Struct("<4sIIQIHHI")
@@ -38,9 +39,9 @@ class MeEthernetBus:
     kind = "me_ethernet"
     units = (1, 1)
 
-    def __init__(self, name: str, settings: MeEthernetSettings) -> None:
+    def __init__(self, name: str, settings: MeEthernetSettings, tap: Tap | None = None) -> None:
         self._name, self._timeout_s = name, settings.timeout_s
-        self._stream = TcpStream(name, settings.host, settings.port)
+        self._stream = TcpStream(name, settings.host, settings.port, tap)
         self._lock = asyncio.Lock()
 
     @property

@@ -15,6 +15,7 @@ from drivers.byte_stream import SerialStream
 from drivers.displacement_profile import DisplacementOptions, MeRs485Profile
 from drivers.faults import Fault
 from drivers.readings import ReadingMaker
+from drivers.tap import Tap
 
 _MASTER = 0x01
 _MEASURE = 0x4C
@@ -31,9 +32,9 @@ class MeRs485Bus:
     kind = "me_rs485"
     units = (2, 126)
 
-    def __init__(self, name: str, settings: MeRs485Settings) -> None:
+    def __init__(self, name: str, settings: MeRs485Settings, tap: Tap | None = None) -> None:
         self._name, self._timeout_s = name, settings.timeout_s
-        self._stream = SerialStream(name, settings.serial)
+        self._stream = SerialStream(name, settings.serial, tap)
         self._lock = asyncio.Lock()
         self._answer_due = False
 

@@ -19,6 +19,7 @@ from drivers.base import BadAnswer, NoAnswer, Refused
 from drivers.bus_settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
 from drivers.modbus_profile import BIT_FUNCTIONS, Block
+from drivers.tap import Tap
 
 _REQUESTS: dict[int, type[ModbusPDU]] = {
     1: ReadCoilsRequest,
@@ -120,8 +121,8 @@ class ModbusRtuBus(ModbusBus):
     kind = "modbus_rtu"
     units = (1, 247)
 
-    def __init__(self, name: str, settings: ModbusRtuSettings) -> None:
-        super().__init__(name, SerialStream(name, settings.serial), settings.timeout_s)
+    def __init__(self, name: str, settings: ModbusRtuSettings, tap: Tap | None = None) -> None:
+        super().__init__(name, SerialStream(name, settings.serial, tap), settings.timeout_s)
         self._gap_s = 3.5 * 11 / settings.baud
         self._quiet_since = 0.0
         self._owing: tuple[int, float] | None = None
@@ -190,8 +191,8 @@ class ModbusTcpBus(ModbusBus):
     kind = "modbus_tcp"
     units = (0, 255)
 
-    def __init__(self, name: str, settings: ModbusTcpSettings) -> None:
-        super().__init__(name, TcpStream(name, settings.host, settings.port), settings.timeout_s)
+    def __init__(self, name: str, settings: ModbusTcpSettings, tap: Tap | None = None) -> None:
+        super().__init__(name, TcpStream(name, settings.host, settings.port, tap), settings.timeout_s)
         self._number = 0
 
     async def _exchange(self, device: str, unit: int, block: Block) -> ModbusPDU:

@@ -1,11 +1,13 @@
 """From the configuration to drivers. Validates everything that drivers validate; never touches the network."""
 
+from collections.abc import Callable
 from typing import assert_never
 
 from drivers.build import make_bus, make_device
 from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NumericalControl
 from drivers.sinumerik import Sinumerik
+from drivers.tap import Tap
 from gateway.acquisition import Line
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
@@ -13,8 +15,11 @@ from gateway.config.controls import LinuxCncNc, Nc, SinumerikNc
 from gateway.plausibility import Plausible
 
 
-def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
-    """Every bus with its devices. Raises SetupError naming bus, device, channel and value."""
+def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Tap] | None = None) -> tuple[Line, ...]:
+    """Every bus with its devices. Raises SetupError naming bus, device, channel and value.
+
+    tap: gives who listens in on the bus of that name
+    """
     plausible = {
         name: Plausible(
             smallest=limits.min,
@@ -26,7 +31,7 @@ def lines_of(config: GatewayConfig, clock: ServiceClock) -> tuple[Line, ...]:
     }
     lines: list[Line] = []
     for section in config.buses:
-        bus = make_bus(section.name, section.kind, section.options())
+        bus = make_bus(section.name, section.kind, section.options(), None if tap is None else tap(section.name))
         drivers = tuple(
             make_device(
                 device.name,

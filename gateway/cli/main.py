@@ -119,6 +119,41 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
 
 @main.command()
 @ConfigPath
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), default=Path("field.wire"),
+              show_default=True, help="Text, one line for everything that passes; overwritten.")  # fmt: skip
+@click.option("--seconds", type=click.FloatRange(min=0.1), help="End after so long. Default: at Ctrl-C.")
+@click.option("--most-mb", type=click.FloatRange(min=0.01), default=200.0, show_default=True, help="End at this size.")
+def record(config: Path, output: Path, seconds: float | None, most_mb: float) -> None:
+    """Read the devices of CONFIG as `run` does and write down what passes their wires, for `play`.
+
+    \b
+    Time, bus, direction and bytes or CAN frame; docs/wire-log.md describes the file. It also holds the buses and
+    devices of CONFIG, so it is all that is needed to play it elsewhere. Not the NC. Writes nothing to any device.
+    """
+    from gateway.cli.record import record as write_down
+
+    write_down(read_config(config), output, seconds, most_mb)
+
+
+@main.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="Default: FILE with .play added.")
+@click.option("--seconds", type=click.FloatRange(min=0.1), help="End after so long. Default: at Ctrl-C.")
+def play(file: Path, folder: Path | None, seconds: float | None) -> None:
+    """Be the devices of a recording: FILE of `record`, or a CAN log (candump .log, .asc, .blf, .trc, .csv).
+
+    \b
+    Serial lines and CAN adapters become pseudo-terminals, linked in the folder by the bus's name; TCP a free loopback
+    port. The folder's gateway.toml reads them: use it with probe, run and tests. Each request gets its recorded
+    answers in turn, at their recorded delays: late, broken and missing ones too. After the last, the first again.
+    """
+    from gateway.cli.play import play as be_devices
+
+    be_devices(file, folder or file.with_name(file.name + ".play"), seconds)
+
+
+@main.command()
+@ConfigPath
 def run(config: Path) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.cli.run import run_service

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from drivers.profiles import load_profile
 from gateway.config.load import parse
+from gateway.config.wires import toml_value
 from gateway.scan.found import Found, Place
 
 _BUS_NAMES = {
@@ -75,8 +76,8 @@ def _sections(group: list[Place], data: dict[str, object], names: _Names) -> lis
     known = _existing_bus(data, first)
     if known is None and usable:
         bus = names.free(_BUS_NAMES[first.kind])
-        lines += ["[[bus]]", f"name = {_toml(bus)}", f"kind = {_toml(first.kind)}"]
-        lines += [f"{key} = {_toml(value)}" for key, value in first.options.items()]
+        lines += ["[[bus]]", f"name = {toml_value(bus)}", f"kind = {toml_value(first.kind)}"]
+        lines += [f"{key} = {toml_value(value)}" for key, value in first.options.items()]
     else:
         bus = known or ""
     sections = ["\n".join(lines)] if lines else []
@@ -108,10 +109,15 @@ def _device(bus: str, device: Found, names: _Names) -> str:
     lines = _comments([f"{profile.title}; {what.evidence}", *(f"CHECK {doubt}" for doubt in what.doubts)])
     if device.reads:
         lines += _comments([f"when found: {device.reads}"])
-    lines += ["[[device]]", f"name = {_toml(name)}", f"bus = {_toml(bus)}", f"profile = {_toml(what.profile)}"]
+    lines += [
+        "[[device]]",
+        f"name = {toml_value(name)}",
+        f"bus = {toml_value(bus)}",
+        f"profile = {toml_value(what.profile)}",
+    ]
     lines += [f"unit = {device.unit}"]
     if what.options:
-        lines += ["[device.options]", *(f"{key} = {_toml(value)}" for key, value in what.options.items())]
+        lines += ["[device.options]", *(f"{key} = {toml_value(value)}" for key, value in what.options.items())]
     lines += ["[device.channels]", *(f"{name}_in{number} = {number}" for number in what.inputs)]
     return "\n".join(lines)
 
@@ -119,7 +125,3 @@ def _device(bus: str, device: Found, names: _Names) -> str:
 def _comments(texts: Iterable[str]) -> list[str]:
     """One comment line each, whatever characters a device's name holds."""
     return ["# " + "".join(c if c.isprintable() else " " for c in text) for text in texts]
-
-
-def _toml(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False)

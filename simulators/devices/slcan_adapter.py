@@ -7,7 +7,7 @@ from simulators.devices.pty_port import PtyPort
 from simulators.devices.spoil import Spoil, send
 
 Frame = tuple[int, bytes]
-"""Identifier (11 bits) and up to 8 data bytes."""
+"""Identifier (11 bits; one of 29 bits has 1 << 31 added) and up to 8 data bytes."""
 
 _RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 _BITRATES = {b"%d" % number: rate for number, rate in enumerate(_RATES)}
@@ -101,4 +101,5 @@ class SlcanAdapter:
 
 
 def _line(identifier: int, data: bytes) -> bytes:
-    return f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode("ascii")
+    number = f"T{identifier & 0x1FFFFFFF:08X}" if identifier >> 31 else f"t{identifier:03X}"
+    return f"{number}{len(data)}{data.hex().upper()}\r".encode("ascii")

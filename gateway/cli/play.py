@@ -1,0 +1,182 @@
+"""`talc-gateway play`: a recording's devices on wires of this computer again, and a configuration that reads them."""
+
+import asyncio
+from collections.abc import Iterable, Sequence
+from contextlib import AsyncExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import can
+from rich.console import Console
+
+from gateway.cli.signals import stop_on_signals
+from gateway.config.buses import Bus, CanBus, CanopenBus, MeEthernetBus, ModbusTcpBus
+from gateway.config.load import parse
+from gateway.config.model import GatewayConfig
+from gateway.config.wires import toml_value, wires_toml
+from gateway.wire_log import Event, WireLogError, is_wire_log, read_wire_log
+from simulators.devices.playback import PlayedAdapter, PlayedHost, PlayedLine
+from simulators.devices.script import EXTENDED, Passed, Script, can_script, stream_script, unnumbered
+
+_CAN_LOGS = (".asc", ".blf", ".csv", ".log", ".trc")
+"""Files of other programs that python-can reads; .log is candump's."""
+
+
+class _Stop(Protocol):
+    async def stop(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """One bus that is being played."""
+
+    bus: str
+    kind: str
+    place: dict[str, object]
+    """Fields of its `[[bus]]` that say where it is now."""
+    script: Script
+    stops: _Stop
+
+
+async def play_bus(bus: str, kind: str, events: Sequence[Event], folder: Path) -> Played:
+    """Put one bus of a recording on a wire: serial lines and CAN adapters get a link named after it in `folder`.
+
+    Raises WireLogError for a kind of bus that cannot be played.
+    """
+    passed = list(_passed(events, kind))
+    match kind:
+        case "modbus_rtu" | "me_rs485":
+            script = stream_script(passed)
+            line = PlayedLine(script)
+            return Played(bus, kind, {"port": _link(folder / bus, await line.start())}, script, line)
+        case "modbus_tcp" | "me_ethernet":
+            numbered = kind == "modbus_tcp"
+            script = stream_script(unnumbered(passed) if numbered else passed)
+            host = PlayedHost(script, numbered=numbered)
+            return Played(bus, kind, {"host": "127.0.0.1", "port": await host.start()}, script, host)
+        case "canopen" | "can":
+            script = can_script(passed)
+            adapter = PlayedAdapter(script)
+            path = _link(folder / bus, await adapter.start())
+            return Played(bus, kind, {"interface": "slcan", "channel": path}, script, adapter)
+        case _:
+            raise WireLogError(f"bus {bus}: a bus of kind {kind} cannot be played")
+
+
+def _passed(events: Iterable[Event], kind: str) -> Iterable[Passed]:
+    """In the player's terms. What the gateway itself did to the connection is left out."""
+    for event in events:
+        if event.passed == "note":
+            if kind in ("modbus_tcp", "me_ethernet") and event.note.startswith("lost"):
+                yield Passed(event.at_s, False, None)
+        else:
+            identifier = event.identifier
+            if identifier is not None and event.extended:
+                identifier |= EXTENDED
+            yield Passed(event.at_s, event.passed == "sent", event.data, identifier)
+
+
+def _link(link: Path, target: str) -> str:
+    link.unlink(missing_ok=True)
+    link.symlink_to(target)
+    return str(link)
+
+
+def play(path: Path, folder: Path, seconds: float | None) -> None:
+    """Until Ctrl-C, or for so many seconds. Raises WireLogError or ConfigError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    asyncio.run(_play(*read_recording(path), folder, seconds))
+
+
+async def _play(config: GatewayConfig | None, events: Sequence[Event], folder: Path, seconds: float | None) -> None:
+    console = Console()
+    kinds = _kinds(config, events)
+    stop = asyncio.Event()
+    stop_on_signals(stop)
+    async with AsyncExitStack() as stack:
+        played = []
+        for bus, kind in kinds.items():
+            of_bus = [event for event in events if event.bus == bus]
+            if not of_bus:
+                console.print(
+                    f"{bus} ({kind}): never opened when it was recorded, so it is absent now", highlight=False
+                )
+                continue
+            one = await play_bus(bus, kind, of_bus, folder)
+            stack.push_async_callback(one.stops.stop)
+            played.append(one)
+        for one in played:
+            asked = len(one.script.answers)
+            console.print(
+                f"{one.bus} ({one.kind}): {asked} different requests, {len(one.script.unasked)} messages unasked",
+                highlight=False, soft_wrap=True,
+            )  # fmt: skip
+        console.print(_ready(config, played, folder), highlight=False, soft_wrap=True, markup=False)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await stop.wait()
+    for one in played:
+        (folder / one.bus).unlink(missing_ok=True)
+        if one.script.unknown:
+            console.print(f"{one.bus}: {one.script.unknown} requests were not in the recording", style="yellow")
+
+
+def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path) -> str:
+    """Writes the configuration and says how to go on."""
+    if config is None:
+        sections = ["[[bus]]", *(f"{k} = {toml_value(v)}" for one in played for k, v in _fields(one).items())]
+        return "to read it:\n" + "\n".join(sections)
+    file = folder / "gateway.toml"
+    places = {bus.name: _nowhere(bus, folder) for bus in config.buses} | {one.bus: one.place for one in played}
+    file.write_text(wires_toml(config, places), encoding="utf-8")
+    return f"ready: talc-gateway probe {file}; Ctrl-C ends"
+
+
+def _nowhere(bus: Bus, folder: Path) -> dict[str, object]:
+    """Where a bus that never opened cannot be opened either."""
+    absent = str(folder / bus.name)
+    match bus:
+        case ModbusTcpBus() | MeEthernetBus():
+            return {"host": "127.0.0.1", "port": 1}
+        case CanopenBus() | CanBus():
+            return {"interface": "slcan", "channel": absent}
+        case _:
+            return {"port": absent}
+
+
+def _fields(one: Played) -> dict[str, object]:
+    return {"name": one.bus, "kind": one.kind, **one.place}
+
+
+def read_recording(path: Path) -> tuple[GatewayConfig | None, Sequence[Event]]:
+    """The configuration, which a file of another program has not (None), and what passed.
+
+    Raises WireLogError or ConfigError.
+    """
+    if is_wire_log(path) or path.suffix.lower() not in _CAN_LOGS:
+        log = read_wire_log(path)
+        return parse(log.config, path), log.events
+    try:
+        with can.LogReader(path) as messages:
+            events = [_event(m) for m in messages if not (m.is_error_frame or m.is_remote_frame)]
+    except (ValueError, OSError, IndexError, KeyError) as error:
+        raise WireLogError(f"{path}: cannot be read as a CAN log: {error}") from error
+    if not events:
+        raise WireLogError(f"{path}: holds no CAN frames")
+    return None, events
+
+
+def _event(message: can.Message) -> Event:
+    return Event(
+        message.timestamp, "can1", "received" if message.is_rx else "sent", bytes(message.data), message.arbitration_id,
+        message.is_extended_id,
+    )  # fmt: skip
+
+
+def _kinds(config: GatewayConfig | None, events: Sequence[Event]) -> dict[str, str]:
+    """Bus to its kind. A CAN log of another program counts as CANopen when somebody asked a node in it."""
+    if config is not None:
+        return {bus.name: bus.kind for bus in config.buses}
+    asked = any(event.passed == "sent" for event in events)
+    return {"can1": "canopen" if asked else "can"}

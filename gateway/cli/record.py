@@ -1,0 +1,61 @@
+"""`talc-gateway record`: the devices read as in `run`, and everything that passes the wires written down."""
+
+import asyncio
+import logging
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic
+
+from rich.console import Console
+
+from drivers.base import Quality, Reading
+from gateway.acquisition import Acquisition, Notice
+from gateway.cli.signals import stop_on_signals
+from gateway.clock import RealClock
+from gateway.config import GatewayConfig
+from gateway.config.wires import wires_toml
+from gateway.wire_log import WireLogWriter
+from gateway.wiring import lines_of
+
+_SHOWN_EVERY_S = 1.0
+
+
+def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> None:
+    """Until Ctrl-C, or for so many seconds, or until the file has that size. Raises OSError when it cannot be made."""
+    logging.getLogger("gateway.acquisition").setLevel(logging.ERROR)  # what it tells is said here
+    asyncio.run(_record(config, path, seconds, most_mb))
+
+
+async def _record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> None:
+    console = Console(stderr=True)
+    clock = RealClock()
+    stop = asyncio.Event()
+    stop_on_signals(stop)
+    bad: dict[str, str] = {}
+
+    def take(readings: Sequence[Reading]) -> None:
+        for reading in readings:
+            if reading.quality is Quality.GOOD:
+                bad.pop(reading.channel, None)
+            else:
+                bad[reading.channel] = reading.quality.value
+
+    def noticed(notice: Notice) -> None:
+        text = f"{notice.subject}: {notice.text}" if notice.ended else notice.text
+        console.print(f"{clock.utc():%H:%M:%S} {text}", highlight=False, soft_wrap=True, markup=False)
+
+    end_s = None if seconds is None else monotonic() + seconds
+    most_bytes = round(most_mb * 1e6)
+    with WireLogWriter(path, wires_toml(config), clock.utc(), most_bytes=most_bytes) as log:
+        lines = lines_of(config, clock, log.tap)
+        console.print(f"recording {len(lines)} buses to {path}; Ctrl-C ends", highlight=False, soft_wrap=True)
+        async with Acquisition(lines, clock, take, noticed):
+            while not (stop.is_set() or log.ended or (end_s is not None and monotonic() >= end_s)):
+                left = _SHOWN_EVERY_S if end_s is None else min(_SHOWN_EVERY_S, max(0.0, end_s - monotonic()))
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(stop.wait(), left)
+    if log.ended:
+        console.print(f"ended: {log.ended}", style="yellow", highlight=False, soft_wrap=True)
+    counted = ", ".join(f"{bus} {count}" for bus, count in log.counts.items())
+    console.print(f"{path}: {counted} lines; {len(bad)} channels not good at the end", highlight=False, soft_wrap=True)

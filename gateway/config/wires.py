@@ -1,0 +1,36 @@
+"""The part of a configuration that says what is on which wire, as TOML: buses, devices, limits of channels."""
+
+import json
+from collections.abc import Mapping
+
+from gateway.config.model import GatewayConfig
+
+
+def wires_toml(config: GatewayConfig, places: Mapping[str, dict[str, object]] | None = None) -> str:
+    """A complete small configuration without NC, storage and control.
+
+    places: bus to fields that are to be different, such as another port
+    """
+    places = places or {}
+    parts = [f"[machine]\nname = {toml_value(config.machine.name)}"]
+    for bus in config.buses:
+        fields = bus.model_dump(mode="json", exclude_defaults=True) | places.get(bus.name, {})
+        parts.append("[[bus]]\n" + _pairs(fields))
+    for device in config.devices:
+        fields = device.model_dump(mode="json", exclude={"options", "channels"})
+        text = "[[device]]\n" + _pairs(fields)
+        if device.options:
+            text += "\n[device.options]\n" + _pairs(device.options)
+        parts.append(f"{text}\n[device.channels]\n" + _pairs(device.channels))
+    for channel, limits in config.limits.items():
+        parts.append(f"[limits.{channel}]\n" + _pairs(limits.model_dump(mode="json", exclude_none=True)))
+    return "\n\n".join(parts) + "\n"
+
+
+def _pairs(fields: Mapping[str, object]) -> str:
+    return "\n".join(f"{key} = {toml_value(value)}" for key, value in fields.items())
+
+
+def toml_value(value: object) -> str:
+    """A text, number or truth value; JSON's form of these is TOML's too."""
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,181 @@
+"""What passed the wires, as text, one line each; `docs/wire-log.md` describes the form, version 1.
+
+CAN frames are lines of candump's log format, `(time) bus id#data R` or `T`; bytes of serial lines and TCP connections
+are `(time) bus > hex` (sent by the gateway) or `<`; `!` tells of the connection. Times are UTC seconds that never jump.
+"""
+
+import re
+import threading
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from time import monotonic
+from types import TracebackType
+from typing import Literal, Self, TextIO
+
+_FIRST_LINE = "# talc wire log 1"
+_CONFIG = "#: "
+_LINE = re.compile(r"\((\d+\.\d+)\) (\w+) (?:([<>]) ([0-9a-f]*)|! (.+)|([0-9A-F]{3}|[0-9A-F]{8})#([0-9A-F]*) ([RT]))")
+
+Passed = Literal["sent", "received", "note"]
+
+
+class WireLogError(ValueError):
+    """The file is no recording. The text names file and line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that passed, or happened to the connection."""
+
+    at_s: float
+    """UTC, seconds since 1970."""
+    bus: str
+    passed: Passed
+    data: bytes = b""
+    identifier: int | None = None
+    """Of a CAN frame; None: bytes of a stream."""
+    extended: bool = False
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class WireLog:
+    """A whole recording."""
+
+    config: str
+    """TOML: the buses and devices that were read."""
+    events: tuple[Event, ...]
+
+    def of(self, bus: str) -> tuple[Event, ...]:
+        """The events of one bus, in order."""
+        return tuple(event for event in self.events if event.bus == bus)
+
+
+class WireLogWriter:
+    """Writes a recording while buses are read; `tap` gives each bus its ear. Taps may be called from any thread.
+
+    Ends by itself at `most_bytes`, and when the disk is full: the buses go on. Raises OSError when the file cannot be
+    made.
+    """
+
+    def __init__(self, path: Path, config: str, began: datetime, *, most_bytes: int) -> None:
+        self._path, self._most_bytes = path, most_bytes
+        self._offset_s = began.timestamp() - monotonic()
+        self._lock = threading.Lock()
+        self.ended = ""
+        """Why nothing is written any more."""
+        self.counts: dict[str, int] = {}
+        """Lines by bus."""
+        self._written = 0
+        self._file: TextIO | None = path.open("w", encoding="utf-8", buffering=1)  # a line at a time: power may fail
+        self._put(f"{_FIRST_LINE}\n# began {began.isoformat()}\n")
+        self._put("".join(f"{_CONFIG}{line}\n" for line in config.splitlines()))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._lock:
+            self._close()
+
+    def tap(self, bus: str) -> "BusTap":
+        """The ear of one bus."""
+        self.counts.setdefault(bus, 0)
+        return BusTap(self, bus)
+
+    def line(self, bus: str, text: str) -> None:
+        """One line, now."""
+        with self._lock:
+            if self._put(f"({monotonic() + self._offset_s:.6f}) {bus} {text}\n"):
+                self.counts[bus] += 1
+
+    def _close(self) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            with suppress(OSError):  # a full disk was told when it was met
+                file.close()
+
+    def _put(self, text: str) -> bool:
+        if self._file is None or self.ended:
+            return False
+        if self._written + len(text) > self._most_bytes:
+            self.ended = f"{self._path} has reached {self._most_bytes / 1e6:g} MB"
+            return False
+        try:
+            self._file.write(text)
+        except OSError as error:
+            self.ended = f"{self._path}: {error.strerror or error}"
+            self._close()
+            return False
+        self._written += len(text)
+        return True
+
+
+class BusTap:
+    """What a bus tells of its wire, for one file."""
+
+    def __init__(self, writer: WireLogWriter, bus: str) -> None:
+        self._writer, self._bus = writer, bus
+
+    def data(self, sent: bool, data: bytes) -> None:
+        """Bytes of a stream."""
+        self._writer.line(self._bus, f"{'>' if sent else '<'} {data.hex()}")
+
+    def frame(self, sent: bool, identifier: int, extended: bool, data: bytes) -> None:
+        """A CAN frame."""
+        self._writer.line(
+            self._bus, f"{identifier:0{8 if extended else 3}X}#{data.hex().upper()} {'T' if sent else 'R'}"
+        )
+
+    def note(self, text: str) -> None:
+        """What happened to the connection."""
+        printable = "".join(c if c.isprintable() else " " for c in text)
+        self._writer.line(self._bus, f"! {printable}")
+
+
+def is_wire_log(path: Path) -> bool:
+    """Whether the file begins like a recording. Raises OSError."""
+    with path.open("rb") as file:
+        return file.read(len(_FIRST_LINE)) == _FIRST_LINE.encode()
+
+
+def read_wire_log(path: Path) -> WireLog:
+    """A recording. A last line that was cut by a power failure is left out.
+
+    Raises WireLogError naming the line, or OSError.
+    """
+    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    if lines[0] != _FIRST_LINE:
+        raise WireLogError(f"{path}: is no recording: its first line is not {_FIRST_LINE!r}")
+    config: list[str] = []
+    events: list[Event] = []
+    for number, line in enumerate(lines[1:], start=2):
+        if line.startswith(_CONFIG):
+            config.append(line.removeprefix(_CONFIG))
+        elif line and not line.startswith("#"):
+            event = _event(line)
+            if event is not None:
+                events.append(event)
+            elif number < len(lines):  # the text ends with a line end, so only a cut line is the last one
+                raise WireLogError(f"{path}, line {number}: cannot be read: {line[:60]!r}")
+    return WireLog("\n".join(config), tuple(events))
+
+
+def _event(line: str) -> Event | None:
+    found = _LINE.fullmatch(line)
+    if found is None:
+        return None
+    at, bus, arrow, stream, note, identifier, frame, direction = found.groups()
+    if note is not None:
+        return Event(float(at), bus, "note", note=note)
+    digits = frame if identifier else stream
+    if len(digits) % 2:
+        return None
+    passed: Passed = "sent" if arrow == ">" or direction == "T" else "received"
+    if identifier is None:
+        return Event(float(at), bus, passed, bytes.fromhex(digits))
+    return Event(float(at), bus, passed, bytes.fromhex(digits), int(identifier, 16), len(identifier) == 8)

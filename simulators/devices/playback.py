@@ -1,0 +1,186 @@
+"""Recorded devices on their wires again: a pseudo-terminal, a TCP port, an slcan adapter."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from simulators.devices.pty_port import PtyPort
+from simulators.devices.script import HANG_UP, Said, Script, frame_key, frame_of, numbered
+from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+
+_MBAP = 7
+
+Say = Callable[[bytes | None], None]
+
+
+class PlayedLine:
+    """A recorded serial line. `await start()` gives the path of its pseudo-terminal."""
+
+    def __init__(self, script: Script) -> None:
+        self._script = script
+        self._longest = max(map(len, script.answers), default=1)
+        self._port = PtyPort(self._on_bytes)
+        self._heard = b""
+        self._timers = _Timers()
+
+    async def start(self) -> str:
+        return await self._port.start()
+
+    async def stop(self) -> None:
+        self._timers.stop()
+        await self._port.stop()
+
+    def _on_bytes(self, data: bytes) -> None:
+        """Requests are told by the recorded ones; bytes that begin none of them are passed over."""
+        self._heard += data
+        while self._heard:
+            request = next((r for r in self._script.answers if self._heard.startswith(r)), None)
+            if request is not None:
+                self._heard = self._heard[len(request) :]
+                self._timers.say(self._script.answer(request), self._say)
+            elif any(r.startswith(self._heard) for r in self._script.answers):
+                return
+            else:
+                self._script.unknown += 1
+                self._heard = b""
+
+    def _say(self, data: bytes | None) -> None:
+        if data is not HANG_UP:
+            self._port.write(data)
+
+
+class PlayedHost:
+    """A recorded TCP connection; `await start()` gives the loopback port. Every connection hears the same script.
+
+    numbered: Modbus TCP, whose answers carry the number of their request
+    """
+
+    def __init__(self, script: Script, *, numbered: bool) -> None:
+        self._script, self._numbered = script, numbered
+        self._server: asyncio.Server | None = None
+        self._connections: set[_Connection] = set()
+
+    async def start(self, port: int = 0) -> int:
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(
+            lambda: _Connection(self._script, self._numbered, self._connections), "127.0.0.1", port
+        )
+        return int(self._server.sockets[0].getsockname()[1])
+
+    async def stop(self) -> None:
+        if self._server is None:
+            return
+        self._server.close()
+        for connection in tuple(self._connections):
+            connection.abort()
+        await self._server.wait_closed()
+        self._server = None
+        await asyncio.sleep(0)
+
+
+class _Connection(asyncio.Protocol):
+    def __init__(self, script: Script, with_numbers: bool, connections: "set[_Connection]") -> None:
+        self._script, self._numbered, self._connections = script, with_numbers, connections
+        self._transport: asyncio.Transport | None = None
+        self._timers = _Timers()
+        self._heard = b""
+        self._rest = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        if isinstance(transport, asyncio.Transport):
+            self._transport = transport
+            self._connections.add(self)
+            self._timers.repeat(self._script, partial(self._say, 0))
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's interface
+        self._timers.stop()
+        self._connections.discard(self)
+
+    def abort(self) -> None:
+        self._timers.stop()
+        if self._transport is not None:
+            self._transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        if not self._numbered:
+            return
+        self._heard += data
+        while len(self._heard) >= _MBAP and len(self._heard) >= 6 + int.from_bytes(self._heard[4:6], "big"):
+            size = 6 + int.from_bytes(self._heard[4:6], "big")
+            request, self._heard = self._heard[:size], self._heard[size:]
+            number = int.from_bytes(request[:2], "big")
+            self._timers.say(self._script.answer(bytes(2) + request[2:]), partial(self._say, number))
+
+    def _say(self, number: int, data: bytes | None) -> None:
+        if self._transport is None or self._transport.is_closing():
+            return
+        if data is HANG_UP:
+            self._transport.close()
+            return
+        if self._numbered:
+            data, self._rest = numbered(data, number, self._rest)
+        self._transport.write(data)
+
+
+class PlayedAdapter:
+    """A recorded CAN bus behind an slcan adapter. `await start()` gives the path of its pseudo-terminal."""
+
+    def __init__(self, script: Script) -> None:
+        self._script = script
+        self._adapter = SlcanAdapter([self])
+        self._timers = _Timers()
+
+    async def start(self) -> str:
+        path = await self._adapter.start()
+        self._timers.repeat(self._script, self._say)
+        return path
+
+    async def stop(self) -> None:
+        self._timers.stop()
+        await self._adapter.stop()
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        """As a node on the adapter's bus: what was said to this frame, when it was said."""
+        self._timers.say(self._script.answer(frame_key(identifier, data)), self._say)
+        return ()
+
+    def _say(self, data: bytes | None) -> None:
+        if data is not None:
+            self._adapter.send([frame_of(data)])
+
+
+class _Timers:
+    """What is still to be said, on the event loop's time."""
+
+    def __init__(self) -> None:
+        self._waiting: set[asyncio.TimerHandle] = set()
+
+    def say(self, said: Sequence[Said], to: Say) -> None:
+        """Each after its delay; without delay at once, in order."""
+        for delay_s, data in said:
+            self._later(delay_s, to, data)
+
+    def repeat(self, script: Script, to: Say) -> None:
+        """What is unasked, over and over."""
+        if not script.unasked:
+            return
+        self.say(script.unasked, to)
+        period_s = max(script.lasts_s, script.unasked[-1][0] + 0.001)
+        self._after(period_s, lambda: self.repeat(script, to))
+
+    def stop(self) -> None:
+        """Nothing more is said."""
+        for timer in self._waiting:
+            timer.cancel()
+        self._waiting.clear()
+
+    def _later(self, delay_s: float, to: Say, data: bytes | None) -> None:
+        self._after(delay_s, lambda: to(data))
+
+    def _after(self, delay_s: float, what: Callable[[], None]) -> None:
+        def due() -> None:
+            self._waiting.discard(timer)
+            what()
+
+        timer = asyncio.get_running_loop().call_later(delay_s, due)
+        self._waiting.add(timer)

@@ -1,0 +1,169 @@
+"""What a recorded device said: its answers to each request, and what it sent unasked. No wire, no clock.
+
+A request that is made again gets the next of its recorded answers; after the last one the first comes again.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+EXTENDED = 1 << 31
+"""Added to an identifier of 29 bits."""
+HANG_UP = None
+"""Instead of bytes: the device closed the connection."""
+
+Said = tuple[float, bytes | None]
+"""Seconds after the request (or after the start), and what came."""
+
+
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """One recorded event of one wire."""
+
+    at_s: float
+    sent: bool
+    """By the gateway."""
+    data: bytes | None
+    """HANG_UP: the device closed the connection."""
+    identifier: int | None = None
+    """Of a CAN frame; 29 bits have EXTENDED added."""
+
+
+@dataclass(slots=True)
+class Script:
+    """What to say. Keys are requests as `Playback` makes them comparable."""
+
+    answers: Mapping[bytes, Sequence[Sequence[Said]]]
+    unasked: Sequence[Said] = ()
+    """Sent by itself since the start of the connection, in order."""
+    lasts_s: float = 0.0
+    """Length of the recording: what is unasked comes again after it."""
+    unknown: int = 0
+    """Requests that were not in the recording."""
+    _turns: dict[bytes, int] = field(default_factory=dict)
+
+    def answer(self, request: bytes) -> Sequence[Said]:
+        """What was said to this request, this time; nothing when it was never made."""
+        said = self.answers.get(request)
+        if said is None:
+            self.unknown += 1
+            return ()
+        turn = self._turns.get(request, 0)
+        self._turns[request] = turn + 1
+        return said[turn % len(said)]
+
+
+def stream_script(events: Sequence[Passed]) -> Script:
+    """Of a serial line or a TCP connection: what came after a request and before the next one answers it."""
+    answers: dict[bytes, list[list[Said]]] = {}
+    unasked: list[Said] = []
+    current: list[Said] | None = None
+    asked_s = began_s = events[0].at_s if events else 0.0
+    for event in events:
+        if event.sent and event.data:
+            current, asked_s = [], event.at_s
+            answers.setdefault(event.data, []).append(current)
+        elif current is not None:
+            current.append((event.at_s - asked_s, event.data))
+        elif event.data is not None:
+            unasked.append((event.at_s - began_s, event.data))
+    return Script(answers, unasked, events[-1].at_s - began_s if events else 0.0)
+
+
+_SYNC, _EMERGENCY = 0x080, 0x080
+_SDO_ANSWER, _SDO_REQUEST, _HEARTBEAT = 0x580, 0x600, 0x700
+
+
+def can_script(events: Sequence[Passed]) -> Script:
+    """Of a CAN bus. Frames are keyed as `frame_key`; SDO answers belong to their node's request, process data to SYNC.
+
+    Everything else, and process data when no SYNC was sent, is unasked: heartbeats, emergencies, plain CAN.
+    """
+    synchronised = any(event.sent and event.identifier == _SYNC for event in events)
+    answers: dict[bytes, list[list[Said]]] = {}
+    unasked: list[Said] = []
+    current: dict[int, tuple[float, list[Said]]] = {}
+    began_s = events[0].at_s if events else 0.0
+    for event in events:
+        if event.identifier is None or event.data is None:
+            continue
+        frame = frame_key(event.identifier, event.data)
+        if event.sent:
+            said: list[Said] = []
+            answers.setdefault(frame, []).append(said)
+            current[event.identifier] = event.at_s, said
+        elif (asked := current.get(_request_of(event.identifier, synchronised))) is not None:
+            asked[1].append((event.at_s - asked[0], frame))
+        else:
+            unasked.append((event.at_s - began_s, frame))
+    return Script(answers, unasked, events[-1].at_s - began_s if events else 0.0)
+
+
+def _request_of(identifier: int, synchronised: bool) -> int:
+    """The frame that this one answers; -1: none."""
+    if identifier & EXTENDED:
+        return -1
+    function, node = identifier & 0x780, identifier & 0x7F
+    if function == _SDO_ANSWER:
+        return _SDO_REQUEST + node
+    if synchronised and node and _EMERGENCY < function < _SDO_ANSWER:
+        return _SYNC
+    return -1
+
+
+def frame_key(identifier: int, data: bytes) -> bytes:
+    """Identifier and data in one."""
+    return identifier.to_bytes(4, "big") + data
+
+
+def frame_of(key: bytes) -> tuple[int, bytes]:
+    """Back from `frame_key`."""
+    return int.from_bytes(key[:4], "big"), key[4:]
+
+
+_MBAP = 7
+
+
+def unnumbered(events: Iterable[Passed]) -> list[Passed]:
+    """Modbus TCP: numbers of answers relative to their request's, requests numbered 0.
+
+    The gateway numbers its requests as it likes; a recorded answer that was late keeps being late by its number.
+    """
+    number = 0
+    rest = 0
+    held = b""
+    out: list[Passed] = []
+    for event in events:
+        if event.data is None:
+            rest, held = 0, b""
+            out.append(event)
+        elif event.sent:
+            number = int.from_bytes(event.data[:2], "big")
+            out.append(Passed(event.at_s, True, bytes(2) + event.data[2:]))
+        else:
+            data, rest, held = _relative(held + event.data, number, rest)
+            if data:
+                out.append(Passed(event.at_s, False, data))
+    return out
+
+
+def numbered(data: bytes, number: int, rest: int) -> tuple[bytes, int]:
+    """The reverse for one piece of an answer: `rest` bytes of a message that began before come first.
+
+    Returns the piece and how many bytes of its last message are still to come.
+    """
+    data, rest, held = _relative(data, -number, rest)
+    return data + held, rest
+
+
+def _relative(data: bytes, number: int, rest: int) -> tuple[bytes, int, bytes]:
+    """Numbers in `data` less `number`; what is still missing of the last message; the start of a cut header."""
+    out = bytearray(data[:rest])
+    data, rest = data[rest:], max(0, rest - len(data))
+    while len(data) >= _MBAP:
+        protocol, length = int.from_bytes(data[2:4], "big"), int.from_bytes(data[4:6], "big")
+        if protocol or not 2 <= length <= 254:  # a spoilt stream: as it is
+            return bytes(out + data), 0, b""
+        own = (int.from_bytes(data[:2], "big") - number) & 0xFFFF
+        out += own.to_bytes(2, "big") + data[2 : 6 + length]
+        rest, data = max(0, 6 + length - len(data)), data[6 + length :]
+    return bytes(out), rest, data
