@@ -6,7 +6,7 @@ emulated node takes part; only the adapter's ASCII protocol is ours.
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
-from contextlib import suppress
+from contextlib import asynccontextmanager, suppress
 from math import isnan
 
 import pytest
@@ -46,7 +46,14 @@ class Peer:
 
 @pytest.fixture
 async def wire() -> AsyncIterator[tuple[Bus, Peer]]:
-    async with running(node_with("canopen_node", "canopen"), "canopen_node/node.js") as (_, process):
+    async with joined() as (bus, peer):
+        yield bus, peer
+
+
+@asynccontextmanager
+async def joined(event_ms: int = 0) -> AsyncIterator[tuple[Bus, Peer]]:
+    """The node and a bus that reaches it."""
+    async with running(node_with("canopen_node", "canopen"), "canopen_node/node.js", event_ms) as (_, process):
         peer = Peer(process)
         adapter = SlcanAdapter([peer])
         bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.5})
@@ -83,6 +90,17 @@ async def test_values_and_status(wire: tuple[Bus, Peer], transfer: str) -> None:
         assert good.value == pytest.approx(-12.34)
         assert broken.quality is Quality.SENSOR_FAULT
         assert isnan(broken.value)
+
+
+async def test_values_that_it_sends_by_its_timer() -> None:
+    async with joined(event_ms=40) as (bus, _):
+        driver = device(bus, "timer")
+        await driver.connect()
+        for _ in range(5):
+            good, broken = await driver.read()
+            assert good.value == pytest.approx(-12.34)
+            assert broken.quality is Quality.SENSOR_FAULT
+            await asyncio.sleep(0.05)
 
 
 async def test_its_emergency_explains_the_fault(wire: tuple[Bus, Peer]) -> None:

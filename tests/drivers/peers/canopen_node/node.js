@@ -1,5 +1,6 @@
 // A CiA 404 node on another maker's CANopen stack (canopen of node-canopen). Frames come and go as lines, "<identifier>
 // <data>" in hex, on standard input and output; the other end is an emulated CAN adapter. Runs until its input ends.
+// With an argument it sends its TPDOs every so many ms instead of after SYNC.
 // Further lines it obeys: "stop heartbeat", "start heartbeat" and "emergency <code> <register>".
 "use strict";
 const Module = require("node:module");
@@ -11,6 +12,7 @@ const { Device, Eds, DataType, ObjectType, AccessType } = require("canopen");
 
 const NODE = 5;
 const HEARTBEAT_MS = 50;
+const EVENT_MS = Number(process.argv[2] || 0);
 const accessType = AccessType.READ_ONLY;
 const eds = new Eds();
 
@@ -33,7 +35,8 @@ function tpdo(number, cobId, mapped) {
     entries.forEach(([dataType, defaultValue], i) =>
       entry.addSubObject(i + 1, { parameterName: `${parameterName} ${i + 1}`, dataType, defaultValue, accessType }));
   };
-  add(0x1800, "TPDO communication parameter", [[DataType.UNSIGNED32, cobId], [DataType.UNSIGNED8, 1]]);
+  add(0x1800, "TPDO communication parameter", [[DataType.UNSIGNED32, cobId], [DataType.UNSIGNED8, EVENT_MS ? 254 : 1],
+    ...(EVENT_MS ? [[DataType.UNSIGNED16, 0], [DataType.UNSIGNED8, 0], [DataType.UNSIGNED16, EVENT_MS]] : [])]);
   add(0x1a00, "TPDO mapping parameter", mapped.map((object) =>
     [DataType.UNSIGNED32, object.index * 0x10000 + object.subIndex * 0x100 + object.size * 8]));
 }
