@@ -1,4 +1,4 @@
-"""Stated limits of one channel: range, rate of change, frozen value. Nothing is judged that was not stated."""
+"""Stated limits of one channel: range, spike, rate of change, frozen value. Nothing is judged that was not stated."""
 
 from dataclasses import dataclass, replace
 
@@ -14,6 +14,8 @@ class Plausible:
 
     smallest: float | None = None
     largest: float | None = None
+    jump: float | None = None
+    """Between one reading and the next."""
     rate_per_min: float | None = None
     stuck_after_s: float | None = None
 
@@ -25,6 +27,10 @@ class Check:
         self._limits = limits
         self._accepted: Reading | None = None
         """Last reading whose rate was plausible."""
+        self._settled: float | None = None
+        """Last value that was no spike."""
+        self._suspected: float | None = None
+        """Value of the reading before, when it jumped; the next one tells whether it was a spike or a step."""
         self._changed: Reading | None = None
         """First reading of the present number."""
 
@@ -33,7 +39,8 @@ class Check:
         if reading.quality not in (Quality.GOOD, Quality.SIMULATED):
             return reading
         stuck = self._stuck(reading)
-        if broken := self._range(reading) or self._rate(reading):
+        spike = self._spike(reading.value)
+        if broken := self._range(reading) or spike or self._rate(reading):
             return replace(reading, quality=Quality.OUT_OF_RANGE, detail=broken)
         self._accepted = reading
         return replace(reading, quality=Quality.STALE, detail=stuck) if stuck else reading
@@ -45,6 +52,20 @@ class Check:
         if limits.largest is not None and value > limits.largest:
             return f"{value:g} is above the stated maximum, {limits.largest:g}"
         return ""
+
+    def _spike(self, value: float) -> str:
+        jump, settled, suspected = self._limits.jump, self._settled, self._suspected
+        if jump is None:
+            return ""
+        if (
+            settled is None
+            or abs(value - settled) <= jump
+            or (suspected is not None and abs(value - suspected) <= jump)
+        ):
+            self._settled, self._suspected = value, None
+            return ""
+        self._suspected = value
+        return f"jumped by {abs(value - settled):g} from one reading to the next, more than the stated {jump:g}"
 
     def _rate(self, reading: Reading) -> str:
         rate, before = self._limits.rate_per_min, self._accepted

@@ -24,6 +24,7 @@ def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Ta
         name: Plausible(
             smallest=limits.min,
             largest=limits.max,
+            jump=limits.max_jump,
             rate_per_min=limits.max_rate_per_min,
             stuck_after_s=limits.stuck_after_s,
         )

@@ -98,6 +98,9 @@ class Limits(Section):
     """Smallest plausible value, in the channel's unit; below, the quality is `out_of_range`."""
     max: float | None = None
     """Largest plausible value, in the channel's unit; above, the quality is `out_of_range`."""
+    max_jump: Positive | None = None
+    """Largest plausible difference between one reading and the next, in the channel's unit. Beyond, the quality is
+    `out_of_range` for that reading; when the next one agrees with it, it was a step and not a spike, and is taken."""
     max_rate_per_min: Positive | None = None
     """Largest plausible change within a minute, in the channel's unit; beyond (a spike, a step) the quality is
     `out_of_range` until the change since the last plausible value has had time enough."""

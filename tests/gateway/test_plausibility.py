@@ -2,6 +2,9 @@
 
 from datetime import UTC, datetime
 
+from hypothesis import given
+from hypothesis import strategies as st
+
 from drivers.base import Quality, Reading
 from gateway.plausibility import Check, Plausible
 
@@ -30,6 +33,34 @@ def test_a_spike_is_refused_and_the_value_before_it_is_the_reference() -> None:
     values = [20.0, 20.1, 35.0, 20.2]
     qualities = [judge(check, v, float(t)).quality for t, v in enumerate(values)]
     assert qualities == [Quality.GOOD, Quality.GOOD, Quality.OUT_OF_RANGE, Quality.GOOD]
+
+
+@given(st.lists(st.floats(-0.4, 0.4), min_size=6, max_size=30), st.data(), st.floats(1.5, 1e6) | st.floats(-1e6, -1.5))
+def test_a_lone_spike_is_refused_whatever_its_size_and_nothing_else(
+    steps: list[float], data: st.DataObject, size: float
+) -> None:
+    values = [20.0 + sum(steps[:i]) / len(steps) for i in range(len(steps))]
+    at = data.draw(st.integers(1, len(values) - 1))
+    values[at] += size
+    check = Check(Plausible(jump=1.0))
+    refused = [i for i, value in enumerate(values) if judge(check, value, float(i)).quality is not Quality.GOOD]
+    assert refused == [at]
+
+
+def test_a_step_is_no_spike_and_is_taken_with_the_next_reading_that_agrees() -> None:
+    check = Check(Plausible(jump=1.0))
+    values = [20.0, 20.1, 35.0, 35.2, 35.1, 50.0, 65.0, 65.5]
+    readings = [judge(check, value, float(t)) for t, value in enumerate(values)]
+    good = [reading.quality is Quality.GOOD for reading in readings]
+    assert good == [True, True, False, True, True, False, False, True]
+    assert readings[2].detail == "jumped by 14.9 from one reading to the next, more than the stated 1"
+
+
+def test_a_spike_beside_a_rate_does_not_become_its_reference() -> None:
+    check = Check(Plausible(jump=5.0, rate_per_min=2.0))
+    values = [20.0, 80.0, 20.1, 23.0, 23.0]
+    good = [judge(check, value, float(t)).quality is Quality.GOOD for t, value in enumerate(values)]
+    assert good == [True, False, True, False, False]
 
 
 def test_a_step_that_stays_is_accepted_when_the_rate_could_have_made_it() -> None:
