@@ -227,7 +227,7 @@ def _course(run: Run) -> Picture:
         made = figure(12, 15)
         axes = made.subplots(len(THERMAL_ERRORS), 1, sharex=True)
         for e, (ax, error) in enumerate(zip(axes, THERMAL_ERRORS, strict=True)):
-            ax.plot(hours, truth[e], color="#cbd5e1", lw=0.8, label="without compensation")
+            ax.plot(hours, truth[e], color="#9aa5b1", lw=0.8, label="without compensation")
             ax.plot(hours, left[e], color="#c2410c", lw=0.6, label="left")
             for sign in (1, -1):
                 ax.step(
