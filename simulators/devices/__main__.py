@@ -1,0 +1,153 @@
+"""Emulated devices on real wires, driven by a scenario: `python -m simulators.devices m7015 scenario.toml`.
+
+Prints where it listens, as the configuration of a gateway wants it, and runs until it is interrupted.
+"""
+
+import argparse
+import asyncio
+import signal
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import AsyncExitStack
+from pathlib import Path
+
+from simulators.devices.adam6015 import Adam6015
+from simulators.devices.can_logger import CanLogger
+from simulators.devices.cia404_node import Cia404Node
+from simulators.devices.m7015 import M7015
+from simulators.devices.me_controller import MeController
+from simulators.devices.me_sensor import MeSensor
+from simulators.devices.modbus_servers import RtuLine, TcpHost
+from simulators.devices.pta8d08 import Pta8d08
+from simulators.devices.scenario import Scenario
+from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices.source import Faults, ValueSource
+from simulators.devices.voltage_input import VoltageInput
+from simulators.devices.wago464 import Wago464
+
+RANGE_UM = 500.0
+"""Measuring range of the displacement sensors."""
+_HOST = "127.0.0.1"
+
+
+class RealClock:
+    """Seconds of this computer."""
+
+    def monotonic(self) -> float:
+        return time.monotonic()
+
+    async def sleep_until(self, monotonic_s: float) -> None:
+        await asyncio.sleep(monotonic_s - time.monotonic())
+
+
+Started = tuple[str, Faults]
+"""Bus settings to reach the device, and what breaks it."""
+Start = Callable[[ValueSource, int, AsyncExitStack], Awaitable[Started]]
+
+
+def _on_line(device: Callable[[ValueSource], M7015 | Pta8d08 | VoltageInput]) -> Start:
+    async def start(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
+        module = device(source)
+        line = RtuLine({unit: module})
+        path = await line.start()
+        stack.push_async_callback(line.stop)
+        return f'kind = "modbus_rtu", port = "{path}"', module.faults
+
+    return start
+
+
+def _on_tcp(device: Callable[[ValueSource], Adam6015 | Wago464]) -> Start:
+    async def start(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
+        module = device(source)
+        host = TcpHost({unit: module})
+        port = await host.start()
+        stack.push_async_callback(host.stop)
+        return f'kind = "modbus_tcp", host = "{_HOST}", port = {port}', module.faults
+
+    return start
+
+
+async def _node(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
+    node = Cia404Node(unit, source, inputs=len(source()), heartbeat_ms=500)
+    adapter = SlcanAdapter([node])
+    path = await adapter.start()
+    stack.push_async_callback(adapter.stop)
+    node.start(adapter.send)
+    stack.callback(node.stop)
+    return f'kind = "canopen", interface = "slcan", channel = "{path}"', node.faults
+
+
+async def _logger(source: ValueSource, _: int, stack: AsyncExitStack) -> Started:
+    adapter = SlcanAdapter([])
+    path = await adapter.start()
+    stack.push_async_callback(adapter.stop)
+    logger = CanLogger(source, adapter.send, cycle_s=0.1)
+    logger.start()
+    stack.callback(logger.stop)
+    return f'kind = "can", interface = "slcan", channel = "{path}"', logger.faults
+
+
+def _sensor(counted: bool) -> Start:
+    async def start(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
+        sensor = MeSensor(source, range_um=RANGE_UM, address=unit, payload="counted" if counted else "float")
+        path = await sensor.start()
+        stack.push_async_callback(sensor.stop)
+        return f'kind = "me_rs485", port = "{path}"', sensor.faults
+
+    return start
+
+
+async def _controller(source: ValueSource, _: int, stack: AsyncExitStack) -> Started:
+    controller = MeController(source, range_um=RANGE_UM)
+    port = await controller.start()
+    stack.push_async_callback(controller.stop)
+    return f'kind = "me_ethernet", host = "{_HOST}", port = {port}', controller.faults
+
+
+DEVICES: Mapping[str, Start] = {
+    "m7015": _on_line(M7015),
+    "pta8d08": _on_line(Pta8d08),
+    "voltage_input": _on_line(lambda source: VoltageInput(source, range_um=RANGE_UM)),
+    "adam6015": _on_tcp(Adam6015),
+    "wago464": _on_tcp(Wago464),
+    "cia404": _node,
+    "can_logger": _logger,
+    "me_rs485": _sensor(counted=False),
+    "me_dt6120": _sensor(counted=True),
+    "me_ethernet": _controller,
+}
+
+
+async def emulate(device: str, scenario: Scenario, unit: int, told: Callable[[str], None], stop: asyncio.Event) -> None:
+    """Run the device until `stop`; `told` gets its bus settings."""
+    clock = RealClock()
+    async with AsyncExitStack() as stack:
+        settings, faults = await DEVICES[device](scenario.source(clock), unit, stack)
+        playing = asyncio.create_task(scenario.play(faults, clock), name="scenario")
+        stack.callback(playing.cancel)
+        told(settings)
+        await stop.wait()
+
+
+async def _until_interrupted(device: str, scenario: Scenario, unit: int) -> None:
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    await emulate(device, scenario, unit, lambda settings: print(settings, flush=True), stop)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m simulators.devices", description=__doc__)
+    parser.add_argument("device", choices=DEVICES)
+    parser.add_argument("scenario", type=Path, help="TOML file: values and faults over time")
+    parser.add_argument("--unit", type=int, default=1, help="unit id, node id or address (1)")
+    chosen = parser.parse_args()
+    try:
+        scenario = Scenario.parse(chosen.scenario.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        parser.error(f"{chosen.scenario}: {error}")
+    asyncio.run(_until_interrupted(chosen.device, scenario, chosen.unit))
+
+
+if __name__ == "__main__":
+    main()

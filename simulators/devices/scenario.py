@@ -1,0 +1,112 @@
+"""What an emulated device measures and suffers over time, told by a scenario instead of a plant.
+
+A scenario is TOML: `[[at]]` tables in the order of time, each with `s` and some of
+
+- `values`: of all channels; between two of these a channel runs in a straight line, before the first and after the last
+  it stands;
+- `fault` and `channel`: the channel's sensor breaks (`open`, `short`, `over`, `under`);
+- `mend`: number of the channel whose sensor is whole again;
+- `silent`: whether the device answers no more.
+"""
+
+import bisect
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from simulators.devices.source import Fault, Faults, ValueSource
+
+_KEYS = {"s", "values", "fault", "channel", "mend", "silent"}
+
+
+class PlayClock(Protocol):
+    """The time in which a scenario is played; simulated or real."""
+
+    def monotonic(self) -> float: ...
+
+    async def sleep_until(self, monotonic_s: float) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Change:
+    at_s: float
+    apply: Callable[[Faults], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """Channels' values and faults by seconds since the scenario began."""
+
+    _times: list[float] = field(default_factory=list)
+    _values: list[Sequence[float]] = field(default_factory=list)
+    _changes: list[_Change] = field(default_factory=list)
+
+    @classmethod
+    def parse(cls, text: str) -> "Scenario":
+        """Raises ValueError naming the entry, the key and the value."""
+        scenario, before = cls(), 0.0
+        for number, entry in enumerate(tomllib.loads(text).get("at", ())):
+            where = f"at[{number}]"
+            if unknown := set(entry) - _KEYS:
+                raise ValueError(f"{where}: unknown key {min(unknown)!r}; known: {', '.join(sorted(_KEYS))}")
+            at_s = entry.get("s")
+            if not isinstance(at_s, int | float) or at_s < before:
+                raise ValueError(f"{where}.s = {at_s!r}: expected seconds, not before {before:g}")
+            before = float(at_s)
+            scenario._add(where, before, entry)
+        if not scenario._times:
+            raise ValueError("no entry with `values`: at least one is needed")
+        return scenario
+
+    def values(self, time_s: float) -> list[float]:
+        """Of all channels at this time."""
+        after = bisect.bisect_right(self._times, time_s)
+        if after == 0:
+            return list(self._values[0])
+        if after == len(self._times):
+            return list(self._values[-1])
+        begin, end = self._times[after - 1], self._times[after]
+        part = (time_s - begin) / (end - begin)
+        return [a + (b - a) * part for a, b in zip(self._values[after - 1], self._values[after], strict=True)]
+
+    def source(self, clock: PlayClock) -> ValueSource:
+        """A value source for a device; the scenario begins now."""
+        began = clock.monotonic()
+        return lambda: self.values(clock.monotonic() - began)
+
+    async def play(self, faults: Faults, clock: PlayClock) -> None:
+        """Break and mend the device in time; the scenario begins now. Ends with its last change."""
+        began = clock.monotonic()
+        for change in self._changes:
+            await clock.sleep_until(began + change.at_s)
+            change.apply(faults)
+
+    def _add(self, where: str, at_s: float, entry: dict[str, object]) -> None:
+        if (values := entry.get("values")) is not None:
+            expected = len(self._values[0]) if self._values else None
+            if not isinstance(values, list) or not all(isinstance(v, int | float) for v in values) or not values:
+                raise ValueError(f"{where}.values = {values!r}: expected numbers")
+            if expected not in (None, len(values)):
+                raise ValueError(f"{where}.values = {values!r}: expected {expected} of them as before")
+            self._times.append(at_s)
+            self._values.append([float(v) for v in values])
+        if "fault" in entry:
+            kind, channel = entry["fault"], _channel(where, "channel", entry.get("channel"))
+            if str(kind) not in set(Fault):
+                raise ValueError(f"{where}.fault = {kind!r}: expected one of {', '.join(Fault)}")
+            self._changes.append(_Change(at_s, lambda faults: faults.set(channel, Fault(str(kind)))))
+        if "mend" in entry:
+            mended = _channel(where, "mend", entry["mend"])
+            self._changes.append(_Change(at_s, lambda faults: faults.set(mended, None)))
+        if "silent" in entry:
+            silent = entry["silent"]
+            if not isinstance(silent, bool):
+                raise ValueError(f"{where}.silent = {silent!r}: expected true or false")
+            self._changes.append(_Change(at_s, lambda faults: setattr(faults, "silent", silent)))
+
+
+def _channel(where: str, key: str, value: object) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise ValueError(f"{where}.{key} = {value!r}: expected a channel's number, from 0")
+    return value

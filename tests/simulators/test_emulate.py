@@ -1,0 +1,98 @@
+"""Every emulated device started by name, driven by a scenario and read by the driver of the gateway."""
+
+import asyncio
+import signal
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Quality, Reading, SystemClock
+from drivers.build import make_bus, make_device
+from simulators.devices.__main__ import DEVICES, emulate
+from simulators.devices.scenario import Scenario
+from tests.drivers.logger_files import logger_profile
+
+PROFILES = {
+    "m7015": ("icpdas_m7015", 6),
+    "pta8d08": ("eletechsup_pta8d08", 8),
+    "voltage_input": ("analogue_displacement", 8),
+    "adam6015": ("advantech_adam6015", 7),
+    "wago464": ("wago_750_464", 4),
+    "cia404": ("cia404", 4),
+    "can_logger": ("", 5),
+    "me_rs485": ("me_rs485", 1),
+    "me_dt6120": ("me_dt6120", 1),
+    "me_ethernet": ("me_ethernet", 2),
+}
+"""Profile and number of inputs."""
+
+
+SCENARIO = """
+[[at]]
+s = 0
+values = {}
+[[at]]
+s = 0.3
+fault = "over"
+channel = 0
+[[at]]
+s = 0.9
+mend = 0
+"""
+
+
+def options(device: str) -> dict[str, object]:
+    if device.startswith("me_"):
+        return {"range_um": 500.0}
+    return {"vendor": "jumo"} if device == "cia404" else {}
+
+
+@pytest.mark.parametrize("device", DEVICES)
+async def test_device_plays_its_scenario(device: str, tmp_path: Path) -> None:
+    profile, inputs = PROFILES[device]
+    if device == "can_logger":
+        profile = logger_profile(tmp_path)
+    scenario = Scenario.parse(SCENARIO.format([42.0] * inputs))
+    unit = 126 if device in ("me_rs485", "me_dt6120") else 1
+    stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
+    running = asyncio.create_task(emulate(device, scenario, unit, started.set_result, stop))
+    settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
+    bus = make_bus("bus", settings.pop("kind"), settings)
+    driver = make_device("device", bus, profile, unit, {"a": 0}, options(device), SystemClock())
+    seen: list[Reading] = []
+    try:
+        await bus.connect()
+        await driver.connect()
+        async with asyncio.timeout(10):
+            while len(seen) < 3:
+                (reading,) = await driver.read()
+                if not seen or (reading.quality is Quality.GOOD) != (seen[-1].quality is Quality.GOOD):
+                    seen.append(reading)
+                await asyncio.sleep(0.01)
+    finally:
+        await bus.close()
+        stop.set()
+        await running
+    assert [reading.quality is Quality.GOOD for reading in seen] == [True, False, True]
+    assert [seen[0].value, seen[2].value] == pytest.approx([42.0, 42.0], abs=0.06)
+
+
+def test_program_says_where_it_listens_and_ends_when_interrupted(tmp_path: Path) -> None:
+    (tmp_path / "scenario.toml").write_text("[[at]]\ns = 0\nvalues = [20.0]\n")
+    command = [sys.executable, "-m", "simulators.devices", "m7015", str(tmp_path / "scenario.toml")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith('kind = "modbus_rtu", port = "/dev/pts/')
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 0
+
+
+def test_program_names_a_mistake_in_the_scenario(tmp_path: Path) -> None:
+    (tmp_path / "scenario.toml").write_text("[[at]]\ns = 0\nvalues = []\n")
+    command = [sys.executable, "-m", "simulators.devices", "m7015", str(tmp_path / "scenario.toml")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 2
+    assert "at[0].values = []: expected numbers" in done.stderr
