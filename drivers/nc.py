@@ -4,9 +4,12 @@ import math
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from drivers.base import Quality
+
+Triple = tuple[float, float, float]
+"""X, Y, Z."""
 
 LINEAR_AXES = ("X", "Y", "Z")
 ROTARY_AXES = ("A", "C")
@@ -97,6 +100,27 @@ class Watch:
             raise ValueError(f"ramp_um_per_s = {self.ramp_um_per_s!r}: expected 0 or more")
 
 
+@dataclass(frozen=True, slots=True)
+class LinearOffsets:
+    """A shift of the tool that depends on where the linear axes stand: K0 + tanβ (P - P0)."""
+
+    k0_um: Triple
+    """Shift of X, Y, Z where every axis stands at its reference."""
+    slope_um_per_mm: tuple[Triple, Triple, Triple]
+    """Row: shifted axis; column: axis whose position counts."""
+    reference_mm: Triple
+    """P0 of X, Y, Z, machine coordinates."""
+
+    def at(self, position_mm: Triple) -> Triple:
+        """Shift of X, Y, Z in µm at a position in machine coordinates."""
+        away = [p - p0 for p, p0 in zip(position_mm, self.reference_mm, strict=True)]
+        x, y, z = (
+            k0 + sum(slope * distance for slope, distance in zip(row, away, strict=True))
+            for k0, row in zip(self.k0_um, self.slope_um_per_mm, strict=True)
+        )
+        return x, y, z
+
+
 class NumericalControl(Protocol):
     """Any control. Raises drivers.base.DriverError; never retries."""
 
@@ -143,4 +167,32 @@ class NumericalControl(Protocol):
 
     async def release(self, owner: int) -> None:
         """Give the control back; its watchdog then does at once what it does on silence. Another's stays as it is."""
+        ...
+
+
+@runtime_checkable
+class FollowsPosition(NumericalControl, Protocol):
+    """A control that adds offsets depending on the position by itself, in every cycle of its own."""
+
+    @property
+    def pairs(self) -> frozenset[tuple[int, int]]:
+        """(shifted axis, axis whose position counts) of each slope it can have; X, Y, Z are 0, 1, 2."""
+        ...
+
+    @property
+    def reference_mm(self) -> Triple:
+        """P0 of X, Y, Z, machine coordinates."""
+        ...
+
+    @property
+    def reach_mm(self) -> Triple:
+        """How far X, Y, Z can be from their reference."""
+        ...
+
+    async def write_linear(self, offsets: LinearOffsets) -> None:
+        """Set K0 and slopes. Acts at once; while it is under way any mixture of old and new may be in force."""
+        ...
+
+    async def read_linear(self) -> LinearOffsets:
+        """K0 and slopes that the control has in force, about `reference_mm`."""
         ...

@@ -209,7 +209,7 @@ class Sinumerik:
         if holder not in (0, owner) and state == ALIVE:
             raise self._anothers(holder)
         lease, r = self._settings.lease, self._settings.r
-        await self._session.write({r(lease.silence): watch.silence_s, r(lease.ramp): watch.ramp_um_per_s * 1e-3})
+        await self._session.write(self._watch_values(watch))
         await self._session.write({r(lease.owner): float(owner)})
         await self._session.write({r(lease.beat): _next_beat(beat)})
 
@@ -224,6 +224,10 @@ class Sinumerik:
         holder, _, _ = self._numbers(self._lease, await self._session.read(self._lease))
         if holder == owner:
             await self._session.write({self._settings.r(self._settings.lease.owner): 0.0})
+
+    def _watch_values(self, watch: Watch) -> dict[str, float]:
+        lease, r = self._settings.lease, self._settings.r
+        return {r(lease.silence): watch.silence_s, r(lease.ramp): watch.ramp_um_per_s * 1e-3}
 
     def _anothers(self, holder: float) -> Refused:
         return Refused(

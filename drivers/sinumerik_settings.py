@@ -4,13 +4,20 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Literal
+from typing import Final, Literal
 
 from drivers.base import SetupError
-from drivers.nc import LINEAR_AXES, ROTARY_AXES
+from drivers.nc import LINEAR_AXES, ROTARY_AXES, Triple
 from drivers.opcua_settings import OpcUaSettings
 
 _DEGREES_PER_TURN = 360.0
+PAIRS: Final = {
+    shifted + over: (LINEAR_AXES.index(shifted), LINEAR_AXES.index(over))
+    for shifted in LINEAR_AXES
+    for over in LINEAR_AXES
+    if shifted != over
+}
+"""Pairs of axes that a sag compensation table joins: shifted axis, axis whose position counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +50,8 @@ class Paths:
     """tanβ of an axis, SD43910."""
     reference: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_REF_POSITION[u{n}]"
     """P0 of an axis, SD43920, mm."""
+    weight: str = "/NC/_N_NC_SEA_ACX/$SN_CEC_TABLE_WEIGHT[{n}]"
+    """Weight of a sag compensation table, SD41310; `{n}` stands for the table's number from 1 on."""
     mode: str = "/Bag/State/opMode[u1]"
     """Operating mode: 0 JOG, 1 MDA, 2 AUTO. Empty: not read, as the next three."""
     program: str = "/Channel/State/progStatus[u1]"
@@ -55,7 +64,7 @@ class Paths:
     """Numbers of the alarms shown, 0 where there is none."""
 
     def __post_init__(self) -> None:
-        for name in ("position", "r_parameter", "k0", "slope", "reference"):
+        for name in ("position", "r_parameter", "k0", "slope", "reference", "weight"):
             path = getattr(self, name)
             if not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", path):
                 raise SetupError(f"{name} = {path!r}: expected a node name beginning with / that holds {{n}} once")
@@ -115,29 +124,65 @@ class Handshake:
 class Compensation:
     """How offsets reach the control."""
 
-    route: Literal["k0", "r"] = "k0"
-    """`k0`: setting data SD43900 of X, Y, Z, acts at once; `r`: three R-parameters in mm that the NC program adds."""
+    route: Literal["k0", "k0_slope", "r"] = "k0"
+    """`k0`: setting data SD43900 of X, Y, Z, acts at once; `k0_slope`: tanβ (SD43910) as well, so that the control
+    follows its position by itself; `r`: three R-parameters in mm that the NC program adds."""
     signs: tuple[int, int, int] | None = None
-    """+1 where a positive value moves the tool in plus direction, -1 where in minus. None: -1 for `k0`, as a
-    compensation value stands for an error to be taken away, +1 for `r`. Check with a dial gauge (docs/nc.md)."""
+    """+1 where a positive value moves the tool in plus direction, -1 where in minus. None: -1, as a compensation value
+    stands for an error to be taken away, and +1 for route `r`. Check with a dial gauge (docs/nc.md)."""
+    travel_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None = None
+    """Route `k0_slope`: travel of X, Y, Z in machine coordinates; bound and slew hold at every point of it."""
+    reference_mm: Triple = (0.0, 0.0, 0.0)
+    """Route `k0_slope`: P0 of X, Y, Z (SD43920) and zero of the tables, machine coordinates."""
+    tables: Mapping[str, int] = field(default_factory=dict)
+    """Route `k0_slope`: sag compensation table ($AN_CEC, from 0 on) of each pair of axes, such as `{XY = 0}`: X is
+    shifted by Y's position. A pair without a table is followed by the gateway, once per period."""
+    table_signs: tuple[int, int, int] | None = None
+    """As `signs`, for the tables; None: as `signs`."""
     first_r: int = 90
     """First of the three R-parameters of route `r`."""
     largest_um: float = 500.0
     """No offset beyond this is ever sent, whoever asks: last line of defence against a wrong unit."""
 
     def __post_init__(self) -> None:
-        if self.route not in ("k0", "r"):
-            raise SetupError(f"route = {self.route!r}: expected 'k0' or 'r'")
-        if self.signs is not None and sorted({-1, 1, *self.signs}) != [-1, 1]:
-            raise SetupError(f"signs = {self.signs!r}: expected three of +1 or -1")
+        if self.route not in ("k0", "k0_slope", "r"):
+            raise SetupError(f"route = {self.route!r}: expected 'k0', 'k0_slope' or 'r'")
+        for name in ("signs", "table_signs"):
+            signs = getattr(self, name)
+            if signs is not None and sorted({-1, 1, *signs}) != [-1, 1]:
+                raise SetupError(f"{name} = {signs!r}: expected three of +1 or -1")
         if not 0 < self.largest_um < math.inf:
             raise SetupError(f"largest_um = {self.largest_um!r}: expected more than 0")
+        if self.route == "k0_slope":
+            self._check_slopes()
+        elif self.tables or self.travel_mm is not None:
+            raise SetupError(f"tables and travel_mm are for route 'k0_slope', not for {self.route!r}")
+
+    def _check_slopes(self) -> None:
+        if self.travel_mm is None:
+            raise SetupError("travel_mm is missing: route 'k0_slope' needs it, to keep to the bound everywhere")
+        for axis, (low, high) in zip(LINEAR_AXES, self.travel_mm, strict=True):
+            if not -math.inf < low < high < math.inf:
+                raise SetupError(f"travel_mm of {axis} = {(low, high)!r}: expected the lower end before the upper one")
+        if not all(math.isfinite(v) for v in self.reference_mm):
+            raise SetupError(f"reference_mm = {self.reference_mm!r}: expected three finite numbers")
+        for pair, table in self.tables.items():
+            if pair not in PAIRS:
+                raise SetupError(f"tables.{pair}: expected one of {', '.join(PAIRS)}")
+            if table < 0:
+                raise SetupError(f"tables.{pair} = {table}: expected the number of a table, 0 or more")
+        if len(set(self.tables.values())) != len(self.tables):
+            raise SetupError(f"tables = {dict(self.tables)!r}: expected another table for each pair")
+
+    def table_sign(self, axis: int) -> int:
+        """Of X, Y, Z (0, 1, 2)."""
+        return self.table_signs[axis] if self.table_signs is not None else self.sign(axis)
 
     def sign(self, axis: int) -> int:
         """Of X, Y, Z (0, 1, 2)."""
         if self.signs is not None:
             return self.signs[axis]
-        return -1 if self.route == "k0" else 1
+        return 1 if self.route == "r" else -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,6 +199,8 @@ class Lease:
     """0 the watchdog has seen no beat since power on, 1 alive, 2 silent."""
     ramp: int = 97
     """mm/s towards zero on silence; 0 holds."""
+    slope_ramp: int = 98
+    """Route `k0_slope`: the same for slopes, mm/mm per second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -35,6 +35,8 @@ class Step:
     source: Source
     bounded: tuple[bool, bool, bool]
     """Which axes were cut by the bound."""
+    coefficients_um: tuple[tuple[float, ...], ...] = ()
+    """What stands behind `offsets_um`: rows X, Y, Z; see gateway.form."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,9 @@ class Write:
 class Slew:
     """Follows a target at a bounded rate inside bounds. Starts from what the control has in force, so it never steps.
 
+    Offsets are coefficients (3, n) of a form (gateway.form); (3,) counts as (3, 1). Bound and rate hold for the sum of
+    the magnitudes of each row, and so at every position.
+
     Parameters
     ----------
     bound_um: largest magnitude per axis, µm, > 0
@@ -64,7 +69,7 @@ class Slew:
     when_stale: `zero` ramps to zero, `hold` keeps the last offsets, when there is nothing to rest on
     period_s: nominal time between steps; a longer pause counts as two periods at most, so that a gateway that
         hung does not make up for it in one stride
-    in_force_um: the offsets the control reports at start
+    in_force_um: (3,) or (3, n), what the control reports at start
     now_s: monotonic seconds of that report
     """
 
@@ -74,46 +79,82 @@ class Slew:
         slew_um_per_s: float,
         when_stale: Literal["zero", "hold"],
         period_s: float,
-        in_force_um: Offsets,
+        in_force_um: FloatArray | Offsets,
         now_s: float,
     ) -> None:
         self._bound = np.asarray(bound_um, dtype=float)
         self._rate = slew_um_per_s
         self._when_stale = when_stale
         self._longest = 2 * period_s
-        self._offsets = np.asarray(in_force_um, dtype=float)
+        self._now = _matrix(in_force_um)
         self._time = now_s
         if self._bound.shape != (3,) or not np.all(np.isfinite(self._bound)) or np.any(self._bound <= 0):
             raise ValueError(f"bound_um = {bound_um!r}: expected three positive numbers")
         if not slew_um_per_s > 0:
             raise ValueError(f"slew_um_per_s = {slew_um_per_s!r}: expected more than 0")
-        if self._offsets.shape != (3,) or not np.all(np.isfinite(self._offsets)):
-            raise ValueError(f"in_force_um = {in_force_um!r}: expected three finite numbers")
+        if len(self._now) != 3 or not np.all(np.isfinite(self._now)):
+            raise ValueError(f"in_force_um = {in_force_um!r}: expected finite numbers of shape (3,) or (3, n)")
 
     @property
-    def offsets_um(self) -> Offsets:
-        return _offsets(self._offsets)
+    def largest_um(self) -> float:
+        """The most that is added to any axis at any position."""
+        return float(np.abs(self._now).sum(axis=1).max())
 
-    def freeze(self, now_s: float) -> Step:
+    def freeze(self, now_s: float, basis: FloatArray | None = None) -> Step:
         """Keep the offsets and let time pass: while the NC probes, what it adds must stand still."""
         self._time = now_s
-        return Step(self.offsets_um, self.offsets_um, Source.FROZEN, (False, False, False))
+        return self._step(self._now, Source.FROZEN, np.zeros(3, dtype=bool), basis)
 
-    def follow(self, now_s: float, wanted_um: FloatArray | None, source: Source = Source.PREDICTION) -> Step:
-        """One step towards `wanted_um` (3,), or towards the declared value when it is None or not finite."""
+    def follow(
+        self,
+        now_s: float,
+        wanted_um: FloatArray | None,
+        source: Source = Source.PREDICTION,
+        basis: FloatArray | None = None,
+    ) -> Step:
+        """One step towards `wanted_um`, or towards the declared value when it is None or not finite.
+
+        wanted_um: (3,) or (3, n); basis: (n,), where the machine stands; None: the reference.
+        """
         if wanted_um is None or not np.all(np.isfinite(wanted_um)):
             source = Source.NO_MODEL if source is Source.PREDICTION else source
-            wanted = np.zeros(3) if self._when_stale == "zero" else self._offsets
+            wanted = np.zeros_like(self._now) if self._when_stale == "zero" else self._now
         else:
-            wanted = np.asarray(wanted_um, dtype=float)
-        target = np.clip(wanted, -self._bound, self._bound)
+            wanted = _matrix(wanted_um)
+        target = _within(wanted, self._bound)
         reach = self._rate * min(max(0.0, now_s - self._time), self._longest)
-        self._offsets = self._offsets + np.clip(target - self._offsets, -reach, reach)
+        self._now = self._now + _within(target - self._now, np.full(3, reach))
         self._time = now_s
-        cut = np.abs(wanted) > self._bound
-        return Step(_offsets(target), self.offsets_um, source, (bool(cut[0]), bool(cut[1]), bool(cut[2])))
+        return self._step(target, source, np.abs(wanted).sum(axis=1) > self._bound, basis)
+
+    def _step(self, target: FloatArray, source: Source, cut: np.ndarray, basis: FloatArray | None) -> Step:
+        here = np.eye(self._now.shape[1])[0] if basis is None else basis
+        return Step(
+            as_offsets(target @ here),
+            as_offsets(self._now @ here),
+            source,
+            (bool(cut[0]), bool(cut[1]), bool(cut[2])),
+            tuple(tuple(row) for row in self._now.tolist()),
+        )
 
 
-def _offsets(values: FloatArray) -> Offsets:
+def _matrix(values: FloatArray | Offsets) -> FloatArray:
+    """(3, n) from (3,) or (3, n)."""
+    array = np.asarray(values, dtype=float)
+    return array[:, None] if array.ndim == 1 else array
+
+
+def _within(rows: FloatArray, largest: FloatArray) -> FloatArray:
+    """Rows scaled down to where the sum of their magnitudes is within `largest`."""
+    if rows.shape[1] == 1:  # the same without rounding
+        return np.clip(rows, -largest[:, None], largest[:, None])
+    size = np.abs(rows).sum(axis=1)
+    scale = np.divide(largest, size, out=np.ones(3), where=size > largest)
+    scaled: FloatArray = rows * scale[:, None]
+    return scaled
+
+
+def as_offsets(values: FloatArray) -> Offsets:
+    """(3,) as plain numbers."""
     x, y, z = (float(v) for v in values)
     return x, y, z

@@ -9,6 +9,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+import numpy as np
+
 from drivers.base import Reading
 from gateway.compensation import Write
 from gateway.measurement import Outcome
@@ -95,7 +97,7 @@ def measurement(o: Outcome) -> Payload:
         "errors": None if m is None else _by_error(m.errors),
         "sigma": None if m is None else _by_error(m.sigma),
         "residual_um": _number(o.residual_um),
-        "in_force_um": list(o.in_force_um),
+        "in_force_um": np.asarray(o.in_force_um).tolist(),
         "reason": o.reason,
     }
 
@@ -134,6 +136,7 @@ def compensation(w: Write) -> Payload:
         "source": w.step.source.value,
         "target_um": list(w.step.target_um),
         "offsets_um": list(w.step.offsets_um),
+        "coefficients_um": [list(row) for row in w.step.coefficients_um],
         "bounded": list(w.step.bounded),
         "positions": dict(w.positions),
         "written": w.written,

@@ -1,7 +1,7 @@
 """One probing cycle from the wish to the nine errors: ask the NC, wait, check, solve."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -26,6 +26,12 @@ class End(StrEnum):
     """The cycle failed, or its result is not to be believed."""
 
 
+InForce = Offsets | tuple[Offsets, ...]
+"""Compensation in force during a cycle, µm: the same at all poses, or one for each."""
+InForceAt = Callable[[FloatArray | None], InForce]
+"""What stood frozen, by where the sphere's centres (poses, 3), mm, were found; None: nowhere."""
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """What came of one request; `measurement` is None when it was refused, failed or implausible."""
@@ -37,7 +43,7 @@ class Outcome:
     ended: datetime
     centres_mm: FloatArray | None
     """(poses, 3) as the control reported them; of the reference, the mean of its cycles."""
-    in_force_um: Offsets
+    in_force_um: InForce
     """Compensation that stood frozen during the cycle, taken out of the centres before solving."""
     measurement: Measurement | None
     residual_um: float
@@ -61,7 +67,7 @@ class Probe:
     sigma_um: float
     """Standard uncertainty of one coordinate of a measured centre."""
 
-    def deviations_um(self, centres_mm: FloatArray, reference_mm: FloatArray, in_force_um: Offsets) -> FloatArray:
+    def deviations_um(self, centres_mm: FloatArray, reference_mm: FloatArray, in_force_um: InForce) -> FloatArray:
         """(poses, 3) movement of the sphere since the reference, µm, as if nothing had been compensated.
 
         The control adds `in_force_um` to where the tool stands, so the probe finds the sphere displaced by that

@@ -4,6 +4,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -11,11 +12,11 @@ from drivers.base import DriverError, NoAnswer
 from drivers.nc import NcSnapshot, NumericalControl, Watch
 from gateway.breaker import Breaker, Change
 from gateway.clock import ServiceClock
-from gateway.compensation import Offsets, Slew, Source, Step, Write
+from gateway.compensation import Offsets, Slew, Source, Step, Write, as_offsets
 from gateway.config import GatewayConfig
-from gateway.measurement import Outcome, Probe
+from gateway.form import form_of
+from gateway.measurement import InForceAt, Outcome, Probe
 from gateway.prober import Prober
-from talc import kinematics
 from talc.frame import Decision, FloatArray, Why
 
 log = logging.getLogger(__name__)
@@ -62,6 +63,7 @@ class NcLink:
         if config.nc is None:
             raise ValueError("config has no [nc] section")
         self._nc, self._clock, self._probe = nc, clock, probe
+        self._form = form_of(nc)
         self._period = config.nc.period_s
         self._probing, self._settings = config.probing, config.compensation
         self._states, self._written, self._notify = states, written, notify
@@ -76,6 +78,7 @@ class NcLink:
         settings = self._settings
         self._watch = Watch(settings.watchdog_s, settings.slew_um_per_s if settings.when_stale == "zero" else 0.0)
         self._slew: Slew | None = None
+        self._left: FloatArray | None = None
         self._frozen = False
         self._decision: tuple[Decision, float] | None = None
         self._last_step: Step | None = None
@@ -113,8 +116,7 @@ class NcLink:
     async def stop(self) -> None:
         """Bring the compensation to its declared state, then let go of the control."""
         if self._connected and self.armed and self._slew is not None and self._settings.when_stale == "zero":
-            bound = max(abs(v) for v in self._slew.offsets_um)
-            steps = math.ceil(bound / (self._settings.slew_um_per_s * self._period)) + 1
+            steps = math.ceil(self._slew.largest_um / (self._settings.slew_um_per_s * self._period)) + 1
             try:
                 due = self._clock.monotonic()
                 for _ in range(steps):
@@ -123,7 +125,7 @@ class NcLink:
                     if not await self._alive():
                         break  # the control's watchdog has it
                     await self._send(self._slew.follow(self._clock.monotonic(), None, Source.STOPPED))
-                    if not any(self._slew.offsets_um):
+                    if not self._slew.largest_um:
                         break
             except DriverError as error:
                 log.warning("compensation could not be taken back: %s", error)
@@ -141,11 +143,11 @@ class NcLink:
         finally:
             self._frozen = False
 
-    async def _stand(self) -> Offsets:
+    async def _stand(self) -> InForceAt:
         async with self._writing:  # a write under way ends first, or what is read were not what stands
             self._frozen = True
             with self._clock.hold():
-                return await self._nc.read_compensation()
+                return partial(self._form.during, await self._form.read())
 
     async def _cycle(self, due: float) -> None:
         if not self._connected and not await self._connect(due):
@@ -165,7 +167,7 @@ class NcLink:
             await self._nc.connect()
             if self.armed:
                 await self._nc.claim(self._owner, self._watch)
-            in_force = await self._nc.read_compensation()
+            in_force = await self._form.read()
         except DriverError as error:
             await self._close()
             self._lost(error, due)
@@ -176,7 +178,7 @@ class NcLink:
         self._begin_from(in_force)
         return True
 
-    def _begin_from(self, in_force: Offsets) -> None:
+    def _begin_from(self, in_force: FloatArray) -> None:
         """Whatever stands on the control is where the ramp begins: no step at start and none after a reconnect."""
         self._slew = Slew(
             self._settings.bound_um,
@@ -186,6 +188,7 @@ class NcLink:
             in_force,
             self._clock.monotonic(),
         )
+        self._left = None
 
     async def _alive(self) -> bool:
         """Beat. Whether offsets may be written: the control's watchdog watches, and nothing moved since it did not."""
@@ -193,7 +196,7 @@ class NcLink:
         self._beat_s = self._clock.monotonic()
         if not watched:
             # It may have moved the offsets. This beat stops it, so what is read now is where to go on.
-            self._begin_from(await self._nc.read_compensation())
+            self._begin_from(await self._form.read())
         if watched is not self._watched and self._watched is not None:
             self._notify(f"NC: its watchdog {'watches again' if watched else 'did not hear this gateway'}", watched)
         self._watched = watched
@@ -211,9 +214,13 @@ class NcLink:
         may_write = self.armed and await self._alive()
         now = self._clock.monotonic()
         k = self._decision[0].k if self._decision else None
+        here = self._form.basis(positions(snapshot)[:3])
         async with self._writing:
-            step = self._slew.freeze(now) if self._frozen else self._slew.follow(now, *self._wanted(snapshot, now))
-            read_back = await self._send(step) if may_write and not self._frozen else None
+            if self._frozen:
+                step = self._slew.freeze(now, here)
+            else:
+                step = self._slew.follow(now, *self._wanted(snapshot, now), here)
+            read_back = await self._send(step, here) if may_write and not self._frozen else None
         if step != self._last_step:
             self._written(
                 Write(snapshot.time, self._settings.mode, step, k, snapshot.positions, read_back is not None, read_back)
@@ -230,22 +237,38 @@ class NcLink:
             return None, Source.NO_MODEL
         # An error without an estimate is not compensated; the others still are.
         known = np.nan_to_num(decision.corrected)
-        return kinematics.tcp_offsets(known, positions(snapshot), self._probe.radius_m), Source.PREDICTION
+        return self._form.wanted(known, positions(snapshot), self._probe.radius_m), Source.PREDICTION
 
-    async def _send(self, step: Step) -> Offsets | None:
+    async def _send(self, step: Step, here: FloatArray | None = None) -> Offsets:
         if self._clock.monotonic() - self._beat_s > self._watch.silence_s / 2:
             # This process stood still after its beat. The control may be about to move the offsets, or has.
             raise NoAnswer(f"more than {self._watch.silence_s / 2:g} s between heartbeat and write", device="nc")
-        await self._nc.write_compensation(step.offsets_um)
-        read_back = await self._nc.read_compensation()
-        if any(abs(a - b) > _READ_BACK_TOLERANCE_UM for a, b in zip(step.offsets_um, read_back, strict=True)):
+        wanted = np.array(step.coefficients_um)
+        if self._left is not None:
+            # Our next step would be a jump from where somebody else has put it.
+            found = await self._form.read()
+            if self._differ(found, self._left):
+                return self._read_back(found, here)
+        await self._form.write(wanted)
+        found = self._left = await self._form.read()
+        self._differ(found, wanted)
+        return self._read_back(found, here)
+
+    def _differ(self, found: FloatArray, wanted: FloatArray) -> bool:
+        """Disarm unless the control has in force what was written. Compared where the difference is largest."""
+        differs = bool(np.abs(found - wanted).sum(axis=1).max() > _READ_BACK_TOLERANCE_UM)
+        if differs:
             self._disarmed = True
             self._notify(
-                f"NC: wrote offsets {step.offsets_um} µm but {read_back} are in force; compensation is disarmed "
+                f"NC: wrote offsets {_shown(wanted)} µm but {_shown(found)} are in force; compensation is disarmed "
                 "until a restart. Does something else write there?",
                 False,
             )
-        return read_back
+        return differs
+
+    @staticmethod
+    def _read_back(found: FloatArray, here: FloatArray | None) -> Offsets:
+        return as_offsets(found[:, 0] if here is None else found @ here)
 
     async def _close(self) -> None:
         self._connected = False
@@ -259,3 +282,8 @@ def positions(snapshot: NcSnapshot) -> FloatArray:
     """(5,) X Y Z in mm, A C in radians."""
     at = snapshot.positions
     return np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])
+
+
+def _shown(coefficients: FloatArray) -> str:
+    """Rows X, Y, Z; several columns as K0 and the most that each slope adds."""
+    return " ".join("/".join(f"{v:.2f}" for v in row) for row in coefficients)

@@ -8,9 +8,9 @@ import numpy as np
 from drivers.base import DriverError
 from drivers.nc import NumericalControl
 from gateway.clock import ServiceClock
-from gateway.compensation import ZERO, Offsets
+from gateway.compensation import ZERO
 from gateway.config.sections import Probing
-from gateway.measurement import End, Outcome, Probe, Refused, Rejected, at_rest, centres, run_cycle
+from gateway.measurement import End, InForce, InForceAt, Outcome, Probe, Refused, Rejected, at_rest, centres, run_cycle
 from gateway.measurement_checks import Expected, MeasurementChecks
 from talc.frame import Decision, FloatArray, Measurement, Why
 
@@ -43,23 +43,27 @@ class Prober:
         self._reference, self._number = reference_mm, first_number
         self._last: tuple[Measurement, float] | None = None
 
-    async def measure(self, why: Why, standing: Callable[[], Awaitable[Offsets]], decision: Decision | None) -> Outcome:
+    async def measure(
+        self, why: Why, standing: Callable[[], Awaitable[InForceAt]], decision: Decision | None
+    ) -> Outcome:
         """One cycle, or those of the reference. Never raises for what the control does: the outcome says why there is
         no result.
 
         standing: makes the offsets stand still and tells them; decision: the latest, None before the first
         """
         asked = self._clock.utc()
-        in_force: Offsets = ZERO
+        in_force: InForce = ZERO
         found: FloatArray | None = None
         measurement: Measurement | None = None
         residual, reason, end = math.nan, "", End.MEASURED
         try:
-            in_force = await standing()
+            in_force_at = await standing()
+            in_force = in_force_at(None)
             # Noise of the reference would stand in every later measurement, so it is a mean of several cycles.
             count = self._settings.reference_cycles if self._reference is None else 1
             cycles = [await self._probed() for _ in range(count)]
             found = np.mean(cycles, axis=0)
+            in_force = in_force_at(found)
             at_rest(cycles, self._settings.max_repeat_um)
             if self._reference is None:
                 self._reference = found + np.asarray(in_force) * 1e-3

@@ -6,7 +6,7 @@ import sqlite3
 from contextlib import closing, suppress
 from pathlib import Path
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 SCHEMA = """
 CREATE TABLE boot (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, began TEXT NOT NULL,
     config TEXT NOT NULL, fingerprint TEXT NOT NULL,
@@ -27,7 +27,7 @@ CREATE TABLE event (id INTEGER PRIMARY KEY, time TEXT NOT NULL, k INTEGER, kind 
     error TEXT, value REAL, bound REAL);
 CREATE TABLE compensation (id INTEGER PRIMARY KEY, time TEXT NOT NULL, mode TEXT NOT NULL, source TEXT NOT NULL,
     k INTEGER, target BLOB NOT NULL, offsets BLOB NOT NULL, positions TEXT NOT NULL, written INTEGER NOT NULL,
-    read_back BLOB);
+    read_back BLOB, coefficients BLOB NOT NULL);
 CREATE INDEX compensation_time ON compensation (time);
 """
 

@@ -207,9 +207,9 @@ class Store:
         row = (
             write.time.isoformat(), write.mode, write.step.source.value, write.k, _blob(write.step.target_um),
             _blob(write.step.offsets_um), json.dumps(dict(write.positions)), int(write.written),
-            None if write.read_back_um is None else _blob(write.read_back_um),
+            None if write.read_back_um is None else _blob(write.read_back_um), _blob(write.step.coefficients_um),
         )  # fmt: skip
-        self._put("INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row])
+        self._put("INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row])
 
     def probing(self, outlook: Outlook) -> None:
         """Not kept: what blocks probing and what an operator should know are events."""
@@ -350,7 +350,8 @@ class History:
         )
         return [
             StoredMeasurement(
-                n, why, datetime.fromisoformat(ended), None if c is None else _array(c).reshape(-1, 3), _array(force),
+                n, why, datetime.fromisoformat(ended), None if c is None else _array(c).reshape(-1, 3),
+                _array(force).reshape(-1, 3).squeeze(),
                 None if e is None else _array(e), reason,
             )
             for n, why, ended, c, force, e, reason in rows

@@ -7,6 +7,7 @@ from drivers.build import make_bus, make_device
 from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NumericalControl
 from drivers.sinumerik import Sinumerik
+from drivers.sinumerik_slope import SinumerikWithSlopes
 from drivers.tap import Tap
 from gateway.acquisition import Line
 from gateway.clock import ServiceClock
@@ -65,7 +66,9 @@ def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalC
     poses = len(config.probing.poses_deg)
     match nc:
         case SinumerikNc():
-            return Sinumerik(nc.settings(poses, (state.name for state in config.states)), clock)
+            settings = nc.settings(poses, (state.name for state in config.states))
+            kind = SinumerikWithSlopes if settings.compensation.route == "k0_slope" else Sinumerik
+            return kind(settings, clock)
         case LinuxCncNc():
             return LinuxCnc(nc.settings(poses, ()), clock)
         case _:

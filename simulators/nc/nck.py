@@ -9,7 +9,7 @@ import numpy as np
 
 from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, Reason
 from simulators.nc.program import Block, Kind, LoadCase, Loads
-from simulators.nc.watchdog import R_BEAT, R_RAMP, R_WATCH, Logged, Watchdog
+from simulators.nc.watchdog import R_BEAT, R_SLOPE_RAMP, R_WATCH, Logged, Watchdog
 
 AXES = ("X", "Y", "Z", "A", "C")
 
@@ -23,6 +23,9 @@ R_SPREAD = 88
 """Largest difference between repeated touches, mm."""
 R_OFFSETS = 90
 """First of three: shift of the tool in X, Y, Z, mm, when the offsets go over R-parameters."""
+
+CEC_TABLES = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
+"""Sag compensation tables as TALC_CEC.INI makes them: shifted axis, axis whose position counts; 1 µm per mm from 0."""
 
 JOG, MDA, AUTO = 0, 1, 2
 INTERRUPTED, STOPPED, IN_PROGRESS = 1, 2, 3
@@ -95,7 +98,11 @@ class Nck:
         """SD43910 $SA_TEMP_COMP_SLOPE."""
         self.reference_mm = [0.0] * 3
         """SD43920 $SA_TEMP_COMP_REF_POSITION."""
-        self.watchdog = Watchdog(self.r, ((self.k0_mm, 0), (self.r, R_OFFSETS)))
+        self.table_weight = [0.0] * len(CEC_TABLES)
+        """SD41310 $SN_CEC_TABLE_WEIGHT."""
+        self.watchdog = Watchdog(
+            self.r, ((self.k0_mm, 0), (self.r, R_OFFSETS)), ((self.slope, 1.0), (self.table_weight, 1e3))
+        )
         self.log: list[Logged] = []
         """Every change of SD43900 with its time."""
         self.mode = AUTO
@@ -184,8 +191,9 @@ class Nck:
         """Switched off and on again: TALC_START takes the offsets away and no gateway is known."""
         self.advance(now_s)
         self.cycle.interrupt(now_s, Reason.STOPPED)
-        self.k0_mm[:] = [0.0] * 3
-        for number in range(R_OFFSETS, R_RAMP + 1):
+        self.k0_mm[:] = self.slope[:] = [0.0] * 3
+        self.table_weight[:] = [0.0] * len(CEC_TABLES)
+        for number in range(R_OFFSETS, R_SLOPE_RAMP + 1):
             self.r[number] = 0.0
         self._note(now_s, ramped=False)
         self._show_answer()
@@ -217,13 +225,16 @@ class Nck:
     # Compensation ----------------------------------------------------------------------------------------------------
 
     def shift_um(self, positions_mm: Centre) -> Centre:
-        """What the control adds to where the tool stands: SD43900-43920 and the R-parameters together, µm.
+        """What the control adds to where the tool stands: SD43900-43920, sag tables and R-parameters together, µm.
 
-        Position-dependent form: K = K0 + tanβ (P - P0) per axis (Function Manual Extended Functions, K3).
+        Position-dependent form: K = K0 + tanβ (P - P0) per axis; a sag table adds its value times its weight
+        (Function Manual Extended Functions, K3).
         """
         shift = []
         for axis, position in enumerate(positions_mm):
             value_mm = self.k0_mm[axis] + self.slope[axis] * (position - self.reference_mm[axis])
+            for weight, (shifted, over) in zip(self.table_weight, CEC_TABLES, strict=True):
+                value_mm += weight * positions_mm[over] * 1e-3 if shifted == axis else 0.0
             shift.append((self._sign * value_mm + self.r[R_OFFSETS + axis]) * 1e3)
         return shift[0], shift[1], shift[2]
 

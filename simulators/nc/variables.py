@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from simulators.nc.nck import AXES, R_COUNT, MachineState, Nck
+from simulators.nc.nck import AXES, CEC_TABLES, R_COUNT, MachineState, Nck
 
 Value = float | int | bool
 
@@ -64,6 +64,8 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
     ):
         for index in range(3):
             table[f"/NC/_N_AX_SEA_ACX/$SA_{name}[u{index + 1}]"] = _setting(nck, values, index)
+    for index in range(len(CEC_TABLES)):
+        table[f"/NC/_N_NC_SEA_ACX/$SN_CEC_TABLE_WEIGHT[{index + 1}]"] = _setting(nck, nck.table_weight, index)
     for index in range(3):
         table[f"/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{index + 1}]"] = _k0(nck, index)
     return table

@@ -9,7 +9,7 @@ silent    the beat changes                                     alive
 from dataclasses import dataclass
 from enum import IntEnum
 
-R_OWNER, R_BEAT, R_SILENCE, R_WATCH, R_RAMP = 93, 94, 95, 96, 97
+R_OWNER, R_BEAT, R_SILENCE, R_WATCH, R_RAMP, R_SLOPE_RAMP = 93, 94, 95, 96, 97, 98
 
 
 class WatchState(IntEnum):
@@ -36,10 +36,16 @@ class Watchdog:
     ----------
     r: all R-parameters
     offsets: every (list, first index) whose three values, mm, are offsets and go to zero on silence
+    slopes: every (list, unit) whose values are slopes and go to zero too; unit: how many of theirs make 1 mm/mm
     """
 
-    def __init__(self, r: list[float], offsets: tuple[tuple[list[float], int], ...]) -> None:
-        self._r, self._offsets = r, offsets
+    def __init__(
+        self,
+        r: list[float],
+        offsets: tuple[tuple[list[float], int], ...],
+        slopes: tuple[tuple[list[float], float], ...] = (),
+    ) -> None:
+        self._r, self._offsets, self._slopes = r, offsets, slopes
         self._heard_s = self._now_s = 0.0
 
     def beat(self, now_s: float) -> None:
@@ -57,8 +63,14 @@ class Watchdog:
             if now_s >= silent_from:
                 self._r[R_WATCH] = WatchState.SILENT
         if self._r[R_WATCH] == WatchState.SILENT:
-            reach = max(0.0, now_s - silent_from) * self._r[R_RAMP]
+            passed = max(0.0, now_s - silent_from)
             for values, first in self._offsets:
                 for index in range(first, first + 3):
-                    values[index] -= min(max(values[index], -reach), reach)
+                    values[index] = _towards_zero(values[index], passed * self._r[R_RAMP])
+            for values, unit in self._slopes:
+                values[:] = [_towards_zero(value, passed * self._r[R_SLOPE_RAMP] * unit) for value in values]
         self._now_s = max(self._now_s, now_s)
+
+
+def _towards_zero(value: float, reach: float) -> float:
+    return value - min(max(value, -reach), reach)

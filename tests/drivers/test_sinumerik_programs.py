@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from drivers.nc import ProbingState
+from drivers.nc import LINEAR_AXES, ProbingState
 from drivers.sinumerik import PROBING_STATES, REASONS
-from drivers.sinumerik_settings import Handshake, SinumerikSettings
+from drivers.sinumerik_settings import Handshake, Lease, SinumerikSettings
+from simulators.nc.nck import CEC_TABLES
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "nc" / "sinumerik"
 PROGRAMS = sorted(FOLDER.glob("*.SPF"))
-HAND = Handshake()
+HAND, LEASE = Handshake(), Lease()
 
 
 def statements(name: str) -> list[str]:
@@ -90,3 +91,30 @@ def test_blocks_are_closed_and_the_interpreter_waits_before_it_tells(program: Pa
 def test_the_spread_of_the_touches_is_there_before_the_results_are_vouched_for() -> None:
     order = assigned("TALC_SAFE_POINT.SPF")
     assert order.index((HAND.spread, "TALC_SPREAD")) < order.index((HAND.result_of, "NUMBER"))
+
+
+def test_the_tables_rise_by_one_um_per_mm_and_join_the_pairs_that_the_emulated_control_has() -> None:
+    values = dict(re.findall(r"^\$AN_CEC(\S+) = (\S+)$", (FOLDER / "TALC_CEC.INI").read_text(), re.MULTILINE))
+    for table, (shifted, over) in enumerate(CEC_TABLES):
+        assert values[f"_OUTPUT_AXIS[{table}]"] == f"({LINEAR_AXES[shifted]})"
+        assert values[f"_INPUT_AXIS[{table}]"] == f"({LINEAR_AXES[over]})"
+        low, high = float(values[f"_MIN[{table}]"]), float(values[f"_MAX[{table}]"])
+        assert float(values[f"_STEP[{table}]"]) == high - low
+        assert float(values[f"[{table},0]"]) == pytest.approx(low * 1e-3)
+        assert float(values[f"[{table},1]"]) == pytest.approx(high * 1e-3)
+
+
+def test_on_silence_every_slope_and_weight_goes_to_zero_from_either_side() -> None:
+    text = "\n".join(statements("TALC_SLOPES.SPF"))
+    slopes = [f"$SA_TEMP_COMP_SLOPE[{axis}]" for axis in LINEAR_AXES]
+    weights = [f"$SN_CEC_TABLE_WEIGHT[{table}]" for table in range(len(CEC_TABLES))]
+    for name in slopes + weights:
+        rate = f"{'1000 * ' if name in weights else ''}$R[{LEASE.slope_ramp}] * $AC_PARAM[2]"
+        assert f"\n{name} = 0\n" in text
+        assert f"($R[{LEASE.state}] == 2) AND (${name} > 0) DO ${name} = ${name} - MINVAL({rate}, ${name})" in text
+        assert f"($R[{LEASE.state}] == 2) AND (${name} < 0) DO ${name} = ${name} + MINVAL({rate}, -${name})" in text
+
+
+def test_no_synchronised_action_has_two_meanings() -> None:
+    numbers = [n for p in PROGRAMS for line in statements(p.name) for n in re.findall(r"^IDS=(\d+) ", line)]
+    assert len(numbers) == len(set(numbers)) == 27

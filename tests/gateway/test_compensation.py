@@ -87,3 +87,26 @@ def test_no_sequence_of_wishes_breaks_bound_or_rate(
 def test_refuses_settings_that_cannot_be_safe(field: str, value: object) -> None:
     with pytest.raises(ValueError, match=field):
         slew(**{field: value})
+
+
+def test_a_shift_that_follows_the_position_keeps_to_bound_and_rate_at_every_position() -> None:
+    draw = np.random.default_rng(5)
+    s = slew(in_force_um=draw.normal(0.0, 3.0, (3, 4)))
+    corners = np.column_stack([np.ones(8), np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T])
+    before = None
+    for now in range(1, 300):
+        wanted = draw.normal(0.0, 30.0, (3, 4)) if now % 50 < 25 else None
+        step = s.follow(float(now), wanted, basis=corners[now % 8])
+        after = np.array(step.coefficients_um) @ corners.T
+        assert step.offsets_um == pytest.approx(tuple(after[:, now % 8]))
+        assert np.all(np.array([50.0, 50.0, 20.0]) + 1e-9 >= np.abs(after).T)
+        if before is not None:
+            assert np.abs(after - before).max() <= 1.0 + 1e-9
+        before = after
+
+
+def test_a_row_beyond_the_bound_keeps_its_shape() -> None:
+    wanted = np.array([[40.0, 40.0, 0.0, 20.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    step = slew(period_s=1000.0, in_force_um=np.zeros((3, 4))).follow(1000.0, wanted)
+    assert step.bounded == (True, False, False)
+    np.testing.assert_allclose(step.coefficients_um, wanted * np.array([[0.5], [1.0], [0.0]]))

@@ -443,3 +443,17 @@ async def test_stopping_gives_the_control_back() -> None:
     await bench.clock.run_until(10.0)
     await stopping
     assert bench.control.owner == 0
+
+
+async def test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by_a_step() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        bench.control.in_force = (0.0, 30.0, 4.0)
+        before = len(bench.control.writes)
+        bench.link.follow(decision(5.0))
+        await bench.clock.run_until(20.0)
+    assert len(bench.control.writes) == before
+    assert not bench.link.armed
+    assert len([notice for notice in bench.notices if "30.00" in notice and "disarmed" in notice]) == 1

@@ -1,0 +1,222 @@
+"""What is left of the machine's thermal error at the tool, by the route that offsets take to the control.
+
+A warm machine of the simulators, moving; the errors are known exactly, so that only the routes differ.
+"""
+
+import asyncio
+import itertools
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.nc import NumericalControl
+from drivers.sinumerik import Sinumerik
+from drivers.sinumerik_settings import PAIRS, Compensation, SinumerikSettings
+from drivers.sinumerik_slope import SinumerikWithSlopes
+from gateway.config.model import validate
+from gateway.measurement import Probe, poses_in_radians
+from gateway.nc_link import NcLink
+from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc.nck import CEC_TABLES
+from simulators.plant import Environment, MachineDrive, Plant, load
+from simulators.plant.plant import RADIUS_MM
+from talc.frame import Decision, FloatArray, Phase, Why
+from tests.gateway.stepped_clock import SteppedClock
+
+WARM_S = 6 * 3600.0
+SETTLED_S, END_S, SAMPLE_S = 90.0, 240.0, 0.5
+BOUND_UM, SLEW_UM_PER_S = 300.0, 5.0
+TRAVEL = ((-150.0, 150.0), (-150.0, 150.0), (50.0, 250.0))
+"""What the emulated control's program drives through."""
+NAMES = {pair: name for name, pair in PAIRS.items()}
+TABLES = {NAMES[pair]: number for number, pair in enumerate(CEC_TABLES)}
+PLAIN = Compensation()
+OWN_AXES = Compensation(route="k0_slope", travel_mm=TRAVEL)
+EVERY_PAIR = Compensation(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
+
+
+class WireClock(SteppedClock):
+    """Simulated time that also waits for what goes over a real wire."""
+
+    async def _rest(self) -> None:
+        await super()._rest()
+        while self.holds:
+            await asyncio.sleep(0.0005)
+            await super()._rest()
+
+
+class WarmMachine:
+    """The plant after a long day, standing still in time; `ideal` while it shall have no errors."""
+
+    def __init__(self) -> None:
+        self.ideal = False
+        self.plant = Plant(load(), Environment(), seed=3)
+        self.plant.advance(3600.0, MachineDrive())
+        self.plant.zero()
+        drive = MachineDrive(speed_x=4000.0, speed_y=4000.0, speed_z=2000.0, speed_c=400.0, spindle_speed=12000.0)
+        self.plant.advance(3600.0 + WARM_S, drive)
+
+    def tool_deviation_um(
+        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
+    ) -> tuple[float, float, float]:
+        deviation = self.plant.deviation_um(x_mm, y_mm, z_mm, a_deg, c_deg) * (not self.ideal)
+        x, y, z = (float(v) for v in deviation)
+        return x, y, z
+
+
+@pytest.fixture(scope="module")
+def machine() -> WarmMachine:
+    return WarmMachine()
+
+
+def driver(url: str, clock: WireClock, compensation: Compensation) -> NumericalControl:
+    settings = SinumerikSettings(url=url, compensation=compensation)
+    return (SinumerikWithSlopes if compensation.route == "k0_slope" else Sinumerik)(settings, clock)
+
+
+def perfect(machine: WarmMachine) -> Decision:
+    errors, sigma, limits = machine.plant.errors(), np.ones(9), np.full(9, 5.0)
+    return Decision(1, Phase.COMPENSATION, errors, errors, sigma, limits, None, None, ())
+
+
+@asynccontextmanager
+async def moving(machine: WarmMachine) -> AsyncIterator[tuple[EmulatedControl, WireClock, str]]:
+    clock = WireClock()
+    loads = Loads(x=1500.0, y=1100.0, z=700.0, a=0.1, c=20.0, spindle=6000.0)
+    cycle = CycleSettings(radius_mm=RADIUS_MM, noise_um=0.0)
+    control = EmulatedControl(machine, clock, LoadCase([Block(0.0, 1e6, Kind.FINISHING, loads)]), cycle=cycle)
+    url = await control.start()
+    try:
+        yield control, clock, url
+    finally:
+        await control.stop()
+
+
+@asynccontextmanager
+async def linked(
+    machine: WarmMachine, clock: WireClock, url: str, compensation: Compensation
+) -> AsyncIterator[tuple[NcLink, list[str]]]:
+    """The gateway's link at work, knowing the machine's errors; and the problems that it tells."""
+    config = validate(
+        {
+            "machine": {"name": "mill"},
+            "nc": {"kind": "sinumerik", "url": url, "security": "none"},
+            "probing": {"armed": True, "sphere_radius_mm": RADIUS_MM, "reference_cycles": 1},
+            "compensation": {
+                "mode": "compensate", "bound_um": [BOUND_UM] * 3, "slew_um_per_s": SLEW_UM_PER_S,
+                "stale_after_s": 4000.0,
+            },
+        }
+    )  # fmt: skip
+    problems: list[str] = []
+    cycle = CycleSettings(radius_mm=RADIUS_MM)
+    nc = driver(url, clock, compensation)
+    link = NcLink(
+        nc,
+        config,
+        clock,
+        Probe(poses_in_radians(cycle.poses_deg), RADIUS_MM * 1e-3, cycle.height_mm * 1e-3, 1.0),
+        states=lambda *_: None,
+        written=lambda _: None,
+        notify=lambda text, _: problems.append(text),
+        reference_mm=None,
+        first_number=1,
+    )
+    link.follow(perfect(machine))
+    task = asyncio.create_task(link.run())
+    try:
+        yield link, problems
+    finally:
+        ended = task.done()
+        task.cancel()
+        [error] = await asyncio.gather(task, return_exceptions=True)
+        await nc.close()
+        assert not ended, error
+
+
+def left_um(machine: WarmMachine, control: EmulatedControl, now: float) -> FloatArray:
+    """(3,) deviation at the tool."""
+    at = control.nck.state(now).positions
+    x, y, z, a, c = (at[axis] for axis in "XYZAC")
+    return np.subtract(machine.tool_deviation_um(now, x, y, z, a, c), control.nck.shift_um((x, y, z)))
+
+
+async def rms_um(machine: WarmMachine, compensation: Compensation | None) -> FloatArray:
+    """(3,) RMS of X, Y, Z over some minutes of moving, after the ramp; None: not compensated."""
+    async with AsyncExitStack() as stack:
+        control, clock, url = await stack.enter_async_context(moving(machine))
+        if compensation is not None:
+            link, problems = await stack.enter_async_context(linked(machine, clock, url, compensation))
+        found = []
+        for now in np.arange(0.0, END_S, SAMPLE_S):
+            await clock.run_until(now)
+            if now >= SETTLED_S:
+                found.append(left_um(machine, control, now))
+        if compensation is not None:
+            assert link.armed
+            assert problems == []
+        rms: FloatArray = np.sqrt(np.mean(np.square(found), axis=0))
+        return rms
+
+
+async def test_the_error_at_the_tool_falls_and_the_more_the_control_follows_by_itself(machine: WarmMachine) -> None:
+    none = await rms_um(machine, None)
+    once_per_second = await rms_um(machine, PLAIN)
+    own_axes = await rms_um(machine, OWN_AXES)
+    every_pair = await rms_um(machine, EVERY_PAIR)
+    assert none.min() > 5.0, "a machine without errors shows nothing"
+    assert (once_per_second < 0.1 * none).all()
+    assert (own_axes < once_per_second).all()
+    assert (every_pair < 0.5 * own_axes).all()
+    assert (every_pair < 0.1).all()
+
+
+async def test_nowhere_in_the_travel_does_a_write_make_a_step_or_pass_the_bound(machine: WarmMachine) -> None:
+    corners = list(itertools.product(*TRAVEL))
+    async with moving(machine) as (control, clock, url), linked(machine, clock, url, EVERY_PAIR) as (link, _):
+        before = np.zeros((8, 3))
+        for now in np.arange(1.0, 200.0):
+            if now == 60.0:
+                link.follow(replace(perfect(machine), corrected=-8.0 * machine.plant.errors()))
+            await clock.run_until(now)
+            after = np.array([control.nck.shift_um(corner) for corner in corners])
+            assert np.abs(after - before).max() <= SLEW_UM_PER_S * 1.0 + 1e-6
+            assert np.abs(after).max() <= BOUND_UM + 1e-6
+            before = after
+    assert np.abs(before).max() > 0.5 * BOUND_UM
+
+
+@pytest.mark.parametrize("what", ["slope", "table_weight", "k0_mm"])
+async def test_what_somebody_else_writes_disarms(machine: WarmMachine, what: str) -> None:
+    async with moving(machine) as (control, clock, url), linked(machine, clock, url, EVERY_PAIR) as (link, problems):
+        await clock.run_until(30.0)
+        armed = [link.armed]
+        getattr(control.nck, what)[1] += 0.001
+        await clock.run_until(32.0)
+        armed.append(link.armed)
+        assert armed == [True, False]
+        assert [text for text in problems if "disarmed" in text]
+
+
+async def test_slopes_in_force_are_taken_out_of_what_is_probed(machine: WarmMachine) -> None:
+    async with moving(machine) as (_, clock, url), linked(machine, clock, url, EVERY_PAIR) as (link, problems):
+        machine.ideal = True
+        link.follow(replace(perfect(machine), corrected=np.zeros(9)))
+        await clock.run_until(2.0)
+        first = asyncio.create_task(link.measure(Why.INTERVAL))
+        await clock.run_until(300.0)
+        machine.ideal = False
+        link.follow(perfect(machine))
+        await clock.run_until(400.0)
+        second = asyncio.create_task(link.measure(Why.INTERVAL))
+        await clock.run_until(700.0)
+        reference, found = await first, await second
+    assert problems == []
+    assert reference.measurement is not None
+    assert found.measurement is not None
+    assert np.abs(np.asarray(found.in_force_um)).max() > 40.0
+    assert np.ptp(np.asarray(found.in_force_um), axis=0).max() > 5.0, "another shift at each pose"
+    np.testing.assert_allclose(found.measurement.errors, machine.plant.errors(), atol=0.05)
