@@ -3,12 +3,14 @@
 import asyncio
 import time
 from dataclasses import dataclass
+from math import isnan
 
 from rich.console import Console
 from rich.table import Table
 
 from drivers.base import DriverError, Quality
 from gateway.acquisition import Line
+from gateway.cli.numbers import shown
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
 from gateway.wiring import control_of, lines_of
@@ -83,7 +85,7 @@ async def _line(line: Line) -> list[_Row]:
                     line.bus.name,
                     driver.device,
                     r.channel,
-                    f"{r.value:.2f} {r.unit}",
+                    "" if isnan(r.value) else f"{shown(r.value)} {r.unit}",
                     r.quality.value,
                     latency,
                     f"{r.channel}: {r.detail}" if r.detail else "",

@@ -17,6 +17,7 @@ from rich.text import Text
 
 from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Line, Notice
+from gateway.cli.numbers import shown
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
@@ -152,8 +153,8 @@ class Watch:
         since = device.good_at.get(channel)
         age = "never" if since is None else _seconds(now_s - since)
         good = reading is not None and reading.quality is Quality.GOOD
-        shown = f"{_value(reading):>9}{_unit(reading):<5}" if good else _value(reading)
-        return Text(f"{_fitted(channel, 17):<17} {shown:>14.14} {age:>6.6}", style="" if good else "red")
+        text = f"{_value(reading):>9}{_unit(reading):<5}" if good else _value(reading)
+        return Text(f"{_fitted(channel, 17):<17} {text:>14.14} {age:>6.6}", style="" if good else "red")
 
 
 _PLAIN = Console(width=80)
@@ -174,8 +175,8 @@ def _value(reading: Reading | None) -> str:
         return "-"
     if reading.quality is not Quality.GOOD and isnan(reading.value):
         return reading.quality.value
-    shown = f"{reading.value:.2f}" if abs(reading.value) < 1e5 else f"{reading.value:.3g}"
-    return shown if reading.quality is Quality.GOOD else f"{shown}({reading.quality.value})"
+    number = shown(reading.value)
+    return number if reading.quality is Quality.GOOD else f"{number}({reading.quality.value})"
 
 
 def _unit(reading: Reading | None) -> str:
@@ -208,7 +209,7 @@ def watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -
 async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
     console = Console()
     lines = lines_of(config, RealClock())
-    shown = Watch(config.machine.name, lines, monotonic())
+    watch = Watch(config.machine.name, lines, monotonic())
     stop = asyncio.Event()
     stop_on_signals(stop)
     on_terminal = console.is_terminal
@@ -218,12 +219,12 @@ async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | 
             _say(console, notice.text if not notice.ended else f"{notice.subject}: {notice.text}")
 
     def screen() -> RenderableType:
-        return shown.table(monotonic(), console.width, console.height)
+        return watch.table(monotonic(), console.width, console.height)
 
     every_s = every_s or (_TABLE_EVERY_S if on_terminal else _LINES_EVERY_S)
     end_s = None if seconds is None else monotonic() + seconds
     live = Live(screen(), console=console, auto_refresh=False, screen=False, vertical_overflow="crop")
-    async with Acquisition(lines, RealClock(), shown.take, noticed):
+    async with Acquisition(lines, RealClock(), watch.take, noticed):
         with live if on_terminal else nullcontext():
             while not stop.is_set() and (end_s is None or monotonic() < end_s):
                 left = every_s if end_s is None else min(every_s, max(0.0, end_s - monotonic()))
@@ -232,9 +233,9 @@ async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | 
                 if on_terminal:
                     live.update(screen(), refresh=True)
                 else:
-                    for line in shown.lines(monotonic()):
+                    for line in watch.lines(monotonic()):
                         _say(console, line)
-    return shown.all_good
+    return watch.all_good
 
 
 def _say(console: Console, text: str) -> None:

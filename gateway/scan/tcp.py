@@ -73,7 +73,9 @@ async def _modbus(scan: TcpScan, host: str, port: int, report: Report, progress:
                 report.remarks.append(f"{host}:{port} {_ONE_DEVICE}, shown as unit {unit}")
                 break
         if not found and not stopped():
-            report.remarks.append(f"{host}:{port} accepts connections, but none of the units asked answers Modbus")
+            report.remarks.append(
+                f"{host}:{port} accepts connections, but no unit that was asked answers (--units 1-16?)"
+            )
     except (ConnectError, BadAnswer) as error:
         report.remarks.append(f"Modbus: {error.what}" + (f" ({error.hint})" if error.hint else ""))
     finally:

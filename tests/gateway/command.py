@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from pathlib import Path
 from signal import SIGINT
 
 LIMIT_S = 60.0
@@ -20,14 +21,23 @@ class Done:
 
 
 async def talc_gateway(
-    *arguments: str, answer: str = "", columns: int = 100, interrupt: Callable[[], Awaitable[object]] | None = None
+    *arguments: str,
+    answer: str = "",
+    columns: int = 100,
+    interrupt: Callable[[], Awaitable[object]] | None = None,
+    folder: Path | None = None,
+    together: bool = False,
 ) -> Done:
-    """Run to its end. `answer` is typed at its questions; Ctrl-C comes when `interrupt` returns."""
+    """Run to its end, in `folder`. `answer` is typed at its questions; Ctrl-C comes when `interrupt` returns.
+
+    together: errors stand in `out`, where they came
+    """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "gateway", *arguments),
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT if together else asyncio.subprocess.PIPE,
+        cwd=folder,
         env={**os.environ, "COLUMNS": str(columns), "PYTHONWARNINGS": "error::ResourceWarning"},
     )
     try:
@@ -40,4 +50,4 @@ async def talc_gateway(
         if process.returncode is None:
             process.kill()
             await process.wait()
-    return Done(process.returncode or 0, out.decode(), err.decode())
+    return Done(process.returncode or 0, out.decode(), (err or b"").decode())

@@ -1,0 +1,19 @@
+"""docs/wiring.md shows what the commands really say of each mistake."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.system.wiring_faults import DOCUMENT, FAULTS, blocks, comparable, shown
+
+SHOWN = blocks(DOCUMENT.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", FAULTS)
+async def test_document_shows_what_is_said(name: str, tmp_path: Path) -> None:
+    said = await shown(name, tmp_path)
+    assert comparable(said) == comparable(SHOWN[name])
+
+
+def test_every_case_is_in_the_document() -> None:
+    assert set(SHOWN) == set(FAULTS)
