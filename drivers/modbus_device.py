@@ -135,7 +135,11 @@ class ModbusDevice:
             return sentinel
         if not isfinite(raw):
             return Fault(Quality.SENSOR_FAULT, f"the device sends {raw} instead of a value")
-        value = self._spans[index].apply(raw) if values.scaled_by_type_code else raw * values.scale + values.offset
+        span = self._spans.get(index)
+        value = span.apply(raw) if values.scaled_by_type_code and span else raw * values.scale + values.offset
+        if span is not None and not span.holds(value):
+            text = f"{value:.4g} {profile.unit} is beyond what the input is set to, {span.low:g} to {span.high:g}"
+            return Fault(Quality.OUT_OF_RANGE, text)
         return _implausible(profile.plausibility, value, profile.unit) or value
 
     def _value_place(self, index: int) -> Place:

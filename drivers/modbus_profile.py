@@ -47,6 +47,9 @@ class NumberFormat:
         return number
 
 
+_SPAN_MARGIN = 0.01
+
+
 @dataclass(frozen=True, slots=True)
 class Span:
     """Linear scaling: raw low and high (numbers) stand for low and high in the profile's unit."""
@@ -58,6 +61,11 @@ class Span:
 
     def apply(self, raw: float) -> float:
         return self.low + (raw - self.raw_low) * (self.high - self.low) / (self.raw_high - self.raw_low)
+
+    def holds(self, value: float) -> bool:
+        """Whether an input set to this span can measure the value; modules go a little beyond what they promise."""
+        margin = _SPAN_MARGIN * (self.high - self.low)
+        return self.low - margin <= value <= self.high + margin
 
 
 @dataclass(frozen=True, slots=True)

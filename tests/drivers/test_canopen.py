@@ -4,6 +4,8 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager
+from importlib.resources import files
+from pathlib import Path
 
 import canopen
 import pytest
@@ -24,11 +26,13 @@ JUMO: dict[str, object] = {"vendor": "jumo"}
 
 
 @asynccontextmanager
-async def bench(node: Cia404Node, node_id: int = 5, **chosen: float) -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
+async def bench(
+    node: Cia404Node, node_id: int = 5, profile: str = "cia404", **chosen: float
+) -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
     adapter = SlcanAdapter([node])
     options = {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.1}
     bus = make_bus("can1", "canopen", options)
-    driver = make_device("node", bus, "cia404", node_id, {"a": 0, "b": 1}, JUMO | chosen, SystemClock())
+    driver = make_device("node", bus, profile, node_id, {"a": 0, "b": 1}, JUMO | chosen, SystemClock())
     try:
         await bus.connect()
         yield adapter, driver
@@ -46,6 +50,18 @@ async def passed(adapter: SlcanAdapter, *frames: Frame) -> None:
     """Send the frames and let the receiving thread see them."""
     adapter.send(frames)
     await asyncio.sleep(0.05)
+
+
+@pytest.mark.parametrize(("digits", "temperature"), [(0, -3.0), (1, -3.3), (2, -3.3)])
+async def test_values_of_16_bits_are_read_when_a_profile_says_so(
+    tmp_path: Path, digits: int, temperature: float
+) -> None:
+    supplied = (files("drivers") / "profiles" / "cia404.toml").read_text(encoding="utf-8")
+    (tmp_path / "short.toml").write_text(supplied.replace('object = "9130"', 'object = "7130"'), encoding="utf-8")
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=2, digits=digits)
+    async with bench(node, profile=str(tmp_path / "short.toml")) as (_, driver):
+        await driver.connect()
+        assert [r.value for r in await driver.read()] == pytest.approx([20.0, temperature])
 
 
 async def test_sensors_are_checked_again_after_the_node_started_anew(node: Cia404Node) -> None:

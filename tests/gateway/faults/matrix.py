@@ -342,14 +342,9 @@ MATRIX: Sequence[Case] = [
     *cases("exception code", ("slcan",), spoilt(_now(abort), SDO), whole, "node 1 refused object 6150:01"),
     *(Case("bus-off", plant, bus_off(True), bus_off(False), SILENT[plant], whole_bus=True) for plant in CAN),
     *(Case("node reboots", plant, silent, rebooted, SILENT[plant]) for plant in (*CANOPEN, "multicast")),
-    Case(
-        "heartbeat lost",
-        "heartbeat",
-        heartbeat(True),
-        heartbeat(False),
-        "its heartbeat stopped",
-        STALE,
-        whole_device=True,
+    *(
+        Case("heartbeat lost", plant, heartbeat(True), heartbeat(False), "heartbeat stopped", STALE, whole_device=True)
+        for plant in ("heartbeat", "sync", "timer")
     ),
     *(
         Case(

@@ -26,7 +26,7 @@ from simulators.devices.wago464 import Wago464
 from tests.drivers.logger_files import logger_profile
 
 TIMEOUT_S = 0.045
-HEARTBEAT_MS = EVENT_MS = 25
+HEARTBEAT_MS, EVENT_MS = 80, 25
 VICTIM, NEIGHBOUR = 1, 2
 SENSOR = 0x7E
 TEMPERATURE, DISTANCE_UM, RANGE_UM = 21.0, 250.0, 500.0
@@ -204,13 +204,13 @@ async def heartbeat(folder: Path) -> Plant:
 
 
 async def sync(folder: Path) -> Plant:
-    """CANopen by TPDOs after SYNC."""
-    return await _slcan(folder, "sync")
+    """CANopen by TPDOs after SYNC, heartbeats watched."""
+    return await _slcan(folder, "sync", heartbeat_ms=HEARTBEAT_MS)
 
 
 async def timer(folder: Path) -> Plant:
-    """CANopen by TPDOs that the nodes send by their timers."""
-    return await _slcan(folder, "timer", event_ms=EVENT_MS)
+    """CANopen by TPDOs that the nodes send by their timers, heartbeats watched."""
+    return await _slcan(folder, "timer", heartbeat_ms=HEARTBEAT_MS, event_ms=EVENT_MS)
 
 
 async def multicast(_: Path) -> Plant:
