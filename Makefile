@@ -21,8 +21,9 @@ $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $@
 
+# NC=linuxcnc: the NC side against the real LinuxCNC (Debian's linuxcnc-uspace), in three minutes of real time.
 demo: $(VENV)/.ready
-	$(BIN)/talc-gateway demo
+	$(BIN)/talc-gateway demo $(if $(NC),--nc $(NC))
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .

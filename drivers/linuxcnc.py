@@ -87,7 +87,12 @@ class LinuxCnc:
         centres = told.get("centres")
         if not isinstance(centres, list) or len(centres) != self._settings.poses:
             raise self._bad(f"cycle {number} is done without {self._settings.poses} centres")
-        return ProbingStatus(number, state, centres_mm=tuple(self._three(centre, "centre") for centre in centres))
+        return ProbingStatus(
+            number,
+            state,
+            centres_mm=tuple(self._three(centre, "centre") for centre in centres),
+            spread_mm=self._number(told.get("spread"), "spread"),
+        )
 
     async def withdraw_probing(self, number: int) -> None:
         """Take the request back; a cycle under way is stopped before its next touch."""

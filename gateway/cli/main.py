@@ -170,6 +170,13 @@ def run(config: Path) -> None:
 @click.option("--zenoh-port", type=int, default=7447, show_default=True, help="Where `watch` finds the run.")
 @click.option("--connect", multiple=True, help="Zenoh endpoint of a listener to publish to from the first frame on.")
 @click.option("--plain", is_flag=True, help="One line per event, also on a terminal.")
+@click.option(
+    "--nc",
+    type=click.Choice(["sinumerik", "linuxcnc"]),
+    default="sinumerik",
+    show_default=True,
+    help="Emulated control; or the real LinuxCNC, where it is installed: only --folder applies then.",
+)
 def demo(
     hours: float,
     calibration_hours: float,
@@ -179,8 +186,14 @@ def demo(
     zenoh_port: int,
     connect: tuple[str, ...],
     plain: bool,
+    nc: str,
 ) -> None:
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
+    if nc == "linuxcnc":
+        from gateway.cli.demo_linuxcnc import run_linuxcnc_demo
+
+        run_linuxcnc_demo(folder / "linuxcnc")
+        return
     from gateway.cli.demo import Demo, run_demo
 
     run_demo(Demo(hours, calibration_hours, speed, seed, folder, zenoh_port, connect, plain))

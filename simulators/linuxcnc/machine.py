@@ -47,7 +47,7 @@ class Machine:
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self.process = process
 
-    async def ask(self, verb: str, *arguments: str) -> Any:
+    async def ask(self, verb: str, *arguments: str | float) -> Any:
         """Raises RuntimeError with what the control said."""
         if self.process.stdin is None:
             raise RuntimeError("LinuxCNC's process has no pipes")

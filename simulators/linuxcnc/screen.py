@@ -140,7 +140,7 @@ def main() -> None:
         verb, *arguments = json.loads(line)
         try:
             answer = {"answer": verbs[verb](*arguments)}
-        except (KeyError, RuntimeError, TimeoutError, linuxcnc.error) as error:
+        except (KeyError, TypeError, RuntimeError, TimeoutError, linuxcnc.error) as error:
             answer = {"error": repr(error)}
         print(json.dumps(answer), flush=True)
     if control.sphere is not None:

@@ -9,7 +9,7 @@ import hal
 from simulators.plant import Environment, MachineDrive, Plant, load
 
 _PERIOD_S = 0.002
-_LOADS = MachineDrive(speed_x=3000.0, speed_y=2000.0, speed_z=1000.0, speed_a=6.0, speed_c=200.0, spindle_speed=12000.0)
+_LOADS = MachineDrive(speed_x=6000.0, speed_c=1200.0, spindle_speed=12000.0, coolant_on=True)
 _IDLE_S = 12 * 3600.0
 
 

@@ -100,6 +100,8 @@ async def test_a_part_program_lends_its_safe_point_and_finds_everything_as_it_wa
     await bench.operator.ask("hal", "setp", "motion.digital-in-03", "0")
     await operator_sees(bench, idle=True)
     assert await bench.nc.probing_status(17) == done
+    assert done.spread_mm is not None
+    assert done.spread_mm <= 1e-3  # one servo period's way at this feed
     # Where the sphere of an ideal machine is, whatever pivot and probe length are.
     assert done.centres_mm is not None
     ideal = [(120, 0, 80), (0, 120, 80), (-120, 0, 80), (0, -120, 80), (120, -80, 0), (120, 80, 0)]

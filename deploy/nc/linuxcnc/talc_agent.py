@@ -210,7 +210,7 @@ def component() -> Any:
     for name in (*AXES, "silence", "ramp", "request", "withdrawn"):
         it.newpin(name, hal.HAL_FLOAT, hal.HAL_OUT)
     centres = (f"centre-{pose}-{axis}" for pose in range(POSES) for axis in AXES)
-    for name in (*(f"{axis}-in-force" for axis in AXES), "answers", "state", "reason", "result-of", *centres):
+    for name in (*(f"{axis}-in-force" for axis in AXES), "answers", "state", "reason", "result-of", "spread", *centres):
         it.newpin(name, hal.HAL_FLOAT, hal.HAL_IN)
     for name in ("beat", "free"):
         it.newpin(name, hal.HAL_BIT, hal.HAL_OUT)

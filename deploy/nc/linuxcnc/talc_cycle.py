@@ -62,13 +62,14 @@ class Cycle:
                 self._refuse("withdrawn")
 
     def status(self, number: int) -> dict[str, Any]:
-        """State, reason and, when done, the centres (mm) in the order of the poses."""
+        """State, reason; when done, mm: centres in the order of the poses, spread of repeated touches."""
         if number != self._number:
-            return {"state": "idle", "reason": "", "centres": None}
-        centres = None
+            return {"state": "idle", "reason": "", "centres": None, "spread": None}
+        centres = spread = None
         if self._state == "done":
             centres = [[self._pins[f"centre-{pose}-{axis}"] for axis in "xyz"] for pose in range(POSES)]
-        return {"state": self._state, "reason": self._reason, "centres": centres}
+            spread = self._pins["spread"]
+        return {"state": self._state, "reason": self._reason, "centres": centres, "spread": spread}
 
     def step(self, now: float, nc: Any, command: Any) -> None:
         """Look at program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""

@@ -1,0 +1,211 @@
+"""`talc-gateway demo --nc linuxcnc`: the gateway's NC side against the real LinuxCNC, with a virtual sphere to probe.
+
+Real time: LinuxCNC cannot be sped up. The emulated machine's thermal time is: it works for hours between two cycles.
+"""
+
+import asyncio
+import math
+import secrets
+import shutil
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from drivers.base import DriverError
+from drivers.linuxcnc import LinuxCnc
+from drivers.linuxcnc_settings import LinuxCncSettings
+from gateway.clock import RealClock
+from gateway.config import GatewayConfig
+from gateway.config.model import validate
+from gateway.measurement import Outcome, Probe, centres, poses_in_radians, run_cycle
+from gateway.nc_link import NcLink
+from simulators.linuxcnc.machine import HURRY, Machine, machine, missing
+from talc.frame import Decision, FloatArray, Measurement, Phase, Why
+from talc.names import ERROR_UNITS, THERMAL_ERRORS
+
+HOURS = 1.0
+"""The machine works so long between reference and measurement."""
+SILENCE_S, SLEW_UM_PER_S = 2.0, 100.0
+_RADIUS_MM, _HEIGHT_MM = 200.0, 80.0
+_CYCLE_LIMIT_S, _POLL_S, _PERIOD_S = 240.0, 0.2, 0.05
+_MACHINE = {
+    **HURRY,
+    "SPHERE_RADIUS": _RADIUS_MM,
+    "SPHERE_HEIGHT": _HEIGHT_MM,
+    "PIVOT_X": 3,
+    "PIVOT_Y": -4,
+    "PIVOT_Z": -5,
+    "SLEW": 1,
+}
+_TOOLS = "T99 P99 Z40 D6 ;touch probe\n"
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What was seen."""
+
+    true: FloatArray
+    """(9,) errors of the emulated machine, µm and µm/m."""
+    measured: Measurement
+    before_um: FloatArray
+    """(6, 3) deviation of the sphere at each pose since the reference, without compensation."""
+    after_um: FloatArray
+    """(6, 3) with compensation."""
+    silent_um: FloatArray
+    """(n, 4) after the last heartbeat: seconds, offsets in force X, Y, Z."""
+
+
+def run_linuxcnc_demo(folder: Path) -> None:
+    """Run it and print what it showed. Raises DriverError when LinuxCNC cannot be had here."""
+    console = Console()
+    shown = asyncio.run(show(folder, lambda line: console.print(line, highlight=False)))
+    table = Table("error", "unit", "true", "measured", "difference", title="nine errors after the machine's work")
+    for name, true, found in zip(THERMAL_ERRORS, shown.true, shown.measured.errors, strict=True):
+        table.add_row(name, ERROR_UNITS[name], f"{true:.2f}", f"{found:.2f}", f"{found - true:+.2f}")
+    console.print(table)
+    table = Table("pose", "without", "with compensation", title="deviation of the sphere, µm (X, Y, Z)")
+    for pose, (before, after) in enumerate(zip(shown.before_um, shown.after_um, strict=True)):
+        table.add_row(str(pose + 1), *("  ".join(f"{v:7.2f}" for v in row) for row in (before, after)))
+    console.print(table)
+    held, zero = silence(shown.silent_um)
+    console.print(f"silent gateway: offsets held for {held:.1f} s, at zero after {zero:.1f} s", highlight=False)
+
+
+def silence(silent_um: FloatArray) -> tuple[float, float]:
+    """Seconds for which the offsets were held, and after which they were zero; see Shown.silent_um."""
+    times, offsets = silent_um[:, 0], silent_um[:, 1:]
+    moved = np.any(np.abs(offsets - offsets[0]) > 0.01, axis=1)
+    zero = np.all(np.abs(offsets) < 1e-6, axis=1)
+    return float(times[~moved][-1]), float(times[zero][0]) if zero.any() else math.inf
+
+
+async def show(folder: Path, say: Say) -> Shown:
+    """The whole scene. folder: emptied. Raises DriverError when LinuxCNC cannot be had here or a cycle fails."""
+    if (problem := missing()) is not None:
+        raise DriverError(problem)
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "machine").mkdir(parents=True)
+    key = secrets.token_hex(32)
+    (folder / "talc.key").write_text(key, encoding="ascii")
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        say("starting LinuxCNC, headless, in namespaces of its own")
+        async with machine(folder / "machine", listener, key, sphere=True, settings=_MACHINE, tools=_TOOLS) as operator:
+            await operator.ask("switch_on")
+            await operator.ask("home")
+            await operator.ask("hal", "setp", "talc.may-start", "1")
+            return await _scene(operator, folder / "talc.key", listener.getsockname()[1], say)
+
+
+async def _scene(operator: Machine, key_file: Path, port: int, say: Say) -> Shown:
+    clock = RealClock()
+    nc = LinuxCnc(LinuxCncSettings(key_file=key_file, port=port), clock)
+    config = _config(key_file, port)
+    probing = config.probing
+    probe = Probe(poses_in_radians(probing.poses_deg), _RADIUS_MM * 1e-3, _HEIGHT_MM * 1e-3, probing.sigma_um)
+    link = NcLink(
+        nc,
+        config,
+        clock,
+        probe,
+        states=lambda *_: None,
+        written=lambda _: None,
+        notify=lambda text, _: say(text),
+        reference_mm=None,
+        first_number=1,
+    )
+    try:
+        async with _running(link):
+            while link.present is None:
+                await clock.sleep_until(clock.monotonic() + _PERIOD_S)
+            say("cycle 1, the reference: A and C to six poses, nine to eleven touches at each")
+            reference = _done(await link.measure(Why.INTERVAL)).centres_mm
+            say(f"{HOURS:g} h of work with the table turning fast")
+            await operator.ask("warm", HOURS)
+            say("cycle 2, without compensation")
+            outcome = _done(await link.measure(Why.INTERVAL))
+            if reference is None or outcome.centres_mm is None or outcome.measurement is None:
+                raise DriverError("a cycle without centres")
+            link.follow(_decision(outcome.measurement.errors))
+            say("cycle 3, while the compensation follows the axes")
+            status = await run_cycle(nc, 3, clock, poll_s=_POLL_S, timeout_s=_CYCLE_LIMIT_S)
+            again = centres(status, len(probing.poses_deg))
+        say("the gateway falls silent")
+        silent = await _silent(operator)
+    finally:
+        await nc.close()
+    return Shown(
+        true=np.asarray(await operator.ask("thermal_errors")),
+        measured=outcome.measurement,
+        before_um=(outcome.centres_mm - reference) * 1e3,
+        after_um=(again - reference) * 1e3,
+        silent_um=silent,
+    )
+
+
+@asynccontextmanager
+async def _running(link: NcLink) -> AsyncIterator[None]:
+    """The link at work; at the end it is gone without a word, as if the power had failed."""
+    task = asyncio.create_task(link.run())
+    try:
+        yield
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+async def _silent(operator: Machine) -> FloatArray:
+    began = time.monotonic()
+    rows: list[list[float]] = []
+    while not rows or any(rows[-1][1:]):
+        now = time.monotonic() - began
+        offsets = [await operator.number("gets", f"talc-{axis}-in-force") * 1e3 for axis in "xyz"]
+        rows.append([now, *offsets])
+        if now > _CYCLE_LIMIT_S:
+            raise DriverError("the offsets are still in force: does LinuxCNC's real-time thread run?")
+    return np.asarray(rows)
+
+
+def _done(outcome: Outcome) -> Outcome:
+    """Raises DriverError with the reason when there is no result."""
+    if outcome.measurement is None:
+        raise DriverError(f"cycle {outcome.number}: {outcome.reason}")
+    return outcome
+
+
+def _decision(errors: FloatArray) -> Decision:
+    """As if the models said exactly what was measured."""
+    nan = np.full(len(THERMAL_ERRORS), math.nan)
+    return Decision(0, Phase.COMPENSATION, errors, errors, nan, nan, None, None, ())
+
+
+def _config(key_file: Path, port: int) -> GatewayConfig:
+    return validate(
+        {
+            "machine": {"name": "linuxcnc"},
+            "nc": {"kind": "linuxcnc", "key_file": str(key_file), "port": port, "period_s": _PERIOD_S},
+            "probing": {
+                "armed": True,
+                "sphere_radius_mm": _RADIUS_MM,
+                "sphere_height_mm": _HEIGHT_MM,
+                "poll_s": _POLL_S,
+                "timeout_s": _CYCLE_LIMIT_S,
+                "reference_cycles": 1,
+            },
+            "compensation": {
+                "mode": "compensate",
+                "bound_um": [150.0, 150.0, 150.0],
+                "slew_um_per_s": SLEW_UM_PER_S,
+                "watchdog_s": SILENCE_S,
+            },
+        }
+    )
