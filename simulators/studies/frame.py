@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -19,8 +20,8 @@ from talc import _kernel
 
 Parameters = Mapping[str, Any]
 """JSON-able; says all that a run depends on, its seed included."""
-_PICTURES_ONLY = ("page.py", "_report.py")
-"""Ends of files that change how results are shown, not what they are."""
+_PHYSICS = ("plant", "cases", "three_body")
+"""Packages of the simulators that studies rest on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,22 +48,26 @@ class Study:
 
 
 @cache
-def code_fingerprint() -> str:
-    """SHA-256 over the code that results rest on (talc, simulators, the compiled kernel), in hexadecimal."""
+def code_fingerprint(module: str) -> str:
+    """SHA-256 over the code that the results of a study's module rest on, in hexadecimal; not over how they are shown.
+
+    That is talc with its compiled kernel, the simulated physics, the module itself and the control's loop.
+    """
     digest = hashlib.sha256()
-    sources = [Path(str(_kernel.__file__))]
-    for package in (talc, simulators):
-        root = Path(str(package.__file__)).parent
+    own = Path(str(simulators.__file__)).parent
+    roots = [Path(str(talc.__file__)).parent, *(own / name for name in _PHYSICS)]
+    sources = [Path(str(_kernel.__file__)), own / "studies" / "loop.py", Path(str(sys.modules[module].__file__))]
+    for root in roots:
         sources += sorted(p for p in root.rglob("*") if p.suffix in {".py", ".json", ".toml"})
     for source in sources:
-        if not source.name.endswith(_PICTURES_ONLY):
-            digest.update(source.read_bytes())
+        digest.update(source.read_bytes())
     return digest.hexdigest()
 
 
-def key(study: str, parameters: Parameters) -> str:
+def key(study: Study, parameters: Parameters) -> str:
     """Name of a run's file: another study, parameter or version of the code is another run."""
-    canonical = json.dumps([study, code_fingerprint(), parameters], sort_keys=True, allow_nan=False)
+    code = code_fingerprint(study.run.__module__)
+    canonical = json.dumps([study.name, code, parameters], sort_keys=True, allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:20]
 
 
@@ -76,7 +81,7 @@ def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) 
     wanted = study.runs(seed, small)
     kept = folder / "runs"
     kept.mkdir(parents=True, exist_ok=True)
-    files = [kept / f"{key(study.name, parameters)}.json" for parameters in wanted]
+    files = [kept / f"{key(study, parameters)}.json" for parameters in wanted]
     results = {file: result for file in files if (result := _stored(file)) is not None}
     yield len(results), len(wanted)
     missing = [(file, p) for file, p in zip(files, wanted, strict=True) if file not in results]
@@ -93,7 +98,7 @@ def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) 
         finally:
             pool.shutdown(cancel_futures=True)
     runs = [Run(p, results[file]) for file, p in zip(files, wanted, strict=True)]
-    write(folder, study.summary, study.report(runs), _origin(study.name, len(runs), seed, small))
+    write(folder, study.summary, study.report(runs), _origin(study, len(runs), seed, small))
 
 
 def _stored(file: Path) -> Mapping[str, Any] | None:
@@ -110,12 +115,12 @@ def _keep(file: Path, content: Mapping[str, Any]) -> None:
     part.replace(file)
 
 
-def _origin(name: str, runs: int, seed: int, small: bool) -> Origin:
+def _origin(study: Study, runs: int, seed: int, small: bool) -> Origin:
     packages = ", ".join(f"{p} {version(p)}" for p in ("talc-gateway", "numpy", "scipy", "osqp"))
     return Origin(
         runs=runs,
         seed=seed,
-        versions=f"{packages}; code {code_fingerprint()[:16]}",
-        again=f"talc-gateway study {name} --seed {seed}" + (" --small" if small else ""),
+        versions=f"{packages}; code {code_fingerprint(study.run.__module__)[:16]}",
+        again=f"talc-gateway study {study.name} --seed {seed}" + (" --small" if small else ""),
         date=f"{datetime.now(UTC):%Y-%m-%d}",
     )
