@@ -120,7 +120,7 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
 @main.command()
 @ConfigPath
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), default=Path("field.wire"),
-              show_default=True, help="Text, one line for everything that passes; overwritten.")  # fmt: skip
+              show_default=True, help="Text, one line for everything that passes. Must not exist yet.")  # fmt: skip
 @click.option("--seconds", type=click.FloatRange(min=0.1), help="End after so long. Default: at Ctrl-C.")
 @click.option("--most-mb", type=click.FloatRange(min=0.01), default=200.0, show_default=True, help="End at this size.")
 def record(config: Path, output: Path, seconds: float | None, most_mb: float) -> None:
@@ -132,6 +132,8 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
     """
     from gateway.cli.record import record as write_down
 
+    if output.exists():
+        raise click.UsageError(f"{output} exists; recordings are not overwritten, give another name with -o")
     write_down(read_config(config), output, seconds, most_mb)
 
 

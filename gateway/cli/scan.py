@@ -112,8 +112,11 @@ def serial_command(
         port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
         me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s,
     )  # fmt: skip
-    framings = ", ".join(dict.fromkeys(f"{t.protocol} {t.framing}" for t in what.tries))
-    intro = f"{port}: {what.requests} requests ({framings})"
+    framings: dict[str, list[str]] = {}
+    for attempt in what.tries:
+        framings.setdefault(attempt.protocol, []).append(attempt.framing)
+    listed = "; ".join(f"{protocol} at {', '.join(at)}" for protocol, at in framings.items())
+    intro = f"{port}: {what.requests} requests ({listed})"
     _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: serial.scan_line(what, p, s))
 
 
@@ -192,8 +195,11 @@ def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path |
     _print(console, report)
     if ended:
         console.print(f"{ended}: {report.asked} of {report.total} asked", style="yellow")
-    if toml is not None and any(device.what.profile for device in report.found):
-        _write(toml, report, yes)
+    if toml is not None:
+        if any(device.what.profile for device in report.found):
+            _write(toml, report, yes)
+        else:
+            click.echo(f"nothing was recognised: {toml} is not written", err=True)
     sys.exit(0 if report.found else _EXIT_NOTHING)
 
 

@@ -1,23 +1,23 @@
 """A field problem becomes a test: what was recorded on a faulty wire, played back, is read with the same outcome."""
 
-import asyncio
-import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
-import can
 import pytest
 
-from drivers.base import DriverError, SystemClock
+from drivers.base import DriverError, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.me_ethernet import find_block
 from gateway.cli.play import play_bus, read_recording
+from gateway.clock import RealClock
+from gateway.config.load import parse
+from gateway.config.wires import wires_toml
 from gateway.wire_log import WireLog, WireLogWriter, read_wire_log
+from gateway.wiring import lines_of
 from simulators.devices.adam6015 import Adam6015
-from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015
 from simulators.devices.me_controller import MeController
@@ -26,7 +26,6 @@ from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import Fault
 from simulators.devices.spoil import Spoil
-from tests.gateway.command import Done, talc_gateway
 
 TIMEOUT_S = 0.15
 BEGAN = datetime(2026, 11, 23, 8, tzinfo=UTC)
@@ -259,133 +258,28 @@ async def test_stream_that_nobody_asks_for_is_played_in_time(tmp_path: Path) -> 
     assert len({str(outcome) for outcome in again}) > 1
 
 
-FRAMES = CanLogger(lambda: [20.0, -3.3, 40.0, 99.9, 22.2], lambda _: None).frames()
-
-
-def write_trace(file: Path) -> None:
-    """What another program wrote: plain CAN, three cycles."""
-    with can.Logger(file) as writer:
-        for turn in range(3):
-            for number, data in FRAMES:
-                at_s = 1000.0 + turn / 10
-                writer(can.Message(timestamp=at_s, arbitration_id=number, data=data, is_extended_id=False))
-
-
-@pytest.mark.parametrize("name", ["trace.log", "trace.asc", "trace.blf", "trace.trc"])
-def test_can_logs_of_other_programs_are_read(name: str, tmp_path: Path) -> None:
-    write_trace(tmp_path / name)
-    config, events = read_recording(tmp_path / name)
-    assert config is None
-    assert [(event.identifier, event.data) for event in events] == FRAMES * 3
-
-
-async def test_plain_can_log_is_played(tmp_path: Path) -> None:
-    write_trace(tmp_path / "trace.log")
-    arguments = ("play", str(tmp_path / "trace.log"), "--folder", str(tmp_path))
-    enough = asyncio.Event()
-    playing = asyncio.create_task(talc_gateway(*arguments, interrupt=enough.wait))
-    link = tmp_path / "can1"
-    await appears(link, playing)
-    bus = await asyncio.to_thread(can.Bus, interface="slcan", channel=str(link), sleep_after_open=0)
+async def test_example_of_the_documents_is_read_as_it_says(tmp_path: Path) -> None:
+    config, events = read_recording(Path("docs/example.wire"))
+    assert config is not None
+    played = [
+        await play_bus(bus.name, bus.kind, [event for event in events if event.bus == bus.name], tmp_path)
+        for bus in config.buses
+    ]
+    there = parse(wires_toml(config, {one.bus: one.place for one in played}), tmp_path / "gateway.toml")
+    assert there.input_names == config.input_names
+    readings: list[Reading] = []
     try:
-        seen: set[tuple[int, bytes]] = set()
-        async with asyncio.timeout(20):
-            while seen != set(FRAMES):
-                message = await asyncio.to_thread(bus.recv, 0.5)
-                if message is not None:
-                    seen.add((message.arbitration_id, bytes(message.data)))
+        for line in lines_of(there, RealClock()):
+            await line.bus.connect()
+            for driver in line.drivers:
+                await driver.connect()
+                readings += await driver.read()
+            await line.bus.close()
     finally:
-        bus.shutdown()
-        enough.set()
-    assert 'kind = "can"' in (await playing).out
-
-
-async def appears(path: Path, playing: "asyncio.Task[Done]") -> None:
-    """Until the file is there; the command that makes it must not have ended."""
-    while not await asyncio.to_thread(path.exists):
-        assert not playing.done(), playing.result()
-        await asyncio.sleep(0.02)
-
-
-CONFIG = """[machine]
-name = "mill"
-[[bus]]
-name = "rtu1"
-kind = "modbus_rtu"
-port = "{rtu}"
-period_s = 0.2
-timeout_s = 0.1
-[[bus]]
-name = "can1"
-kind = "canopen"
-interface = "slcan"
-channel = "{can}"
-period_s = 0.2
-[[bus]]
-name = "gone1"
-kind = "me_rs485"
-port = "{gone}"
-[[device]]
-name = "rtd1"
-bus = "rtu1"
-profile = "icpdas_m7015"
-unit = 1
-channels = {{ bed = 0, column = 4 }}
-[[device]]
-name = "rtd2"
-bus = "rtu1"
-profile = "icpdas_m7015"
-unit = 2
-channels = {{ slide = 0 }}
-[[device]]
-name = "fluids"
-bus = "can1"
-profile = "cia404"
-unit = 5
-options = {{ vendor = "jumo" }}
-channels = {{ coolant = 0 }}
-[[device]]
-name = "eddy"
-bus = "gone1"
-profile = "me_rs485"
-unit = 126
-options = {{ range_um = 500.0 }}
-channels = {{ growth = 0 }}
-"""
-
-
-async def test_commands_record_play_and_probe_alike(tmp_path: Path) -> None:
-    """With a broken sensor, a unit that is silent, and a port that is not there."""
-    broken, silent = M7015(lambda: [20.0] * 6), M7015(lambda: [20.0] * 6)
-    broken.faults.set(4, Fault.OPEN)
-    silent.faults.silent = True
-    line, node = RtuLine({1: broken, 2: silent}), Cia404Node(5, lambda: [30.0], inputs=1)
-    adapter = SlcanAdapter([node])
-    file = tmp_path / "gateway.toml"
-    ports = {"rtu": await line.start(), "can": await adapter.start(), "gone": f"{tmp_path}/absent"}
-    file.write_text(CONFIG.format(**ports), encoding="utf-8")
-    wire = tmp_path / "field.wire"
-    try:
-        before = await talc_gateway("probe", str(file))
-        recorded = await talc_gateway("record", str(file), "-o", str(wire), "--seconds", "1.5")
-    finally:
-        await line.stop()
-        await adapter.stop()
-    assert recorded.code == 0, recorded.err
-    enough = asyncio.Event()
-    playing = asyncio.create_task(talc_gateway("play", str(wire), interrupt=enough.wait))
-    config = tmp_path / "field.wire.play" / "gateway.toml"
-    await appears(config, playing)
-    after = await talc_gateway("probe", str(config))
-    enough.set()
-    played = await playing
-    assert "gone1 (me_rs485): never opened" in played.out
-    assert _without_times(after.out, tmp_path) == _without_times(before.out, tmp_path)
-    assert after.code == before.code == 3
-    assert not list(config.parent.glob("*1"))  # the links go with the devices
-
-
-def _without_times(table: str, folder: Path) -> str:
-    """Without latencies, ports' names and the padding that their width makes."""
-    text = re.sub(r"\S*(absent|gone1)(?=[ :'])", "PORT", re.sub(r"[\d.]+ ms", "", table.replace(str(folder), "")))
-    return re.sub(r"[ ━─]+", " ", text)
+        for one in played:
+            await one.stops.stop()
+    assert len(readings) == 30
+    assert [r.channel for r in readings if r.quality is not Quality.GOOD] == ["bed_rear_left"]
+    values = {reading.channel: reading.value for reading in readings}
+    assert values["bed_front_left"] == pytest.approx(0x00D6 / 10)  # the first answer of unit 1
+    assert values["spindle_growth"] == pytest.approx(216.20115, abs=1e-4)

@@ -21,7 +21,7 @@ from simulators.devices.source import Fault
 from simulators.devices.voltage_input import VoltageInput
 from tests.gateway.command import talc_gateway
 
-TIMEOUT_S = 0.03
+TIMEOUT_S = 0.1
 SIX = [20.04, 21.26, -3.3, 40.0, 99.96, 22.22]
 EIGHT = [*SIX, 0.0, 94.96]
 
@@ -197,7 +197,7 @@ async def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> 
         assert done.code == 0, done.err
         again = await talc_gateway(*arguments, "--timeout", "0.05", "--toml", str(file))
         probed = await talc_gateway("probe", str(file))
-    assert "8 requests (modbus_rtu 9600 8N1); at most 1 s when nobody answers" in done.err
+    assert "8 requests (modbus_rtu at 9600 8N1); at most 1 s when nobody answers" in done.err
     assert "2 answered, 2 recognised" in done.out
     config = load(file)
     assert [(d.unit, d.profile, len(d.channels)) for d in config.devices] == [
