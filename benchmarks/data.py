@@ -1,5 +1,6 @@
 """Records of simulated machines: sensors in 0.1 K steps, errors with the noise of the six-pose probing cycle."""
 
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,7 +8,8 @@ from numpy.typing import NDArray
 
 from simulators.cases import SEASONS, random_axes
 from simulators.nc import LoadCase
-from simulators.plant import MachineDrive, Parameters, Plant, load, record
+from simulators.plant import MACHINES, MachineDrive, Parameters, Plant, load, record
+from simulators.plant.parameters import assemble, reduced, tables
 from talc.probing import design_matrix
 
 Array = NDArray[np.float64]
@@ -32,33 +34,36 @@ class Machine:
     """(9,) of a measurement."""
 
 
-def varied(parameters: Parameters, seed: int) -> Parameters:
-    """Another machine of the kind: conduction, films to the air, masses, losses, levers and lags scattered by 25-35 %
-    (lognormal). Seed 0: the machine itself."""
-    if seed == 0:
-        return parameters
-    draw = np.random.default_rng([seed, 77])
-    n = len(parameters.nodes)
-    between = np.diag(np.diag(parameters.conductance)) - parameters.conductance
-    factor = np.triu(np.exp(draw.normal(0, 0.35, (n, n))), 1)
-    between = between * (factor + factor.T)
-    outside = parameters.outside * np.exp(draw.normal(0, 0.35, parameters.outside.shape))
-    losses = tuple(
-        replace(law, power=law.power * _scatter(draw), linear=law.linear * _scatter(draw)) for law in parameters.laws
-    )
-    return replace(
-        parameters,
-        conductance=np.diag(between.sum(axis=1) + outside.sum(axis=1)) - between,
-        outside=outside,
-        elastic=parameters.elastic * np.exp(draw.normal(0, 0.35, parameters.elastic.shape)),
-        laws=losses,
-        capacity=parameters.capacity * np.exp(draw.normal(0, 0.25, n)),
-        lag_s=parameters.lag_s * np.exp(draw.normal(0, 0.3, parameters.lag_s.shape)),
-    )
+def varied(seed: int) -> Parameters:
+    """One machine of the kind. Seeds 0-3: the plant and its variants as they are; later ones: the same in turn, with
+    conduction, films, masses, losses, expansion and lags scattered by 20-35 % (lognormal)."""
+    name = MACHINES[seed % len(MACHINES)]
+    if seed < len(MACHINES):
+        return load(name)
+    chosen, draw = tables(name), np.random.default_rng([seed, 77])
+    table = deepcopy(chosen.machine)
+    for section, keys, sigma in (
+        ("node", ("mass_kg",), 0.25),
+        ("conduction", ("G_W_K",), 0.35),
+        ("air", ("h_W_m2K",), 0.35),
+        ("film", ("G_W_K", "h_W_m2K"), 0.35),
+        ("heat", ("linear", "power"), 0.3),
+        ("sensor", ("lag_s",), 0.3),
+        ("expansion", ("alpha",), 0.2),
+    ):
+        for row in table[section].values():
+            for key in keys:
+                if key in row:
+                    row[key] *= _scatter(draw, sigma)
+    bodies = {
+        body: replace(model, C=model.C * _scatter(draw, 0.25), K=model.K * _scatter(draw, 0.35))
+        for body, model in reduced(chosen.reduced).items()
+    }
+    return assemble(table, bodies)
 
 
-def _scatter(draw: np.random.Generator) -> float:
-    return float(np.exp(draw.normal(0, 0.3)))
+def _scatter(draw: np.random.Generator, sigma: float) -> float:
+    return float(np.exp(draw.normal(0, sigma)))
 
 
 def machine(kind: str, seed: int, hours: int, *, noise_seed: int | None = None) -> Machine:
@@ -66,7 +71,7 @@ def machine(kind: str, seed: int, hours: int, *, noise_seed: int | None = None) 
     loads, weather and noise; noise_seed: other sensor and probing noise on the same physics."""
     noise = seed if noise_seed is None else noise_seed
     season = ("spring", "winter", "summer")[seed % 3]
-    plant = Plant(varied(load(), seed), SEASONS[season], seed + 1000)
+    plant = Plant(varied(seed), SEASONS[season], seed + 1000)
     plant.advance(_IDLE_S, MachineDrive())
     plant.zero()
     steps = hours * 12

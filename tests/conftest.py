@@ -3,12 +3,16 @@
 import asyncio
 import gc
 import inspect
+import os
 import threading
 import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
+
+# Before NumPy is imported: tests run side by side, and BLAS threads that wait for a core cost a hundredfold.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _GRACE_S = 2.0
 """Threads of C libraries end a moment after their object is closed."""

@@ -1,9 +1,21 @@
 """A five-axis machine's thermal behaviour. Physics only: no protocol, no clock. See docs/plant.md."""
 
+from simulators.plant.ageing import Ageing, Failure
 from simulators.plant.drive import MachineDrive
 from simulators.plant.environment import Environment
-from simulators.plant.parameters import Parameters, load
+from simulators.plant.parameters import MACHINES, Parameters, load
 from simulators.plant.plant import Plant
 from simulators.plant.record import Recording, record
 
-__all__ = ["Environment", "MachineDrive", "Parameters", "Plant", "Recording", "load", "record"]
+__all__ = [
+    "MACHINES",
+    "Ageing",
+    "Environment",
+    "Failure",
+    "MachineDrive",
+    "Parameters",
+    "Plant",
+    "Recording",
+    "load",
+    "record",
+]

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulators.plant.parameters import FAMILIES, FloatArray, Parameters
+from simulators.plant.body import FloatArray
+from simulators.plant.joined import FAMILIES
+from simulators.plant.parameters import Parameters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

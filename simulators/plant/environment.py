@@ -6,10 +6,13 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from simulators.plant.parameters import ZONES, FloatArray
+from simulators.plant.body import FloatArray
+from simulators.plant.joined import ZONES
 
 _WEATHER_STEP_S = 600.0
 _DAY_S = 86400.0
+_FORGOTTEN = 10.0
+"""After so many recovery times a door has left less than a millikelvin."""
 _HEIGHT_M = {"left": 1.0, "right": 1.0, "front": 1.0, "rear": 1.3, "high": 2.6, "ground": 0.0}
 _DOOR_SHARE = {"left": 1.0, "right": 0.5, "front": 0.9, "rear": 0.4, "high": 0.3, "ground": 0.0}
 
@@ -42,6 +45,7 @@ class Hall:
         self._start_of_day_s = (start_utc - self._midnight).total_seconds()
         self._generator = np.random.default_rng([seed, 1])
         self._weather = [float(self._generator.standard_normal())]
+        self._recent: tuple[int | None, list[tuple[float, float]]] = (None, [])
         self._doors: dict[int, list[tuple[float, float]]] = {}
         self._height = np.array([_HEIGHT_M[zone] for zone in ZONES])
         self._share = np.array([_DOOR_SHARE[zone] for zone in ZONES])
@@ -79,8 +83,12 @@ class Hall:
 
     def _door(self, day_s: float) -> float:
         """Drop in K: towards the full drop within 3 min while open, back within `door_recovery_s`."""
-        drop, day = 0.0, math.floor(day_s / _DAY_S)
-        for opened, closed in self._openings(day - 1) + self._openings(day):
+        drop, hour = 0.0, math.floor(day_s / 3600.0)
+        if self._recent[0] != hour:
+            day, long_ago = math.floor(day_s / _DAY_S), hour * 3600.0 - _FORGOTTEN * self.environment.door_recovery_s
+            near = self._openings(day - 1) + self._openings(day)
+            self._recent = hour, [(o, c) for o, c in near if c > long_ago and o < (hour + 1) * 3600.0]
+        for opened, closed in self._recent[1]:
             if day_s > opened:
                 reached = 1 - math.exp(-(min(day_s, closed) - opened) / 180.0)
                 drop = max(drop, reached * math.exp(-max(day_s - closed, 0.0) / self.environment.door_recovery_s))

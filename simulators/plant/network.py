@@ -1,14 +1,17 @@
-"""C dT/dt = -(K + sum h_i H_i) T + G T_zones + q, stepped by the [0/2] Padé approximation: stable for h >= 0."""
+"""C dx/dt = -(K + sum h_i H_i) x + G T_zones + q, stepped by the [0/2] Padé approximation: stable for h >= 0."""
 
 import numpy as np
 
-from simulators.plant.parameters import FloatArray, Parameters
+from simulators.plant.body import FloatArray
+from simulators.plant.parameters import Parameters
 
+FILM_STEPS = 32
+"""Film factors are rounded to 1/32: a disc's film is not known better, and the same matrices serve again."""
 _REMEMBERED = 512
 
 
 class Network:
-    """Steps node temperatures. Second order in the step and L-stable, so stiff jackets need no small step."""
+    """Steps the coordinates. Second order in the step and L-stable, so stiff jackets need no small step."""
 
     def __init__(self, parameters: Parameters) -> None:
         self.parameters = parameters
@@ -21,17 +24,22 @@ class Network:
     def step(
         self, state: FloatArray, films: FloatArray, heat: FloatArray, zones: FloatArray, dt_s: float
     ) -> FloatArray:
-        """State (n,) degC after dt_s with films (f,), heat (n,) W and zones (z,) degC held over the step."""
+        """State (n,) after dt_s with films (f,), heat (n,) W and zones (z,) degC held over the step."""
         keep, take = self._propagator(films, dt_s)
         moved: FloatArray = keep @ state + take @ (heat + self.parameters.outside @ zones)
         return moved
 
     def steady(self, films: FloatArray, heat: FloatArray, zones: FloatArray) -> FloatArray:
-        """Temperatures (n,) at which nothing changes any more."""
-        answer = np.linalg.solve(self.rate(films), heat + self.parameters.outside @ zones)
+        """State (n,) at which nothing changes any more."""
+        answer = np.linalg.solve(self.rate(self._rounded(films)), heat + self.parameters.outside @ zones)
         return np.asarray(answer, dtype=np.float64)
 
+    @staticmethod
+    def _rounded(films: FloatArray) -> FloatArray:
+        return np.asarray(np.round(films * FILM_STEPS) / FILM_STEPS, dtype=np.float64)
+
     def _propagator(self, films: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        films = self._rounded(films)
         key = (dt_s, films.tobytes())
         if key not in self._known:
             if len(self._known) >= _REMEMBERED:

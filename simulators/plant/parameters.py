@@ -1,20 +1,22 @@
-"""The machine's parameter table (`machine.toml`) as matrices. Units are in the table's key names."""
+"""The machine as matrices: reduced bodies (`reduced/*.json`) joined by the table `machine.toml`, or a variant of it."""
 
+import json
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.sparse import csc_matrix, eye_array
 
-from talc.names import THERMAL_ERRORS
+from simulators.plant.body import BodyModel, Face, FloatArray
+from simulators.plant.joined import ZONES, join
+from simulators.plant.shape import merge
 
-FloatArray = NDArray[np.float64]
-
-ZONES = ("left", "right", "front", "rear", "high", "ground")
-FAMILIES = ("flow", "wet", "table", "nose")
-MACHINE = Path(__file__).with_name("machine.toml")
+HERE = Path(__file__).parent
+VARIANTS: dict[str, Any] = tomllib.loads((HERE / "variants.toml").read_text(encoding="utf-8"))
+MACHINES = ("base", *VARIANTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,20 +34,21 @@ class HeatLaw:
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """One machine. n nodes, z zones, f film families, s heat sources, c channels."""
+    """One machine. n coordinates (reduced bodies, then lumped nodes), z zones, f films, s heat sources, c channels."""
 
-    nodes: tuple[str, ...]
+    places: Mapping[str, FloatArray]
+    """(n,) rows that give the mean temperature of a patch or of a lumped node"""
     capacity: FloatArray
-    """(n,) J/K"""
+    """(n,) J/K of a node; 1 for a body's coordinate, whose unit is chosen so"""
     conductance: FloatArray
-    """(n, n) W/K, rows sum to the conductance towards the zones"""
+    """(n, n) W/K, symmetric"""
     outside: FloatArray
     """(n, z) W/K"""
     films: FloatArray
-    """(f, n, n) W/K at factor 1, in the order of FAMILIES"""
+    """(f, n, n) W/K at factor 1, in the order of FAMILIES; all but `flow` symmetric"""
     laws: tuple[HeatLaw, ...]
     heat_to: FloatArray
-    """(n, s) share of each source that a node gets; columns sum to 1"""
+    """(n, s) what 1 W of each source does; transposed, the temperature that the source feels"""
     channels: tuple[str, ...]
     sensor_at: FloatArray
     """(c, n + z) weights"""
@@ -55,100 +58,102 @@ class Parameters:
     """(n,) µm/K at the eddy-current sensor"""
     elastic: FloatArray
     """(9, n) µm/K, µm/m/K for the last three"""
+    even: FloatArray
+    """(n,) the coordinates of 1 K everywhere"""
     flow_rate_W_K: float  # noqa: N815
     chiller_set_degC: float  # noqa: N815
     chiller_gain_W_K: float  # noqa: N815
     chiller_max_W: float  # noqa: N815
 
-    def node(self, name: str) -> int:
-        return self.nodes.index(name)
+
+@dataclass(frozen=True, slots=True)
+class Tables:
+    """What a machine is made from."""
+
+    machine: dict[str, Any]
+    """machine.toml with the variant's changes"""
+    shape: dict[str, Any]
+    """changes to shape.toml"""
+    reduced: str
+    """name of the reduced bodies"""
 
 
-def _weights(table: dict[str, float], names: tuple[str, ...], where: str) -> FloatArray:
-    row = np.zeros(len(names))
-    for name, weight in table.items():
-        if name not in names:
-            raise ValueError(f"{where}: unknown place {name!r}; one of {', '.join(names)}")
-        row[names.index(name)] = weight
-    return row
+def tables(name: str = "base") -> Tables:
+    """The tables of "base" or of a variant in variants.toml. ValueError: another name."""
+    if name not in MACHINES:
+        raise ValueError(f"machine {name!r}: expected one of {', '.join(MACHINES)}")
+    change = VARIANTS.get(name, {})
+    machine = merge(tomllib.loads((HERE / "machine.toml").read_text(encoding="utf-8")), change.get("machine", {}))
+    shape = change.get("shape", {})
+    return Tables(machine, shape, name if name == "base" or shape else "base")
 
 
-def _factor(term: dict[str, Any]) -> float:
-    """Length that multiplies alpha, so that the result is µm/K (or µm/m/K for a slope)."""
-    if "growth_mm" in term:
-        return float(term["growth_mm"]) * 1e3
-    length, height = float(term["length_mm"]), float(term["height_mm"])
-    if "lever_mm" in term:
-        return length / height * float(term["lever_mm"]) * 1e3
-    return length**2 / (2 * height) * 1e3 if term.get("sag") else length / height * 1e6
+def load(name: str = "base") -> Parameters:
+    """A machine by name: "base", or a variant of variants.toml. ValueError names what cannot be."""
+    chosen = tables(name)
+    return assemble(chosen.machine, reduced(chosen.reduced))
 
 
-def _link(matrix: FloatArray, pair: str, value: float, nodes: tuple[str, ...]) -> None:
-    ends = [end.strip() for end in pair.split(" - ")]
-    if len(ends) != 2 or not set(ends) <= set(nodes):
-        raise ValueError(f"{pair!r}: expected 'node - node'")
-    i, j = (nodes.index(end) for end in ends)
-    matrix[[i, j], [i, j]] += value
-    matrix[[i, j], [j, i]] -= value
+def reduced(name: str) -> dict[str, BodyModel]:
+    """The committed bodies, made by `python -m simulators.plant.generate`."""
+    stored = json.loads((HERE / "reduced" / f"{name}.json").read_text(encoding="utf-8"))
+    bodies = {}
+    for body, row in stored.items():
+        n = len(row["even"])
+        bodies[body] = BodyModel(
+            C=csc_matrix(eye_array(n)),
+            K=_symmetric(row["K"], n),
+            faces={
+                patch: Face(_symmetric(f["H"], n), np.array(f["g"]), f["area"]) for patch, f in row["faces"].items()
+            },
+            points={point: np.array(values) for point, values in row["points"].items()},
+            even=np.array(row["even"]),
+            elastic=np.array(row["elastic"]),
+        )
+    return bodies
 
 
-def load(path: Path = MACHINE) -> Parameters:
-    """Read a parameter table. ValueError names an entry that cannot be."""
-    table = tomllib.loads(path.read_text(encoding="utf-8"))
-    nodes = tuple(table["node"])
-    n = len(nodes)
-    conductance, outside = np.zeros((n, n)), np.zeros((n, len(ZONES)))
-    for pair, row in table["conduction"].items():
-        value = row["G_W_K"] if "G_W_K" in row else row["k_W_mK"] * row["area_m2"] / row["length_m"]
-        _link(conductance, pair, value, nodes)
-    for pair, row in table["outside"].items():
-        node, zone = (end.strip() for end in pair.split(" - "))
-        value = row["h_W_m2K"] * row["area_m2"]
-        conductance[nodes.index(node), nodes.index(node)] += value
-        outside[nodes.index(node), ZONES.index(zone)] += value
-    films = np.zeros((len(FAMILIES), n, n))
-    for pair, row in table["film"].items():
-        _link(films[FAMILIES.index(row["family"])], pair, row["G_W_K"], nodes)
-    flow = table["flow"]
-    path_nodes = [nodes.index(name) for name in flow["path"]]
-    for before, after in zip([path_nodes[-1], *path_nodes], path_nodes, strict=False):
-        films[0, after, after] += flow["rate_W_K"]
-        films[0, after, before] -= flow["rate_W_K"]
-
-    laws, heat_to = [], np.zeros((n, len(table["heat"])))
-    for s, (name, row) in enumerate(table["heat"].items()):
-        heat_to[:, s] = _weights(row["to"], nodes, f"heat.{name}")
-        if abs(heat_to[:, s].sum() - 1) > 1e-9:
-            raise ValueError(f"heat.{name}: the shares in `to` must sum to 1")
+def assemble(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> Parameters:
+    """A table's machine over reduced bodies. ValueError names an entry that cannot be."""
+    joined, flow = join(table, bodies), table["flow"]
+    laws = []
+    for row in table["heat"].values():
         numbers = {key: float(row.get(key, 0)) for key in ("standby", "linear", "power", "viscous_per_K")}
         laws.append(HeatLaw(drive=row["drive"], at=row["at"], exponent=row["exponent"], **numbers))
-
-    places = nodes + ZONES
     sensors = table["sensor"]
-    growth, elastic = table["growth"], table["elastic"]
-    alpha = elastic["alpha_1_K"]
-    nine = np.zeros((len(THERMAL_ERRORS), n))
-    for term in elastic["terms"]:
-        row = _weights(term["at"], nodes, f"elastic term of {term['error']}")
-        nine[THERMAL_ERRORS.index(term["error"])] += alpha * _factor(term) * row
+    felt = np.zeros((len(sensors), joined.even.size + len(ZONES)))
+    for row, (channel, sensor) in zip(felt, sensors.items(), strict=True):
+        for place, weight in sensor["at"].items():
+            if place in ZONES:
+                row[joined.even.size + ZONES.index(place)] += weight
+            elif place in joined.points:
+                row[: joined.even.size] += weight * joined.points[place]
+            elif place in table["node"]:
+                row[: joined.even.size] += weight * joined.places[place]
+            else:
+                raise ValueError(f"sensor.{channel}: no point, node or zone {place!r}")
     return Parameters(
-        nodes=nodes,
-        capacity=np.array([row["mass_kg"] * row["c_J_kgK"] for row in table["node"].values()]),
-        conductance=conductance,
-        outside=outside,
-        films=films,
+        places=joined.places,
+        capacity=np.asarray(joined.C.diagonal(), dtype=np.float64),
+        conductance=joined.K.toarray(),
+        outside=joined.outside,
+        films=np.array([film.toarray() for film in joined.films]),
         laws=tuple(laws),
-        heat_to=heat_to,
+        heat_to=joined.heat_to,
         channels=tuple(sensors),
-        sensor_at=np.array([_weights(row["at"], places, f"sensor.{name}") for name, row in sensors.items()]),
+        sensor_at=felt,
         lag_s=np.array([float(row["lag_s"]) for row in sensors.values()]),
-        growth=alpha
-        * growth["length_mm"]
-        * 1e3
-        * (_weights(growth["plus"], nodes, "growth.plus") - _weights(growth["minus"], nodes, "growth.minus")),
-        elastic=nine,
+        growth=joined.growth,
+        elastic=joined.elastic,
+        even=joined.even,
         flow_rate_W_K=flow["rate_W_K"],
         chiller_set_degC=flow["chiller_set_degC"],
         chiller_gain_W_K=flow["chiller_gain_W_K"],
         chiller_max_W=flow["chiller_max_W"],
     )
+
+
+def _symmetric(lower: list[float], n: int) -> csc_matrix:
+    dense = np.zeros((n, n))
+    dense[np.tril_indices(n)] = lower
+    return csc_matrix(dense + np.tril(dense, -1).T)

@@ -1,14 +1,17 @@
 """The machine in its hall: stepped by an argument, read like an instrument."""
 
 import math
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import numpy as np
 
+from simulators.plant.ageing import Ageing, Drift, Failure, Kind
+from simulators.plant.body import FloatArray
 from simulators.plant.drive import Loads, MachineDrive, loads
 from simulators.plant.environment import Environment, Hall
 from simulators.plant.network import Network
-from simulators.plant.parameters import FloatArray, Parameters
+from simulators.plant.parameters import Parameters
 
 STEP_S = 30.0
 RADIUS_MM = 200.0
@@ -27,13 +30,26 @@ class Plant:
     """
 
     def __init__(
-        self, parameters: Parameters, environment: Environment, seed: int, *, start_utc: datetime = _MONDAY
+        self,
+        parameters: Parameters,
+        environment: Environment,
+        seed: int,
+        *,
+        start_utc: datetime = _MONDAY,
+        ageing: Ageing | None = None,
+        failures: Sequence[Failure] = (),
     ) -> None:
         self.parameters, self._seed = parameters, seed
+        for failure in failures:
+            if failure.channel not in parameters.channels:
+                raise ValueError(f"failures: no channel {failure.channel!r}")
+        self._failures = tuple(failures)
+        self._stuck: dict[Failure, float] = {}
+        self._drift = Drift(ageing or Ageing(), seed, len(parameters.laws), len(parameters.channels))
         self._network = Network(parameters)
         self._hall = Hall(environment, seed, start_utc.astimezone(UTC), _REST_S)
         self._viscous = np.array([law.viscous_per_K for law in parameters.laws])
-        self._tank = parameters.node("coolant_tank")
+        self._tank = parameters.places["coolant_tank"]
         self._ease = 1 - np.exp(-STEP_S / parameters.lag_s)
         count = len(parameters.channels)
         self._offset = np.random.default_rng([seed, 3]).normal(0.0, 0.1, count)
@@ -42,16 +58,15 @@ class Plant:
         self._open: list[tuple[float, Loads]] = []
         self._index, self._time_s = 0, 0.0
         self._rest()
-        self._start = self.temperatures.copy()
+        self._note_stuck()
+        self._start = self.state.copy()
 
     def _rest(self) -> None:
         off = self._of(MachineDrive(powered=False))
-        self.temperatures = self._network.steady(
-            off.films, self.parameters.heat_to @ off.heat_W, self._hall.zones(-_REST_S)
-        )
+        self.state = self._network.steady(off.films, self.parameters.heat_to @ off.heat_W, self._hall.zones(-_REST_S))
         for k in range(int(_REST_S / _REST_STEP_S)):
             self._step(off, -_REST_S + k * _REST_STEP_S, _REST_STEP_S)
-        self._felt = self.parameters.sensor_at @ np.concatenate([self.temperatures, self._hall.zones(0.0)])
+        self._felt = self.parameters.sensor_at @ np.concatenate([self.state, self._hall.zones(0.0)])
 
     @property
     def time_s(self) -> float:
@@ -70,25 +85,35 @@ class Plant:
                 self._step(self._mean(), self._index * STEP_S, STEP_S)
                 self._index += 1
                 self._open.clear()
-                true = self.parameters.sensor_at @ np.concatenate([self.temperatures, self._hall.zones(end)])
+                true = self.parameters.sensor_at @ np.concatenate([self.state, self._hall.zones(end)])
                 self._felt = self._felt + self._ease * (true - self._felt)
+                self._note_stuck()
 
     def zero(self) -> None:
         """Let errors and spindle growth count from the present state, as after a reference measurement."""
-        self._start = self.temperatures.copy()
+        self._start = self.state.copy()
 
     def sensors(self) -> dict[str, float]:
-        """degC by channel: lagged, with calibration offset (0.1 K) and noise (0.05 K); not quantised."""
-        values = self._felt + self._offset + 0.05 * self._noise_now()[:-1]
-        return dict(zip(self.parameters.channels, values.tolist(), strict=True))
+        """degC by channel: lagged, with offset (0.1 K and its drift) and noise (0.05 K); not quantised. NaN: open."""
+        drifted = self._offset + self._drift.offsets(self._index * STEP_S)
+        values = self._felt + drifted + 0.05 * self._noise_now()[:-1]
+        read = dict(zip(self.parameters.channels, values.tolist(), strict=True))
+        for failure in self._failures:
+            if failure.from_s <= self._time_s < failure.until_s:
+                read[failure.channel] = self._spoilt(failure, read[failure.channel])
+        return read
+
+    def temperature(self, place: str) -> float:
+        """degC, mean over a patch ("table.top") or of a lumped node ("coolant_tank"); true, without lag."""
+        return float(self.parameters.places[place] @ self.state)
 
     def spindle_growth_um(self) -> float:
         """Nose against housing since the start, µm, with 0.2 µm of noise."""
-        return float(self.parameters.growth @ (self.temperatures - self._start) + 0.2 * self._noise_now()[-1])
+        return float(self.parameters.growth @ (self.state - self._start) + 0.2 * self._noise_now()[-1])
 
     def errors(self) -> FloatArray:
         """(9,) true errors since the start in the order of THERMAL_ERRORS; µm, µm/m for the last three."""
-        nine: FloatArray = self.parameters.elastic @ (self.temperatures - self._start)
+        nine: FloatArray = self.parameters.elastic @ (self.state - self._start)
         return nine
 
     def deviation_um(self, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float) -> FloatArray:
@@ -133,13 +158,28 @@ class Plant:
 
     def _step(self, load: Loads, time_s: float, dt_s: float) -> None:
         p = self.parameters
-        warmth = p.heat_to.T @ self.temperatures - 20.0
-        heat = p.heat_to @ (load.heat_W * np.exp(-self._viscous * warmth))
-        wanted = p.chiller_gain_W_K * (self.temperatures[self._tank] - p.chiller_set_degC)
-        heat[self._tank] -= load.chiller * min(max(wanted, 0.0), p.chiller_max_W)
-        self.temperatures = self._network.step(
-            self.temperatures, load.films, heat, self._hall.zones(time_s + dt_s / 2), dt_s
-        )
+        warmth = p.heat_to.T @ self.state - 20.0
+        grip = np.where(self._viscous > 0, self._drift.friction(time_s), 1.0)
+        heat = p.heat_to @ (load.heat_W * grip * np.exp(-self._viscous * warmth))
+        wanted = p.chiller_gain_W_K * (float(self._tank @ self.state) - p.chiller_set_degC)
+        heat -= load.chiller * min(max(wanted, 0.0), p.chiller_max_W) * self._tank
+        self.state = self._network.step(self.state, load.films, heat, self._hall.zones(time_s + dt_s / 2), dt_s)
+
+    def _note_stuck(self) -> None:
+        """What a sensor shows from now on; noted here and not when it is read, so that polling changes nothing."""
+        for failure in self._failures:
+            if failure.kind is Kind.STUCK and failure not in self._stuck and failure.from_s <= self._index * STEP_S:
+                c = self.parameters.channels.index(failure.channel)
+                self._stuck[failure] = float(self._felt[c] + self._offset[c])
+
+    def _spoilt(self, failure: Failure, value: float) -> float:
+        match failure.kind:
+            case Kind.OPEN:
+                return math.nan
+            case Kind.STUCK:
+                return self._stuck.get(failure, value)
+            case Kind.OFFSET:
+                return value + failure.by_K
 
     def _noise_now(self) -> FloatArray:
         block, row = divmod(self._index, _NOISE_BLOCK)

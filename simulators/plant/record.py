@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simulators.plant.body import FloatArray
 from simulators.plant.drive import MachineDrive
-from simulators.plant.parameters import FloatArray
 from simulators.plant.plant import Plant
 
 STATES = ("spindle_speed", "speed_X", "speed_Y", "speed_A", "speed_C", "coolant")

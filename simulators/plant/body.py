@@ -1,0 +1,62 @@
+"""One body's heat conduction as matrices: whole (finite elements) or reduced by a congruence, in the same form."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Face:
+    """A patch of the skin: a film of h W/(m2 K) adds h * H to the body's matrix and draws it towards h * g * T."""
+
+    H: csc_matrix
+    """(n, n) m2, symmetric, positive semidefinite"""
+    g: FloatArray
+    """(n,) m2; g @ T / area is the patch's mean temperature"""
+    area: float
+
+
+@dataclass(frozen=True, slots=True)
+class BodyModel:
+    """C dT/dt = -(K + sum h H) T + sum h g T_outside, n coordinates."""
+
+    C: csc_matrix
+    """(n, n) J/K, symmetric, positive definite"""
+    K: csc_matrix
+    """(n, n) W/K, symmetric, positive semidefinite: K @ even = 0"""
+    faces: Mapping[str, Face]
+    points: Mapping[str, FloatArray]
+    """(n,) rows that give the temperature of a point"""
+    even: FloatArray
+    """(n,) coordinates of 1 K everywhere"""
+    elastic: FloatArray
+    """(10, n) µm/K and µm/m/K for 1e-6/K of expansion: nine errors, then the housing's part of the spindle's growth"""
+
+    def project(self, basis: FloatArray) -> "BodyModel":
+        """Galerkin: every matrix X becomes V' X V, so symmetry, definiteness and stability stay for any films h >= 0.
+
+        basis (n, r) must hold an even warming, else a body would conduct heat within itself at even temperature.
+        ValueError if it does not.
+        """
+        weighted = basis.T @ (self.C @ basis)
+        even = np.linalg.solve(weighted, basis.T @ (self.C @ self.even))
+        if np.abs(basis @ even - self.even).max() > 1e-6:
+            raise ValueError("basis: expected to hold an even warming")
+
+        def both(matrix: csc_matrix) -> csc_matrix:
+            small = basis.T @ (matrix @ basis)
+            return csc_matrix((small + small.T) / 2)
+
+        return BodyModel(
+            C=both(self.C),
+            K=both(self.K),
+            faces={name: Face(both(face.H), basis.T @ face.g, face.area) for name, face in self.faces.items()},
+            points={name: row @ basis for name, row in self.points.items()},
+            even=even,
+            elastic=self.elastic @ basis,
+        )
