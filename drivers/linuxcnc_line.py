@@ -50,7 +50,7 @@ class LinuxCncLine:
         """The answer. Raises Refused with the agent's reason; ConnectError, NoAnswer, BadAnswer close the line."""
         async with self._lock:
             if not self._stream.is_open:
-                raise ConnectError("not connected", device=self._device)
+                raise ConnectError("not connected", device=self._device, hint="connect first")
             try:
                 return await self._exchange({"do": do, **arguments})
             except Refused:

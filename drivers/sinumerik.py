@@ -214,6 +214,8 @@ class Sinumerik:
         await self._session.write({r(lease.beat): _next_beat(beat)})
 
     async def heartbeat(self, owner: int) -> bool:
+        """Raises ValueError as `claim`."""
+        _check_number(owner, "owner")
         holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
         if holder != owner:
             raise self._anothers(holder)
@@ -221,6 +223,7 @@ class Sinumerik:
         return state == ALIVE
 
     async def release(self, owner: int) -> None:
+        _check_number(owner, "owner")
         holder, _, _ = self._numbers(self._lease, await self._session.read(self._lease))
         if holder == owner:
             await self._session.write({self._settings.r(self._settings.lease.owner): 0.0})

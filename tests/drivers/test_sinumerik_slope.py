@@ -13,7 +13,7 @@ from drivers.nc import FollowsPosition, LinearOffsets, Triple, Watch
 from drivers.sinumerik_settings import PAIRS, Compensation, Paths, SinumerikSettings
 from drivers.sinumerik_slope import SinumerikWithSlopes
 from simulators.nc.nck import CEC_TABLES
-from tests.drivers.test_sinumerik_contract import Bench, sinumerik_bench
+from tests.drivers.emulated_bench import Bench, sinumerik_bench
 
 TRAVEL = ((-300.0, 300.0), (-200.0, 200.0), (0.0, 400.0))
 NAMES = {pair: name for name, pair in PAIRS.items()}

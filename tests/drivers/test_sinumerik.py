@@ -1,142 +1,24 @@
-"""What every NumericalControl must do, against an emulated control over its real protocol.
+"""The driver and the emulated control in detail: what the contract of all controls (test_contract_nc) leaves open."""
 
-Another implementation joins by another entry in IMPLEMENTATIONS.
-"""
-
-import asyncio
-import itertools
-import math
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from drivers.base import ConnectError, DriverError, Refused
-from drivers.nc import NumericalControl, OperatingMode, ProbingState, ProbingStatus
+from drivers.nc import OperatingMode, ProbingState
 from drivers.sinumerik import Sinumerik
-from drivers.sinumerik_settings import SinumerikSettings, Source
-from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads, User
+from drivers.sinumerik_settings import SinumerikSettings
+from simulators.nc import User
 from simulators.nc.nck import JOG
-from simulators.nc.variables import COOLANT, PROBE_IN_SPINDLE, Right
-
-POSES = ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0))
-RADIUS_MM, HEIGHT_MM = 120.0, 80.0
-CUTTING_S = 1000.0
-"""The program cuts so long, with a safe point each 40 s, and stands still afterwards."""
+from simulators.nc.variables import Right
+from tests.drivers.emulated_bench import POSES, Bench, ManualClock, expected_deviation_um, sinumerik_bench
 
 
-class ManualClock:
-    """Simulated time that moves when the test says so."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-        self._moved = asyncio.Event()
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def utc(self) -> datetime:
-        return datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=self.now)
-
-    async def sleep_until(self, monotonic_s: float) -> None:
-        while self.now < monotonic_s:
-            await self._moved.wait()
-
-    def move_to(self, now: float) -> None:
-        self.now = now
-        self._moved.set()
-        self._moved = asyncio.Event()
-
-
-@dataclass
-class Plant:
-    """A machine with constant errors: position errors in µm, orientation errors in µm/m."""
-
-    errors: dict[str, float] = field(default_factory=dict)
-    asked_at_s: list[float] = field(default_factory=list)
-
-    def tool_deviation_um(
-        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
-    ) -> tuple[float, float, float]:
-        self.asked_at_s.append(time_s)
-        x, y, z = expected_deviation_um(self.errors, a_deg, c_deg)
-        return x, y, z
-
-
-ERRORS = ("EY0A", "EZ0A", "EX0C", "EY0C", "EZ0T", "ER0T", "EA0C", "EB0C", "EC0C")
-
-
-def expected_deviation_um(errors: dict[str, float], a_deg: float, c_deg: float) -> NDArray[np.float64]:
-    """Small-angle deviation of the sphere's centre: A's position, then C's position and orientation, turned by A."""
-    e = {name: errors.get(name, 0.0) for name in ERRORS}
-    a, c = math.radians(a_deg), math.radians(c_deg)
-    turn_a = np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
-    turn_c = np.array([[math.cos(c), -math.sin(c), 0], [math.sin(c), math.cos(c), 0], [0, 0, 1]])
-    sphere_m = turn_c @ np.array([RADIUS_MM, 0, HEIGHT_MM]) * 1e-3
-    on_table = np.array([e["EX0C"], e["EY0C"], 0]) + np.cross([e["EA0C"], e["EB0C"], e["EC0C"]], sphere_m)
-    on_table = on_table + e["ER0T"] * turn_c[:, 0] + np.array([0, 0, e["EZ0T"]])
-    deviation: NDArray[np.float64] = np.array([0, e["EY0A"], e["EZ0A"]]) + turn_a @ on_table
-    return deviation
-
-
-@dataclass
-class Bench:
-    """One control and the driver under test, with what the tests do to the control."""
-
-    nc: NumericalControl
-    clock: ManualClock
-    plant: Plant
-    control: EmulatedControl
-    url: str
-
-    async def cycle(self, number: int) -> ProbingStatus:
-        """Ask and let a whole cycle pass."""
-        await self.nc.request_probing(number)
-        self.clock.move_to(self.clock.now + 200.0)
-        return await self.nc.probing_status(number)
-
-
-def day() -> LoadCase:
-    loads = Loads(x=1200.0, y=600.0, z=300.0, a=2.0, c=30.0, spindle=6000.0, coolant=1.0)
-    blocks = [Block(0.0, CUTTING_S, Kind.ROUGHING, loads), Block(CUTTING_S, 1e6, Kind.PAUSE, Loads())]
-    return LoadCase(blocks, operation_s=40.0)
-
-
-def wired(url: str) -> SinumerikSettings:
-    """With the bits that the emulated control's machine builder has wired."""
-    plain = SinumerikSettings(url=url)
-    states = {**plain.state_sources, "coolant": Source(COOLANT)}
-    return replace(plain, paths=replace(plain.paths, probe_in_spindle=PROBE_IN_SPINDLE), states=states)
-
-
-@asynccontextmanager
-async def sinumerik_bench(users: dict[str, User] | None = None, noise_um: float = 0.0) -> AsyncIterator[Bench]:
-    clock, plant = ManualClock(), Plant()
-    control = EmulatedControl(plant, clock, day(), cycle=CycleSettings(noise_um=noise_um), users=users)
-    url = await control.start()
-    nc = Sinumerik(wired(url), clock)
-    try:
-        if users is None:
-            await nc.connect()
-        yield Bench(nc, clock, plant, control, url)
-    finally:
-        await nc.close()
-        await control.stop()
-        await asyncio.get_running_loop().shutdown_default_executor()  # the server library loads its nodes in it
-
-
-IMPLEMENTATIONS = {"sinumerik": sinumerik_bench}
-
-
-@pytest.fixture(params=IMPLEMENTATIONS)
-async def bench(request: pytest.FixtureRequest) -> AsyncIterator[Bench]:
-    opened: AbstractAsyncContextManager[Bench] = IMPLEMENTATIONS[request.param]()
-    async with opened as bench:
+@pytest.fixture
+async def bench() -> AsyncIterator[Bench]:
+    async with sinumerik_bench() as bench:
         yield bench
 
 
@@ -199,10 +81,6 @@ async def test_the_machine_probes_instead_of_cutting_and_then_goes_on(bench: Ben
     assert cutting.states["spindle_speed"] == 6000.0
 
 
-async def test_nobody_has_asked(bench: Bench) -> None:
-    assert (await bench.nc.probing_status(3)).state is ProbingState.IDLE
-
-
 async def test_an_old_result_is_never_taken_for_a_new_one(bench: Bench) -> None:
     assert (await bench.cycle(1)).state is ProbingState.DONE
     await bench.nc.request_probing(2)
@@ -228,12 +106,6 @@ async def test_the_number_of_a_result_that_is_still_shown_cannot_be_used_again(b
     await bench.nc.request_probing(10)  # waits for a safe point
     with pytest.raises(Refused, match="request number 9"):
         await bench.nc.request_probing(9)
-
-
-async def test_a_number_that_the_control_cannot_hold(bench: Bench) -> None:
-    for number in (0, -1, 2**31):
-        with pytest.raises(ValueError, match="request number"):
-            await bench.nc.request_probing(number)
 
 
 async def test_refused_when_an_alarm_is_active(bench: Bench) -> None:
@@ -292,13 +164,6 @@ async def test_withdrawn_before_and_during_the_cycle(bench: Bench, wait_s: float
     assert (await bench.cycle(2)).state is ProbingState.DONE
 
 
-async def test_withdrawing_another_number_changes_nothing(bench: Bench) -> None:
-    await bench.nc.request_probing(4)
-    await bench.nc.withdraw_probing(3)
-    bench.clock.move_to(200.0)
-    assert (await bench.nc.probing_status(4)).state is ProbingState.DONE
-
-
 async def test_compensation_is_read_back_and_moves_what_the_probe_finds(bench: Bench) -> None:
     assert await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
     before = await bench.cycle(1)
@@ -319,16 +184,6 @@ async def test_compensating_the_deviation_makes_it_disappear(bench: Bench) -> No
     assert reference.centres_mm is not None
     assert compensated.centres_mm is not None
     np.testing.assert_allclose(compensated.centres_mm, reference.centres_mm, atol=1e-9)
-
-
-async def test_an_offset_that_cannot_be_is_refused_before_anything_is_sent(bench: Bench) -> None:
-    await bench.nc.write_compensation((1.0, 2.0, 3.0))
-    for bad, axis in itertools.product((math.nan, math.inf, -math.inf, 501.0), range(3)):
-        offsets = [4.0, 5.0, 6.0]
-        offsets[axis] = bad
-        with pytest.raises(ValueError, match="nothing was sent"):
-            await bench.nc.write_compensation((offsets[0], offsets[1], offsets[2]))
-    assert await bench.nc.read_compensation() == pytest.approx((1.0, 2.0, 3.0))
 
 
 async def test_a_control_that_is_not_there() -> None:
