@@ -40,29 +40,24 @@ class RealClock:
         await asyncio.sleep(monotonic_s - time.monotonic())
 
 
+Module = M7015 | Pta8d08 | VoltageInput | Adam6015 | Wago464
 Started = tuple[str, Faults]
 """Bus settings to reach the device, and what breaks it."""
 Start = Callable[[ValueSource, int, AsyncExitStack], Awaitable[Started]]
 
 
-def _on_line(device: Callable[[ValueSource], M7015 | Pta8d08 | VoltageInput]) -> Start:
+def _modbus(device: Callable[[ValueSource], Module], *, tcp: bool = False) -> Start:
     async def start(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
         module = device(source)
-        line = RtuLine({unit: module})
-        path = await line.start()
-        stack.push_async_callback(line.stop)
-        return f'kind = "modbus_rtu", port = "{path}"', module.faults
-
-    return start
-
-
-def _on_tcp(device: Callable[[ValueSource], Adam6015 | Wago464]) -> Start:
-    async def start(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
-        module = device(source)
-        host = TcpHost({unit: module})
-        port = await host.start()
-        stack.push_async_callback(host.stop)
-        return f'kind = "modbus_tcp", host = "{_HOST}", port = {port}', module.faults
+        if tcp:
+            host = TcpHost({unit: module})
+            reached = f'kind = "modbus_tcp", host = "{_HOST}", port = {await host.start()}'
+            stack.push_async_callback(host.stop)
+        else:
+            line = RtuLine({unit: module})
+            reached = f'kind = "modbus_rtu", port = "{await line.start()}"'
+            stack.push_async_callback(line.stop)
+        return reached, module.faults
 
     return start
 
@@ -105,11 +100,11 @@ async def _controller(source: ValueSource, _: int, stack: AsyncExitStack) -> Sta
 
 
 DEVICES: Mapping[str, Start] = {
-    "m7015": _on_line(M7015),
-    "pta8d08": _on_line(Pta8d08),
-    "voltage_input": _on_line(lambda source: VoltageInput(source, range_um=RANGE_UM)),
-    "adam6015": _on_tcp(Adam6015),
-    "wago464": _on_tcp(Wago464),
+    "m7015": _modbus(M7015),
+    "pta8d08": _modbus(Pta8d08),
+    "voltage_input": _modbus(lambda source: VoltageInput(source, range_um=RANGE_UM)),
+    "adam6015": _modbus(Adam6015, tcp=True),
+    "wago464": _modbus(Wago464, tcp=True),
     "cia404": _node,
     "can_logger": _logger,
     "me_rs485": _sensor(counted=False),
