@@ -124,13 +124,21 @@ class LinuxCnc:
         return self._three(await self._line.ask("read"), "offsets in force")
 
     async def claim(self, owner: int, watch: Watch) -> None:
-        """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
+        """Returns when the watchdog watches, or after timeout_s.
+
+        Raises ValueError for an owner outside 1 .. 2**31 - 1.
+        """
         _check_number(owner, "owner")
         try:
             await self._line.ask("claim", owner=owner, silence_s=watch.silence_s, ramp_um_per_s=watch.ramp_um_per_s)
         except Refused as error:
             hint = "stop the other gateway, or run this one in the mode monitor or advise"
             raise Refused(error.what, device=self._settings.device, hint=hint) from error
+        # The claim is a beat, which real time sees in its next cycle; who beats next shall find the watchdog watching.
+        with suppress(TimeoutError):
+            async with asyncio.timeout(self._settings.timeout_s):
+                while not await self.heartbeat(owner):
+                    await asyncio.sleep(_POLL_S)
 
     async def heartbeat(self, owner: int) -> bool:
         _check_number(owner, "owner")

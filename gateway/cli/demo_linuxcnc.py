@@ -32,7 +32,7 @@ from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 HOURS = 1.0
 """The machine works so long between reference and measurement."""
-SILENCE_S, SLEW_UM_PER_S = 2.0, 100.0
+SILENCE_S, SLEW_UM_PER_S = 4.0, 100.0
 _RADIUS_MM, _HEIGHT_MM = 200.0, 80.0
 _CYCLE_LIMIT_S, _POLL_S, _PERIOD_S = 240.0, 0.2, 0.05
 _MACHINE = {
@@ -107,7 +107,7 @@ async def show(folder: Path, say: Say) -> Shown:
 
 async def _scene(operator: Machine, key_file: Path, port: int, say: Say) -> Shown:
     clock = RealClock()
-    nc = LinuxCnc(LinuxCncSettings(key_file=key_file, port=port), clock)
+    nc = LinuxCnc(LinuxCncSettings(key_file=key_file, port=port, timeout_s=5.0), clock)
     config = _config(key_file, port)
     probing = config.probing
     probe = Probe(poses_in_radians(probing.poses_deg), _RADIUS_MM * 1e-3, _HEIGHT_MM * 1e-3, probing.sigma_um)
