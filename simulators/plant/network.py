@@ -5,9 +5,10 @@ import numpy as np
 from simulators.plant.body import FloatArray
 from simulators.plant.parameters import Parameters
 
-FILM_STEPS = 32
-"""Film factors are rounded to 1/32: a disc's film is not known better, and the same matrices serve again."""
-_REMEMBERED = 512
+FILM_STEPS = 16
+"""Film factors are rounded to 1/16: a disc's film is not known better, and the same matrices serve again."""
+_REMEMBERED = 128
+"""Pairs of matrices, a quarter of a megabyte each."""
 
 
 class Network:
@@ -16,6 +17,7 @@ class Network:
     def __init__(self, parameters: Parameters) -> None:
         self.parameters = parameters
         self._known: dict[tuple[float, bytes], tuple[FloatArray, FloatArray]] = {}
+        self._last: tuple[float, FloatArray | None, tuple[FloatArray, FloatArray]] | None = None
 
     def rate(self, films: FloatArray) -> FloatArray:
         """(n, n) W/K: K + sum h_i H_i."""
@@ -25,7 +27,9 @@ class Network:
         self, state: FloatArray, films: FloatArray, heat: FloatArray, zones: FloatArray, dt_s: float
     ) -> FloatArray:
         """State (n,) after dt_s with films (f,), heat (n,) W and zones (z,) degC held over the step."""
-        keep, take = self._propagator(films, dt_s)
+        if self._last is None or self._last[0] != dt_s or self._last[1] is not films:
+            self._last = dt_s, films, self._propagator(films, dt_s)
+        keep, take = self._last[2]
         moved: FloatArray = keep @ state + take @ (heat + self.parameters.outside @ zones)
         return moved
 

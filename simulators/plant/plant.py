@@ -19,6 +19,7 @@ RADIUS_MM = 200.0
 _REST_S = 72 * 3600.0
 _REST_STEP_S = 600.0
 _NOISE_BLOCK = 256
+_DRIFT_STEP_S = 600.0
 _MONDAY = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
 
 
@@ -57,6 +58,7 @@ class Plant:
         self._loads: dict[MachineDrive, Loads] = {}
         self._open: list[tuple[float, Loads]] = []
         self._index, self._time_s = 0, 0.0
+        self._grip = math.nan, np.ones(len(parameters.laws))
         self._rest()
         self._note_stuck()
         self._start = self.state.copy()
@@ -66,7 +68,7 @@ class Plant:
         self.state = self._network.steady(off.films, self.parameters.heat_to @ off.heat_W, self._hall.zones(-_REST_S))
         for k in range(int(_REST_S / _REST_STEP_S)):
             self._step(off, -_REST_S + k * _REST_STEP_S, _REST_STEP_S)
-        self._felt = self.parameters.sensor_at @ np.concatenate([self.state, self._hall.zones(0.0)])
+        self._felt = self.parameters.sensor_at @ np.concatenate([self.state, self._air])
 
     @property
     def time_s(self) -> float:
@@ -85,7 +87,7 @@ class Plant:
                 self._step(self._mean(), self._index * STEP_S, STEP_S)
                 self._index += 1
                 self._open.clear()
-                true = self.parameters.sensor_at @ np.concatenate([self.state, self._hall.zones(end)])
+                true = self.parameters.sensor_at @ np.concatenate([self.state, self._air])
                 self._felt = self._felt + self._ease * (true - self._felt)
                 self._note_stuck()
 
@@ -159,11 +161,13 @@ class Plant:
     def _step(self, load: Loads, time_s: float, dt_s: float) -> None:
         p = self.parameters
         warmth = p.heat_to.T @ self.state - 20.0
-        grip = np.where(self._viscous > 0, self._drift.friction(time_s), 1.0)
-        heat = p.heat_to @ (load.heat_W * grip * np.exp(-self._viscous * warmth))
+        if (now := time_s // _DRIFT_STEP_S) != self._grip[0]:
+            self._grip = now, np.where(self._viscous > 0, self._drift.friction(now * _DRIFT_STEP_S), 1.0)
+        heat = p.heat_to @ (load.heat_W * self._grip[1] * np.exp(-self._viscous * warmth))
         wanted = p.chiller_gain_W_K * (float(self._tank @ self.state) - p.chiller_set_degC)
         heat -= load.chiller * min(max(wanted, 0.0), p.chiller_max_W) * self._tank
-        self.state = self._network.step(self.state, load.films, heat, self._hall.zones(time_s + dt_s / 2), dt_s)
+        self._air = self._hall.zones(time_s + dt_s / 2)
+        self.state = self._network.step(self.state, load.films, heat, self._air, dt_s)
 
     def _note_stuck(self) -> None:
         """What a sensor shows from now on; noted here and not when it is read, so that polling changes nothing."""
