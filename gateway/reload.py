@@ -1,7 +1,9 @@
 """Another configuration while the gateway runs: checked as a whole, applied by its difference, or not at all."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+from drivers.tap import Tap
 from gateway.acquisition import Acquisition
 from gateway.board import Board
 from gateway.clock import ServiceClock
@@ -49,16 +51,23 @@ def difference(old: GatewayConfig, new: GatewayConfig) -> Difference:
 
 
 async def apply(
-    acquisition: Acquisition, board: Board, clock: ServiceClock, old: GatewayConfig, new: GatewayConfig
+    acquisition: Acquisition,
+    board: Board,
+    clock: ServiceClock,
+    old: GatewayConfig,
+    new: GatewayConfig,
+    tap: Callable[[str], Tap] | None = None,
 ) -> Difference:
     """Bring the running acquisition from `old` to `new`, both already checked by `load`.
 
     Every new driver is made before the first bus is stopped; when the exchange fails, the buses of `old` run again.
+    tap: gives who listens in on the bus of that name
+
     Raises ReloadError or SetupError when nothing was changed, or what the exchange raised after it was taken back.
     """
     change = difference(old, new)
-    lines = {line.bus.name: line for line in lines_of(new, clock)}
-    former = {line.bus.name: line for line in lines_of(old, clock)}
+    lines = {line.bus.name: line for line in lines_of(new, clock, tap)}
+    former = {line.bus.name: line for line in lines_of(old, clock, tap)}
     try:
         await acquisition.exchange(change.stopped, [lines[name] for name in change.started])
     except Exception:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.base import Reading
+from drivers.tap import Tap
 from gateway.acquisition import Acquisition, Line, Notice
 from gateway.board import Board
 from gateway.clock import ServiceClock
@@ -54,6 +55,7 @@ class Service:
     outlet: told of everything
     past: the controller and what else an earlier run left
     decided: told of every decision after it was stored
+    tap: gives who listens in on the bus of that name
     configured: told of the configuration that runs from now on: at the start and after each reload that took effect
     """
 
@@ -65,13 +67,14 @@ class Service:
         past: Past,
         decided: Callable[[Decision], None] = lambda _: None,
         configured: Callable[[GatewayConfig], None] = lambda _: None,
+        tap: Callable[[str], Tap] | None = None,
     ) -> None:
         self._config, self._clock, self._outlet, self._past, self._decided = config, clock, outlet, past, decided
-        self._configured = configured
+        self._configured, self._tap = configured, tap
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
         self._schedule = Schedule(config.grid.step_s, past.last_k)
         self.board = Board({c.name: c.period_s for c in config.channels})
-        self._lines: tuple[Line, ...] = lines_of(config, clock)
+        self._lines: tuple[Line, ...] = lines_of(config, clock, tap)
         self.link = self._make_link()
         self._acquisition: Acquisition | None = None
 
@@ -87,7 +90,7 @@ class Service:
         """
         if self._acquisition is None:
             raise ReloadError("the service is not running")
-        change = await apply(self._acquisition, self.board, self._clock, self._config, config)
+        change = await apply(self._acquisition, self.board, self._clock, self._config, config, self._tap)
         self._config = config
         self._configured(config)
         log.info(

@@ -4,18 +4,24 @@ CAN frames are lines of candump's log format, `(time) bus id#data R` or `T`; byt
 are `(time) bus > hex` (sent by the gateway) or `<`; `!` tells of the connection. Times are UTC seconds that never jump.
 """
 
+import logging
 import re
 import threading
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
+from queue import SimpleQueue
 from time import monotonic
 from types import TracebackType
 from typing import Literal, Self, TextIO
 
+log = logging.getLogger(__name__)
+
 _FIRST_LINE = "# talc wire log 1"
 _CONFIG = "#: "
+_MOST_WAITING = 10_000
+"""Lines that may wait for the disk; some seconds of a busy machine."""
 _LINE = re.compile(r"\((\d+\.\d+)\) (\w+) (?:([<>]) ([0-9a-f]*)|! (.+)|([0-9A-F]{3}|[0-9A-F]{8})#([0-9A-F]*) ([RT]))")
 
 Passed = Literal["sent", "received", "note"]
@@ -56,31 +62,43 @@ class WireLog:
 class WireLogWriter:
     """Writes a recording while buses are read; `tap` gives each bus its ear. Taps may be called from any thread.
 
-    Ends by itself at `most_bytes`, and when the disk is full: the buses go on. Raises OSError when the file cannot be
-    made.
+    A thread of its own writes between enter and exit, so that a slow disk delays no bus; what it cannot take in time is
+    counted in `dropped`. A full disk ends the recording and nothing else.
+
+    Parameters
+    ----------
+    path: overwritten
+    config: TOML of what is read
+    began: now, aware
+    most_bytes: at this size the recording ends
+    rotate: or the file is renamed, `path` with .1 added, and another begins
+
+    Raises OSError when the file cannot be made.
     """
 
-    def __init__(self, path: Path, config: str, began: datetime, *, most_bytes: int) -> None:
-        self._path, self._most_bytes = path, most_bytes
+    def __init__(self, path: Path, config: str, began: datetime, *, most_bytes: int, rotate: bool = False) -> None:
+        self._path, self._config, self._most_bytes, self._rotate = path, config, most_bytes, rotate
         self._offset_s = began.timestamp() - monotonic()
-        self._lock = threading.Lock()
         self.ended = ""
         """Why nothing is written any more."""
         self.counts: dict[str, int] = {}
-        """Lines by bus."""
+        """Lines written, by bus."""
+        self.dropped = 0
+        self._waiting: SimpleQueue[tuple[str, str] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._work, name=f"wire log {path.name}")
         self._written = 0
-        self._file: TextIO | None = path.open("w", encoding="utf-8", buffering=1)  # a line at a time: power may fail
-        self._put(f"{_FIRST_LINE}\n# began {began.isoformat()}\n")
-        self._put("".join(f"{_CONFIG}{line}\n" for line in config.splitlines()))
+        self._file: TextIO | None = None
+        self._begin()
 
     def __enter__(self) -> Self:
+        self._thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with self._lock:
-            self._close()
+        self._waiting.put(None)
+        self._thread.join()
 
     def tap(self, bus: str) -> "BusTap":
         """The ear of one bus."""
@@ -88,31 +106,81 @@ class WireLogWriter:
         return BusTap(self, bus)
 
     def line(self, bus: str, text: str) -> None:
-        """One line, now."""
-        with self._lock:
-            if self._put(f"({monotonic() + self._offset_s:.6f}) {bus} {text}\n"):
+        """One line, as of now."""
+        if self._waiting.qsize() < _MOST_WAITING:
+            self._waiting.put((bus, f"({monotonic() + self._offset_s:.6f}) {bus} {text}\n"))
+        else:
+            self.dropped += 1
+
+    def reconfigure(self, config: str) -> None:
+        """Other buses or devices are read from now on: another file begins."""
+        self._waiting.put(("", config))
+
+    def _work(self) -> None:
+        """In the thread: until None."""
+        while (item := self._waiting.get()) is not None:
+            bus, text = item
+            if not bus:
+                self._config = text
+                self._next_file()
+            elif self._put(text):
                 self.counts[bus] += 1
+            if self._file is not None and self._waiting.empty():
+                self._guarded(self._file.flush)  # every line is out as soon as there is time: power may fail
+        self._close()
+
+    def _begin(self) -> None:
+        self._file = self._path.open("w", encoding="utf-8")
+        began = datetime.fromtimestamp(monotonic() + self._offset_s, UTC)
+        header = f"{_FIRST_LINE}\n# began {began.isoformat(timespec='milliseconds')}\n"
+        header += "".join(f"{_CONFIG}{line}\n" for line in self._config.splitlines())
+        self._written = len(header)
+        self._guarded(lambda: self._file and self._file.write(header))
+
+    def _next_file(self) -> None:
+        """The full one is kept once."""
+        self._close()
+
+        def change() -> None:
+            self._path.replace(self._path.with_name(self._path.name + ".1"))
+            self._begin()
+
+        self._guarded(change)
+
+    def _put(self, text: str) -> bool:
+        if self._file is None:
+            return False
+        if self._written + len(text) > self._most_bytes:
+            if not self._rotate:
+                self.ended = f"{self._path} has reached {self._most_bytes / 1e6:g} MB"
+                self._close()
+                return False
+            self._next_file()
+        file = self._file
+        if file is not None:
+            self._guarded(lambda: file.write(text))
+            self._written += len(text)
+        return self._file is not None
+
+    def _guarded(self, work: Callable[[], object]) -> None:
+        try:
+            work()
+        except OSError as error:
+            self._end(error)
+            self._close()
+
+    def _end(self, error: OSError) -> None:
+        if not self.ended:
+            self.ended = f"{self._path}: {error.strerror or error}"
+            log.warning("nothing is recorded any more: %s", self.ended)
 
     def _close(self) -> None:
         file, self._file = self._file, None
-        if file is not None:
-            with suppress(OSError):  # a full disk was told when it was met
-                file.close()
-
-    def _put(self, text: str) -> bool:
-        if self._file is None or self.ended:
-            return False
-        if self._written + len(text) > self._most_bytes:
-            self.ended = f"{self._path} has reached {self._most_bytes / 1e6:g} MB"
-            return False
         try:
-            self._file.write(text)
+            if file is not None:
+                file.close()
         except OSError as error:
-            self.ended = f"{self._path}: {error.strerror or error}"
-            self._close()
-            return False
-        self._written += len(text)
-        return True
+            self._end(error)
 
 
 class BusTap:

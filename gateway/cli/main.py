@@ -156,11 +156,15 @@ def play(file: Path, folder: Path | None, seconds: float | None) -> None:
 
 @main.command()
 @ConfigPath
-def run(config: Path) -> None:
+@click.option("--record", "wires", type=click.Path(dir_okay=False, path_type=Path),
+              help="Keep what passes the wires in this file, for `play`; the one before has .1 added.")  # fmt: skip
+@click.option("--record-mb", type=click.FloatRange(min=0.01), default=100.0, show_default=True,
+              help="With --record: begin the next file at this size.")  # fmt: skip
+def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.cli.run import run_service
 
-    run_service(read_config(config), config)
+    run_service(read_config(config), config, wires, record_mb)
 
 
 @main.command()

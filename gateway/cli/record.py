@@ -57,5 +57,7 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
                     await asyncio.wait_for(stop.wait(), left)
     if log.ended:
         console.print(f"ended: {log.ended}", style="yellow", highlight=False, soft_wrap=True)
+    if log.dropped:
+        console.print(f"{log.dropped} lines are missing: the disk was too slow", style="yellow", highlight=False)
     counted = ", ".join(f"{bus} {count}" for bus, count in log.counts.items())
     console.print(f"{path}: {counted} lines; {len(bad)} channels not good at the end", highlight=False, soft_wrap=True)

@@ -3,6 +3,9 @@
 import asyncio
 import logging
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 
 from drivers.base import DriverError
@@ -10,14 +13,19 @@ from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, load
+from gateway.config.wires import wires_toml
 from gateway.reload import ReloadError
 from gateway.service import Service
+from gateway.wire_log import WireLogWriter
 
 log = logging.getLogger(__name__)
 
 
-def run_service(config: GatewayConfig, path: Path) -> None:
-    """Run the gateway until SIGINT or SIGTERM. SIGHUP reads `path` again and applies what changed, or nothing."""
+def run_service(config: GatewayConfig, path: Path, record: Path | None = None, record_mb: float = 100.0) -> None:
+    """Run the gateway until SIGINT or SIGTERM. SIGHUP reads `path` again and applies what changed, or nothing.
+
+    record: what passes the wires goes there, at most `record_mb` in this file and as much in the one before
+    """
 
     async def main() -> None:
         stop, hang_up = asyncio.Event(), asyncio.Event()
@@ -29,13 +37,29 @@ def run_service(config: GatewayConfig, path: Path) -> None:
             reloading.append(asyncio.create_task(_reload(service, path, hang_up), name="reload"))
 
         try:
-            await serve(config, RealClock(), stop, simulated=False, started=started)
+            with _wire_log(config, record, record_mb) as wire_log:
+                await serve(config, RealClock(), stop, simulated=False, started=started, wire_log=wire_log)
         finally:
             for task in reloading:
                 task.cancel()
             await asyncio.gather(*reloading, return_exceptions=True)
 
     asyncio.run(main())
+
+
+@contextmanager
+def _wire_log(config: GatewayConfig, path: Path | None, most_mb: float) -> Iterator[WireLogWriter | None]:
+    if path is None:
+        yield None
+        return
+    if path.exists():
+        path.replace(path.with_name(path.name + ".1"))
+    with WireLogWriter(
+        path, wires_toml(config), datetime.now(UTC), most_bytes=round(most_mb * 1e6), rotate=True
+    ) as writer:
+        yield writer
+    if writer.dropped:
+        log.warning("%s: %d lines are missing: the disk was too slow", path, writer.dropped)
 
 
 async def _reload(service: Service, path: Path, asked: asyncio.Event) -> None:

@@ -8,11 +8,13 @@ from importlib.metadata import version
 
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
+from gateway.config.wires import wires_toml
 from gateway.outlet import Fanout, Outlet
 from gateway.replay import past_of
 from gateway.service import Service
 from gateway.store import History, Store, boot_id
 from gateway.telemetry import Telemetry
+from gateway.wire_log import WireLogWriter
 from talc.frame import Decision
 
 _VERSIONS_OF = ("talc-gateway", "numpy", "scipy", "osqp", "pymodbus", "canopen", "asyncua", "eclipse-zenoh")
@@ -32,8 +34,11 @@ async def serve(
     more: Sequence[Outlet] = (),
     decided: Callable[[Decision], None] = lambda _: None,
     started: Callable[[Service], None] = lambda _: None,
+    wire_log: WireLogWriter | None = None,
 ) -> None:
     """Run the service of a configuration until `stop`; everything is stored before it is published.
+
+    wire_log: is told of everything that passes the wires
 
     Raises DriverError, StoreError, TelemetryError, or an exception group of them.
     """
@@ -59,12 +64,18 @@ async def serve(
             )
             outlets.append(await stack.enter_async_context(telemetry))
             told.append(telemetry.runs)
+        recorded = wires_toml(config)
 
         def configured(running: GatewayConfig) -> None:
+            nonlocal recorded
             store.runs(running.canonical(), running.fingerprint())
             for tell in told:
                 tell(running.fingerprint())
+            if wire_log is not None and (wires := wires_toml(running)) != recorded:
+                recorded = wires
+                wire_log.reconfigure(wires)
 
-        service = Service(config, clock, Fanout([*outlets, *more]), past, decided, configured)
+        tap = None if wire_log is None else wire_log.tap
+        service = Service(config, clock, Fanout([*outlets, *more]), past, decided, configured, tap)
         started(service)
         await service.run(stop)

@@ -2,12 +2,16 @@
 
 import asyncio
 import re
+import signal
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import can
 import pytest
 
 from gateway.cli.play import read_recording
+from gateway.wire_log import read_wire_log
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015
@@ -156,3 +160,63 @@ async def test_existing_recording_is_not_overwritten(tmp_path: Path) -> None:
     assert done.code == 2
     assert "recordings are not overwritten" in done.err
     assert file.read_text(encoding="utf-8") == "what happened last night"
+
+
+RUNNING = """[machine]
+name = "mill"
+[telemetry]
+enabled = false
+[[bus]]
+name = "rtu1"
+kind = "modbus_rtu"
+port = "{port}"
+period_s = 0.05
+timeout_s = 0.5
+[[device]]
+name = "rtd1"
+bus = "rtu1"
+profile = "icpdas_m7015"
+unit = {unit}
+channels = {{ bed = 0 }}
+"""
+
+
+async def test_service_keeps_what_passed_across_a_reload(tmp_path: Path) -> None:
+    """A unit id that was wrong is mended while the gateway runs: each file holds what was then configured."""
+    config, wire = tmp_path / "gateway.toml", tmp_path / "field.wire"
+    wire.write_text("of an earlier run", encoding="utf-8")
+    line = RtuLine({2: M7015(lambda: [20.0] * 6)})
+    port = await line.start()
+    config.write_text(RUNNING.format(port=port, unit=1), encoding="utf-8")
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "gateway", "run", str(config), "--record", str(wire)), stderr=asyncio.subprocess.PIPE
+    )
+    try:
+        async with asyncio.timeout(60):
+            await until(lambda: " > 01" in text_of(wire))
+            config.write_text(RUNNING.format(port=port, unit=2), encoding="utf-8")
+            process.send_signal(signal.SIGHUP)
+            await until(lambda: text_of(wire).count(" < 02") >= 3)
+            process.send_signal(signal.SIGTERM)
+            _, err = await process.communicate()
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        await line.stop()
+    assert process.returncode == 0, err.decode()
+    now, before = read_wire_log(wire), read_wire_log(tmp_path / "field.wire.1")
+    assert ("unit = 1" in before.config, "unit = 2" in now.config) == (True, True)
+    assert {event.data[0] for event in before.events if event.passed == "sent"} == {1}
+    assert {event.data[0] for event in now.events if event.passed == "received"} == {2}
+
+
+def text_of(file: Path) -> str:
+    """What the file holds now."""
+    return file.read_text(encoding="utf-8") if file.exists() else ""
+
+
+async def until(seen: Callable[[], bool]) -> None:
+    """Wait for something outside."""
+    while not seen():
+        await asyncio.sleep(0.02)

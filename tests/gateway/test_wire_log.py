@@ -23,7 +23,7 @@ def test_lines_are_as_documented(tmp_path: Path) -> None:
     lines = file.read_text(encoding="utf-8").splitlines()
     assert lines[:4] == [
         "# talc wire log 1",
-        "# began 2026-11-23T08:00:00+00:00",
+        "# began 2026-11-23T08:00:00.000+00:00",
         "#: [machine]",
         '#: name = "mill"',
     ]
@@ -95,3 +95,29 @@ def test_full_disk_ends_the_recording_only() -> None:
     with WireLogWriter(Path("/dev/full"), "", BEGAN, most_bytes=10**6) as writer:
         writer.tap("a").data(True, b"x")
     assert writer.ended == "/dev/full: No space left on device"
+
+
+def test_recording_that_rotates_keeps_the_last_two_files(tmp_path: Path) -> None:
+    file = tmp_path / "x.wire"
+    with WireLogWriter(file, '[machine]\nname = "mill"', BEGAN, most_bytes=1000, rotate=True) as writer:
+        tap = writer.tap("a")
+        for turn in range(100):
+            tap.data(True, turn.to_bytes(2, "big"))
+    last, before = read_wire_log(file), read_wire_log(tmp_path / "x.wire.1")
+    numbers = [int.from_bytes(event.data, "big") for event in (*before.events, *last.events)]
+    assert numbers == list(range(100 - len(numbers), 100))
+    assert len(numbers) > 20
+    assert last.config == before.config == '[machine]\nname = "mill"'
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["x.wire", "x.wire.1"]
+    assert writer.ended == ""
+
+
+def test_another_configuration_begins_another_file(tmp_path: Path) -> None:
+    file = tmp_path / "x.wire"
+    with WireLogWriter(file, "a = 1", BEGAN, most_bytes=10**6) as writer:
+        writer.tap("a").data(True, b"old")
+        writer.reconfigure("b = 2")
+        writer.tap("a").data(True, b"new")
+    now, before = read_wire_log(file), read_wire_log(tmp_path / "x.wire.1")
+    assert (before.config, [e.data for e in before.events]) == ("a = 1", [b"old"])
+    assert (now.config, [e.data for e in now.events]) == ("b = 2", [b"new"])
