@@ -91,9 +91,15 @@ class Plant:
                 self._felt = self._felt + self._ease * (true - self._felt)
                 self._note_stuck()
 
-    def zero(self) -> None:
-        """Let errors and spindle growth count from the present state, as after a reference measurement."""
-        self._start = self.state.copy()
+    def zero(self, like: "Plant | None" = None) -> None:
+        """Let errors and spindle growth count from the present state, as after a reference measurement.
+
+        like: from the state that another plant of the same machine counts from, as in another season. ValueError:
+        another machine.
+        """
+        if like is not None and like.parameters is not self.parameters:
+            raise ValueError("like: expected a plant of the same parameters")
+        self._start = (self.state if like is None else like._start).copy()
 
     def sensors(self) -> dict[str, float]:
         """degC by channel: lagged, with offset (0.1 K and its drift) and noise (0.05 K); not quantised. NaN: open."""

@@ -53,12 +53,14 @@ def runs(seed: int, small: bool) -> list[Parameters]:
 
 
 def series(seed: int, repetition: int, small: bool) -> Days:
-    """The three seasons one after the other, each with its own reference measurement at its begin."""
-    parts = []
+    """The three seasons one after the other; errors count from the begin of the first."""
+    parts: list[Recording] = []
+    parameters, first = load(), None
     for n, stretch in enumerate(long_term(seed, step_s=STEP_S)[: 1 if small else None]):
-        plant = Plant(load(), stretch.environment, 10 * seed + n)
+        plant = Plant(parameters, stretch.environment, 10 * seed + n)
         plant.advance(IDLE_S, MachineDrive())
-        plant.zero()
+        plant.zero(first)
+        first = first or plant
         parts.append(record(plant, stretch.drives[: SMALL_STEPS if small else None], STEP_S))
     inputs, truth = np.concatenate([p.inputs for p in parts]), np.concatenate([p.errors for p in parts])
     draw = np.random.default_rng([seed, repetition, 12])

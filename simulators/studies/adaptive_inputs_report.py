@@ -21,7 +21,7 @@ _COLOURS = dict(zip(WAYS, ("#93c5fd", "#1f6feb", "#fdba74", "#c2410c", "#86efac"
 _ASKED = """Is it worth choosing a model's inputs again at every model update (adaptive), rather than once in the
 calibration (static)? As in Z22 a machine runs 196 h, 72 h and 72 h in three seasons under a new random load of one
 axis at a time each 5 min; a day of calibration, then a measurement each 2 h, and 16 in a row with a model update when
-a residual exceeds its limit. Each season begins with its own reference measurement.
+a residual exceeds its limit. Errors count from the begin of the first season; each season begins with a measurement.
 
 Three selectors choose: pso, Z22's Group-LASSO with a particle swarm over penalty and orders (to 5, least squares,
 limits of its training); tck, the earlier sequential choice by the Time Series Cluster Kernel (ARX of order 1, least

@@ -314,3 +314,19 @@ def test_sensors_fail_as_told(machine: Parameters) -> None:
     assert np.array_equal(bad[:, others], good[:, others])
     with pytest.raises(ValueError, match="no channel 'x_nutt'"):
         Plant(machine, CALM, 2, failures=[Failure(channel="x_nutt", kind=Kind.OPEN, from_s=0)])
+
+
+def test_another_plant_counts_from_the_same_state(machine: Parameters) -> None:
+    """What one says after its reference measurement, its twin says that takes the reference from it."""
+    drive = MachineDrive(speed_c=900.0)
+    plant, twin = Plant(machine, CALM, 1), Plant(machine, CALM, 1)
+    for one in (plant, twin):
+        one.advance(1800.0, drive)
+    plant.zero()
+    for one in (plant, twin):
+        one.advance(3600.0, drive)
+    assert not np.allclose(twin.errors(), plant.errors())
+    twin.zero(plant)
+    assert np.array_equal(twin.errors(), plant.errors())
+    with pytest.raises(ValueError, match="same parameters"):
+        twin.zero(Plant(load("stiff"), CALM, 1))
