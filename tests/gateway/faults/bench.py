@@ -53,6 +53,12 @@ class Metronome:
         """The most, of what ended between these monotonic times."""
         return max((late for at, late in self._late if begin_s <= at <= end_s), default=0.0)
 
+    def lost_s(self, within_s: float) -> float:
+        """The most that it was late in sum within so many seconds: what a chain of threads may lose."""
+        ends = [at for at, _ in self._late]
+        sums = [sum(late for at, late in self._late if end - within_s < at <= end) for end in ends]
+        return max(sums, default=0.0)
+
     def _run(self) -> None:
         while True:
             before = time.monotonic()
