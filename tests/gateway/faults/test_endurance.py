@@ -14,7 +14,7 @@ from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Line, Notice
 from gateway.clock import RealClock
 from simulators.devices.source import Fault
-from tests.gateway.faults.plants import Plant, rtu, slcan, tcp
+from tests.gateway.faults.plants import Plant, dbc, rtu, slcan, tcp, timer
 
 PERIOD_S = 0.05
 WARM_UP, CYCLES = 5, 40
@@ -62,7 +62,7 @@ async def cycle(plant: Plant, latest: Latest) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plant_of", [rtu, tcp, slcan])
+@pytest.mark.parametrize("plant_of", [rtu, tcp, slcan, timer, dbc])
 async def test_nothing_grows(
     tmp_path: Path, plant_of: Callable[[Path], Awaitable[Plant]], caplog: pytest.LogCaptureFixture
 ) -> None:
