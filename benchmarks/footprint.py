@@ -33,8 +33,8 @@ def rows() -> list[Row]:
     plain = _printed(f"import numpy\n{_PEAK}")
     table = []
     for text, rows_, selector, na, nb, estimator in (
-        ("`search`, 24 h", 288, "search", 1, 1, "guarded"),
-        ("`search`, 340 h", 4080, "search", 1, 1, "guarded"),
+        ("`search`, 24 h", 288, "search", 1, 5, "guarded"),
+        ("`search`, 340 h", 4080, "search", 1, 5, "guarded"),
         ("`pso` 40 × 60, 24 h, fitted by least squares", 288, "pso", 5, 5, "least_squares"),
         ("`pso` 40 × 60, 24 h, guarded", 288, "pso", 5, 5, "guarded"),
     ):

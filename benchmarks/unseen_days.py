@@ -52,10 +52,11 @@ WAYS = (
     Way("`search`, judged on the fit's rows", TrainingSettings(judged_by="seen")),
     Way("`search`, limits from training (Z22)", control=ControlSettings(acl="training")),
     Way("`pso`, ARX to order 5, least squares", TrainingSettings(selector="pso", max_na=5, max_nb=5)),
-    Way("`pso`, refined free run", TrainingSettings(selector="pso", estimator="refined")),
+    Way("`pso`, refined free run, orders up to 1", TrainingSettings(selector="pso", max_nb=1, estimator="refined")),
     Way("`search`, policy `uncertainty`", control=ControlSettings(policy="uncertainty")),
     Way("`search`, policy `novelty`", control=ControlSettings(policy="novelty")),
     Way("`search`, fixed 4 h", control=ControlSettings(measurement_interval_steps=48)),
+    Way("`search`, orders up to 1", TrainingSettings(max_nb=1)),
 )
 
 

@@ -39,14 +39,15 @@ class Design:
         filtered = np.stack(delayed, axis=2).reshape(len(scaled), -1)
         for pole in poles:
             _kernel.lag(filtered, pole)
-        columns = np.ascontiguousarray(filtered[rows])
+        columns = filtered if rows.all() else filtered[rows]
         nuisance = np.column_stack([np.ones(len(scaled)), *(p**t for p in poles)])
         return cls(poles, lags, columns, nuisance[rows])
 
     @cached_property
     def scale(self) -> FloatArray:
         """(inputs * lags,) standard deviation of each column: what a ridge is relative to."""
-        return np.asarray(np.maximum(self.columns.std(axis=0), 1e-12), dtype=np.float64)
+        # Column by column: all at once would need the memory of the columns again.
+        return np.array([max(float(column.std()), 1e-12) for column in self.columns.T])
 
     def of(self, coefficients: tuple[int, ...]) -> list[int]:
         """Positions of the leading columns of each input, as many as it has coefficients."""

@@ -1,6 +1,8 @@
 """From one error's rows to one model's parameters: the default route by output error, and the papers' by ARX."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -8,9 +10,9 @@ from talc import pso, tck
 from talc._kernel import Progress
 from talc.arx import Regression, guarded_fit, least_squares_fit, refine, simulate
 from talc.criteria import bic
-from talc.frame import FloatArray
+from talc.frame import BoolArray, FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
-from talc.output_error import fit
+from talc.output_error import Design, fit
 from talc.search import BLOCKS, RIDGE, Candidates
 from talc.settings import TrainingSettings
 from talc.window import Parameters, Structure, Window
@@ -34,20 +36,47 @@ class Found:
     resets_history: bool
 
 
+class Shared:
+    """What errors that were measured at the same steps share: the regressions of every choice of poles.
+
+    Parameters
+    ----------
+    scaled: (T, inputs) z-scores of all offered inputs
+    rows: (T,) which steps were measured
+    outputs: by error, (T,) in scaled units, NaN where not measured
+    pole_sets: to choose from
+    lags: coefficients per input at the largest order
+    """
+
+    def __init__(
+        self,
+        scaled: FloatArray,
+        rows: BoolArray,
+        outputs: Mapping[str, FloatArray],
+        pole_sets: Sequence[tuple[float, ...]],
+        lags: int,
+    ) -> None:
+        self.scaled, self.rows, self.lags = scaled, rows, lags
+        self.column = {error: column for column, error in enumerate(outputs)}
+        self.outputs = np.column_stack([y[rows] for y in outputs.values()])
+        make = partial(Design.make, scaled, lags=lags, rows=rows)
+        self.candidates = Candidates(pole_sets, make, self.outputs, scaled.shape[1])
+
+
 def by_search(
-    candidates: Candidates,
-    y: FloatArray,
-    most: int,
-    fixed: tuple[int, ...] | None,
-    settings: TrainingSettings,
-    within: Progress | None,
+    shared: Shared, error: str, fixed: tuple[int, ...] | None, settings: TrainingSettings, within: Progress | None
 ) -> Found:
-    """An output-error model (talc.search). y: (n,) measured rows; fixed: inputs to keep; within: may end it early."""
-    best = candidates.choose(y, most, fixed, within, settings.judged_by)
-    fitted = fit(best.design, best.coefficients, y, RIDGE, BLOCKS)
-    denominator = np.atleast_1d(np.poly(best.design.poles))
+    """An output-error model (talc.search). fixed: positions of inputs to keep; within: may end it early."""
+    column = shared.column[error]
+    most = min(settings.max_inputs, shared.scaled.shape[1])
+    best = shared.candidates.choose(column, most, fixed, within, settings.judged_by)
+    inputs = tuple(s for s, count in enumerate(best.coefficients) if count)
+    design = Design.make(shared.scaled[:, inputs], best.poles, shared.lags, shared.rows)
+    counts = tuple(best.coefficients[s] for s in inputs)
+    fitted = fit(design, counts, shared.outputs[:, column], RIDGE, BLOCKS)
+    denominator = np.atleast_1d(np.poly(best.poles))
     return Found(
-        inputs=tuple(s for s, count in enumerate(best.coefficients) if count),
+        inputs=inputs,
         parameters=Parameters(denominator[1:], fitted.b, fitted.constant * float(denominator.sum())),
         residual=fitted.residual,
         unseen=fitted.unseen,

@@ -12,7 +12,7 @@ one's best set to another's may lead uphill.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -42,7 +42,7 @@ _FLOOR = 1e-12
 class Choice:
     """What a search found."""
 
-    design: Design
+    poles: tuple[float, ...]
     coefficients: tuple[int, ...]
     """Of each offered input; 0: not chosen."""
     criterion: float
@@ -53,65 +53,79 @@ class Candidates:
 
     Parameters
     ----------
-    designs: with the same rows, lags and inputs
+    pole_sets: to choose from
+    make: the design of one of them, all with the same rows, lags and inputs. Made one after the other and not kept:
+        over weeks of data their rows are what costs memory
+    outputs: (n, m) what shall be explained, in scaled units
     inputs: how many are offered
     """
 
-    def __init__(self, designs: Sequence[Design], inputs: int) -> None:
-        self._designs, self._inputs = tuple(designs), inputs
-        self._parts = np.array_split(np.arange(len(designs[0].nuisance)), BLOCKS)
-        # Different numbers of poles have different nuisances; a column of zeros does no harm.
-        widest = max(d.nuisance.shape[1] for d in designs)
-        self._rows = [
-            np.column_stack(
-                [d.columns / d.scale, d.nuisance, np.zeros((len(d.nuisance), widest - d.nuisance.shape[1]))]
-            )
-            for d in designs
-        ]
-        self._gram = np.array([[x[part].T @ x[part] for part in self._parts] for x in self._rows])
+    def __init__(
+        self,
+        pole_sets: Sequence[tuple[float, ...]],
+        make: Callable[[tuple[float, ...]], Design],
+        outputs: FloatArray,
+        inputs: int,
+    ) -> None:
+        parts = np.array_split(np.arange(len(outputs)), BLOCKS)
+        blocks = [slice(int(part[0]), int(part[-1]) + 1) for part in parts]
+        self._poles, self._rows, self._inputs = tuple(pole_sets), len(outputs), inputs
+        # Different numbers of poles have different nuisances; columns of zeros do no harm.
+        nuisance = 1 + max(len(poles) for poles in pole_sets)
+        for d, poles in enumerate(pole_sets):
+            design = make(poles)
+            if not d:
+                self._lags, width = design.lags, inputs * design.lags + nuisance
+                self._gram = np.zeros((len(pole_sets), BLOCKS, width, width))
+                self._moment = np.zeros((outputs.shape[1], len(pole_sets), BLOCKS, width))
+            for b, block in enumerate(blocks):
+                gram, moment = _gram(design, block), _moment(design, block, outputs[block])
+                self._gram[d, b, : len(gram), : len(gram)] = gram
+                self._moment[:, d, b, : len(gram)] = moment.T
+            del design  # before the next one is made
+        self._energy = np.array([(outputs[block] ** 2).sum(axis=0) for block in blocks]).T
+        self._unseen_rows = len(outputs) - len(parts[0])
 
     def choose(
         self,
-        y: FloatArray,
+        output: int,
         most: int,
         fixed: tuple[int, ...] | None = None,
         progress: Progress | None = None,
         judged_by: Literal["unseen", "seen"] = "unseen",
     ) -> Choice:
-        """The best model of y (n,), in scaled units.
+        """The best model of one output, by its column.
 
         most: largest number of inputs; fixed: these inputs, only poles and orders are chosen; progress: reports the
         share done and may stop the search, which then answers with the best so far; judged_by: residuals of blocks
         left out, or of all rows as in the plain BIC.
         """
-        moment = np.array([[x[part].T @ y[part] for part in self._parts] for x in self._rows])
-        energy = np.array([y[part] @ y[part] for part in self._parts])
-        rows = len(y) - (len(self._parts[0]) if judged_by == "unseen" else 0)
-        starts = [self._starts(d, moment[d], energy, most, fixed) for d in range(len(self._designs))]
+        moment, energy = np.ascontiguousarray(self._moment[output]), np.ascontiguousarray(self._energy[output])
+        rows = self._unseen_rows if judged_by == "unseen" else self._rows
+        starts = [self._starts(d, moment[d], energy, most, fixed) for d in range(len(self._poles))]
         chosen, coefficients, cost = _kernel.search(
             self._gram,
             moment,
             energy,
-            np.array([len(d.poles) for d in self._designs], dtype=np.int64),
+            np.array([len(poles) for poles in self._poles], dtype=np.int64),
             starts,
             self._inputs,
-            self._designs[0].lags,
-            RIDGE * len(y),
+            self._lags,
+            RIDGE * self._rows,
             judged_by == "unseen",
             float(rows),
-            math.log(len(y)),
+            math.log(self._rows),
             _FLOOR * rows,
             most,
             fixed is not None,
             progress,
         )
-        return Choice(self._designs[chosen], tuple(coefficients), cost)
+        return Choice(self._poles[chosen], tuple(coefficients), cost)
 
     @cached_property
     def _paths(self) -> list[tuple[GroupLasso, FloatArray, FloatArray, FloatArray]]:
         """Per design: the path's solver with the nuisance projected out, the columns' lengths, the projections."""
-        lags = self._designs[0].lags
-        p = self._inputs * lags
+        lags, p = self._lags, self._inputs * self._lags
         paths = []
         for gram in self._gram.sum(axis=1):
             inverse = np.linalg.pinv(gram[p:, p:], rcond=1e-12, hermitian=True)
@@ -127,7 +141,7 @@ class Candidates:
     def _starts(
         self, d: int, moment: FloatArray, energy: FloatArray, most: int, fixed: tuple[int, ...] | None
     ) -> list[list[int]]:
-        lags = self._designs[0].lags
+        lags = self._lags
         if fixed is not None:
             return [[lags if s in fixed else 0 for s in range(self._inputs)]]
         p = self._inputs * lags
@@ -137,6 +151,19 @@ class Candidates:
         left = max(float(energy.sum() - total[p:] @ inverse @ total[p:]), 0.0)
         sets = _path(lasso, products, left, most)
         return [[lags if s in chosen else 0 for s in range(self._inputs)] for chosen in sets]
+
+
+def _gram(design: Design, block: slice) -> FloatArray:
+    """(P, P) of the block's rows: inputs' columns of unit variance, then the nuisance."""
+    x, nuisance, scale = design.columns[block], design.nuisance[block], design.scale[:, None]
+    across = x.T @ nuisance / scale
+    return np.block([[x.T @ x / scale / scale.T, across], [across.T, nuisance.T @ nuisance]])
+
+
+def _moment(design: Design, block: slice, outputs: FloatArray) -> FloatArray:
+    """(P, m) products of the same columns with the outputs."""
+    scaled = design.columns[block].T @ outputs / design.scale[:, None]
+    return np.vstack([scaled, design.nuisance[block].T @ outputs])
 
 
 def _path(lasso: GroupLasso, moment: FloatArray, energy: float, most: int) -> list[tuple[int, ...]]:

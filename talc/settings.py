@@ -28,7 +28,7 @@ class TrainingSettings:
     """Of the swarm and of the kernel's ensemble. `search` draws nothing."""
     max_na: int = 1
     """Largest autoregressive order: 0 only static and FIR models; `search` up to 3 poles, the others up to 5 (Z22)."""
-    max_nb: int = 1
+    max_nb: int = 5
     """Largest input order, found for each input by itself; order + 1 coefficients (Z22: up to 5)."""
     max_inputs: int = 8
     """Largest number of inputs in one model."""

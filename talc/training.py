@@ -11,9 +11,8 @@ from talc.disturbance import Disturbance, disturbance_of
 from talc.frame import BoolArray, FloatArray, TrainingJob
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
-from talc.output_error import Design
-from talc.routes import Found, by_arx, by_search
-from talc.search import BLOCKS, Candidates
+from talc.routes import Found, Shared, by_arx, by_search
+from talc.search import BLOCKS
 from talc.settings import TrainingSettings
 from talc.window import Window
 
@@ -49,40 +48,41 @@ def train(
     its `cancel` ends the training from another thread. Raises Cancelled.
     """
     offer, notes = _offered(job)
-    known: dict[bytes, Candidates] = {}
+    records = {error: _record(job, e) for e, error in enumerate(THERMAL_ERRORS)}
+    by_rows: dict[bytes, dict[str, FloatArray]] = {}
+    for error, record in records.items():
+        by_rows.setdefault(record.rows.tobytes(), {})[error] = record.scaled
+    shared: dict[bytes, Shared] = {}
     models: list[ErrorModel | None] = []
-    for e, error in enumerate(THERMAL_ERRORS):
+    for e, (error, record) in enumerate(records.items()):
         if cancelled is not None and cancelled():
             raise Cancelled
-        measured: FloatArray = np.where(np.isfinite(job.measured[:, e]), job.measured[:, e], np.nan)
-        rows: BoolArray = np.isfinite(measured)
-        if rows.sum() < _LEAST_ROWS or not offer.names:
+        if record.rows.sum() < _LEAST_ROWS or not offer.names:
             models.append(None)
-            notes.append(f"{error}: no model, {int(rows.sum())} measured rows and {len(offer.names)} usable inputs")
+            notes.append(
+                f"{error}: no model, {int(record.rows.sum())} measured rows and {len(offer.names)} usable inputs"
+            )
             continue
         keep = None if job.static_inputs is None else job.static_inputs[e]
         fixed = None if keep is None else tuple(sorted(offer.names.index(n) for n in keep if n in offer.names))
-        y_mean, y_std = float(np.nanmean(measured)), max(float(np.nanstd(measured)), _LEAST_OUTPUT_SPREAD)
-        y = (measured - y_mean) / y_std
         if job.settings.selector == "search":
-            key = rows.tobytes()
-            if key not in known:
-                lags = 1 + job.settings.max_nb
-                designs = [Design.make(offer.scaled, poles, lags, rows) for poles in _pole_sets(job.settings)]
-                known[key] = Candidates(designs, len(offer.names))
-            found: Found = by_search(
-                known[key], y[rows], min(job.settings.max_inputs, len(offer.names)), fixed, job.settings, within
-            )
+            key = record.rows.tobytes()
+            if key not in shared:
+                sets, lags = _pole_sets(job.settings), 1 + job.settings.max_nb
+                shared[key] = Shared(offer.scaled, record.rows, by_rows[key], sets, lags)
+            found: Found = by_search(shared[key], error, fixed, job.settings, within)
         else:
             try:
-                found = by_arx(Window(offer.scaled, y, y, y_std), fixed, error, job.settings, within)
+                found = by_arx(
+                    Window(offer.scaled, record.scaled, record.scaled, record.std), fixed, error, job.settings, within
+                )
             except (ValueError, RuntimeError) as problem:
                 models.append(None)
                 notes.append(f"{error}: no model, {problem}")
                 continue
         if within is not None and within.cancelled:
             raise Cancelled
-        models.append(_model(error, measured, found, offer, y_mean, y_std))
+        models.append(_model(error, record, found, offer))
         if progress is not None:
             progress((e + 1) / len(THERMAL_ERRORS))
     return ModelSet(k=job.k, why=job.why.value, input_names=job.input_names, models=tuple(models), notes=tuple(notes))
@@ -103,6 +103,29 @@ class _Offer:
         return (self.inputs - self.mean) / self.std
 
 
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """One error's measurements."""
+
+    measured: FloatArray
+    """(T,) NaN where there is none."""
+    rows: BoolArray
+    """(T,) where there is one."""
+    mean: float
+    std: float
+
+    @property
+    def scaled(self) -> FloatArray:
+        return (self.measured - self.mean) / self.std
+
+
+def _record(job: TrainingJob, e: int) -> _Record:
+    measured: FloatArray = np.where(np.isfinite(job.measured[:, e]), job.measured[:, e], np.nan)
+    rows: BoolArray = np.isfinite(measured)
+    known = measured[rows] if rows.any() else np.zeros(1)
+    return _Record(measured, rows, float(known.mean()), max(float(known.std()), _LEAST_OUTPUT_SPREAD))
+
+
 def _pole_sets(settings: TrainingSettings) -> list[tuple[float, ...]]:
     allowed = [p for p in _POLES if p < settings.max_pole]
     return [poles for count in range(settings.max_na + 1) for poles in combinations(allowed, count)]
@@ -121,9 +144,9 @@ def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
     return _Offer(names, inputs, inputs.mean(axis=0), inputs.std(axis=0)), notes
 
 
-def _model(error: str, record: FloatArray, found: Found, offer: _Offer, y_mean: float, y_std: float) -> ErrorModel:
-    steps = np.flatnonzero(np.isfinite(record))
-    measured = record[steps]
+def _model(error: str, record: _Record, found: Found, offer: _Offer) -> ErrorModel:
+    steps = np.flatnonzero(record.rows)
+    measured, y_std = record.measured[steps], record.std
     chosen = list(found.inputs)
     rows = offer.inputs[:, chosen]
     reach, swing = np.ptp(rows, axis=0), max(float(np.ptp(measured)), y_std)
@@ -135,7 +158,7 @@ def _model(error: str, record: FloatArray, found: Found, offer: _Offer, y_mean: 
         intercept=found.parameters.intercept,
         u_mean=offer.mean[chosen],
         u_std=offer.std[chosen],
-        y_mean=y_mean,
+        y_mean=record.mean,
         y_std=y_std,
         u_low=rows.min(axis=0) - reach,
         u_high=rows.max(axis=0) + reach,
