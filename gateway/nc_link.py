@@ -4,11 +4,12 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from drivers.base import DriverError, NoAnswer
+from drivers.base import DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl, Watch
 from gateway.breaker import Breaker, Change
 from gateway.clock import ServiceClock
@@ -16,6 +17,7 @@ from gateway.compensation import Offsets, Slew, Source, Step, Write, as_offsets
 from gateway.config import GatewayConfig
 from gateway.form import form_of
 from gateway.measurement import InForceAt, Outcome, Probe
+from gateway.motion import Motion
 from gateway.prober import Prober
 from talc.frame import Decision, FloatArray, Why
 
@@ -79,6 +81,7 @@ class NcLink:
         self._watch = Watch(settings.watchdog_s, settings.slew_um_per_s if settings.when_stale == "zero" else 0.0)
         self._slew: Slew | None = None
         self._left: FloatArray | None = None
+        self._motion = Motion(settings.frozen_after_s)
         self._frozen = False
         self._decision: tuple[Decision, float] | None = None
         self._last_step: Step | None = None
@@ -153,12 +156,21 @@ class NcLink:
         if not self._connected and not await self._connect(due):
             return
         try:
-            self.snapshot = await self._nc.snapshot()
-            self._states(self.snapshot.states, self.snapshot.monotonic_s)
+            self.snapshot = self._judged(await self._nc.snapshot())
+            if self.snapshot.quality is Quality.GOOD:
+                self._states(self.snapshot.states, self.snapshot.monotonic_s)
             await self._compensate(self.snapshot)
         except DriverError as error:
             await self._close()
             self._lost(error, due)
+
+    def _judged(self, snapshot: NcSnapshot) -> NcSnapshot:
+        frozen = self._motion.frozen(snapshot)
+        was = self.snapshot is not None and self.snapshot.quality is Quality.STALE
+        if bool(frozen) is not was:
+            axes = f"{', '.join(frozen)} report a speed and do not move" if frozen else "the axes move again"
+            self._notify(f"NC: {axes}", not frozen)
+        return replace(snapshot, quality=Quality.STALE) if frozen else snapshot
 
     async def _connect(self, due: float) -> bool:
         if not self._breaker.allows(due):
@@ -231,7 +243,7 @@ class NcLink:
         if self._decision is None:
             return None, Source.NO_MODEL
         decision, decided = self._decision
-        if now - decided > self._settings.stale_after_s:
+        if now - decided > self._settings.stale_after_s or snapshot.quality is not Quality.GOOD:
             return None, Source.STALE
         if not np.any(np.isfinite(decision.corrected)):
             return None, Source.NO_MODEL

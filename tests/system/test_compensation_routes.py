@@ -24,7 +24,7 @@ from simulators.nc.nck import CEC_TABLES
 from simulators.plant import Environment, MachineDrive, Plant, load
 from simulators.plant.plant import RADIUS_MM
 from talc.frame import Decision, FloatArray, Phase, Why
-from tests.gateway.stepped_clock import SteppedClock
+from tests.gateway.wire_clock import WireClock
 
 WARM_S = 6 * 3600.0
 SETTLED_S, END_S, SAMPLE_S = 90.0, 240.0, 0.5
@@ -36,16 +36,6 @@ TABLES = {NAMES[pair]: number for number, pair in enumerate(CEC_TABLES)}
 PLAIN = Compensation()
 OWN_AXES = Compensation(route="k0_slope", travel_mm=TRAVEL)
 EVERY_PAIR = Compensation(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
-
-
-class WireClock(SteppedClock):
-    """Simulated time that also waits for what goes over a real wire."""
-
-    async def _rest(self) -> None:
-        await super()._rest()
-        while self.holds:
-            await asyncio.sleep(0.0005)
-            await super()._rest()
 
 
 class WarmMachine:
