@@ -68,6 +68,7 @@ class LinuxCnc:
             tool=tool if isinstance(tool, int) else None,
             probe_in_spindle=bool(status.get("probe")),
             alarms=(EMERGENCY_STOP,) if status.get("estop") else (),
+            ready=bool(status.get("on")) and bool(status.get("homed")) and not status.get("estop"),
         )
 
     async def request_probing(self, number: int) -> None:

@@ -67,6 +67,9 @@ class NcSnapshot:
     probe_in_spindle: bool | None = None
     alarms: tuple[int, ...] = ()
     """Numbers of the alarms that are shown, the first few of them."""
+    ready: bool | None = None
+    """False: emergency stop, drives off or an axis not referenced, so that an offset may not act when it is written, or
+    act later all at once. None: the control does not tell."""
     quality: Quality = Quality.GOOD
 
 

@@ -59,6 +59,8 @@ REASONS: Final = {
     7: "the program was stopped",
 }
 LARGEST_NUMBER: Final = 2**31 - 1
+EMERGENCY_STOP: Final = 3000
+"""Alarm while an emergency stop is pressed or not yet acknowledged."""
 ALIVE: Final = 1
 """State of the control's watchdog while it hears the gateway."""
 
@@ -79,7 +81,14 @@ class Sinumerik:
         named = {name: getattr(paths, name) for name in ("mode", "program", "tool", "probe_in_spindle")}
         self._named = {name: path for name, path in named.items() if path}
         state_paths = (source.path for source in self._states.values())
-        self._snapshot = (*self._positions, *state_paths, *self._named.values(), *paths.alarms)
+        self._referenced = self._linear(paths.referenced) if paths.referenced else ()
+        self._snapshot = (
+            *self._positions,
+            *state_paths,
+            *self._named.values(),
+            *self._referenced,
+            *paths.alarms,
+        )
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
@@ -118,6 +127,9 @@ class Sinumerik:
         }
         values = values[len(self._states) :]
         named = dict(zip(self._named, values, strict=False))
+        values = values[len(self._named) :]
+        referenced, values = values[: len(self._referenced)], values[len(self._referenced) :]
+        alarms = tuple(int(alarm) for alarm in values if alarm)
         tool, probe = named.get("tool"), named.get("probe_in_spindle")
         return NcSnapshot(
             time=time,
@@ -128,7 +140,8 @@ class Sinumerik:
             program=PROGRAM_STATES.get(_code(named.get("program")), ProgramState.UNKNOWN),
             tool=None if tool is None else int(tool),
             probe_in_spindle=None if probe is None else bool(probe),
-            alarms=tuple(int(alarm) for alarm in values[len(self._named) :] if alarm),
+            alarms=alarms,
+            ready=EMERGENCY_STOP not in alarms and all(_code(value) % 2 for value in referenced),
             quality=Quality.GOOD,
         )
 

@@ -58,6 +58,8 @@ class Paths:
     """State of the program: 1 interrupted, 2 stopped, 3 running, 4 waiting, 5 aborted."""
     tool: str = "/Channel/State/actTNumber[u1]"
     """Number of the tool in the spindle."""
+    referenced: str = "/Channel/MachineAxis/refPtStatus[u1,{n}]"
+    """Whether X, Y, Z are referenced: an odd number when so. Empty: not read."""
     probe_in_spindle: str = ""
     """A bit of the machine builder's PLC program, such as `/Plc/M120.1`; there is none that every control has."""
     alarms: tuple[str, ...] = tuple(f"/Nck/SequencedAlarms/textIndex[{n}]" for n in (1, 2, 3))
@@ -68,6 +70,10 @@ class Paths:
             path = getattr(self, name)
             if not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", path):
                 raise SetupError(f"{name} = {path!r}: expected a node name beginning with / that holds {{n}} once")
+        if self.referenced and not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", self.referenced):
+            raise SetupError(
+                f"referenced = {self.referenced!r}: expected a node name that holds {{n}} once, or nothing"
+            )
         for name in ("mode", "program", "tool", "probe_in_spindle"):
             path = getattr(self, name)
             if path and not path.startswith("/"):

@@ -20,7 +20,12 @@ class Source(StrEnum):
     PREDICTION = "prediction"
     STALE = "stale"
     NO_MODEL = "no_model"
+    INPUTS_STALE = "inputs_stale"
+    """An input of a live model has had no good value for too long."""
     FROZEN = "frozen"
+    """The control probes."""
+    NOT_READY = "not_ready"
+    """Emergency stop, drives off, axes not referenced."""
     STOPPED = "stopped"
 
 
@@ -100,10 +105,10 @@ class Slew:
         """The most that is added to any axis at any position."""
         return float(np.abs(self._now).sum(axis=1).max())
 
-    def freeze(self, now_s: float, basis: FloatArray | None = None) -> Step:
-        """Keep the offsets and let time pass: while the NC probes, what it adds must stand still."""
+    def freeze(self, now_s: float, basis: FloatArray | None = None, source: Source = Source.FROZEN) -> Step:
+        """Keep the offsets and let time pass: while the NC probes, or cannot follow, what it adds must stand still."""
         self._time = now_s
-        return self._step(self._now, Source.FROZEN, np.zeros(3, dtype=bool), basis)
+        return self._step(self._now, source, np.zeros(3, dtype=bool), basis)
 
     def follow(
         self,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
@@ -46,6 +47,7 @@ class NcLink:
         the mean of `probing.reference_cycles` cycles
     first_number: number of the first probing request; must differ from every earlier one
     owner: number of this gateway on the control, the same after every restart; 1 .. 2**31 - 1
+    missing: inputs of live models without a good value, and the monotonic seconds since when, as an earlier run left it
     """
 
     def __init__(
@@ -61,6 +63,7 @@ class NcLink:
         reference_mm: FloatArray | None,
         first_number: int,
         owner: int = 1,
+        missing: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         if config.nc is None:
             raise ValueError("config has no [nc] section")
@@ -83,6 +86,8 @@ class NcLink:
         self._left: FloatArray | None = None
         self._motion = Motion(settings.frozen_after_s)
         self._frozen = False
+        self._ready = True
+        self._missing = dict(missing)
         self._decision: tuple[Decision, float] | None = None
         self._last_step: Step | None = None
         self.snapshot: NcSnapshot | None = None
@@ -102,9 +107,16 @@ class NcLink:
         """The control's latest state; None while it cannot be reached."""
         return self.snapshot if self._connected else None
 
+    @property
+    def missing_since(self) -> Mapping[str, float]:
+        """Inputs of live models that have no good value, and the monotonic seconds since when."""
+        return self._missing
+
     def follow(self, decision: Decision) -> None:
         """Compensate from this decision on."""
-        self._decision = (decision, self._clock.monotonic())
+        now = self._clock.monotonic()
+        self._decision = (decision, now)
+        self._missing = {name: self._missing.get(name, now) for name in decision.substituted}
 
     async def run(self) -> None:
         """Read and write once per period until cancelled."""
@@ -118,26 +130,25 @@ class NcLink:
 
     async def stop(self) -> None:
         """Bring the compensation to its declared state, then let go of the control."""
-        if self._connected and self.armed and self._slew is not None and self._settings.when_stale == "zero":
-            steps = math.ceil(self._slew.largest_um / (self._settings.slew_um_per_s * self._period)) + 1
+        if self._connected:
             try:
-                due = self._clock.monotonic()
-                for _ in range(steps):
-                    due += self._period
-                    await self._clock.sleep_until(due)
-                    if not await self._alive():
-                        break  # the control's watchdog has it
-                    await self._send(self._slew.follow(self._clock.monotonic(), None, Source.STOPPED))
-                    if not self._slew.largest_um:
-                        break
+                await self._prober.withdraw()
+                if self.armed and self._ready and self._settings.when_stale == "zero":
+                    await self._take_back()
+                if self.armed:
+                    await self._nc.release(self._owner)
             except DriverError as error:
-                log.warning("compensation could not be taken back: %s", error)
-        if self._connected and self.armed:
-            try:
-                await self._nc.release(self._owner)
-            except DriverError as error:
-                log.warning("the NC could not be given back: %s", error)
+                log.warning("the NC could not be left as declared, its watchdog has it: %s", error)
         await self._close()
+
+    async def _take_back(self) -> None:
+        due = self._clock.monotonic()
+        while self._slew is not None and self.armed and self._slew.largest_um > 0:
+            due += self._period
+            await self._clock.sleep_until(due)
+            if not await self._alive():
+                return  # the control's watchdog has it
+            await self._send(self._slew.follow(self._clock.monotonic(), None, Source.STOPPED))
 
     async def measure(self, why: Why) -> Outcome:
         """One probing cycle, or those of the reference; see Prober. Offsets stand still until it has ended."""
@@ -228,11 +239,15 @@ class NcLink:
         k = self._decision[0].k if self._decision else None
         here = self._form.basis(positions(snapshot)[:3])
         async with self._writing:
-            if self._frozen:
-                step = self._slew.freeze(now, here)
+            if snapshot.ready is not False and not self._ready:
+                self._begin_from(await self._form.read())  # it may have been switched off meanwhile
+            self._ready = snapshot.ready is not False
+            if self._frozen or not self._ready:
+                step = self._slew.freeze(now, here, Source.FROZEN if self._ready else Source.NOT_READY)
+                read_back = None
             else:
                 step = self._slew.follow(now, *self._wanted(snapshot, now), here)
-            read_back = await self._send(step, here) if may_write and not self._frozen else None
+                read_back = await self._send(step, here) if may_write else None
         if step != self._last_step:
             self._written(
                 Write(snapshot.time, self._settings.mode, step, k, snapshot.positions, read_back is not None, read_back)
@@ -245,13 +260,16 @@ class NcLink:
         decision, decided = self._decision
         if now - decided > self._settings.stale_after_s or snapshot.quality is not Quality.GOOD:
             return None, Source.STALE
+        if any(now - since > self._settings.inputs_stale_after_s for since in self._missing.values()):
+            return None, Source.INPUTS_STALE
         if not np.any(np.isfinite(decision.corrected)):
             return None, Source.NO_MODEL
         # An error without an estimate is not compensated; the others still are.
         known = np.nan_to_num(decision.corrected)
         return self._form.wanted(known, positions(snapshot), self._probe.radius_m), Source.PREDICTION
 
-    async def _send(self, step: Step, here: FloatArray | None = None) -> Offsets:
+    async def _send(self, step: Step, here: FloatArray | None = None) -> Offsets | None:
+        """What is in force after the write; None: nothing was written."""
         if self._clock.monotonic() - self._beat_s > self._watch.silence_s / 2:
             # This process stood still after its beat. The control may be about to move the offsets, or has.
             raise NoAnswer(f"more than {self._watch.silence_s / 2:g} s between heartbeat and write", device="nc")
@@ -260,7 +278,7 @@ class NcLink:
             # Our next step would be a jump from where somebody else has put it.
             found = await self._form.read()
             if self._differ(found, self._left):
-                return self._read_back(found, here)
+                return None
         await self._form.write(wanted)
         found = self._left = await self._form.read()
         self._differ(found, wanted)
@@ -271,11 +289,13 @@ class NcLink:
         differs = bool(np.abs(found - wanted).sum(axis=1).max() > _READ_BACK_TOLERANCE_UM)
         if differs:
             self._disarmed = True
-            self._notify(
+            # Neither writes nor beats from now on: the control's watchdog brings the offsets to their declared state.
+            text = (
                 f"NC: wrote offsets {_shown(wanted)} µm but {_shown(found)} are in force; compensation is disarmed "
-                "until a restart. Does something else write there?",
-                False,
+                "until a restart. Does something else write there?"
             )
+            log.warning("%s", text)
+            self._notify(text, False)
         return differs
 
     @staticmethod

@@ -42,6 +42,7 @@ class Prober:
         self._checks = MeasurementChecks(settings, probe.radius_m)
         self._reference, self._number = reference_mm, first_number
         self._last: tuple[Measurement, float] | None = None
+        self._waiting_for: int | None = None
 
     async def measure(
         self, why: Why, standing: Callable[[], Awaitable[InForceAt]], decision: Decision | None
@@ -84,12 +85,24 @@ class Prober:
             self._number - 1, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason, end
         )
 
+    async def withdraw(self) -> None:
+        """Take a request back that nobody waits for any more. Raises DriverError."""
+        if self._waiting_for is not None:
+            await self._nc.withdraw_probing(self._waiting_for)
+            self._waiting_for = None
+
     async def _probed(self) -> FloatArray:
         number = self._number
         self._number += 1
-        status = await run_cycle(
-            self._nc, number, self._clock, poll_s=self._settings.poll_s, timeout_s=self._settings.timeout_s
-        )
+        self._waiting_for = number
+        try:
+            status = await run_cycle(
+                self._nc, number, self._clock, poll_s=self._settings.poll_s, timeout_s=self._settings.timeout_s
+            )
+        except (Refused, Rejected):
+            self._waiting_for = None
+            raise
+        self._waiting_for = None
         found = centres(status, len(self._probe.poses_rad))
         self._checks.repeats(None if status.spread_mm is None else status.spread_mm * 1e3)
         return found

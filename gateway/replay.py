@@ -91,8 +91,10 @@ def past_of(history: History, config: GatewayConfig) -> Past:
     controller = fresh.controller
     last: Decision | None = None
     job: TrainingJob | None = None
+    missing: dict[str, int] = {}
     for step in history.steps():
         last = controller.step(step.frame)
+        missing = {name: missing.get(name, step.frame.k) for name in last.substituted}
         job = last.training or job
         for stored in step.adopted:
             controller.adopt(stored)
@@ -105,6 +107,7 @@ def past_of(history: History, config: GatewayConfig) -> Past:
         pending=(job, None if last is None else last.measure),
         reference_mm=None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3,
         last_number=cycles[-1].number if cycles else None,
+        missing=missing,
     )
 
 

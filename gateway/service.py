@@ -4,9 +4,9 @@ import asyncio
 import logging
 import platform
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.base import Reading
@@ -43,6 +43,8 @@ class Past:
     pending: tuple[TrainingJob | None, Why | None] = (None, None)
     reference_mm: FloatArray | None = None
     last_number: int | None = None
+    missing: Mapping[str, int] = field(default_factory=dict)
+    """Inputs of live models without a good value at the last step, and the grid index since when."""
 
 
 class Service:
@@ -164,7 +166,13 @@ class Service:
             reference_mm=self._past.reference_mm,
             first_number=number + 1,
             owner=_owner(config.storage.path),
+            missing={name: self._monotonic_of(k) for name, k in self._past.missing.items()},
         )
+
+    def _monotonic_of(self, k: int) -> float:
+        """When grid index k was, on this run's monotonic clock."""
+        age_s = self._clock.utc().timestamp() - k * self._config.grid.step_s
+        return self._clock.monotonic() - max(0.0, age_s)
 
     def _take(self, readings: Sequence[Reading]) -> None:
         self.board.put(readings)

@@ -175,6 +175,8 @@ class Compensation(Section):
     """Fastest change of an offset."""
     stale_after_s: Positive = 900.0
     """A prediction older than this is no longer used."""
+    inputs_stale_after_s: Positive = 1800.0
+    """An input that a live model uses may be without a good value for so long; its last good one stands meanwhile."""
     when_stale: Literal["zero", "hold"] = "zero"
     """Without a usable prediction: ramp the offsets to zero, or hold the last ones."""
     frozen_after_s: Positive = 120.0

@@ -30,6 +30,10 @@ CEC_TABLES = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 JOG, MDA, AUTO = 0, 1, 2
 INTERRUPTED, STOPPED, IN_PROGRESS = 1, 2, 3
 PROBE_TOOL = 99
+EMERGENCY_STOP = 3000
+"""Number of the alarm."""
+REFERENCED, NOT_REFERENCED = 3, 2
+"""Values of an axis's reference point status."""
 
 
 class MachineUnderControl(Protocol):
@@ -107,6 +111,8 @@ class Nck:
         """Every change of SD43900 with its time."""
         self.mode = AUTO
         self.alarms: tuple[int, ...] = ()
+        self.referenced = True
+        """Whether the axes have been referenced since power on: before, no offset acts."""
         self.probe_available = True
         self.sphere_present = True
         self.chip_um: dict[int, Centre] = {}
@@ -188,15 +194,25 @@ class Nck:
         self._note(now_s, ramped=False)
 
     def power_on(self, now_s: float) -> None:
-        """Switched off and on again: TALC_START takes the offsets away and no gateway is known."""
+        """Switched off and on again: TALC_START takes the offsets away, no gateway is known, no axis is referenced."""
         self.advance(now_s)
         self.cycle.interrupt(now_s, Reason.STOPPED)
         self.k0_mm[:] = self.slope[:] = [0.0] * 3
         self.table_weight[:] = [0.0] * len(CEC_TABLES)
         for number in range(R_OFFSETS, R_SLOPE_RAMP + 1):
             self.r[number] = 0.0
+        self.referenced = False
         self._note(now_s, ramped=False)
         self._show_answer()
+
+    def reference(self, now_s: float) -> None:
+        """The axes have found their reference points."""
+        self.advance(now_s)
+        self.referenced = True
+
+    def emergency_stop(self, now_s: float) -> None:
+        """Drives off; offsets stay as they are. It ends with `clear_alarms`."""
+        self.raise_alarm(EMERGENCY_STOP, now_s)
 
     def raise_alarm(self, number: int, now_s: float) -> None:
         """An alarm stops the program and a cycle under way."""
@@ -230,6 +246,8 @@ class Nck:
         Position-dependent form: K = K0 + tanβ (P - P0) per axis; a sag table adds its value times its weight
         (Function Manual Extended Functions, K3).
         """
+        if not self.referenced:
+            return 0.0, 0.0, 0.0
         shift = []
         for axis, position in enumerate(positions_mm):
             value_mm = self.k0_mm[axis] + self.slope[axis] * (position - self.reference_mm[axis])

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from simulators.nc.nck import AXES, CEC_TABLES, R_COUNT, MachineState, Nck
+from simulators.nc.nck import AXES, CEC_TABLES, NOT_REFERENCED, R_COUNT, REFERENCED, MachineState, Nck
 
 Value = float | int | bool
 
@@ -56,6 +56,9 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
     for index, axis in enumerate(AXES):
         table[f"/Channel/MachineAxis/actToolBasePos[u1,{index + 1}]"] = _position(axis)
         table[f"/Channel/MachineAxis/actFeedRate[u1,{index + 1}]"] = _feed(index)
+        table[f"/Channel/MachineAxis/refPtStatus[u1,{index + 1}]"] = Variable(
+            lambda _: REFERENCED if nck.referenced else NOT_REFERENCED
+        )
     for number in range(R_COUNT):
         table[f"/Channel/Parameter/R[u1,{number}]"] = _r_parameter(nck, number)
     for name, values in (

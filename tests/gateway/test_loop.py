@@ -3,22 +3,33 @@
 import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drivers.base import Reading
 from drivers.nc import OperatingMode, ProbingState, ProbingStatus, ProgramState
 from gateway.compensation import Write
+from gateway.config import parse
 from gateway.config.sections import Probing
 from gateway.grid import GridSampler, Schedule
 from gateway.loop import GridLoop
 from gateway.measurement import Outcome
 from gateway.probing_schedule import Outlook, ProbingSchedule, Standing
+from gateway.replay import past_of
+from gateway.service import Service
+from gateway.store import History, Store
 from talc.control import Controller
-from talc.frame import Decision, Event, EventKind, Frame, Why
+from talc.frame import Decision, Event, EventKind, Frame, Measurement, Why
 from talc.models import ModelSet
-from talc.settings import TalcSettings
+from talc.settings import ControlSettings, TalcSettings
+from talc.training import train
+from tests.gateway.stepped_clock import SteppedClock
 from tests.gateway.test_nc_link import Bench
+from tests.gateway.test_service_reload import FILE, TEXT
+from tests.talc.thermal_series import series
 
 STEP_S = 300.0
 NOWHERE = ((0.0, 0.0, 0.0),) * 6
@@ -128,3 +139,55 @@ async def test_a_cycle_that_keeps_failing_is_asked_for_so_often_and_the_operator
     assert all(f.measurement is None for f in told.frames)
     assert len(told.of(EventKind.OPERATOR)) == 1
     assert "Clean the sphere" in told.of(EventKind.OPERATOR)[0]
+
+
+async def test_a_restart_remembers_since_when_an_input_is_missing(tmp_path: Path) -> None:
+    day = series(288, seed=41)
+    channels = "\n".join(f"{name} = {i % 6}" for i, name in enumerate(day.names[:6]))
+    more = "\n".join(f"{name} = {i % 6}" for i, name in enumerate(day.names[6:]))
+    text = (
+        TEXT.replace("bed_front = 0", channels)
+        + f"""
+[[device]]
+name = "rtd2"
+bus = "rtu1"
+profile = "icpdas_m7015"
+unit = 2
+[device.channels]
+{more}
+[nc]
+kind = "sinumerik"
+url = "opc.tcp://127.0.0.1:4840"
+security = "none"
+"""
+    )
+    config = parse(text, FILE)
+    storage = config.storage.model_copy(update={"path": tmp_path / "gateway.sqlite"})
+    talc = replace(config.talc, control=ControlSettings(calibration_steps=288))
+    config = config.model_copy(update={"storage": storage, "talc": talc})
+    clock, controller = SteppedClock(), Controller(day.names, config.talc)
+    first_k = int(clock.utc().timestamp() // STEP_S) - 300
+    with Store(config.storage.path, "boot", clock) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        lost = ""
+        for k in range(294):
+            valid = np.array([name != lost for name in day.names])
+            row = min(k, 287)
+            measured = Measurement(day.measured[row], np.full(9, 0.5)) if k < 288 else None
+            frame = Frame(first_k + k, day.inputs[row], valid, measured)
+            made = controller.step(frame)
+            store.frame(frame)
+            store.decision(made)
+            if made.training is not None:
+                models = train(made.training)
+                controller.adopt(models)
+                store.models(models, frame.k)
+            if k == 289:
+                lost = next(m.inputs[0] for m in models.models if m is not None and m.inputs)
+    with History(config.storage.path) as history:
+        past = past_of(history, config)
+    assert past.missing == {lost: first_k + 290}
+    link = Service(config, clock, Told(), past).link
+    assert link is not None
+    link.follow(replace(made, k=first_k + 300))
+    assert link.missing_since[lost] == pytest.approx(-10 * STEP_S)

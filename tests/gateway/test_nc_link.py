@@ -30,6 +30,7 @@ class Control:
     in_force: Offsets = (0.0, 0.0, 0.0)
     writes: list[tuple[float, Offsets]] = field(default_factory=list)
     requests: list[int] = field(default_factory=list)
+    withdrawn: list[int] = field(default_factory=list)
     absent: bool = False
     deaf: bool = False
     """Takes a write and does not apply it."""
@@ -65,7 +66,8 @@ class Control:
     async def probing_status(self, number: int) -> ProbingStatus:
         return self.answers.get(number, self.answer) or ProbingStatus(number, ProbingState.RUNNING)
 
-    async def withdraw_probing(self, number: int) -> None: ...
+    async def withdraw_probing(self, number: int) -> None:
+        self.withdrawn.append(number)
 
     async def write_compensation(self, offsets_um: Offsets) -> None:
         if self.slow is not None:
@@ -384,6 +386,30 @@ async def test_stopping_takes_the_offsets_back() -> None:
     await bench.clock.run_until(60.0)
     await stopping
     assert bench.control.in_force == (0.0, 0.0, 0.0)
+
+
+async def test_stopping_takes_the_request_back_that_nobody_waits_for() -> None:
+    bench = Bench("monitor")
+    async with bench.running():
+        await bench.clock.run_until(3.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(6.0)
+        cycle.cancel()
+        await asyncio.gather(cycle, return_exceptions=True)
+    await bench.link.stop()
+    assert bench.control.withdrawn == bench.control.requests == [41]
+
+
+async def test_what_has_ended_is_not_taken_back() -> None:
+    bench = Bench("monitor")
+    bench.control.answer = ProbingStatus(41, ProbingState.REFUSED, reason="alarm")
+    async with bench.running():
+        await bench.clock.run_until(3.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(6.0)
+        await cycle
+    await bench.link.stop()
+    assert bench.control.withdrawn == []
 
 
 async def test_a_second_gateway_is_refused_and_the_message_says_so() -> None:

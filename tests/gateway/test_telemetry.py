@@ -5,6 +5,7 @@ import math
 import socket
 import threading
 from datetime import UTC, datetime
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -12,10 +13,12 @@ import zenoh
 
 from drivers.base import Quality, Reading, SystemClock
 from gateway import keys
+from gateway.compensation import Source, Step, Write
 from gateway.config.sections import Telemetry as Settings
+from gateway.probing_schedule import Outlook, Standing
 from gateway.telemetry import Telemetry, TelemetryError
 from gateway.view import ViewState, render
-from talc.frame import Decision, Event, EventKind, Frame, Phase
+from talc.frame import Decision, Event, EventKind, Frame, Phase, Why
 
 NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
 NAMES = ("t0", "t1")
@@ -157,3 +160,43 @@ def test_the_view_fits_eighty_columns_and_shows_what_came() -> None:
     assert all(len(line) <= 80 for line in text.splitlines())
     for wanted in ("calibration", "0 of 1 good", "t0 sensor_fault", "EC0C", "µm/m", "8.0", "channel t0: sensor_fault"):
         assert wanted in text, wanted
+
+
+@pytest.mark.parametrize(("mode", "published"), [("monitor", False), ("advise", True), ("compensate", True)])
+async def test_offsets_are_published_in_every_mode_but_monitor(
+    mode: Literal["monitor", "advise", "compensate"], published: bool
+) -> None:
+    port = free_port()
+    step = Step((0.0, 0.0, 9.0), (0.0, 0.0, 3.0), Source.PREDICTION, (False, False, False))
+    async with telemetry(port) as t:
+        t.compensation(Write(NOW, mode, step, 7, {"X": 1.0}, False, None))
+        t.event(Event(EventKind.PROBLEM, "after it"), 7)
+        with client(port) as session:
+            found: dict[str, keys.Payload] = {}
+            while "talc/mill/event" not in found:  # the publishing thread may still be at it
+                replies = session.get("talc/mill/**", timeout=5.0)
+                found = {str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok is not None}
+    assert ("talc/mill/compensation" in found) is published
+    if published:
+        assert found["talc/mill/compensation"]["offsets_um"] == [0.0, 0.0, 3.0]
+
+
+async def test_where_probing_stands_is_in_its_own_key_and_in_the_status() -> None:
+    port = free_port()
+    async with telemetry(port) as t:
+        t.probing(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 700016", 2, "clean the sphere"))
+        t.event(Event(EventKind.PROBLEM, "after it"), 7)
+        with client(port) as session:
+            found: dict[str, keys.Payload] = {}
+            while "talc/mill/event" not in found:
+                replies = session.get("talc/mill/**", timeout=5.0)
+                found = {str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok is not None}
+    expected = {
+        "standing": "blocked",
+        "why": "interval",
+        "reason": "alarm 700016",
+        "rejected": 2,
+        "operator": "clean the sphere",
+    }
+    assert expected.items() <= found["talc/mill/probing"].items()
+    assert found["talc/mill/status"]["probing"] == expected
