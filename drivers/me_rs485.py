@@ -36,7 +36,8 @@ class MeRs485Bus:
         self._name, self._timeout_s = name, settings.timeout_s
         self._stream = SerialStream(name, settings.serial, tap)
         self._lock = asyncio.Lock()
-        self._answer_due = False
+        self._owing: set[int] = set()
+        """Sensors that have not answered their last request yet."""
 
     @property
     def name(self) -> str:
@@ -55,14 +56,15 @@ class MeRs485Bus:
     async def measure(self, device: str, address: int) -> bytes:
         """The data of one answer. Raises NoAnswer, BadAnswer or ConnectError.
 
-        After a timeout or a cancelled wait an answer is still due, and it would look like the next one. Then this
-        request takes the last of the answers that come within the timeout, so it lasts that long.
+        After a timeout or a cancelled wait an answer is still due, and it would look like the sensor's next one. Then
+        its next request takes the last of the answers that come within the timeout, so it lasts that long. Other
+        sensors have other addresses in their answers and need not wait.
         """
         async with self._lock:
-            expect_late = self._answer_due
+            expect_late = address in self._owing
             self._stream.discard()
             self._stream.write(request_frame(address))
-            self._answer_due = True
+            self._owing.add(address)
             heard = bytearray()
             loop = asyncio.get_running_loop()
             deadline = loop.time() + self._timeout_s
@@ -75,7 +77,7 @@ class MeRs485Bus:
                 answers = find_answers(heard, address)
                 if not answers:
                     raise self._nothing_valid(device, address, heard) from None
-            self._answer_due = False
+            self._owing.discard(address)
             return answers[-1]
 
     def _nothing_valid(self, device: str, address: int, heard: bytes | bytearray) -> NoAnswer | BadAnswer:

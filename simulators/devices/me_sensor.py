@@ -21,41 +21,30 @@ Payload = Literal["float", "counted"]
 
 
 class MeSensor:
-    """One sensor on a pseudo-terminal; its source gives one distance in µm, 0 to `range_um`."""
+    """One sensor; its source gives one distance in µm, 0 to `range_um`. From start to stop it is alone on a line."""
 
     def __init__(
         self, source: ValueSource, *, range_um: float, address: int = ADDRESS, payload: Payload = "float"
     ) -> None:
-        self._source, self._range_um, self._address = source, range_um, address
-        self._port = PtyPort(self._on_bytes)
-        self._heard = b""
+        self._source, self._range_um, self.address = source, range_um, address
         self._payload, self._counter = payload, 0
+        self._line: MeLine | None = None
         self.faults = Faults()
-        self.spoil: Spoil | None = None
-        """What happens to answers on the wire."""
 
     async def start(self) -> str:
-        return await self._port.start()
+        self._line = MeLine([self])
+        return await self._line.start()
 
     async def stop(self) -> None:
-        await self._port.stop()
+        if self._line is not None:
+            await self._line.stop()
 
-    def _on_bytes(self, data: bytes) -> None:
-        self._heard += data
-        while len(self._heard) >= _REQUEST_BYTES:
-            frame = self._heard[:_REQUEST_BYTES]
-            if frame[0] != 0x10 or frame[5] != 0x16 or sum(frame[1:4]) & 0xFF != frame[4]:
-                self._heard = self._heard[1:]
-                continue
-            self._heard = self._heard[_REQUEST_BYTES:]
-            if frame[1] == self._address and frame[3] == _MEASURE and not self.faults.silent:
-                send(self._port.write, self.spoil, self._address, self._answer())
-
-    def _answer(self) -> bytes:
+    def answer(self) -> bytes:
+        """The answer to a request, at this moment."""
         if self._payload == "float":
-            return answer_frame(self._address, self._unscaled(), 0.0)
+            return answer_frame(self.address, self._unscaled(), 0.0)
         self._counter = (self._counter + 1) & 0xFFFF
-        return counted_frame(self._address, self._counter, [self._counts()])
+        return counted_frame(self.address, self._counter, [self._counts()])
 
     def _counts(self) -> int:
         """0 to F00000 hex over the measuring range; there is no code for a missing probe: it reads beyond the end."""
@@ -72,6 +61,35 @@ class MeSensor:
                 return -0.1
             case None:
                 return self._source()[0] / self._range_um
+
+
+class MeLine:
+    """Sensors with different addresses on one pseudo-terminal."""
+
+    def __init__(self, sensors: Sequence[MeSensor]) -> None:
+        self._sensors = {sensor.address: sensor for sensor in sensors}
+        self._port = PtyPort(self._on_bytes)
+        self._heard = b""
+        self.spoil: Spoil | None = None
+        """What happens to answers on the wire; the sender is the sensor's address."""
+
+    async def start(self) -> str:
+        return await self._port.start()
+
+    async def stop(self) -> None:
+        await self._port.stop()
+
+    def _on_bytes(self, data: bytes) -> None:
+        self._heard += data
+        while len(self._heard) >= _REQUEST_BYTES:
+            frame = self._heard[:_REQUEST_BYTES]
+            if frame[0] != 0x10 or frame[5] != 0x16 or sum(frame[1:4]) & 0xFF != frame[4]:
+                self._heard = self._heard[1:]
+                continue
+            self._heard = self._heard[_REQUEST_BYTES:]
+            sensor = self._sensors.get(frame[1])
+            if sensor is not None and frame[3] == _MEASURE and not sensor.faults.silent:
+                send(self._port.write, self.spoil, sensor.address, sensor.answer())
 
 
 def answer_frame(address: int, unscaled: float, scaled: float) -> bytes:

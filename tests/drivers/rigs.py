@@ -15,7 +15,7 @@ from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015
 from simulators.devices.me_controller import MeController
-from simulators.devices.me_sensor import MeSensor, Payload
+from simulators.devices.me_sensor import MeLine, MeSensor, Payload
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.slcan_adapter import SlcanAdapter
@@ -285,8 +285,10 @@ def _no_identity() -> None:
 def _displacement_rig(profile: str, payload: Payload, step: float, broken: Quality) -> StartRig:
     async def start(stack: AsyncExitStack) -> Rig:
         sensor = MeSensor(lambda: DISTANCE_UM, range_um=500.0, payload=payload)
-        path = await sensor.start()
-        stack.push_async_callback(sensor.stop)
+        neighbour = MeSensor(lambda: [NEIGHBOUR], range_um=500.0, address=125, payload=payload)
+        line = MeLine([sensor, neighbour])
+        path = await line.start()
+        stack.push_async_callback(line.stop)
         return Rig(
             kind="me_rs485",
             unit="µm",
@@ -295,8 +297,8 @@ def _displacement_rig(profile: str, payload: Payload, step: float, broken: Quali
             faults=sensor.faults,
             options={"port": path, "baud": 230400, "timeout_s": TIMEOUT_S},
             make=_maker(profile, 126, 1, {"range_um": 500.0}),
-            stop_wire=sensor.stop,
-            make_neighbour=_no_neighbour,
+            stop_wire=line.stop,
+            make_neighbour=_maker(profile, 125, 1, {"range_um": 500.0}, "neighbour"),
             spoil_identity=_no_identity,
             fault_qualities={
                 Fault.OPEN: broken,
@@ -344,7 +346,7 @@ RIGS: dict[str, StartRig] = {
     "me_ethernet": _ethernet_rig,
     "me_dt6120": _displacement_rig("me_dt6120", "counted", 500 / 0xF00000, Quality.OUT_OF_RANGE),
 }
-SHARED = [name for name in RIGS if not name.startswith("me_")]
+SHARED = [name for name in RIGS if name != "me_ethernet"]
 """Wires that carry several devices."""
 TYPED = [name for name in RIGS if name.startswith(("m7015", "adam", "cia404"))]
 """Devices that tell which sensor is connected."""

@@ -100,6 +100,20 @@ async def test_late_answer_is_not_taken_for_the_next() -> None:
             assert value(await bus.measure("d", 0x7E)) == pytest.approx(0.5)
 
 
+async def test_sensor_beside_a_silent_one_is_not_waited_for() -> None:
+    def reply(number: int) -> bytes:
+        return b"" if number % 2 else answer_frame(0x7D, 0.1, 0) + answer_frame(0x7E, 0.5, 0)
+
+    async with line(reply) as bus:
+        loop = asyncio.get_running_loop()
+        for _ in range(3):
+            with pytest.raises(NoAnswer):
+                await bus.measure("dead", 0x7D)
+            begun = loop.time()
+            assert value(await bus.measure("d", 0x7E)) == pytest.approx(0.5)  # not the other's, which comes late
+            assert loop.time() - begun < 0.04
+
+
 @pytest.mark.parametrize(
     "answer",
     [

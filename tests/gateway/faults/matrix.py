@@ -3,22 +3,41 @@
 `test_fault_matrix` plays each row; docs/faults.md is written from it by `page`.
 """
 
-import asyncio
-from collections.abc import Awaitable, Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.base import Quality
-from simulators.devices.cia404_node import Nmt
-from simulators.devices.modbus_servers import crc16
 from simulators.devices.source import Fault
-from simulators.devices.spoil import Spoil
-from tests.gateway.faults.plants import PLANTS, TIMEOUT_S, VICTIM, Plant
-
-PERIOD_S = 0.4
-
-Do = Callable[[Plant], Awaitable[None] | None]
-Heard = Sequence[tuple[float, bytes]]
-"""Bytes on the wire, each after so many seconds."""
+from tests.gateway.faults.actions import (
+    LOGGER,
+    SDO,
+    SENSOR,
+    TPDO,
+    Do,
+    abort,
+    around,
+    bus_off,
+    emergencies,
+    heartbeat,
+    late,
+    lost,
+    me,
+    now,
+    plug,
+    rebooted,
+    restarted,
+    right_type,
+    rtu,
+    sensor,
+    silent,
+    spoilt,
+    talking,
+    tcp,
+    unplug,
+    whole,
+    wrong_type,
+)
+from tests.gateway.faults.plants import PLANTS
 
 COMM, STALE = Quality.COMM_FAULT, Quality.STALE
 BROKEN, BEYOND = Quality.SENSOR_FAULT, Quality.OUT_OF_RANGE
@@ -41,124 +60,6 @@ class Case:
     """All channels of the victim turn, not the first alone."""
     then: str = ""
     """What the reading says later, when one problem turns into another; each is told once."""
-
-
-def unplug(plant: Plant) -> Awaitable[None]:
-    return plant.unplug()
-
-
-def plug(plant: Plant) -> Awaitable[None]:
-    return plant.plug()
-
-
-def silent(plant: Plant) -> None:
-    plant.faults.silent = True
-
-
-def talking(plant: Plant) -> None:
-    plant.faults.silent = False
-
-
-def sensor(fault: Fault | None) -> Do:
-    return lambda plant: plant.faults.set(0, fault)
-
-
-def spoilt(heard: Callable[[bytes], Heard], senders: Collection[int] | None = (VICTIM,)) -> Do:
-    """What becomes of the victim's frames, or of everybody's."""
-
-    def on_wire(sender: int, frame: bytes) -> Heard:
-        return heard(frame) if senders is None or sender in senders else ((0.0, frame),)
-
-    def do(plant: Plant) -> None:
-        assert plant.wire is not None
-        plant.wire.spoil = on_wire
-
-    return do
-
-
-def whole(plant: Plant) -> None:
-    assert plant.wire is not None
-    plant.wire.spoil = unspoilt
-
-
-unspoilt: Spoil = lambda _, frame: ((0.0, frame),)  # noqa: E731
-
-
-def bus_off(off: bool) -> Do:
-    def do(plant: Plant) -> None:
-        assert plant.adapter is not None
-        plant.adapter.bus_off = off
-
-    return do
-
-
-def rebooted(plant: Plant) -> None:
-    """The node is back, says so, and waits for somebody to start it."""
-    assert plant.node is not None
-    talking(plant)
-    plant.send(list(plant.node.on_frame(0, bytes((Nmt.RESET_NODE, VICTIM)))))
-
-
-def heartbeat(stopped: bool) -> Do:
-    def do(plant: Plant) -> None:
-        assert plant.node is not None
-        plant.node.heartbeat_stopped = stopped
-
-    return do
-
-
-def wrong_type(plant: Plant) -> None:
-    """Gone, and another device is in its place: seen when it is connected anew."""
-    silent(plant)
-    plant.retype(0x0FFF)
-    asyncio.get_running_loop().call_later(2 * PERIOD_S, talking, plant)
-
-
-def right_type(plant: Plant) -> None:
-    talking(plant)
-    plant.retype(0)
-
-
-def _now(change: Callable[[bytes], bytes]) -> Callable[[bytes], Heard]:
-    return lambda frame: ((0.0, change(frame)),)
-
-
-def _late(frame: bytes) -> Heard:
-    return ((1.5 * TIMEOUT_S, frame),)
-
-
-def _lost(_: bytes) -> Heard:
-    return ()
-
-
-# Modbus: function code and data are f[1:-2] on a line, f[7:] behind the seven bytes of a TCP header.
-
-
-def rtu(body: bytes) -> bytes:
-    return body + crc16(body)
-
-
-def tcp(header: bytes, body: bytes) -> bytes:
-    """The header with the length of this body (unit, function code, data)."""
-    return header[:4] + len(body).to_bytes(2, "big") + body
-
-
-# An adapter's line: t, three digits of the identifier, one of the length, two for each byte, carriage return.
-
-SDO, TPDO = (0x580 + VICTIM,), (0x180 + VICTIM, 0x280 + VICTIM)
-LOGGER = (0x300,)
-
-
-def abort(line: bytes) -> bytes:
-    """The same SDO answered with an abort: the object does not exist."""
-    return line[:5] + b"80" + line[7:13] + b"00000206\r"
-
-
-# Micro-Epsilon on RS-485: 68 LE LE 68, then address, sender, function, data; check sum, 16.
-
-
-def me(body: bytes) -> bytes:
-    return bytes((0x68, len(body), len(body), 0x68)) + body + bytes((sum(body) & 0xFF, 0x16))
 
 
 MODBUS_LINE = ("rtu", "pta", "analogue")
@@ -189,6 +90,71 @@ OTHER_TYPE = dict.fromkeys(("rtu", "tcp"), "type code 0x0FFF at input 0") | dict
 )
 
 
+BUSES = (*CANOPEN, "multicast")
+DISTANCE = (*ME_LINE, "me_ethernet")
+SENSOR_FAULTS: Sequence[tuple[str, Fault, Sequence[tuple[Sequence[str], str, Quality]]]] = [
+    (
+        "sensor open",
+        Fault.OPEN,
+        [
+            (("rtu",), "the module reports this input broken", BROKEN),
+            (("pta",), "97.7 degC is what this device shows", BROKEN),
+            (("analogue",), "0 µm is outside 5 to 500 µm", BEYOND),
+            (("tcp",), "burnout: open circuit at this input", BROKEN),
+            (("wago",), "broken wire", BROKEN),
+            (BUSES, "sensor fault", BROKEN),
+            (("dbc",), "open", BROKEN),
+            (("me_rs485",), "the sensor sends no number", BROKEN),
+            (("dt6120", "me_ethernet"), "of the measuring range", BEYOND),
+        ],
+    ),
+    (
+        "sensor short",
+        Fault.SHORT,
+        [
+            (("rtu",), "the module reports this input broken", BROKEN),
+            (("pta",), "-200 degC is outside", BEYOND),
+            (("analogue",), "0 µm is outside 5 to 500 µm", BEYOND),
+            (("tcp",), "at or below the start", BEYOND),
+            (("wago",), "short circuit", BROKEN),
+            (BUSES, "sensor fault", BROKEN),
+            (("dbc",), "short", BROKEN),
+            (("me_rs485",), "the sensor sends no number", BROKEN),
+            (("dt6120", "me_ethernet"), "of the measuring range", BEYOND),
+        ],
+    ),
+    (
+        "over range",
+        Fault.OVER,
+        [
+            (("rtu",), "above the input's range", BROKEN),
+            (("pta",), "400 degC is outside", BEYOND),
+            (("analogue",), "above the module's input range", BEYOND),
+            (("tcp",), "at or above the end", BEYOND),
+            (("wago",), "above 850 degC", BEYOND),
+            (BUSES, "above the measuring range", BEYOND),
+            (("dbc",), "900 is beyond the range of the DBC file", BEYOND),
+            (DISTANCE, "of the measuring range", BEYOND),
+        ],
+    ),
+    (
+        "under range",
+        Fault.UNDER,
+        [
+            (("rtu",), "below the input's range", BROKEN),
+            (("pta",), "-200 degC is outside", BEYOND),
+            (("analogue",), "below the module's input range", BEYOND),
+            (("tcp",), "at or below the start", BEYOND),
+            (("wago",), "below -200 degC", BEYOND),
+            (BUSES, "below the measuring range", BEYOND),
+            (("dbc",), "-250 is beyond the range of the DBC file", BEYOND),
+            (DISTANCE, "of the measuring range", BEYOND),
+        ],
+    ),
+]
+"""What each device says of a broken sensor."""
+
+
 def cases(fault: str, plants: Sequence[str], start: Do, end: Do, says: str, quality: Quality = COMM) -> list[Case]:
     return [Case(fault, plant, start, end, says, quality) for plant in plants]
 
@@ -202,144 +168,142 @@ MATRIX: Sequence[Case] = [
         Case("dead device", plant, silent, talking, SILENT.get(plant, "unit 1 did not answer within"))
         for plant in EVERY
     ),
-    Case("half-open connection", "tcp", spoilt(_lost, None), whole, "did not answer within", whole_bus=True),
-    Case(
-        "half-open connection", "me_ethernet", spoilt(_lost, None), whole, "no measured values within", whole_bus=True
-    ),
+    Case("half-open connection", "tcp", spoilt(lost, None), whole, "did not answer within", whole_bus=True),
+    Case("half-open connection", "me_ethernet", spoilt(lost, None), whole, "no measured values within", whole_bus=True),
     *cases(
         "gateway to a dead device",
         ("tcp", "wago"),
-        spoilt(_now(lambda f: tcp(f, f[6:7] + bytes((f[7] | 0x80, 11))))),
+        spoilt(now(lambda f: tcp(f, f[6:7] + bytes((f[7] | 0x80, 11))))),
         whole,
         "exception 11: gateway target did not respond",
     ),
     *cases(
         "wrong device answers",
         ("rtu",),
-        spoilt(_now(lambda f: rtu(b"\x07" + f[1:-2]))),
+        spoilt(now(lambda f: rtu(b"\x07" + f[1:-2]))),
         whole,
         "none of them a valid answer",
     ),
-    *cases("wrong device answers", ("tcp",), spoilt(_now(lambda f: f[:6] + b"\x07" + f[7:])), whole, "unit 7 answered"),
-    *cases("wrong device answers", ("slcan",), spoilt(_now(lambda f: b"t587" + f[4:]), SDO), whole, "no answer within"),
+    *cases("wrong device answers", ("tcp",), spoilt(now(lambda f: f[:6] + b"\x07" + f[7:])), whole, "unit 7 answered"),
+    *cases("wrong device answers", ("slcan",), spoilt(now(lambda f: b"t587" + f[4:]), SDO), whole, "no answer within"),
     *cases(
         "wrong device answers",
         ("sync",),
-        spoilt(_now(lambda f: b"t187" + f[4:]), TPDO),
+        spoilt(now(lambda f: b"t187" + f[4:]), TPDO),
         whole,
         "0x181, 0x281 did not come after SYNC",
     ),
     *cases(
         "wrong device answers",
         ME_LINE,
-        spoilt(_now(lambda f: me(f[4:5] + b"\x11" + f[6:-2])), None),
+        spoilt(now(lambda f: me(f[4:5] + b"\x11" + f[6:-2])), SENSOR),
         whole,
         "none of them a valid answer",
     ),
-    *cases("late answer", ("rtu", "tcp"), spoilt(_late), whole, "did not answer within"),
-    *cases("late answer", ("slcan",), spoilt(_late, SDO), whole, "no answer within"),
-    *cases("late answer", ("sync",), spoilt(_late, (*SDO, *TPDO)), whole, "did not come after SYNC"),
-    *cases("late answer", ME_LINE, spoilt(_late, None), whole, "did not answer within"),
+    *cases("late answer", ("rtu", "tcp"), spoilt(late), whole, "did not answer within"),
+    *cases("late answer", ("slcan",), spoilt(late, SDO), whole, "no answer within"),
+    *cases("late answer", ("sync",), spoilt(late, (*SDO, *TPDO)), whole, "did not come after SYNC"),
+    *cases("late answer", ME_LINE, spoilt(late, SENSOR), whole, "did not answer within"),
     *cases(
         "checksum error",
         ("rtu",),
-        spoilt(_now(lambda f: f[:-1] + bytes((f[-1] ^ 1,)))),
+        spoilt(now(lambda f: f[:-1] + bytes((f[-1] ^ 1,)))),
         whole,
         "none of them a valid answer",
     ),
     *cases(
         "checksum error",
         ME_LINE,
-        spoilt(_now(lambda f: f[:-2] + bytes((f[-2] ^ 1, f[-1]))), None),
+        spoilt(now(lambda f: f[:-2] + bytes((f[-2] ^ 1, f[-1]))), SENSOR),
         whole,
         "none of them a valid answer",
     ),
-    *cases("truncated frame", ("rtu",), spoilt(_now(lambda f: f[:-3])), whole, "none of them a valid answer"),
-    *cases("truncated frame", ("tcp",), spoilt(_now(lambda f: f[:-3])), whole, "no whole Modbus TCP answer"),
+    *cases("truncated frame", ("rtu",), spoilt(now(lambda f: f[:-3])), whole, "none of them a valid answer"),
+    *cases("truncated frame", ("tcp",), spoilt(now(lambda f: f[:-3])), whole, "no whole Modbus TCP answer"),
     *cases(
         "truncated frame",
         ("slcan",),
-        spoilt(_now(lambda f: b"t5814" + f[5:13] + b"\r"), SDO),
+        spoilt(now(lambda f: b"t5814" + f[5:13] + b"\r"), SDO),
         whole,
         "no answer within",
     ),
     *cases(
         "truncated frame",
         ("sync",),
-        spoilt(_now(lambda f: f[:4] + b"2" + f[5:9] + b"\r"), TPDO),
+        spoilt(now(lambda f: f[:4] + b"2" + f[5:9] + b"\r"), TPDO),
         whole,
         "is missing in",
     ),
     *cases(
         "truncated frame",
         ("timer",),
-        spoilt(_now(lambda f: f[:4] + b"2" + f[5:9] + b"\r"), TPDO),
+        spoilt(now(lambda f: f[:4] + b"2" + f[5:9] + b"\r"), TPDO),
         whole,
         "is missing in",
     ),
     *cases(
         "truncated frame",
         ("dbc",),
-        spoilt(_now(lambda f: f[:4] + b"3" + f[5:11] + b"\r"), LOGGER),
+        spoilt(now(lambda f: f[:4] + b"3" + f[5:11] + b"\r"), LOGGER),
         whole,
         "frame of 3 bytes",
     ),
-    *cases("truncated frame", ME_LINE, spoilt(_now(lambda f: f[:-3]), None), whole, "none of them a valid answer"),
-    *cases("truncated frame", ("me_ethernet",), spoilt(_now(lambda f: f[:-3]), None), whole, "no whole block"),
+    *cases("truncated frame", ME_LINE, spoilt(now(lambda f: f[:-3]), SENSOR), whole, "none of them a valid answer"),
+    *cases("truncated frame", ("me_ethernet",), spoilt(now(lambda f: f[:-3]), None), whole, "no whole block"),
     *cases(
         "overlong frame",
         ("rtu",),
-        spoilt(_now(lambda f: rtu(f[:2] + bytes((f[2] + 2,)) + f[3:-2] + b"\0\0"))),
+        spoilt(now(lambda f: rtu(f[:2] + bytes((f[2] + 2,)) + f[3:-2] + b"\0\0"))),
         whole,
         "none of them a valid answer",
     ),
     *cases(
         "overlong frame",
         ("tcp",),
-        spoilt(_now(lambda f: tcp(f, f[6:8] + bytes((f[8] + 2,)) + f[9:] + b"\0\0"))),
+        spoilt(now(lambda f: tcp(f, f[6:8] + bytes((f[8] + 2,)) + f[9:] + b"\0\0"))),
         whole,
         "the answer does not fit",
     ),
     *cases(
         "overlong frame",
         ("slcan",),
-        spoilt(_now(lambda f: f[:4] + b"9" + f[5:-1] + b"00\r"), SDO),
+        spoilt(now(lambda f: f[:4] + b"9" + f[5:-1] + b"00\r"), SDO),
         whole,
         "no answer within",
     ),
     *cases(
         "overlong frame",
         ("dbc",),
-        spoilt(_now(lambda f: f[:4] + b"9" + f[5:-1] + b"00\r"), LOGGER),
+        spoilt(now(lambda f: f[:4] + b"9" + f[5:-1] + b"00\r"), LOGGER),
         whole,
         "none of the frames",
     ),
     *cases(
         "overlong frame",
         ("me_rs485",),
-        spoilt(_now(lambda f: me(f[4:-2] + b"\0\0")), None),
+        spoilt(now(lambda f: me(f[4:-2] + b"\0\0")), SENSOR),
         whole,
         "10 data bytes, not 8",
     ),
     *cases(
         "overlong frame",
         ("dt6120",),
-        spoilt(_now(lambda f: me(f[4:-2] + b"\0\0")), None),
+        spoilt(now(lambda f: me(f[4:-2] + b"\0\0")), SENSOR),
         whole,
         "do not hold 1 values",
     ),
-    *cases("overlong frame", ("me_ethernet",), spoilt(_now(lambda f: f + b"\0\0"), None), whole, "no whole block"),
+    *cases("overlong frame", ("me_ethernet",), spoilt(now(lambda f: f + b"\0\0"), None), whole, "no whole block"),
     *cases(
-        "exception code", MODBUS_LINE, spoilt(_now(lambda f: rtu(bytes((f[0], f[1] | 0x80, 6))))), whole, "device busy"
+        "exception code", MODBUS_LINE, spoilt(now(lambda f: rtu(bytes((f[0], f[1] | 0x80, 6))))), whole, "device busy"
     ),
     *cases(
         "exception code",
         ("tcp", "wago"),
-        spoilt(_now(lambda f: tcp(f, f[6:7] + bytes((f[7] | 0x80, 6))))),
+        spoilt(now(lambda f: tcp(f, f[6:7] + bytes((f[7] | 0x80, 6))))),
         whole,
         "exception 6: device busy",
     ),
-    *cases("exception code", ("slcan",), spoilt(_now(abort), SDO), whole, "node 1 refused object 6150:01"),
+    *cases("exception code", ("slcan",), spoilt(now(abort), SDO), whole, "node 1 refused object 6150:01"),
     *(Case("bus-off", plant, bus_off(True), bus_off(False), SILENT[plant], whole_bus=True) for plant in CAN),
     *(Case("node reboots", plant, silent, rebooted, SILENT[plant]) for plant in (*CANOPEN, "multicast")),
     *(
@@ -357,51 +321,11 @@ MATRIX: Sequence[Case] = [
         )
         for plant in TYPED
     ),
-    *cases("sensor open", ("rtu",), sensor(Fault.OPEN), sensor(None), "the module reports this input broken", BROKEN),
-    *cases("sensor open", ("pta",), sensor(Fault.OPEN), sensor(None), "97.7 degC is what this device shows", BROKEN),
-    *cases("sensor open", ("analogue",), sensor(Fault.OPEN), sensor(None), "0 µm is outside 5 to 500 µm", BEYOND),
-    *cases("sensor open", ("tcp",), sensor(Fault.OPEN), sensor(None), "burnout: open circuit at this input", BROKEN),
-    *cases("sensor open", ("wago",), sensor(Fault.OPEN), sensor(None), "broken wire", BROKEN),
-    *cases("sensor open", (*CANOPEN, "multicast"), sensor(Fault.OPEN), sensor(None), "sensor fault", BROKEN),
-    *cases("sensor open", ("dbc",), sensor(Fault.OPEN), sensor(None), "open", BROKEN),
-    *cases("sensor open", ("me_rs485",), sensor(Fault.OPEN), sensor(None), "the sensor sends no number", BROKEN),
-    *cases(
-        "sensor open", ("dt6120", "me_ethernet"), sensor(Fault.OPEN), sensor(None), "of the measuring range", BEYOND
-    ),
-    *cases("sensor short", ("rtu",), sensor(Fault.SHORT), sensor(None), "the module reports this input broken", BROKEN),
-    *cases("sensor short", ("pta",), sensor(Fault.SHORT), sensor(None), "-200 degC is outside", BEYOND),
-    *cases("sensor short", ("analogue",), sensor(Fault.SHORT), sensor(None), "0 µm is outside 5 to 500 µm", BEYOND),
-    *cases("sensor short", ("tcp",), sensor(Fault.SHORT), sensor(None), "at or below the start", BEYOND),
-    *cases("sensor short", ("wago",), sensor(Fault.SHORT), sensor(None), "short circuit", BROKEN),
-    *cases("sensor short", (*CANOPEN, "multicast"), sensor(Fault.SHORT), sensor(None), "sensor fault", BROKEN),
-    *cases("sensor short", ("dbc",), sensor(Fault.SHORT), sensor(None), "short", BROKEN),
-    *cases("sensor short", ("me_rs485",), sensor(Fault.SHORT), sensor(None), "the sensor sends no number", BROKEN),
-    *cases(
-        "sensor short", ("dt6120", "me_ethernet"), sensor(Fault.SHORT), sensor(None), "of the measuring range", BEYOND
-    ),
-    *cases("over range", ("rtu",), sensor(Fault.OVER), sensor(None), "above the input's range", BROKEN),
-    *cases("over range", ("pta",), sensor(Fault.OVER), sensor(None), "400 degC is outside", BEYOND),
-    *cases("over range", ("analogue",), sensor(Fault.OVER), sensor(None), "above the module's input range", BEYOND),
-    *cases("over range", ("tcp",), sensor(Fault.OVER), sensor(None), "at or above the end", BEYOND),
-    *cases("over range", ("wago",), sensor(Fault.OVER), sensor(None), "above 850 degC", BEYOND),
-    *cases(
-        "over range", (*CANOPEN, "multicast"), sensor(Fault.OVER), sensor(None), "above the measuring range", BEYOND
-    ),
-    *cases("over range", ("dbc",), sensor(Fault.OVER), sensor(None), "900 is beyond the range of the DBC file", BEYOND),
-    *cases("over range", (*ME_LINE, "me_ethernet"), sensor(Fault.OVER), sensor(None), "of the measuring range", BEYOND),
-    *cases("under range", ("rtu",), sensor(Fault.UNDER), sensor(None), "below the input's range", BROKEN),
-    *cases("under range", ("pta",), sensor(Fault.UNDER), sensor(None), "-200 degC is outside", BEYOND),
-    *cases("under range", ("analogue",), sensor(Fault.UNDER), sensor(None), "below the module's input range", BEYOND),
-    *cases("under range", ("tcp",), sensor(Fault.UNDER), sensor(None), "at or below the start", BEYOND),
-    *cases("under range", ("wago",), sensor(Fault.UNDER), sensor(None), "below -200 degC", BEYOND),
-    *cases(
-        "under range", (*CANOPEN, "multicast"), sensor(Fault.UNDER), sensor(None), "below the measuring range", BEYOND
-    ),
-    *cases(
-        "under range", ("dbc",), sensor(Fault.UNDER), sensor(None), "-250 is beyond the range of the DBC file", BEYOND
-    ),
-    *cases(
-        "under range", (*ME_LINE, "me_ethernet"), sensor(Fault.UNDER), sensor(None), "of the measuring range", BEYOND
+    *(
+        Case(fault, plant, sensor(kind), sensor(None), says, quality)
+        for fault, kind, rows in SENSOR_FAULTS
+        for plants, says, quality in rows
+        for plant in plants
     ),
 ]
 
@@ -414,20 +338,6 @@ class Harmless:
     plant: str
     disturb: Do
     """Done once a period."""
-
-
-def around(before: bytes, after: bytes = b"", senders: Collection[int] | None = None) -> Do:
-    return spoilt(_now(lambda frame: before + frame + after), senders)
-
-
-def emergencies(plant: Plant) -> None:
-    for _ in range(20):
-        plant.send([(0x80 + VICTIM, bytes.fromhex("00 10 01 00 00 00 00 00"))] * 10)
-
-
-def restarted(plant: Plant) -> None:
-    """Power was gone for a moment, between two reads: the node boots, and waits for somebody to start it."""
-    asyncio.get_running_loop().call_later(PERIOD_S / 2, rebooted, plant)
 
 
 HARMLESS: Sequence[Harmless] = [

@@ -13,7 +13,7 @@ from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015
 from simulators.devices.me_controller import MeController
-from simulators.devices.me_sensor import MeSensor, Payload
+from simulators.devices.me_sensor import MeLine, MeSensor, Payload
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
 from simulators.devices.multicast_bus import MulticastBus
@@ -28,7 +28,7 @@ from tests.drivers.logger_files import logger_profile
 TIMEOUT_S = 0.045
 HEARTBEAT_MS, EVENT_MS = 80, 25
 VICTIM, NEIGHBOUR = 1, 2
-SENSOR = 0x7E
+SENSORS = (0x7E, 0x7D)
 TEMPERATURE, DISTANCE_UM, RANGE_UM = 21.0, 250.0, 500.0
 CHANNELS = {"victim": 0, "beside": 1}
 """Channel 0 of the victim is broken; channel 1 sits on the same device."""
@@ -254,23 +254,30 @@ async def dbc(folder: Path) -> Plant:
     return Plant(bus, drivers, loggers[0].faults, unplug, plug, wire=adapter, adapter=adapter, stop=[stop])
 
 
-async def _sensor(folder: Path, profile: str, payload: Payload) -> Plant:
-    sensor = MeSensor(lambda: [DISTANCE_UM], range_um=RANGE_UM, payload=payload)
-    plug, unplug = _cable(folder / "me", sensor.start, sensor.stop)
+async def _sensors(folder: Path, profile: str, payload: Payload) -> Plant:
+    """Two displacement sensors on one line."""
+    victim, neighbour = (
+        MeSensor(lambda: [DISTANCE_UM], range_um=RANGE_UM, address=address, payload=payload) for address in SENSORS
+    )
+    line = MeLine([victim, neighbour])
+    plug, unplug = _cable(folder / "me", line.start, line.stop)
     await plug()
     bus = make_bus("me", "me_rs485", {"port": str(folder / "me"), "timeout_s": TIMEOUT_S})
-    driver = make_device("victim", bus, profile, SENSOR, {"victim": 0}, {"range_um": RANGE_UM}, SystemClock())
-    return Plant(bus, (driver,), sensor.faults, unplug, plug, DISTANCE_UM, wire=sensor, stop=[sensor.stop])
+    drivers = tuple(
+        make_device(name, bus, profile, address, {name: 0}, {"range_um": RANGE_UM}, SystemClock())
+        for name, address in zip(("victim", "neighbour"), SENSORS, strict=True)
+    )
+    return Plant(bus, drivers, victim.faults, unplug, plug, DISTANCE_UM, wire=line, stop=[line.stop])
 
 
 async def me_rs485(folder: Path) -> Plant:
-    """One displacement sensor on a pseudo-terminal."""
-    return await _sensor(folder, "me_rs485", "float")
+    """Displacement sensors on a pseudo-terminal."""
+    return await _sensors(folder, "me_rs485", "float")
 
 
 async def dt6120(folder: Path) -> Plant:
     """The same with the other form of data."""
-    return await _sensor(folder, "me_dt6120", "counted")
+    return await _sensors(folder, "me_dt6120", "counted")
 
 
 async def me_ethernet(_: Path) -> Plant:

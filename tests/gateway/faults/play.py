@@ -5,8 +5,8 @@ import time
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 
+from tests.gateway.faults.actions import Do
 from tests.gateway.faults.bench import Metronome
-from tests.gateway.faults.matrix import Do
 from tests.gateway.faults.plants import TIMEOUT_S, Plant
 
 ONE_AFTER_THE_OTHER_S = 0.037
@@ -42,7 +42,7 @@ async def all_at_once(plays: Mapping[str, Play], folder: Path) -> None:
                     await play(place, metronome)
                     return
                 except (AssertionError, TimeoutError) as error:
-                    if tries == MOST_TRIES or metronome.worst_s(begun) < STARVED_S:
+                    if tries == MOST_TRIES or metronome.lost_s(begun) < STARVED_S:
                         raise AssertionError(f"{name}: {error}") from error
 
         async with asyncio.TaskGroup() as tasks:

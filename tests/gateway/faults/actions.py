@@ -1,0 +1,149 @@
+"""What is done to a plant: plugs pulled, devices silenced, sensors broken, frames spoilt on their way."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Collection, Sequence
+
+from simulators.devices.cia404_node import Nmt
+from simulators.devices.modbus_servers import crc16
+from simulators.devices.source import Fault
+from simulators.devices.spoil import Spoil
+from tests.gateway.faults.plants import SENSORS, TIMEOUT_S, VICTIM, Plant
+
+PERIOD_S = 0.4
+
+Do = Callable[[Plant], Awaitable[None] | None]
+Heard = Sequence[tuple[float, bytes]]
+"""Bytes on the wire, each after so many seconds."""
+
+
+def unplug(plant: Plant) -> Awaitable[None]:
+    return plant.unplug()
+
+
+def plug(plant: Plant) -> Awaitable[None]:
+    return plant.plug()
+
+
+def silent(plant: Plant) -> None:
+    plant.faults.silent = True
+
+
+def talking(plant: Plant) -> None:
+    plant.faults.silent = False
+
+
+def sensor(fault: Fault | None) -> Do:
+    return lambda plant: plant.faults.set(0, fault)
+
+
+def spoilt(heard: Callable[[bytes], Heard], senders: Collection[int] | None = (VICTIM,)) -> Do:
+    """What becomes of the victim's frames, or of everybody's."""
+
+    def on_wire(sender: int, frame: bytes) -> Heard:
+        return heard(frame) if senders is None or sender in senders else ((0.0, frame),)
+
+    def do(plant: Plant) -> None:
+        assert plant.wire is not None
+        plant.wire.spoil = on_wire
+
+    return do
+
+
+def whole(plant: Plant) -> None:
+    assert plant.wire is not None
+    plant.wire.spoil = unspoilt
+
+
+unspoilt: Spoil = lambda _, frame: ((0.0, frame),)  # noqa: E731
+
+
+def bus_off(off: bool) -> Do:
+    def do(plant: Plant) -> None:
+        assert plant.adapter is not None
+        plant.adapter.bus_off = off
+
+    return do
+
+
+def rebooted(plant: Plant) -> None:
+    """The node is back, says so, and waits for somebody to start it."""
+    assert plant.node is not None
+    talking(plant)
+    plant.send(list(plant.node.on_frame(0, bytes((Nmt.RESET_NODE, VICTIM)))))
+
+
+def heartbeat(stopped: bool) -> Do:
+    def do(plant: Plant) -> None:
+        assert plant.node is not None
+        plant.node.heartbeat_stopped = stopped
+
+    return do
+
+
+def wrong_type(plant: Plant) -> None:
+    """Gone, and another device is in its place: seen when it is connected anew."""
+    silent(plant)
+    plant.retype(0x0FFF)
+    asyncio.get_running_loop().call_later(2 * PERIOD_S, talking, plant)
+
+
+def right_type(plant: Plant) -> None:
+    talking(plant)
+    plant.retype(0)
+
+
+def now(change: Callable[[bytes], bytes]) -> Callable[[bytes], Heard]:
+    return lambda frame: ((0.0, change(frame)),)
+
+
+def late(frame: bytes) -> Heard:
+    return ((1.5 * TIMEOUT_S, frame),)
+
+
+def lost(_: bytes) -> Heard:
+    return ()
+
+
+# Modbus: function code and data are f[1:-2] on a line, f[7:] behind the seven bytes of a TCP header.
+
+
+def rtu(body: bytes) -> bytes:
+    return body + crc16(body)
+
+
+def tcp(header: bytes, body: bytes) -> bytes:
+    """The header with the length of this body (unit, function code, data)."""
+    return header[:4] + len(body).to_bytes(2, "big") + body
+
+
+# An adapter's line: t, three digits of the identifier, one of the length, two for each byte, carriage return.
+
+SDO, TPDO = (0x580 + VICTIM,), (0x180 + VICTIM, 0x280 + VICTIM)
+LOGGER = (0x300,)
+SENSOR = SENSORS[:1]
+
+
+def abort(line: bytes) -> bytes:
+    """The same SDO answered with an abort: the object does not exist."""
+    return line[:5] + b"80" + line[7:13] + b"00000206\r"
+
+
+# Micro-Epsilon on RS-485: 68 LE LE 68, then address, sender, function, data; check sum, 16.
+
+
+def me(body: bytes) -> bytes:
+    return bytes((0x68, len(body), len(body), 0x68)) + body + bytes((sum(body) & 0xFF, 0x16))
+
+
+def around(before: bytes, after: bytes = b"", senders: Collection[int] | None = None) -> Do:
+    return spoilt(now(lambda frame: before + frame + after), senders)
+
+
+def emergencies(plant: Plant) -> None:
+    for _ in range(20):
+        plant.send([(0x80 + VICTIM, bytes.fromhex("00 10 01 00 00 00 00 00"))] * 10)
+
+
+def restarted(plant: Plant) -> None:
+    """Power was gone for a moment, between two reads: the node boots, and waits for somebody to start it."""
+    asyncio.get_running_loop().call_later(PERIOD_S / 2, rebooted, plant)
