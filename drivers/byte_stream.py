@@ -144,7 +144,7 @@ class SerialStream:
             )
         except (OSError, ValueError, termios.error) as error:
             raise ConnectError(
-                f"cannot open serial port {s.port}: {error}", bus=self._bus, hint=self._hint(error)
+                f"cannot open serial port {s.port}: {_reason(error)}", bus=self._bus, hint=self._hint(error)
             ) from error
         self._inbox.opened()
         asyncio.get_running_loop().add_reader(self._port.fileno(), self._on_readable, self._port.fileno())
@@ -205,6 +205,13 @@ class SerialStream:
         if self._settings.parity != "N" and ("Invalid argument" in text or "Errno 22" in text):
             return "this port cannot do parity (pseudo-terminals cannot); set parity = 'N'"
         return "check port, baud, parity and stopbits"
+
+
+def _reason(error: Exception) -> str:
+    """termios.error is no OSError and would show as a pair."""
+    if isinstance(error, termios.error) and len(error.args) > 1:
+        return f"[Errno {error.args[0]}] {error.args[1]}"
+    return str(error)
 
 
 class TcpStream:

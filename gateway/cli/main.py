@@ -141,7 +141,9 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="Default: FILE with .play added.")
 @click.option("--seconds", type=click.FloatRange(min=0.1), help="End after so long. Default: at Ctrl-C.")
-def play(file: Path, folder: Path | None, seconds: float | None) -> None:
+@click.option("--multicast", metavar="GROUP:PORT", help="CAN on this UDP group of the computer, such as "
+              "239.74.163.2:43113, instead of an adapter; any number of programs may read it.")  # fmt: skip
+def play(file: Path, folder: Path | None, seconds: float | None, multicast: str | None) -> None:
     """Be the devices of a recording: FILE of `record`, or a CAN log (candump .log, .asc, .blf, .trc, .csv).
 
     \b
@@ -151,7 +153,13 @@ def play(file: Path, folder: Path | None, seconds: float | None) -> None:
     """
     from gateway.cli.play import play as be_devices
 
-    be_devices(file, folder or file.with_name(file.name + ".play"), seconds)
+    group = None
+    if multicast is not None:
+        address, _, port = multicast.partition(":")
+        if not port.isdecimal() or not 0 < int(port) < 65535:
+            raise click.UsageError(f"--multicast {multicast}: expected GROUP:PORT, such as 239.74.163.2:43113")
+        group = address, int(port)
+    be_devices(file, folder or file.with_name(file.name + ".play"), seconds, group)
 
 
 @main.command()

@@ -16,7 +16,7 @@ from gateway.config.load import parse
 from gateway.config.model import GatewayConfig
 from gateway.config.wires import toml_value, wires_toml
 from gateway.wire_log import Event, WireLogError, is_wire_log, read_wire_log
-from simulators.devices.playback import PlayedAdapter, PlayedHost, PlayedLine
+from simulators.devices.playback import PlayedAdapter, PlayedGroup, PlayedHost, PlayedLine
 from simulators.devices.script import EXTENDED, Passed, Script, can_script, stream_script, unnumbered
 
 _CAN_LOGS = (".asc", ".blf", ".csv", ".log", ".trc")
@@ -39,8 +39,12 @@ class Played:
     stops: _Stop
 
 
-async def play_bus(bus: str, kind: str, events: Sequence[Event], folder: Path) -> Played:
+async def play_bus(
+    bus: str, kind: str, events: Sequence[Event], folder: Path, group: tuple[str, int] | None = None
+) -> Played:
     """Put one bus of a recording on a wire: serial lines and CAN adapters get a link named after it in `folder`.
+
+    group: address and port of a UDP multicast group that is the CAN bus, instead of an adapter
 
     Raises WireLogError for a kind of bus that cannot be played.
     """
@@ -57,6 +61,12 @@ async def play_bus(bus: str, kind: str, events: Sequence[Event], folder: Path) -
             return Played(bus, kind, {"host": "127.0.0.1", "port": await host.start()}, script, host)
         case "canopen" | "can":
             script = can_script(passed)
+            if group is not None:
+                address, port = group
+                joined = PlayedGroup(script, address, port)
+                await joined.start()
+                there: dict[str, object] = {"interface": "udp_multicast", "channel": address, "port": port}
+                return Played(bus, kind, there, script, joined)
             adapter = PlayedAdapter(script)
             path = _link(folder / bus, await adapter.start())
             return Played(bus, kind, {"interface": "slcan", "channel": path}, script, adapter)
@@ -83,13 +93,22 @@ def _link(link: Path, target: str) -> str:
     return str(link)
 
 
-def play(path: Path, folder: Path, seconds: float | None) -> None:
-    """Until Ctrl-C, or for so many seconds. Raises WireLogError or ConfigError."""
+def play(path: Path, folder: Path, seconds: float | None, group: tuple[str, int] | None = None) -> None:
+    """Until Ctrl-C, or for so many seconds. Raises WireLogError or ConfigError.
+
+    group: multicast group and port for CAN; a second CAN bus has the port above
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    asyncio.run(_play(*read_recording(path), folder, seconds))
+    asyncio.run(_play(*read_recording(path), folder, seconds, group))
 
 
-async def _play(config: GatewayConfig | None, events: Sequence[Event], folder: Path, seconds: float | None) -> None:
+async def _play(
+    config: GatewayConfig | None,
+    events: Sequence[Event],
+    folder: Path,
+    seconds: float | None,
+    group: tuple[str, int] | None,
+) -> None:
     console = Console()
     kinds = _kinds(config, events)
     stop = asyncio.Event()
@@ -103,7 +122,9 @@ async def _play(config: GatewayConfig | None, events: Sequence[Event], folder: P
                     f"{bus} ({kind}): never opened when it was recorded, so it is absent now", highlight=False
                 )
                 continue
-            one = await play_bus(bus, kind, of_bus, folder)
+            one = await play_bus(bus, kind, of_bus, folder, group)
+            if group is not None and kind in ("canopen", "can"):
+                group = group[0], group[1] + 1
             stack.push_async_callback(one.stops.stop)
             played.append(one)
         for one in played:
@@ -117,7 +138,7 @@ async def _play(config: GatewayConfig | None, events: Sequence[Event], folder: P
             async with asyncio.timeout(seconds):
                 await stop.wait()
     for one in played:
-        (folder / one.bus).unlink(missing_ok=True)
+        (folder / one.bus).unlink(missing_ok=True)  # of serial lines and adapters
         if one.script.unknown:
             console.print(f"{one.bus}: {one.script.unknown} requests were not in the recording", style="yellow")
 

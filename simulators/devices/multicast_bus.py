@@ -46,7 +46,8 @@ class MulticastBus:
         """Frames that nodes send by themselves."""
         for identifier, data in frames:
             if self._bus is not None:
-                self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+                number, extended = identifier & 0x1FFFFFFF, bool(identifier >> 31)
+                self._bus.send(can.Message(arbitration_id=number, data=data, is_extended_id=extended))
 
     def _on_message(self, message: can.Message) -> None:
         for node in self._nodes:

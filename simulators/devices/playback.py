@@ -1,9 +1,11 @@
-"""Recorded devices on their wires again: a pseudo-terminal, a TCP port, an slcan adapter."""
+"""Recorded devices on their wires again: a pseudo-terminal, a TCP port, an slcan adapter, a multicast group."""
 
 import asyncio
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.pty_port import PtyPort
 from simulators.devices.script import HANG_UP, Said, Script, frame_key, frame_of, numbered
 from simulators.devices.slcan_adapter import Frame, SlcanAdapter
@@ -147,6 +149,44 @@ class PlayedAdapter:
     def _say(self, data: bytes | None) -> None:
         if data is not None:
             self._adapter.send([frame_of(data)])
+
+
+class PlayedGroup:
+    """A recorded CAN bus on a UDP multicast group of this computer, for as many readers as like."""
+
+    def __init__(self, script: Script, group: str, port: int) -> None:
+        self._script = script
+        self._bus = MulticastBus([self], group, port)
+        self._timers = _Timers()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._said: Counter[bytes] = Counter()
+
+    async def start(self) -> None:
+        """Raises OSError when the group cannot be joined."""
+        self._loop = asyncio.get_running_loop()
+        self._bus.start()
+        self._timers.repeat(self._script, self._say)
+
+    async def stop(self) -> None:
+        self._timers.stop()
+        await asyncio.to_thread(self._bus.stop)
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        """In the bus's thread: it is answered from the event loop."""
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._heard, frame_key(identifier, data))
+        return ()
+
+    def _heard(self, frame: bytes) -> None:
+        if self._said[frame]:  # what we send comes back
+            self._said[frame] -= 1
+        else:
+            self._timers.say(self._script.answer(frame), self._say)
+
+    def _say(self, data: bytes | None) -> None:
+        if data is not None:
+            self._said[data] += 1
+            self._bus.send([frame_of(data)])
 
 
 class _Timers:

@@ -1,5 +1,6 @@
 """A field problem becomes a test: what was recorded on a faulty wire, played back, is read with the same outcome."""
 
+import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -224,6 +225,22 @@ async def test_playback_is_read_as_the_device_was(name: str, tmp_path: Path) -> 
             again = await outcomes(wire, played.place, [nothing] * len(told))
         finally:
             await played.stops.stop()
+    assert again == told
+    assert played.script.unknown == 0
+
+
+async def test_can_on_a_multicast_group_is_read_as_the_node_was(tmp_path: Path) -> None:
+    wire = await canopen()
+    async with recorded(wire, tmp_path / "field.wire") as (told, log):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("", 0))
+            port = probe.getsockname()[1]
+        played = await play_bus("bus1", wire.kind, log.of("bus1"), tmp_path, ("239.74.163.11", port))
+        try:
+            again = await outcomes(wire, played.place, [nothing] * len(told))
+        finally:
+            await played.stops.stop()
+    assert played.place["interface"] == "udp_multicast"
     assert again == told
     assert played.script.unknown == 0
 

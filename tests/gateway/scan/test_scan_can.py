@@ -152,6 +152,32 @@ async def test_command_reaches_nodes_over_the_network_of_this_computer(tmp_path:
     assert (device.profile, device.unit, dict(device.options)) == ("cia404", 5, {"vendor": "esd"})
 
 
+async def test_ctrl_c_closes_the_adapter_and_shows_what_was_found() -> None:
+    asked = asyncio.Event()
+
+    class Slow(Cia404Node):
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+            if identifier > 0x600:
+                asked.set()
+            return super().on_frame(identifier, data)
+
+    async with bus([Slow(5, lambda: TEMPERATURES, inputs=4, vendor="esd")]) as (_, what):
+        arguments = (
+            "scan",
+            "can",
+            what.settings.channel,
+            "--interface",
+            "slcan",
+            "--bitrate",
+            "125000",
+            "--listen",
+            "0.1",
+        )
+        done = await talc_gateway(*arguments, interrupt=asked.wait)
+        assert [device.unit for device in (await scan(what)).found] == [5]  # nobody has the adapter any more
+    assert "interrupted: " in done.out
+
+
 async def test_several_bit_rates_are_refused_where_the_system_sets_it() -> None:
     done = await talc_gateway("scan", "can", "can0", "--bitrate", "125000", "--bitrate", "250000")
     assert done.code == 2
