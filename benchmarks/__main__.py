@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.rows import Row
 
-_SUBJECTS = ("acquisition", "group_lasso", "selection", "footprint", "unseen_days")
+_SUBJECTS = ("acquisition", "sensor_check", "group_lasso", "selection", "footprint", "unseen_days")
 _README = Path(__file__).parents[1] / "README.md"
 
 

@@ -18,6 +18,7 @@ from gateway.probing_schedule import Outlook
 from talc.frame import Decision, Event, FloatArray, Frame
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
+from talc.sensor_check import Judgement
 
 READING: Final = "reading"
 FRAME: Final = "frame"
@@ -27,6 +28,7 @@ MODEL: Final = "model"
 EVENT: Final = "event"
 COMPENSATION: Final = "compensation"
 PROBING: Final = "probing"
+SENSORS: Final = "sensors"
 STATUS: Final = "status"
 ALIVE: Final = "alive"
 
@@ -153,6 +155,23 @@ def probing(o: Outlook) -> Payload:
         "rejected": o.rejected,
         "operator": o.operator,
     }
+
+
+def sensors(j: Judgement, k: int) -> Payload:
+    """`sensors`: what does not agree with the other sensors; what the last window would have shown, and what not."""
+    findings = [
+        {
+            "kind": f.kind,
+            "inputs": list(f.inputs),
+            "alternatives": list(f.alternatives),
+            "offset_K": _number(f.offset_K),
+            "score": _number(f.score),
+            "text": f.text(),
+        }
+        for f in j.findings
+    ]
+    smallest = {name: _number(value) for name, value in j.smallest_offset_K.items()}
+    return {"k": k, "findings": findings, "smallest_offset_K": smallest, "alike": [list(pair) for pair in j.alike]}
 
 
 def status(

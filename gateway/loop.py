@@ -13,7 +13,7 @@ from gateway.outlet import Outlet
 from gateway.probing_schedule import Bulletin, Outlook, ProbingSchedule, Standing
 from gateway.trainer import failed, train_apart
 from talc.control import Controller
-from talc.frame import Decision, Event, EventKind, Measurement, TrainingJob, Why
+from talc.frame import Decision, Event, EventKind, Frame, Measurement, TrainingJob, Why
 from talc.models import ModelSet
 
 log = logging.getLogger(__name__)
@@ -33,6 +33,7 @@ class GridLoop:
     decided: told of every decision, after the outlet
     pending: a training and a measurement that an earlier run still wanted
     train: runs a training
+    seen: told of every frame after all that follows from it
     """
 
     def __init__(
@@ -48,13 +49,14 @@ class GridLoop:
         decided: Callable[[Decision], None],
         pending: tuple[TrainingJob | None, Why | None] = (None, None),
         train: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
+        seen: Callable[[Frame], None] = lambda _: None,
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
         self._link, self._plan, self._probing = link, plan, probing
         self._outlet, self._decided = outlet, decided
         self._job, wish = pending
         self._plan.wish(wish, clock.monotonic())
-        self._run_training = train
+        self._run_training, self._seen = train, seen
         self._bulletin, self._outlook = Bulletin(), Outlook(Standing.NOT_WANTED, None)
         self._finished: Measurement | None = None
         self._measuring: asyncio.Task[None] | None = None
@@ -104,6 +106,7 @@ class GridLoop:
         if self._link is not None:
             self._link.follow(decision)
         self._decided(decision)
+        self._seen(frame)
 
     async def _measure(self, link: NcLink, at_s: float) -> None:
         """See one wish through: wait for the moment, ask, hand the result on."""

@@ -9,6 +9,7 @@ from gateway.measurement import Outcome
 from gateway.probing_schedule import Outlook
 from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
+from talc.sensor_check import Judgement
 
 
 class Outlet(Protocol):
@@ -32,6 +33,10 @@ class Outlet(Protocol):
 
     def probing(self, outlook: Outlook) -> None:
         """Where the wish for a measurement stands, when that changes."""
+        ...
+
+    def sensors(self, judgement: Judgement, k: int) -> None:
+        """What the sensors say of each other after the step with index `k`."""
         ...
 
 
@@ -72,3 +77,7 @@ class Fanout:
     def probing(self, outlook: Outlook) -> None:
         for outlet in self._outlets:
             outlet.probing(outlook)
+
+    def sensors(self, judgement: Judgement, k: int) -> None:
+        for outlet in self._outlets:
+            outlet.sensors(judgement, k)

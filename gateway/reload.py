@@ -10,7 +10,18 @@ from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 from gateway.wiring import lines_of
 
-_NEEDS_RESTART = ("machine", "grid", "storage", "telemetry", "states", "nc", "probing", "compensation", "talc")
+_NEEDS_RESTART = (
+    "machine",
+    "grid",
+    "storage",
+    "telemetry",
+    "states",
+    "nc",
+    "probing",
+    "compensation",
+    "talc",
+    "sensor_check",
+)
 """Sections that the controller, the store, the session or the NC's link were made from."""
 
 

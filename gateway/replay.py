@@ -1,17 +1,19 @@
 """Feed what was stored to a fresh controller: to prove the decisions, or to go on where an earlier run ended."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
+from gateway.sensor_watch import SeenBefore
 from gateway.service import Past
 from gateway.store import History, StoredStep, StoreError
 from gateway.trainer import has_failed
 from talc.control import Controller
-from talc.frame import Decision, TrainingJob
+from talc.frame import Decision, Event, EventKind, TrainingJob
 from talc.training import train
 
 _ARRAYS = ("predicted", "corrected", "sigma", "limits")
@@ -108,7 +110,24 @@ def past_of(history: History, config: GatewayConfig) -> Past:
         reference_mm=None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3,
         last_number=cycles[-1].number if cycles else None,
         missing=missing,
+        seen=_seen(controller, history.events()),
     )
+
+
+def _seen(controller: Controller, events: Sequence[tuple[datetime, int | None, Event]]) -> SeenBefore | None:
+    """What the sensor check may go on from."""
+    state, since = controller.state(), None
+    for _, k, event in events:
+        match event.kind:
+            case EventKind.SENSOR_SUSPECT:
+                since = k if since is None else since
+            case EventKind.SENSORS_AGREE:
+                since = None
+            case _:
+                pass
+    if state.last_k is None:
+        return None
+    return SeenBefore(state.last_k + 1 - len(state.inputs), state.inputs, state.valid, since)
 
 
 def _differences(decision: Decision, step: StoredStep) -> Iterator[str]:

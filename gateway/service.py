@@ -22,6 +22,7 @@ from gateway.nc_link import NcLink
 from gateway.outlet import Outlet
 from gateway.probing_schedule import ProbingSchedule
 from gateway.reload import Difference, ReloadError, apply
+from gateway.sensor_watch import SeenBefore, SensorWatch
 from gateway.wiring import control_of, lines_of
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
@@ -31,6 +32,7 @@ log = logging.getLogger(__name__)
 _FIRST_NUMBER_BELOW = 1_000_000
 """Request numbers travel in R-parameters (64-bit reals) and are read by people."""
 
+_TEMPERATURE = "degC"
 _MACHINE_ID = Path("/etc/machine-id")
 
 
@@ -45,6 +47,7 @@ class Past:
     last_number: int | None = None
     missing: Mapping[str, int] = field(default_factory=dict)
     """Inputs of live models without a good value at the last step, and the grid index since when."""
+    seen: SeenBefore | None = None
 
 
 class Service:
@@ -75,9 +78,13 @@ class Service:
         self._configured, self._tap = configured, tap
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
         self._schedule = Schedule(config.grid.step_s, past.last_k)
+        self._channels = {channel.name for channel in config.channels}
         self.board = Board({c.name: c.period_s for c in config.channels})
         self._lines: tuple[Line, ...] = lines_of(config, clock, tap)
         self.link = self._make_link()
+        self._sensors = SensorWatch(
+            config.input_names, config.sensor_check, self._is_temperature, outlet, clock, past.seen
+        )
         self._acquisition: Acquisition | None = None
 
     @property
@@ -111,7 +118,10 @@ class Service:
             stack.callback(self._forget_acquisition)
             self._configured(self._config)
             async with asyncio.TaskGroup() as tasks:
-                running = [tasks.create_task(self._loop().run(), name="grid")]
+                running = [
+                    tasks.create_task(self._loop().run(), name="grid"),
+                    tasks.create_task(self._sensors.run(), name="sensors"),
+                ]
                 if self.link is not None:
                     running.append(tasks.create_task(self.link.run(), name="nc"))
                 await stop.wait()
@@ -139,6 +149,7 @@ class Service:
             self._outlet,
             self._decided,
             self._past.pending,
+            seen=self._sensors.frame,
         )
 
     def _make_link(self) -> NcLink | None:
@@ -173,6 +184,10 @@ class Service:
         """When grid index k was, on this run's monotonic clock."""
         age_s = self._clock.utc().timestamp() - k * self._config.grid.step_s
         return self._clock.monotonic() - max(0.0, age_s)
+
+    def _is_temperature(self, name: str) -> bool:
+        aged = self.board.latest(name, self._clock.monotonic()) if name in self._channels else None
+        return aged is not None and aged.reading.unit == _TEMPERATURE
 
     def _take(self, readings: Sequence[Reading]) -> None:
         self.board.put(readings)

@@ -27,6 +27,7 @@ from gateway.probing_schedule import Outlook
 from gateway.schema import SCHEMA_VERSION, FileLock, StoreError, connect, make_schema
 from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
+from talc.sensor_check import Judgement
 
 __all__ = [
     "History",
@@ -210,6 +211,8 @@ class Store:
             None if write.read_back_um is None else _blob(write.read_back_um), _blob(write.step.coefficients_um),
         )  # fmt: skip
         self._put("INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row])
+
+    def sensors(self, judgement: Judgement, k: int) -> None: ...
 
     def probing(self, outlook: Outlook) -> None:
         """Not kept: what blocks probing and what an operator should know are events."""

@@ -18,6 +18,7 @@ from gateway.measurement import Outcome
 from gateway.probing_schedule import Outlook
 from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
+from talc.sensor_check import Judgement
 
 log = logging.getLogger(__name__)
 
@@ -152,6 +153,9 @@ class Telemetry:
     def compensation(self, write: Write) -> None:
         if write.mode != "monitor":
             self._put(keys.COMPENSATION, keys.compensation(write))
+
+    def sensors(self, judgement: Judgement, k: int) -> None:
+        self._put(keys.SENSORS, keys.sensors(judgement, k))
 
     def probing(self, outlook: Outlook) -> None:
         self._outlook = outlook

@@ -23,6 +23,7 @@ from gateway.probing_schedule import Outlook
 from talc.frame import Decision, Event, EventKind, Frame
 from talc.models import ModelSet
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
+from talc.sensor_check import Judgement
 
 _EVENTS_SHOWN = 5
 _REFRESH_PER_S = 4
@@ -37,6 +38,8 @@ _NOTABLE = frozenset(
         EventKind.PROBLEM_ENDED,
         EventKind.MEASUREMENT_REJECTED,
         EventKind.OPERATOR,
+        EventKind.SENSOR_SUSPECT,
+        EventKind.SENSORS_AGREE,
     }
 )
 
@@ -67,6 +70,8 @@ class ViewState:
     mode: str = ""
     source: str = ""
     probing: str = ""
+    sensors: list[str] = field(default_factory=list)
+    """What does not agree with the other sensors."""
     """Why a wanted measurement waits."""
     measurements: int = 0
     rejected: int = 0
@@ -102,6 +107,8 @@ class ViewState:
                     self.model_updates += 1
             case keys.COMPENSATION:
                 self.offsets_um, self.mode, self.source = p["offsets_um"], p["mode"], p["source"]
+            case keys.SENSORS:
+                self.sensors = [finding["text"] for finding in p["findings"]]
             case keys.PROBING:
                 self.probing = p["reason"]
             case keys.EVENT:
@@ -142,6 +149,7 @@ def _header(s: ViewState) -> RenderableType:
     if bad:
         health.append("; " + ", ".join(f"{c} {s.channels[c]}" for c in bad[:4]) + (" ..." if len(bad) > 4 else ""))
     parts.append(health)
+    parts += [Text(f"sensors: {text}", style="red") for text in s.sensors]
     return Panel(Group(*parts), padding=(0, 1))
 
 
@@ -227,6 +235,9 @@ class ViewOutlet:
 
     def compensation(self, write: Write) -> None:
         self._apply(keys.COMPENSATION, keys.compensation(write))
+
+    def sensors(self, judgement: Judgement, k: int) -> None:
+        self._apply(keys.SENSORS, keys.sensors(judgement, k))
 
     def probing(self, outlook: Outlook) -> None:
         self._apply(keys.PROBING, keys.probing(outlook))

@@ -110,6 +110,26 @@ class ControlSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SensorCheckSettings:
+    """Whether temperatures agree with each other as they did when they were learnt."""
+
+    enabled: bool = True
+    """Look for offsets and exchanged sensors."""
+    window_steps: int = 96
+    """Judge so many grid steps together (8 h)."""
+    learn_steps: int = 8640
+    """Learn from the last so many grid steps at most (30 days)."""
+    false_alarms_per_year: float = 1.0
+    """False alarms of each kind that the thresholds allow for, all inputs together, while loads are as learnt."""
+
+    def __post_init__(self) -> None:
+        require(self.window_steps >= 12, "window_steps", self.window_steps, "12 or more")
+        shortest = 3 * self.window_steps
+        require(self.learn_steps >= shortest, "learn_steps", self.learn_steps, f"{shortest} or more, three windows")
+        require(self.false_alarms_per_year > 0, "false_alarms_per_year", self.false_alarms_per_year, "more than 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TalcSettings:
     """The `[talc]` section of a gateway's configuration."""
 

@@ -23,7 +23,7 @@ from gateway.config.sections import (
     Storage,
     Telemetry,
 )
-from talc.settings import TalcSettings
+from talc.settings import SensorCheckSettings, TalcSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +52,7 @@ class GatewayConfig(Section):
     probing: Probing = Probing()
     compensation: Compensation = Compensation()
     talc: TalcSettings = TalcSettings()
+    sensor_check: SensorCheckSettings = SensorCheckSettings()
 
     @property
     def channels(self) -> tuple[Channel, ...]:

@@ -13,6 +13,7 @@ from gateway.report.summary import summary
 from talc.frame import EventKind
 from talc.names import THERMAL_ERRORS
 
+_SENSORS = (EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE)
 _GOOD = ("good", "simulated")
 
 
@@ -35,6 +36,7 @@ def build(data: ReportData) -> str:
         tool=Markup(tool_plot(data) if data.recorded is None else ""),
         unhealthy=unhealthy,
         healthy=len(data.channel_health) - len(unhealthy),
+        suspects=[(at / 3600.0, e.text) for at, e in data.events if e.kind in _SENSORS],
         events=[(at / 3600.0, event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE],
     )
 

@@ -24,6 +24,7 @@ from gateway.store import History, Store
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Why
 from talc.models import ModelSet
+from talc.sensor_check import Judgement
 from talc.settings import ControlSettings, TalcSettings
 from talc.training import train
 from tests.gateway.stepped_clock import SteppedClock
@@ -61,6 +62,8 @@ class Told:
         self.events.append(event)
 
     def compensation(self, write: Write) -> None: ...
+
+    def sensors(self, judgement: Judgement, k: int) -> None: ...
 
     def probing(self, outlook: Outlook) -> None:
         self.outlooks.append(outlook)

@@ -16,6 +16,7 @@ from gateway.service import Past, Service
 from talc.control import Controller
 from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
+from talc.sensor_check import Judgement
 from tests.gateway.stepped_clock import SteppedClock
 
 FILE = Path(__file__).parent / "cases" / "valid" / "gateway.toml"
@@ -56,6 +57,8 @@ class Readings:
     def event(self, event: Event, k: int | None) -> None: ...
 
     def compensation(self, write: Write) -> None: ...
+
+    def sensors(self, judgement: Judgement, k: int) -> None: ...
 
     def probing(self, outlook: Outlook) -> None: ...
 

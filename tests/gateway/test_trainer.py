@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gateway.apart import WorkError
 from gateway.config.sections import Probing
 from gateway.grid import GridSampler, Schedule
 from gateway.loop import GridLoop
 from gateway.probing_schedule import ProbingSchedule
-from gateway.trainer import TrainingError, failed, has_failed, train_apart
+from gateway.trainer import failed, has_failed, train_apart
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, TrainingJob, Why
 from talc.models import ModelSet
@@ -62,7 +63,7 @@ async def test_gives_bit_for_bit_the_models_of_this_process() -> None:
 
 async def test_what_the_training_raises_is_told() -> None:
     broken = replace(JOB, measured=JOB.measured[:, :4])
-    with pytest.raises(TrainingError, match=r"IndexError: .* \(exit status 1\)"):
+    with pytest.raises(WorkError, match=r"IndexError: .* \(exit status 1\)"):
         await train_apart(broken)
 
 
@@ -70,13 +71,14 @@ async def test_a_killed_training_is_told() -> None:
     training = asyncio.create_task(train_apart(MINUTES))
     await until(lambda: len(children(os.getpid())) == 1)
     os.kill(children(os.getpid())[0], signal.SIGKILL)
-    with pytest.raises(TrainingError, match="SIGKILL; out of memory"):
+    with pytest.raises(WorkError, match="SIGKILL; out of memory"):
         await training
 
 
-async def test_a_training_beyond_its_limit_is_ended() -> None:
-    with pytest.raises(TrainingError, match="did not finish"):
-        await train_apart(MINUTES, limit_s=0.05)
+async def test_work_beyond_its_limit_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.apart._LIMIT_S", 0.05)
+    with pytest.raises(WorkError, match="did not finish"):
+        await train_apart(MINUTES)
     assert children(os.getpid()) == []
 
 
@@ -171,5 +173,5 @@ async def until_adopted(clock: SteppedClock, log: Log) -> None:
 
 
 def test_a_failed_training_is_told_from_one_that_found_nothing() -> None:
-    assert has_failed(failed(JOB, TrainingError("x")))
+    assert has_failed(failed(JOB, WorkError("x")))
     assert not has_failed(train(replace(JOB, measured=np.full_like(JOB.measured, np.nan))))

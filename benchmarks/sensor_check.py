@@ -1,0 +1,142 @@
+"""Offsets and exchanged sensors on simulated machines: how often they are found, and how often something that is not.
+
+Sixteen varied machines, each twelve days under a shop's day and under random loads of single axes. False alarms: the
+gateway's own watch over all days, learning and telling as in service. Detection: a window that is wholly under the
+fault, after so many days of learning, faults and windows drawn.
+"""
+
+import asyncio
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.data import Array, machine
+from benchmarks.rows import Row
+from gateway.clock import RealClock
+from gateway.sensor_watch import SensorWatch
+from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame
+from talc.sensor_check import Judgement, judge
+from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
+from talc.settings import SensorCheckSettings
+
+_DAY, _DAYS = 288, 12
+_SEEDS = range(200, 216)
+_LEARNT = (1, 2, 4, 8)
+_OFFSETS_K = (0.3, 0.5, 1.0, 2.0, 3.0)
+_DRAWS = 5
+"""Windows per machine and days of learning, with one fault of each size and as many exchanges."""
+_SETTINGS = SensorCheckSettings()
+_SENSORS = 29
+
+
+@dataclass(slots=True)
+class Outcome:
+    """One machine."""
+
+    told: list[str] = field(default_factory=list)
+    watched_days: float = 0.0
+    found: dict[tuple[int, float], int] = field(default_factory=dict)
+    """Days learnt and offset (0: an exchange), to how many of `_DRAWS` were found and named."""
+    smallest: dict[int, list[float]] = field(default_factory=dict)
+    alike: list[tuple[str, str]] = field(default_factory=list)
+    """After eight days, one entry per pair and window."""
+    windows: int = 0
+
+
+class _Ear:
+    def __init__(self, outcome: Outcome) -> None:
+        self._outcome = outcome
+
+    def event(self, event: Event, k: int | None) -> None:
+        if event.kind is EventKind.SENSOR_SUSPECT:
+            self._outcome.told.append(f"step {k}: {event.text}")
+
+    def sensors(self, judgement: Judgement, k: int) -> None: ...
+
+
+async def _learn(
+    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+) -> SensorModel | None:
+    return learn(names, inputs, valid, settings)
+
+
+async def _watch(names: tuple[str, ...], x: Array, outcome: Outcome) -> None:
+    watching = SensorWatch(names, _SETTINGS, lambda _: True, _Ear(outcome), RealClock(), None, _learn)
+    valid = np.ones(len(names), np.bool_)
+    for k, row in enumerate(x):
+        watching.frame(Frame(k, row, valid))
+        if k % 12 == 0:
+            await watching.look()
+    outcome.watched_days = len(x) / _DAY - 1.0
+
+
+def _detect(names: tuple[str, ...], x: Array, seed: int, outcome: Outcome) -> None:
+    draw, n = np.random.default_rng([seed, 31]), _SETTINGS.window_steps + CHANGE_STEPS
+    good = np.ones((len(x), len(names)), np.bool_)
+    for days in _LEARNT:
+        model = learn(names, x[: days * _DAY], good[: days * _DAY], _SETTINGS)
+        if model is None:
+            raise RuntimeError(f"nothing was learnt from {days} days")
+        for _ in range(_DRAWS):
+            end = int(draw.integers(days * _DAY + n, len(x)))
+            window = x[end - n : end]
+            healthy = judge(model, names, window, good[:n], _SETTINGS)
+            outcome.smallest.setdefault(days, []).extend(healthy.smallest_offset_K.values())
+            if days == _LEARNT[-1]:
+                outcome.alike += healthy.alike
+                outcome.windows += 1
+            for size in _OFFSETS_K:
+                i, sign = int(draw.integers(len(names))), float(draw.choice([-1.0, 1.0]))
+                off = window.copy()
+                off[:, i] += sign * size
+                first = judge(model, names, off, good[:n], _SETTINGS).findings[:1]
+                hit = any(f.kind == "offset" and names[i] in f.inputs + f.alternatives for f in first)
+                outcome.found[days, size] = outcome.found.get((days, size), 0) + hit
+            i, j = (int(v) for v in draw.choice(len(names), 2, replace=False))
+            exchanged = window.copy()
+            exchanged[:, [i, j]] = exchanged[:, [j, i]]
+            first = judge(model, names, exchanged, good[:n], _SETTINGS).findings[:1]
+            hit = any(f.kind == "swap" and set(f.inputs) == {names[i], names[j]} for f in first)
+            outcome.found[days, 0.0] = outcome.found.get((days, 0.0), 0) + hit
+
+
+def run(kind: str, seed: int) -> Outcome:
+    """One machine's twelve days."""
+    m = machine(kind, seed, 24 * _DAYS)
+    names, x, outcome = m.names[:_SENSORS], m.inputs[:, :_SENSORS], Outcome()
+    asyncio.run(_watch(names, x, outcome))
+    _detect(names, x, seed, outcome)
+    return outcome
+
+
+def rows() -> list[Row]:
+    """False alarms, detection after so many days of learning, and the pairs that look alike."""
+    jobs = [(kind, seed) for kind in ("day", "axes") for seed in _SEEDS]
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        outcomes = list(pool.map(run, *zip(*jobs, strict=True)))
+    told = [text for o in outcomes for text in o.told]
+    years = sum(o.watched_days for o in outcomes) / 365.25
+    goal = f"≤ {2 * _SETTINGS.false_alarms_per_year:.0f} a year"
+    table = [Row(f"false alarms in {years:.2f} machine-years", f"{len(told)}", "; ".join(told), goal)]
+    for days in _LEARNT:
+        shares = {
+            size: sum(o.found[days, size] for o in outcomes) / (_DRAWS * len(outcomes)) for size in (0.0, *_OFFSETS_K)
+        }
+        smallest = np.percentile([v for o in outcomes for v in o.smallest[days]], [10, 50, 90])
+        offsets = ", ".join(f"{size:g} K {shares[size]:.0%}" for size in _OFFSETS_K)
+        table.append(
+            Row(
+                f"found and named after {days} {'day' if days == 1 else 'days'} of learning",
+                f"exchanges {shares[0.0]:.0%}; offsets of {offsets}",
+                f"claims to see {smallest[0]:.1f}, {smallest[1]:.1f}, {smallest[2]:.1f} K (10, 50, 90 % of inputs)",
+            )
+        )
+    windows = sum(o.windows for o in outcomes)
+    pairs = [pair for o in outcomes for pair in o.alike]
+    often = sorted(((pairs.count(pair) / windows, pair) for pair in set(pairs)), reverse=True)[:6]
+    text = "; ".join(f"{a}, {b} {share:.0%}" for share, (a, b) in often)
+    table.append(Row("pairs that a window of 8 h most often cannot tell apart", text, "after 8 days of learning"))
+    return table

@@ -1,0 +1,180 @@
+"""Sensors against each other: has one been offset, or have two been exchanged, since they were learnt?
+
+Hypotheses about the last window, each against "nothing happened":
+
+- offset of input i: Student's t of the window's mean residual (talc.sensor_model);
+- i and j exchanged: the likelihood ratio of the pair's residuals as they are and exchanged, of the window's mean and of
+  half-hourly changes. An exchange adds no parameter: by Markov's inequality a ratio of c or more comes by chance with
+  probability 1 / c at most.
+
+A residual that other loads than the learnt ones may explain is doubted: its variance grows with the leverage of the
+other inputs, those judged left out.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+
+from talc.frame import BoolArray, FloatArray
+from talc.sensor_model import (
+    CHANGE_STEPS,
+    SensorModel,
+    View,
+    changes,
+    leave_one_out,
+    leave_two_out,
+    masked,
+    precision_of,
+)
+from talc.settings import SensorCheckSettings
+
+_LEAST_OF_WINDOW: Final = 0.5
+_CORRELATED_STEPS: Final = 12
+"""Successive half-hourly changes overlap and err alike: so many count as one."""
+_EQUAL: Final = 2.0
+"""Explanations whose log-likelihoods differ by less cannot be told apart."""
+_MOST_FINDINGS: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that explains the window better than nothing does."""
+
+    kind: Literal["offset", "swap"]
+    inputs: tuple[str, ...]
+    """The input that is off, or the two that are exchanged."""
+    offset_K: float  # noqa: N815
+    """Of an offset: its estimate. NaN for a swap."""
+    score: float
+    """How far the evidence goes beyond the threshold: 1 is just enough."""
+    alternatives: tuple[str, ...] = ()
+    """Of an offset: other inputs whose offset would explain it as well."""
+
+    def text(self) -> str:
+        """For a person."""
+        if self.kind == "swap":
+            return f"{self.inputs[0]} and {self.inputs[1]} look exchanged: check the wiring"
+        names = " or ".join((*self.inputs, *self.alternatives))
+        return f"{names} is off by {self.offset_K:+.1f} K against the other sensors"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """What one window says."""
+
+    findings: tuple[Finding, ...] = ()
+    """The strongest first."""
+    smallest_offset_K: Mapping[str, float] = field(default_factory=dict)  # noqa: N815
+    """Input to the offset that this window would have shown. Inputs that could not be judged are missing."""
+    alike: tuple[tuple[str, str], ...] = ()
+    """Pairs whose exchange this window would not have shown: sensors side by side, or a machine at rest."""
+
+
+def judge(
+    model: SensorModel, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+) -> Judgement:
+    """What explains the last window better than nothing; each finding is taken out before the next is looked for.
+
+    inputs: (T, m) consecutive grid steps, degC, the window last; valid: (T, m). Inputs that the model does not know,
+    or with less than half a window of good rows, are left out. Nothing is said of less than half a window.
+    """
+    inputs, valid = masked(names, inputs, valid)
+    n = settings.window_steps
+    known = {name: i for i, name in enumerate(names)}
+    present = [name for name in model.names if name in known and valid[-n:, known[name]].mean() >= _LEAST_OF_WINDOW]
+    columns = [known[name] for name in present]
+    x, good = inputs[-n - CHANGE_STEPS :, columns], np.asarray(valid[-n - CHANGE_STEPS :, columns].all(axis=1))
+    if len(x) < n or len(present) < 3 or good[-n:].mean() < _LEAST_OF_WINDOW:
+        return Judgement()
+    window = _Window(model.part(present), x, good, settings)
+    smallest, alike = window.smallest_offset_K(), window.alike()
+    found: list[Finding] = []
+    while len(found) < min(_MOST_FINDINGS, len(present) - 2) and (best := window.best()) is not None:
+        found.append(best)
+        window = window.after(best)
+    return Judgement(tuple(found), smallest, alike)
+
+
+class _Window:
+    """One window of m >= 3 inputs under all hypotheses."""
+
+    def __init__(self, model: SensorModel, x: FloatArray, good: BoolArray, settings: SensorCheckSettings) -> None:
+        self._model, self._x, self._good, self._settings = model, x, good, settings
+        n = settings.window_steps
+        mean = x[-n:][good[-n:]].mean(axis=0)
+        precision = precision_of(model.level.covariance)
+        residual, leverage = leave_one_out(precision, (mean - model.level.mean)[None])
+        self._residual, self._std = residual[0], model.offset_std * np.sqrt(1.0 + leverage[0] / model.worth)
+        self._ratio, left = _exchange(model, model.level, precision, mean[None], 1.0)
+        self._healed = left <= model.offset_threshold**2
+        change, both = changes(x, good)
+        if both.any():
+            change = change[both]
+            precision, count = precision_of(model.change.covariance), len(change) / _CORRELATED_STEPS
+            self._ratio += _exchange(model, model.change, precision, change, count)[0]
+        self._largest_ratio, self._largest_score = model.swap_threshold, model.offset_threshold
+
+    def smallest_offset_K(self) -> dict[str, float]:
+        return dict(zip(self._model.names, (self._largest_score * self._std).tolist(), strict=True))
+
+    def alike(self) -> tuple[tuple[str, str], ...]:
+        """Had two inputs been exchanged, their ratio would have been this one's inverse."""
+        names = self._model.names
+        pairs = zip(*np.nonzero(np.isfinite(self._ratio) & (-self._ratio <= self._largest_ratio)), strict=True)
+        return tuple((names[i], names[j]) for i, j in pairs)
+
+    def best(self) -> Finding | None:
+        """The strongest explanation that passes its threshold. An exchange goes first: it has no parameter.
+
+        It must leave nothing to explain, or a large offset would look like an exchange with a warmer neighbour.
+        """
+        names = self._model.names
+        ratio = np.where(self._healed, self._ratio, -np.inf)
+        i, j = (int(v) for v in np.unravel_index(np.argmax(ratio), ratio.shape))
+        if ratio[i, j] > self._largest_ratio:
+            return Finding("swap", (names[i], names[j]), float("nan"), float(ratio[i, j] / self._largest_ratio))
+        score = self._residual / self._std
+        first = int(np.argmax(np.abs(score)))
+        if abs(score[first]) <= self._largest_score:
+            return None
+        freedom = self._model.freedom
+        likelihood = (freedom + 1.0) / 2.0 * np.log1p(score**2 / freedom)
+        equal = tuple(names[k] for k in range(len(names)) if k != first and likelihood[k] > likelihood[first] - _EQUAL)
+        beyond = float(abs(score[first]) / self._largest_score)
+        return Finding("offset", (names[first],), float(self._residual[first]), beyond, equal)
+
+    def after(self, finding: Finding) -> "_Window":
+        """The window with the finding undone: exchanged back, or without the input that is off."""
+        places = [self._model.names.index(name) for name in finding.inputs]
+        if finding.kind == "swap":
+            back = self._x.copy()
+            back[:, places] = back[:, places[::-1]]
+            return _Window(self._model, back, self._good, self._settings)
+        x: FloatArray = np.delete(self._x, places, axis=1)
+        rest = [name for name in self._model.names if name not in finding.inputs]
+        return _Window(self._model.part(rest), x, self._good, self._settings)
+
+
+def _exchange(
+    model: SensorModel, view: View, precision: FloatArray, x: FloatArray, count: float
+) -> tuple[FloatArray, FloatArray]:
+    """Of rows (T, m) worth `count`, (m, m) each: log-likelihood ratio of i and j exchanged, Student's, -inf where
+    i >= j; and the squared distance from the rest that the exchange leaves."""
+    mine, other, leverage = leave_two_out(precision, x - view.mean)
+    gap = x[:, None, :] - x[:, :, None]
+    spread = 1.0 + leverage / model.worth
+    as_it_is = np.mean(_distance(view.pairs, mine, other) / spread, axis=0) * count
+    exchanged = np.mean(_distance(view.pairs, mine + gap, other - gap) / spread, axis=0) * count
+    ratio = (
+        (model.freedom + 2.0 * count) / 2.0 * (np.log1p(as_it_is / model.freedom) - np.log1p(exchanged / model.freedom))
+    )
+    return np.where(np.triu(np.ones(ratio.shape, dtype=np.bool_), 1), ratio, -np.inf), exchanged
+
+
+def _distance(pairs: FloatArray, mine: FloatArray, other: FloatArray) -> FloatArray:
+    """Squared Mahalanobis distance of pairs of residuals."""
+    a, b, c = pairs
+    with np.errstate(divide="ignore", invalid="ignore"):  # the diagonal is no pair
+        return np.asarray((b * mine**2 - 2.0 * c * mine * other + a * other**2) / (a * b - c**2))

@@ -1,0 +1,189 @@
+"""How temperatures predict each other, and what such a prediction is worth on rows that it was not learnt from.
+
+With P the inverse of their covariance (plus the sensors' own noise), an input's prediction from all others misses it by
+e_i = (P x)_i / P_ii, and a pair's from the rest by P_AA^-1 (P x)_A: every leave-one-out and leave-two-out ridge
+regression from one inverse. Blocks of rows, as long as the window that is judged later, are left out in turn.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from talc.frame import BoolArray, FloatArray
+from talc.settings import SensorCheckSettings
+
+CHANGE_STEPS: Final = 6
+"""Half an hour at 5 min."""
+_NOISE_K2: Final = 0.003
+"""Variance of a sensor's noise (0.05 K) and of steps of 0.1 K."""
+_LEAST_BLOCKS: Final = 3
+_LEAST_VALID: Final = 0.8
+"""Share of good rows below which an input is not learnt."""
+_LEAST_OF_BLOCK: Final = 0.5
+_BLOCK_WORTH: Final = 0.3
+"""Blocks of one day err alike: so many independent ones each (for the leverage)."""
+_OTHER_DAYS: Final = 1.3
+"""Days not learnt differ by more than blocks of the learnt ones do: factor on the offset's threshold."""
+_YEAR_STEPS: Final = 365.25 * 288
+_PRIOR_BLOCKS: Final = 4.0
+"""Weight of all inputs' median variance in each one's own."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One view (levels or changes) of m inputs."""
+
+    mean: FloatArray
+    """(m,) K"""
+    covariance: FloatArray
+    """(m, m) K²"""
+    pairs: FloatArray
+    """(3, m, m) of residuals without i and j: variance of i's, of j's, and their covariance; K²."""
+
+    def part(self, keep: Sequence[int]) -> "View":
+        """The same of some inputs."""
+        pairs = self.pairs[:, keep][:, :, keep]
+        return View(self.mean[keep], self.covariance[np.ix_(keep, keep)], pairs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorModel:
+    """What was learnt of m inputs."""
+
+    names: tuple[str, ...]
+    blocks: int
+    offset_std: FloatArray
+    """(m,) standard deviation of a window's mean residual, K, where the other inputs are as learnt."""
+    offset_threshold: float
+    """In standard deviations; for all inputs together the stated number of false alarms a year."""
+    swap_threshold: float
+    """Log-likelihood ratio; for all pairs together likewise."""
+    level: View
+    change: View
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the variances."""
+        return _PRIOR_BLOCKS + self.blocks
+
+    @property
+    def worth(self) -> float:
+        """Independent windows that were learnt from: what a leverage is divided by."""
+        return _BLOCK_WORTH * self.blocks
+
+    def part(self, names: Sequence[str]) -> "SensorModel":
+        """The same of some inputs."""
+        keep = [self.names.index(name) for name in names]
+        return replace(
+            self,
+            names=tuple(names),
+            offset_std=self.offset_std[keep],
+            level=self.level.part(keep),
+            change=self.change.part(keep),
+        )
+
+
+def learn(
+    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+) -> SensorModel | None:
+    """How these inputs predict each other. None: fewer than 3 windows of good rows, or than 3 inputs.
+
+    inputs: (T, m) consecutive grid steps, degC; valid: (T, m). Inputs with less than 80 % good rows are left out.
+    ValueError: shapes that do not fit together.
+    """
+    inputs, valid = masked(names, inputs, valid)
+    inputs, valid = inputs[-settings.learn_steps :], valid[-settings.learn_steps :]
+    share = valid.sum(axis=0) / max(len(valid), 1)
+    keep = [i for i in range(len(names)) if share[i] >= _LEAST_VALID]
+    x, good = inputs[:, keep], np.asarray(valid[:, keep].all(axis=1), dtype=np.bool_)
+    n = settings.window_steps
+    blocks = [slice(s, s + n) for s in range(len(x) % n, len(x), n) if good[s : s + n].mean() >= _LEAST_OF_BLOCK]
+    if len(blocks) < _LEAST_BLOCKS or len(keep) < 3:
+        return None
+    change, both = changes(x, good)
+    both = np.concatenate([np.zeros(CHANGE_STEPS, dtype=np.bool_), both])
+    change = np.concatenate([np.zeros((CHANGE_STEPS, len(keep))), change])
+    windows = _YEAR_STEPS / n / settings.false_alarms_per_year
+    level, variance = _learn_view(x, good, blocks, windows=True)
+    return SensorModel(
+        names=tuple(names[i] for i in keep),
+        blocks=len(blocks),
+        offset_std=np.sqrt(variance),
+        offset_threshold=_OTHER_DAYS * _student_quantile(0.5 / (len(keep) * windows), _PRIOR_BLOCKS + len(blocks)),
+        swap_threshold=float(np.log(len(keep) * (len(keep) - 1) / 2 * windows)),
+        level=level,
+        change=_learn_view(change, both, blocks, windows=False)[0],
+    )
+
+
+def _student_quantile(tail: float, freedom: float) -> float:
+    from scipy.special import stdtrit  # the gateway only judges: SciPy stays in the process that learns
+
+    return float(-stdtrit(freedom, tail))
+
+
+def _learn_view(x: FloatArray, good: BoolArray, blocks: Sequence[slice], *, windows: bool) -> tuple[View, FloatArray]:
+    """The view, and the variance (m,) of each input's residual, K². `windows`: of the blocks' means, not of rows."""
+    m, worth = x.shape[1], _BLOCK_WORTH * len(blocks)
+    singles, pairs = np.zeros(m), np.zeros((3, m, m))
+    for block in blocks:
+        others = good.copy()
+        others[block] = False
+        precision = precision_of(_covariance(x[others]))
+        left_out = x[block][good[block]] - x[others].mean(axis=0)
+        if windows:
+            left_out = left_out.mean(axis=0, keepdims=True)
+        residual, leverage = leave_one_out(precision, left_out)
+        singles += np.mean(residual**2 / (1.0 + leverage / worth), axis=0)
+        mine, other, leverage = leave_two_out(precision, left_out)
+        spread = 1.0 + leverage / worth
+        pairs += [np.mean(v / spread, axis=0) for v in (mine**2, other**2, mine * other)]
+    weight = len(blocks) / (_PRIOR_BLOCKS + len(blocks))
+    typical = float(np.median(pairs[0][~np.eye(m, dtype=np.bool_)]))
+    pairs = (weight * pairs + (1.0 - weight) * np.array([typical, typical, 0.0])[:, None, None]) / len(blocks)
+    variance: FloatArray = (weight * singles + (1.0 - weight) * float(np.median(singles))) / len(blocks)
+    return View(x[good].mean(axis=0), _covariance(x[good]), pairs), variance
+
+
+def changes(x: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """(T - 6, m) half-hourly changes, and which of them (T - 6,) are between good rows."""
+    return x[CHANGE_STEPS:] - x[:-CHANGE_STEPS], good[CHANGE_STEPS:] & good[:-CHANGE_STEPS]
+
+
+def precision_of(covariance: FloatArray) -> FloatArray:
+    """(m, m) inverse of the covariance with the sensors' noise on its diagonal."""
+    return np.asarray(np.linalg.inv(covariance + _NOISE_K2 * np.eye(len(covariance))), dtype=np.float64)
+
+
+def _covariance(x: FloatArray) -> FloatArray:
+    centred = x - x.mean(axis=0)
+    return np.asarray(centred.T @ centred / len(x))
+
+
+def leave_one_out(precision: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(T, m) residual of each input against its prediction from the others, and the others' leverage; x centred."""
+    r, own = x @ precision, np.diag(precision)
+    leverage = np.sum(r * x, axis=1, keepdims=True) - r**2 / own
+    return r / own, np.maximum(leverage, 0.0)
+
+
+def leave_two_out(precision: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(T, m, m) of each pair i, j against its prediction from the rest: residual of i, of j, leverage of the rest."""
+    r, own = x @ precision, np.diag(precision)
+    determinant = own[:, None] * own[None, :] - precision**2
+    np.fill_diagonal(determinant, 1.0)
+    ri, rj = r[:, :, None], r[:, None, :]
+    mine = (own[None, :] * ri - precision * rj) / determinant
+    other = (own[:, None] * rj - precision * ri) / determinant
+    leverage = np.sum(r * x, axis=1)[:, None, None] - mine * ri - other * rj
+    return mine, other, np.maximum(leverage, 0.0)
+
+
+def masked(names: Sequence[str], inputs: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Values that are not valid as 0, and what is valid and finite. ValueError: shapes that do not fit together."""
+    if inputs.ndim != 2 or inputs.shape[1] != len(names) or valid.shape != inputs.shape:
+        raise ValueError(f"inputs {inputs.shape}, valid {valid.shape}: expected (T, {len(names)}), both")
+    finite: BoolArray = valid & np.isfinite(inputs)
+    return np.where(finite, inputs, 0.0), finite
