@@ -24,6 +24,8 @@ _LEARN_FIRST_STEPS = 288
 """A day: less does not show how the hall's temperature goes."""
 
 _LEAST_TEMPERATURES = 3
+_MOST_IN_A_THREAD = 64
+"""Temperatures; the work grows with their square, and beyond it the buses would feel it."""
 
 Learn = Callable[[Sequence[str], FloatArray, BoolArray, SensorCheckSettings], Awaitable[SensorModel | None]]
 
@@ -148,7 +150,15 @@ class SensorWatch:
         if model is None or k is None:
             return
         inputs, valid = self._record(slice(-self._settings.window_steps - CHANGE_STEPS, None))
-        judgement = await asyncio.to_thread(judge, model, self._names, inputs, valid, self._settings)
+        given = model, self._names, inputs, valid, self._settings
+        if len(model.names) <= _MOST_IN_A_THREAD:
+            judgement = await asyncio.to_thread(judge, *given)
+        else:
+            try:
+                judgement = await apart(judge, *given)
+            except WorkError as error:
+                log.error("sensors: not judged: %s", error)
+                return
         self._told.sensors(judgement, k)
         self._compare(judgement.findings, k)
 

@@ -23,6 +23,7 @@ from talc.sensor_model import (
     SensorModel,
     View,
     changes,
+    few_rows,
     leave_one_out,
     leave_two_out,
     masked,
@@ -162,14 +163,15 @@ def _exchange(
 ) -> tuple[FloatArray, FloatArray]:
     """Of rows (T, m) worth `count`, (m, m) each: log-likelihood ratio of i and j exchanged, Student's, -inf where
     i >= j; and the squared distance from the rest that the exchange leaves."""
-    mine, other, leverage = leave_two_out(precision, x - view.mean)
-    gap = x[:, None, :] - x[:, :, None]
-    spread = 1.0 + leverage / model.worth
-    as_it_is = np.mean(_distance(view.pairs, mine, other) / spread, axis=0) * count
-    exchanged = np.mean(_distance(view.pairs, mine + gap, other - gap) / spread, axis=0) * count
-    ratio = (
-        (model.freedom + 2.0 * count) / 2.0 * (np.log1p(as_it_is / model.freedom) - np.log1p(exchanged / model.freedom))
-    )
+    as_it_is, exchanged = np.zeros((2, *precision.shape))
+    for rows in few_rows(x):
+        mine, other, leverage = leave_two_out(precision, rows - view.mean)
+        gap = rows[:, None, :] - rows[:, :, None]
+        share = count / len(x) / (1.0 + leverage / model.worth)
+        as_it_is += np.sum(_distance(view.pairs, mine, other) * share, axis=0)
+        exchanged += np.sum(_distance(view.pairs, mine + gap, other - gap) * share, axis=0)
+    gained = np.log1p(as_it_is / model.freedom) - np.log1p(exchanged / model.freedom)
+    ratio = (model.freedom + 2.0 * count) / 2.0 * gained
     return np.where(np.triu(np.ones(ratio.shape, dtype=np.bool_), 1), ratio, -np.inf), exchanged
 
 

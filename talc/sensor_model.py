@@ -5,7 +5,7 @@ e_i = (P x)_i / P_ii, and a pair's from the rest by P_AA^-1 (P x)_A: every leave
 regression from one inverse. Blocks of rows, as long as the window that is judged later, are left out in turn.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -27,6 +27,8 @@ _BLOCK_WORTH: Final = 0.3
 _OTHER_DAYS: Final = 1.3
 """Days not learnt differ by more than blocks of the learnt ones do: factor on the offset's threshold."""
 _YEAR_STEPS: Final = 365.25 * 288
+_MOST_AT_ONCE: Final = 200_000
+"""Pairs times rows: 1.6 MB an array."""
 _PRIOR_BLOCKS: Final = 4.0
 """Weight of all inputs' median variance in each one's own."""
 
@@ -137,9 +139,10 @@ def _learn_view(x: FloatArray, good: BoolArray, blocks: Sequence[slice], *, wind
             left_out = left_out.mean(axis=0, keepdims=True)
         residual, leverage = leave_one_out(precision, left_out)
         singles += np.mean(residual**2 / (1.0 + leverage / worth), axis=0)
-        mine, other, leverage = leave_two_out(precision, left_out)
-        spread = 1.0 + leverage / worth
-        pairs += [np.mean(v / spread, axis=0) for v in (mine**2, other**2, mine * other)]
+        for rows in few_rows(left_out):
+            mine, other, leverage = leave_two_out(precision, rows)
+            share = 1.0 / (1.0 + leverage / worth) / len(left_out)
+            pairs += [np.sum(v * share, axis=0) for v in (mine**2, other**2, mine * other)]
     weight = len(blocks) / (_PRIOR_BLOCKS + len(blocks))
     typical = float(np.median(pairs[0][~np.eye(m, dtype=np.bool_)]))
     pairs = (weight * pairs + (1.0 - weight) * np.array([typical, typical, 0.0])[:, None, None]) / len(blocks)
@@ -150,6 +153,13 @@ def _learn_view(x: FloatArray, good: BoolArray, blocks: Sequence[slice], *, wind
 def changes(x: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:
     """(T - 6, m) half-hourly changes, and which of them (T - 6,) are between good rows."""
     return x[CHANGE_STEPS:] - x[:-CHANGE_STEPS], good[CHANGE_STEPS:] & good[:-CHANGE_STEPS]
+
+
+def few_rows(x: FloatArray) -> Iterator[FloatArray]:
+    """Rows (T, m) in portions whose pairs fit into the memory of a small computer."""
+    portion = max(1, _MOST_AT_ONCE // x.shape[1] ** 2)
+    for start in range(0, len(x), portion):
+        yield x[start : start + portion]
 
 
 def precision_of(covariance: FloatArray) -> FloatArray:
