@@ -6,8 +6,6 @@ from typing import assert_never
 from drivers.build import make_bus, make_device
 from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NumericalControl
-from drivers.sinumerik import Sinumerik
-from drivers.sinumerik_slope import SinumerikWithSlopes
 from drivers.tap import Tap
 from gateway.acquisition import Line
 from gateway.clock import ServiceClock
@@ -66,6 +64,10 @@ def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalC
     poses = len(config.probing.poses_deg)
     match nc:
         case SinumerikNc():
+            # OPC UA takes half a second and 20 MB: only where such a control is.
+            from drivers.sinumerik import Sinumerik
+            from drivers.sinumerik_slope import SinumerikWithSlopes
+
             settings = nc.settings(poses, (state.name for state in config.states))
             kind = SinumerikWithSlopes if settings.compensation.route == "k0_slope" else Sinumerik
             return kind(settings, clock)

@@ -1,0 +1,104 @@
+"""What a restart takes up from the store: what was seen, since when it is suspect, and a training that had failed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.apart import WorkError
+from gateway.config import GatewayConfig, parse
+from gateway.replay import past_of, replay
+from gateway.sensor_watch import SeenBefore
+from gateway.store import History, Store
+from gateway.trainer import failed
+from talc.control import Controller
+from talc.frame import Event, EventKind, Frame, Measurement
+from tests.gateway.stepped_clock import SteppedClock
+
+TEXT = """
+[machine]
+name = "mill"
+[storage]
+path = "gateway.sqlite"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "nowhere"
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+[device.channels]
+bed = 0
+column = 1
+[talc.control]
+calibration_steps = 36
+"""
+STEPS = 60
+SUSPECT = Event(EventKind.SENSOR_SUSPECT, "bed is off by +2.0 K against the other sensors", value=2.0)
+AGREE = Event(EventKind.SENSORS_AGREE, "the sensors agree with each other again")
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> GatewayConfig:
+    return parse(TEXT, tmp_path / "gateway.toml")
+
+
+def earlier_run(config: GatewayConfig, *events: tuple[int, Event], adopted: bool = True) -> None:
+    """Sixty frames, a training wanted on the way that failed (or never ended), and what the sensor check told."""
+    draw = np.random.default_rng(8)
+    x = 20.0 + np.cumsum(draw.normal(0, 0.2, (STEPS, 2)), axis=0)
+    controller = Controller(config.input_names, config.talc)
+    with Store(config.storage.path, "earlier", SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        for k in range(STEPS):
+            frame = Frame(k, x[k], np.ones(2, np.bool_), Measurement(x[k, 0] + draw.normal(0, 0.1, 9), np.full(9, 0.1)))
+            decision = controller.step(frame)
+            store.frame(frame)
+            store.decision(decision)
+            if decision.training is not None and adopted:
+                models = failed(decision.training, WorkError("its process was ended by SIGKILL; out of memory?"))
+                for event in controller.adopt(models):
+                    store.event(event, k)
+                store.models(models, k)
+        for k, event in events:
+            store.event(event, k)
+
+
+def seen(config: GatewayConfig) -> SeenBefore:
+    with History(config.storage.path) as history:
+        found = past_of(history, config).seen
+    assert found is not None
+    return found
+
+
+def test_the_sensor_watch_goes_on_from_the_stored_frames(config: GatewayConfig) -> None:
+    earlier_run(config)
+    before = seen(config)
+    assert (before.first_k, before.inputs.shape, before.suspect_since_k) == (0, (STEPS, 2), None)
+    assert before.valid.all()
+
+
+def test_what_was_suspect_and_had_not_ended_still_is(config: GatewayConfig) -> None:
+    earlier_run(config, (10, SUSPECT), (20, AGREE), (30, SUSPECT), (40, SUSPECT))
+    assert seen(config).suspect_since_k == 30
+
+
+def test_a_replay_does_not_repeat_a_training_that_the_computer_made_fail(config: GatewayConfig) -> None:
+    earlier_run(config)
+    with History(config.storage.path) as history:
+        result = replay(history)
+    assert result.identical, result.first
+    assert (result.steps, result.trainings) == (STEPS, 0)
+
+
+def test_a_training_that_never_ended_is_taken_up_and_one_that_failed_is_not(config: GatewayConfig) -> None:
+    earlier_run(config, adopted=False)
+    with History(config.storage.path) as history:
+        job = past_of(history, config).pending[0]
+    assert job is not None
+    assert job.k == 35
+    config.storage.path.unlink()
+    earlier_run(config)
+    with History(config.storage.path) as history:
+        assert past_of(history, config).pending[0] is None
