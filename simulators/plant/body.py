@@ -2,19 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix
 
 FloatArray = NDArray[np.float64]
+Matrix = Any
+"""A NumPy array where it is reduced; where it is whole, a sparse matrix of SciPy, which running does not need."""
 
 
 @dataclass(frozen=True, slots=True)
 class Face:
     """A patch of the skin: a film of h W/(m2 K) adds h * H to the body's matrix and draws it towards h * g * T."""
 
-    H: csc_matrix
+    H: Matrix
     """(n, n) m2, symmetric, positive semidefinite"""
     g: FloatArray
     """(n,) m2; g @ T / area is the patch's mean temperature"""
@@ -25,9 +27,9 @@ class Face:
 class BodyModel:
     """C dT/dt = -(K + sum h H) T + sum h g T_outside, n coordinates."""
 
-    C: csc_matrix
+    C: Matrix
     """(n, n) J/K, symmetric, positive definite"""
-    K: csc_matrix
+    K: Matrix
     """(n, n) W/K, symmetric, positive semidefinite: K @ even = 0"""
     faces: Mapping[str, Face]
     points: Mapping[str, FloatArray]
@@ -48,9 +50,9 @@ class BodyModel:
         if np.abs(basis @ even - self.even).max() > 1e-6:
             raise ValueError("basis: expected to hold an even warming")
 
-        def both(matrix: csc_matrix) -> csc_matrix:
+        def both(matrix: Matrix) -> FloatArray:
             small = basis.T @ (matrix @ basis)
-            return csc_matrix((small + small.T) / 2)
+            return np.asarray((small + small.T) / 2, dtype=np.float64)
 
         return BodyModel(
             C=both(self.C),

@@ -15,7 +15,7 @@ from simulators.plant.body import BodyModel, FloatArray
 from simulators.plant.joined import Joined, join
 from simulators.plant.parameters import MACHINES, tables
 from simulators.plant.shape import HERE, read
-from simulators.plant.solid import assemble
+from simulators.plant.solid import SparseSum, assemble
 
 CONDITIONS = ((0, 0, 0, 0), (1, 0, 0, 0), (1, 1, 0, 0), (1, 0, 1, 1))
 """Factors of the films: off, powered, wet, everything turning."""
@@ -66,7 +66,7 @@ def basis(body: BodyModel, there: FloatArray, back: FloatArray) -> FloatArray:
 
 def reduce(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> dict[str, BodyModel]:
     """Each body by its own basis, so that joints, films and losses can still be changed afterwards."""
-    there, back = snapshots(join(table, bodies), table)
+    there, back = snapshots(join(table, bodies, SparseSum), table)
     small, at = {}, 0
     for name, body in bodies.items():
         own = slice(at, at + body.C.shape[0])
@@ -89,8 +89,7 @@ def stored(bodies: Mapping[str, BodyModel]) -> dict[str, Any]:
     }
 
 
-def _lower(matrix: csc_matrix) -> list[float]:
-    dense = matrix.toarray()
+def _lower(dense: FloatArray) -> list[float]:
     return [float(v) for v in dense[np.tril_indices(len(dense))]]
 
 

@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import block_diag, csc_matrix, diags_array
 
-from simulators.plant.body import BodyModel, FloatArray
+from simulators.plant.body import BodyModel, FloatArray, Matrix
 from talc.names import THERMAL_ERRORS
 
 ZONES = ("left", "right", "front", "rear", "high", "ground")
@@ -21,12 +20,12 @@ class Joined:
     places: Mapping[str, FloatArray]
     """(n,) rows that give the mean temperature of a patch or node"""
     points: Mapping[str, FloatArray]
-    C: csc_matrix
-    K: csc_matrix
+    C: Matrix
+    K: Matrix
     """symmetric"""
     outside: FloatArray
     """(n, z) W/K"""
-    films: tuple[csc_matrix, ...]
+    films: tuple[Matrix, ...]
     """in the order of FAMILIES; all but the coolant's one-way `flow` symmetric"""
     heat_to: FloatArray
     """(n, s) J/s in each coordinate for 1 W of each source"""
@@ -38,18 +37,46 @@ class Joined:
     """(n,) µm/K of the shaft against the housing's front face"""
 
 
+class Sum(Protocol):
+    """A matrix (n, n) that is added up, starting at zero; dense or sparse."""
+
+    def __init__(self, n: int) -> None: ...
+    def block(self, at: int, matrix: Matrix, weight: float) -> None:
+        """Add weight * matrix from row and column `at` on."""
+
+    def outer(self, left: FloatArray, right: FloatArray, weight: float) -> None:
+        """Add weight * left right'."""
+
+    def matrix(self) -> Matrix: ...
+
+
+class DenseSum:
+    """For reduced bodies."""
+
+    def __init__(self, n: int) -> None:
+        self._total = np.zeros((n, n))
+
+    def block(self, at: int, matrix: Matrix, weight: float) -> None:
+        self._total[at : at + len(matrix), at : at + len(matrix)] += weight * matrix
+
+    def outer(self, left: FloatArray, right: FloatArray, weight: float) -> None:
+        self._total += weight * np.outer(left, right)
+
+    def matrix(self) -> FloatArray:
+        return self._total
+
+
 class _Joiner:
-    """Places in the joint vector, and matrices that are summed up."""
+    """Where each place is in the joint vector."""
 
     def __init__(self, table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> None:
         self.bodies, self.nodes = bodies, tuple(table["node"])
         self.start, count = {}, 0
         for name, body in bodies.items():
             self.start[name] = count
-            count += body.C.shape[0]
-        self.first_node, self.n = count, count + len(self.nodes)
-        self.K = csc_matrix((self.n, self.n))
-        self.outside = np.zeros((self.n, len(ZONES)))
+            count += body.even.size
+        self.n = count + len(self.nodes)
+        self._first_node = count
 
     def spread(self, body: str, row: FloatArray) -> FloatArray:
         whole = np.zeros(self.n)
@@ -60,7 +87,7 @@ class _Joiner:
         """(n,) row of a mean temperature. ValueError if there is no such patch or node."""
         if name in self.nodes:
             whole = np.zeros(self.n)
-            whole[self.first_node + self.nodes.index(name)] = 1.0
+            whole[self._first_node + self.nodes.index(name)] = 1.0
             return whole
         body = name.split(".")[0]
         if body not in self.bodies or name not in self.bodies[body].faces:
@@ -68,67 +95,65 @@ class _Joiner:
         face = self.bodies[body].faces[name]
         return self.spread(body, face.g / face.area)
 
-    def between(self, first: str, second: str, row: Mapping[str, Any], where: str) -> csc_matrix:
-        """(n, n) symmetric, positive semidefinite: heat between two places of the vector."""
-        a, b = csc_matrix(self.place(first, where)), csc_matrix(self.place(second, where))
+    def between(self, total: Sum, first: str, second: str, row: Mapping[str, Any], where: str) -> None:
+        """Add what lets heat flow between two places: symmetric, positive semidefinite."""
+        a, b = self.place(first, where), self.place(second, where)
         if "G_W_K" in row:
-            apart = a - b
-            return csc_matrix(row["G_W_K"] * (apart.T @ apart))
+            total.outer(a - b, a - b, row["G_W_K"])
+            return
         if first in self.nodes or second not in self.nodes:
             raise ValueError(f"{where}: a film needs 'patch - node' or 'patch - zone'")
         body, h = first.split(".")[0], row["h_W_m2K"] * row.get("share", 1.0)
-        face, at = self.bodies[body].faces[first], self.start[body]
+        face = self.bodies[body].faces[first]
         # sum h (T - T_node)^2 over the patch: H, the border -g, and the area on the node's diagonal.
-        before, after = at, self.n - at - face.H.shape[0]
-        own = block_diag([csc_matrix((before, before)), face.H, csc_matrix((after, after))])
-        cross = face.area * (a.T @ b)
-        return csc_matrix(h * (own - cross - cross.T + face.area * (b.T @ b)))
+        total.block(self.start[body], face.H, h)
+        total.outer(a, b, -h * face.area)
+        total.outer(b, a, -h * face.area)
+        total.outer(b, b, h * face.area)
 
-    def towards(self, place: str, zone: str, row: Mapping[str, Any], where: str) -> None:
-        """A film towards a zone of the hall."""
-        column = ZONES.index(zone)
+    def towards(self, total: Sum, place: str, row: Mapping[str, Any], where: str) -> FloatArray:
+        """Add a film towards a zone of the hall; (n,) W/K of that zone."""
+        mean = self.place(place, where)
         if place in self.nodes:
             conductance = row["h_W_m2K"] * row["area_m2"]
-            unit = csc_matrix(self.place(place, where))
-            self.K = self.K + conductance * (unit.T @ unit)
-            self.outside[:, column] += conductance * self.place(place, where)
-            return
-        self.place(place, where)
+            total.outer(mean, mean, conductance)
+            return np.asarray(conductance * mean, dtype=np.float64)
         body, h = place.split(".")[0], row["h_W_m2K"] * row.get("share", 1.0)
-        face, at = self.bodies[body].faces[place], self.start[body]
-        after = self.n - at - face.H.shape[0]
-        self.K = self.K + h * block_diag([csc_matrix((at, at)), face.H, csc_matrix((after, after))])
-        self.outside[:, column] += h * self.spread(body, face.g)
+        face = self.bodies[body].faces[place]
+        total.block(self.start[body], face.H, h)
+        return np.asarray(h * self.spread(body, face.g), dtype=np.float64)
 
 
-def join(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> Joined:
-    """The network of `table` over `bodies`. ValueError names an entry that cannot be."""
+def join(table: Mapping[str, Any], bodies: Mapping[str, BodyModel], kind: type[Sum] = DenseSum) -> Joined:
+    """The network of `table` over `bodies`; `kind` sums up their matrices. ValueError names an entry that cannot be."""
     j = _Joiner(table, bodies)
-    masses = [row["mass_kg"] * row["c_J_kgK"] for row in table["node"].values()]
-    lumps = csc_matrix((len(masses), len(masses)))
-    j.K = csc_matrix(block_diag([body.K for body in bodies.values()] + [lumps]))
+    storage, rate, films = kind(j.n), kind(j.n), [kind(j.n) for _ in FAMILIES]
+    outside = np.zeros((j.n, len(ZONES)))
+    for name, body in bodies.items():
+        storage.block(j.start[name], body.C, 1.0)
+        rate.block(j.start[name], body.K, 1.0)
+    for name, row in table["node"].items():
+        storage.outer(j.place(name, "node"), j.place(name, "node"), row["mass_kg"] * row["c_J_kgK"])
     for pair, row in table["conduction"].items():
         first, second = _ends(pair, "conduction")
-        j.K = j.K + j.between(first, second, row, f"conduction {pair!r}")
+        j.between(rate, first, second, row, f"conduction {pair!r}")
     for pair, row in table["air"].items():
         first, second = _ends(pair, "air")
         if second in ZONES:
-            j.towards(first, second, row, f"air {pair!r}")
+            outside[:, ZONES.index(second)] += j.towards(rate, first, row, f"air {pair!r}")
         else:
-            j.K = j.K + j.between(first, second, row, f"air {pair!r}")
-    films = [csc_matrix((j.n, j.n)) for _ in FAMILIES]
+            j.between(rate, first, second, row, f"air {pair!r}")
     for pair, row in table["film"].items():
         first, second = _ends(pair, "film")
-        k = FAMILIES.index(row["family"])
-        films[k] = films[k] + j.between(first, second, row, f"film {pair!r}")
-    rate, path = table["flow"]["rate_W_K"], table["flow"]["path"]
+        j.between(films[FAMILIES.index(row["family"])], first, second, row, f"film {pair!r}")
+    carried, path = table["flow"]["rate_W_K"], table["flow"]["path"]
     for before, after in zip([path[-1], *path], path, strict=False):
-        here, there = csc_matrix(j.place(after, "flow.path")), csc_matrix(j.place(before, "flow.path"))
-        films[0] = films[0] + rate * (here.T @ (here - there))
+        here, there = j.place(after, "flow.path"), j.place(before, "flow.path")
+        films[FAMILIES.index("flow")].outer(here, here - there, carried)
     alpha = {name: row["alpha"] for name, row in table["expansion"].items()}
     elastic = np.zeros((len(THERMAL_ERRORS) + 1, j.n))
     for name, body in bodies.items():
-        elastic[:, j.start[name] : j.start[name] + body.C.shape[0]] = alpha[name] * body.elastic
+        elastic[:, j.start[name] : j.start[name] + body.even.size] = alpha[name] * body.elastic
     shaft = alpha["shaft"] * table["tool"]["shaft_m"] * j.place("sp_shaft", "tool")
     elastic[THERMAL_ERRORS.index("EZ0A")] += shaft
     post = alpha["artefact"] * table["tool"]["artefact_m"] * j.place("table.top", "tool")
@@ -137,12 +162,12 @@ def join(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> Joined:
     return Joined(
         places={name: j.place(name, "places") for name in places},
         points={name: j.spread(body, row) for body, m in bodies.items() for name, row in m.points.items()},
-        C=csc_matrix(block_diag([body.C for body in bodies.values()] + [diags_array(np.array(masses, dtype=float))])),
-        K=csc_matrix(j.K),
-        outside=j.outside,
-        films=tuple(csc_matrix(film) for film in films),
+        C=storage.matrix(),
+        K=rate.matrix(),
+        outside=outside,
+        films=tuple(film.matrix() for film in films),
         heat_to=np.column_stack([_shares(j, name, row["to"]) for name, row in table["heat"].items()]),
-        even=np.concatenate([*(body.even for body in bodies.values()), np.ones(len(masses))]),
+        even=np.concatenate([*(body.even for body in bodies.values()), np.ones(len(j.nodes))]),
         elastic=elastic[:-1],
         growth=elastic[-1] + shaft,
     )

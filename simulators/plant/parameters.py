@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, eye_array
 
 from simulators.plant.body import BodyModel, Face, FloatArray
 from simulators.plant.joined import ZONES, join
@@ -101,7 +100,7 @@ def reduced(name: str) -> dict[str, BodyModel]:
     for body, row in stored.items():
         n = len(row["even"])
         bodies[body] = BodyModel(
-            C=csc_matrix(eye_array(n)),
+            C=np.eye(n),
             K=_symmetric(row["K"], n),
             faces={
                 patch: Face(_symmetric(f["H"], n), np.array(f["g"]), f["area"]) for patch, f in row["faces"].items()
@@ -134,10 +133,10 @@ def assemble(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> Param
                 raise ValueError(f"sensor.{channel}: no point, node or zone {place!r}")
     return Parameters(
         places=joined.places,
-        capacity=np.asarray(joined.C.diagonal(), dtype=np.float64),
-        conductance=joined.K.toarray(),
+        capacity=np.diag(joined.C).copy(),
+        conductance=joined.K,
         outside=joined.outside,
-        films=np.array([film.toarray() for film in joined.films]),
+        films=np.array(joined.films),
         laws=tuple(laws),
         heat_to=joined.heat_to,
         channels=tuple(sensors),
@@ -153,7 +152,7 @@ def assemble(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> Param
     )
 
 
-def _symmetric(lower: list[float], n: int) -> csc_matrix:
+def _symmetric(lower: list[float], n: int) -> FloatArray:
     dense = np.zeros((n, n))
     dense[np.tril_indices(n)] = lower
-    return csc_matrix(dense + np.tril(dense, -1).T)
+    return dense + np.tril(dense, -1).T

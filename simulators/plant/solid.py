@@ -4,11 +4,11 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import block_diag, csc_matrix
 from skfem import Basis, BilinearForm, ElementHex2, FacetBasis, LinearForm, MeshHex
 from skfem.helpers import dot, grad
 
-from simulators.plant.body import BodyModel, Face
+from simulators.plant.body import BodyModel, Face, FloatArray
 from simulators.plant.elastic import elastic_rows
 from simulators.plant.shape import Shape, inside
 
@@ -66,3 +66,24 @@ def conduction(shape: Shape, name: str, cells: MeshHex) -> BodyModel:
         even=np.ones(heat.N),
         elastic=np.zeros((0, heat.N)),
     )
+
+
+class SparseSum:
+    """A sparse matrix that is added up, for `join` over whole bodies."""
+
+    def __init__(self, n: int) -> None:
+        self._n, self._total = n, csc_matrix((n, n))
+
+    def block(self, at: int, matrix: csc_matrix, weight: float) -> None:
+        """Add weight * matrix from row and column `at` on."""
+        after = self._n - at - matrix.shape[0]
+        padded = block_diag([csc_matrix((at, at)), matrix, csc_matrix((after, after))])
+        self._total = csc_matrix(self._total + weight * padded)
+
+    def outer(self, left: FloatArray, right: FloatArray, weight: float) -> None:
+        """Add weight * left right'."""
+        self._total = csc_matrix(self._total + weight * (csc_matrix(left).T @ csc_matrix(right)))
+
+    def matrix(self) -> csc_matrix:
+        """The sum."""
+        return self._total

@@ -16,7 +16,7 @@ from simulators.plant.generate import basis as chosen_basis
 from simulators.plant.joined import Joined, join
 from simulators.plant.parameters import reduced, tables
 from simulators.plant.shape import Body, Joint, Shape, read
-from simulators.plant.solid import assemble, conduction, mesh
+from simulators.plant.solid import SparseSum, assemble, conduction, mesh
 from talc.names import THERMAL_ERRORS
 
 LENGTH, SIDE, K, RHO_C = 1.0, 0.1, 50.0, 3.6e6
@@ -137,7 +137,7 @@ def follow(joined: Joined) -> FloatArray:
 @pytest.fixture(scope="module")
 def exact() -> FloatArray:
     """What the whole model does."""
-    return follow(join(tables().machine, assemble(read())))
+    return follow(join(tables().machine, assemble(read()), SparseSum))
 
 
 @pytest.mark.slow
@@ -153,7 +153,7 @@ def test_reduced_machine_follows_the_whole_one(exact: FloatArray) -> None:
 @pytest.mark.slow
 def test_a_coarser_mesh_tells_nearly_the_same(exact: FloatArray) -> None:
     coarse = assemble(read(), coarser=4.0)  # 900 instead of 1400 cells; edges of faces are lines of every mesh
-    other = follow(join(tables().machine, coarse))
+    other = follow(join(tables().machine, coarse, SparseSum))
     assert (np.sqrt(np.mean((other - exact) ** 2, axis=0)) < 0.03 * np.ptp(exact, axis=0) + 0.05).all()
 
 
