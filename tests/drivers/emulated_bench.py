@@ -99,9 +99,8 @@ def day() -> LoadCase:
     return LoadCase(blocks, operation_s=40.0)
 
 
-def wired(url: str) -> SinumerikSettings:
+def wired(plain: SinumerikSettings) -> SinumerikSettings:
     """With the bits that the emulated control's machine builder has wired."""
-    plain = SinumerikSettings(url=url)
     states = {**plain.state_sources, "coolant": Source(COOLANT)}
     return replace(plain, paths=replace(plain.paths, probe_in_spindle=PROBE_IN_SPINDLE), states=states)
 
@@ -111,7 +110,7 @@ async def sinumerik_bench(users: dict[str, User] | None = None, noise_um: float 
     clock, plant = ManualClock(), Plant()
     control = EmulatedControl(plant, clock, day(), cycle=CycleSettings(noise_um=noise_um), users=users)
     url = await control.start()
-    nc = Sinumerik(wired(url), clock)
+    nc = Sinumerik(wired(SinumerikSettings(url=url)), clock)
     try:
         if users is None:
             await nc.connect()

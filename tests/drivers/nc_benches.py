@@ -21,6 +21,8 @@ from simulators.nc import Nck
 from tests.drivers import linuxcnc_bench
 from tests.drivers.emulated_bench import ManualClock, Plant, day, sinumerik_bench, wired
 from tests.drivers.in_process_nc import InProcess
+from tests.drivers.node_opcua_site import secured
+from tests.drivers.npm_peer import node_with, running
 
 _NO_SAFE_POINT_S = 10.0
 """Well within an operation of the emulated control's program."""
@@ -138,6 +140,38 @@ class LinuxCncBench(NcBench):
         await self._bench.operator.ask("hal", "setp", "talc.may-start", "1")
 
 
+class NodeOpcuaBench(NcBench):
+    """Our driver with another maker's OPC UA stack, which has a part program and a watchdog of its own."""
+
+    def __init__(self, process: asyncio.subprocess.Process, settings: SinumerikSettings) -> None:
+        self._process, self._settings = process, settings
+        self.working = {"spindle_speed": 8000.0, "coolant": 1.0, "speed_X": 720.0, "speed_C": 2.0}
+        self.nc = self.another()
+
+    def another(self) -> NumericalControl:
+        return Sinumerik(self._settings, SystemClock())
+
+    async def wait(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+
+    async def work(self) -> None:
+        """It always does."""
+
+    async def stop(self) -> None:
+        await self._tell("alarm 3000")
+
+    async def switch_on(self) -> None:
+        await self._tell("clear")
+
+    async def allow_probing(self) -> None:
+        await self._tell("allow")
+
+    async def _tell(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(line.encode() + b"\n")
+        await self._process.stdin.drain()
+
+
 Opened = AbstractAsyncContextManager[NcBench]
 
 
@@ -155,7 +189,9 @@ def sinumerik(compensation: Compensation, subscribe_s: float = 0.0) -> Callable[
     @asynccontextmanager
     async def opened(_: Path) -> AsyncIterator[NcBench]:
         async with sinumerik_bench() as inner:
-            settings: SinumerikSettings = replace(wired(inner.url), compensation=compensation, subscribe_s=subscribe_s)
+            settings: SinumerikSettings = replace(
+                wired(SinumerikSettings(url=inner.url)), compensation=compensation, subscribe_s=subscribe_s
+            )
             kind = SinumerikWithSlopes if compensation.route == "k0_slope" else Sinumerik
             bench = EmulatedBench(inner.control.nck, inner.clock, lambda: kind(settings, inner.clock))
             await bench.nc.connect()
@@ -176,12 +212,25 @@ async def linuxcnc(folder: Path) -> AsyncIterator[NcBench]:
         yield LinuxCncBench(inner)
 
 
+@asynccontextmanager
+async def node_opcua(folder: Path) -> AsyncIterator[NcBench]:
+    node, site = node_with("node_opcua", "node-opcua"), await secured(folder, "gateway")
+    async with running(node, "node_opcua/server.js", *site.arguments, slow=True) as (url, process):
+        bench = NodeOpcuaBench(process, wired(site.settings(url, subscribe_s=0.05)))
+        await bench.nc.connect()
+        try:
+            yield bench
+        finally:
+            await bench.nc.close()
+
+
 TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
 BENCHES: dict[str, Callable[[Path], Opened]] = {
     "in_process": in_process,
     "sinumerik": sinumerik(Compensation()),
     "sinumerik_told_and_by_r": sinumerik(Compensation(route="r"), subscribe_s=0.05),
     "sinumerik_slopes": sinumerik(Compensation(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 0, "YX": 2})),
+    "sinumerik_encrypted_by_node_opcua": node_opcua,
     "linuxcnc": linuxcnc,
 }
-NEEDS_DEBIAN = {"linuxcnc"}
+NEEDS_DEBIAN = {"sinumerik_encrypted_by_node_opcua", "linuxcnc"}

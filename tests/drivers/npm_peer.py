@@ -4,6 +4,7 @@ Needs Debian's nodejs and npm; the first run fetches the locked packages into th
 """
 
 import asyncio
+import os
 import shutil
 import subprocess
 from collections.abc import AsyncIterator
@@ -27,7 +28,7 @@ def node_with(peer: str, package: str) -> str:
 
 @asynccontextmanager
 async def running(
-    node: str, script: str, *arguments: Path | int
+    node: str, script: str, *arguments: Path | int, slow: bool = False
 ) -> AsyncIterator[tuple[str, asyncio.subprocess.Process]]:
     """A peer's program, from the line in which it says where it listens until its standard input ends."""
     process = await asyncio.create_subprocess_exec(
@@ -37,6 +38,7 @@ async def running(
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,
+        env=os.environ | ({"SLOW": "1"} if slow else {}),
     )
     assert process.stdin is not None
     assert process.stdout is not None

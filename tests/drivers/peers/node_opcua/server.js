@@ -1,12 +1,16 @@
 // A control with SINUMERIK's names on another maker's OPC UA stack, with its own small part program.
 // Usage: node server.js <pki folder> [<certificate.pem> <key.pem> <trusted client.der>]
-// Prints its URL, then serves until its standard input ends.
+// Prints its URL, then serves until its standard input ends. Lines that it takes there: `allow` (the program reaches safe
+// points from now on), `alarm <number>`, `clear`. SLOW=1 in the environment: none before `allow`, and cycles of half a second.
 "use strict";
 const fs = require("fs");
+const readline = require("readline");
 const opcua = require("node-opcua");
 
 const [folder, certificateFile, privateKeyFile, trusted] = process.argv.slice(2);
 const AXES = { 1: 10.5, 2: -20.25, 3: 150.0, 4: 30.0, 5: 270.0 };
+
+const CENTRES = [[120, 0, 80], [0, 120, 80], [-120, 0, 80], [0, -120, 80], [120, -80, 0], [120, 80, 0]];
 
 async function main() {
   const certificates = new opcua.OPCUACertificateManager({ rootFolder: folder, automaticallyAcceptUnknownCertificate: false });
@@ -49,17 +53,59 @@ async function main() {
     });
   }
 
-  function probe(number) {
+  const k0 = [0.0, 0.0, 0.0];
+  const slow = process.env.SLOW === "1";
+  let allowed = !slow, alarm = 0, waiting = 0, began = 0, heard = 0, ticked = Date.now();
+
+  function answer(state, reason) {
+    r[66] = reason;
+    r[65] = state;
+    if (state > 2) began = 0;
+  }
+
+  function safePoint() {
+    if (!waiting || began) return;
+    const reason = alarm ? 1 : r[61] === waiting ? 4 : 0;
+    if (!reason && !allowed) return;
     r[65] = 0;
     r[67] = 0;
-    r[64] = number;
-    r[65] = 1;
-    setTimeout(() => { r[65] = 2; }, 30);
-    setTimeout(() => {
-      for (let i = 0; i < 18; i++) r[70 + i] = number + i / 1000;
-      r[67] = number;
-      r[65] = 3;
-    }, 80);
+    r[64] = waiting;
+    waiting = 0;
+    if (reason) return answer(4, reason);
+    began = Date.now();
+    answer(1, 0);
+  }
+
+  function cycle(now) {
+    if (!began) return;
+    if (alarm) return answer(5, 1);
+    if (r[61] === r[64]) return answer(5, 4);
+    if (r[65] === 1 && now - began > 30) answer(2, 0);
+    if (r[65] === 2 && now - began > (slow ? 500 : 80)) {
+      CENTRES.flat().forEach((value, i) => { r[70 + i] = value + r[64] * 1e-4; });
+      r[67] = r[64];
+      answer(3, 0);
+    }
+  }
+
+  function watchdog(now) {
+    const passed = (now - ticked) / 1000;
+    ticked = now;
+    if (r[96] === 1 && (r[93] === 0 || now - heard > r[95] * 1000)) r[96] = 2;
+    if (r[96] !== 2) return;
+    for (const i of [0, 1, 2]) k0[i] -= Math.sign(k0[i]) * Math.min(Math.abs(k0[i]), passed * r[97]);
+  }
+
+  setInterval(() => { const now = Date.now(); safePoint(); cycle(now); watchdog(now); }, 5);
+
+  function written(n, value) {
+    const other = r[n] !== value;
+    r[n] = value;
+    if (n === 60 && value > 0 && value !== r[64]) waiting = value;
+    if (n === 94 && other) {
+      heard = Date.now();
+      if (r[93] > 0) r[96] = 1;
+    }
   }
 
   for (const [n, position] of Object.entries(AXES)) {
@@ -71,25 +117,26 @@ async function main() {
   show("/Plc/M120.1", "Boolean", () => r[65] === 2);
   show("/Bag/State/opMode[u1]", "UInt16", () => 2);
   show("/Channel/State/progStatus[u1]", "UInt16", () => 3);
-  show("/Channel/State/actTNumber[u1]", "UInt16", () => r[99]);
-  for (const n of [1, 2, 3]) show(`/Nck/SequencedAlarms/textIndex[${n}]`, "UInt32", () => (n === 1 ? 4711 : 0));
+  show("/Channel/State/actTNumber[u1]", "UInt16", () => 5);
+  for (const n of [1, 2, 3]) show(`/Nck/SequencedAlarms/textIndex[${n}]`, "UInt32", () => (n === 1 ? alarm : 0));
   for (let n = 0; n < 100; n++) {
-    show(`/Channel/Parameter/R[u1,${n}]`, "Double", () => r[n], (value) => {
-      r[n] = value;
-      if (n === 60) probe(value);
-    });
+    show(`/Channel/Parameter/R[u1,${n}]`, "Double", () => r[n], (value) => written(n, value));
   }
   for (const n of [1, 2, 3]) {
-    let k0 = 0.0;
-    const writable = (value) => { k0 = value; };
-    show(`/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u${n}]`, "Double", () => k0, writable);
+    const writable = (value) => { k0[n - 1] = value; };
+    show(`/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u${n}]`, "Double", () => k0[n - 1], writable);
     show(`/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u${n}]`, "Double", () => 0.0);
     show(`/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_REF_POSITION[u${n}]`, "Double", () => 0.0);
   }
 
   await server.start();
   process.stdout.write(`listening on opc.tcp://127.0.0.1:${server.endpoints[0].port}\n`);
-  process.stdin.resume();
+  readline.createInterface({ input: process.stdin }).on("line", (line) => {
+    const [word, number] = line.split(" ");
+    if (word === "allow") allowed = true;
+    if (word === "alarm") alarm = Number(number);
+    if (word === "clear") alarm = 0;
+  });
   process.stdin.on("end", async () => {
     await server.shutdown(0);
     process.exit(0);
