@@ -246,7 +246,7 @@ class SinumerikSettings(OpcUaSettings):
     def _check_r_parameters(self) -> None:
         """No number below 0, and none with two meanings."""
         meaning: dict[int, str] = {}
-        for name, number in self._r_numbers():
+        for name, number in self.r_numbers():
             if number < 0:
                 raise SetupError(f"{name} = {number}: expected the number of an R-parameter, 0 or more")
             if number in meaning:
@@ -255,7 +255,8 @@ class SinumerikSettings(OpcUaSettings):
                 )
             meaning[number] = name
 
-    def _r_numbers(self) -> Iterator[tuple[str, int]]:
+    def r_numbers(self) -> Iterator[tuple[str, int]]:
+        """Every R-parameter in use, with what it is for; a field of several gives several."""
         for group in ("handshake", "lease"):
             section = getattr(self, group)
             for item in fields(section):

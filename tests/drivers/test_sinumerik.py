@@ -1,6 +1,7 @@
 """The driver and the emulated control in detail: what the contract of all controls (test_contract_nc) leaves open."""
 
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,11 @@ import pytest
 from drivers.base import ConnectError, DriverError, Refused
 from drivers.nc import OperatingMode, ProbingState
 from drivers.sinumerik import Sinumerik
-from drivers.sinumerik_settings import SinumerikSettings
+from drivers.sinumerik_settings import Handshake, SinumerikSettings
 from simulators.nc import User
 from simulators.nc.nck import JOG
 from simulators.nc.variables import Right
-from tests.drivers.emulated_bench import POSES, Bench, ManualClock, expected_deviation_um, sinumerik_bench
+from tests.drivers.emulated_bench import POSES, Bench, ManualClock, expected_deviation_um, sinumerik_bench, wired
 
 
 @pytest.fixture
@@ -241,3 +242,18 @@ async def test_a_wrong_password_and_no_user_are_refused(tmp_path: Path) -> None:
             await wrong.connect()
         with pytest.raises(Refused, match="anonymous"):
             await bench.nc.connect()
+
+
+async def test_a_request_that_finds_no_safe_point_in_its_time_is_refused_and_never_begun(bench: Bench) -> None:
+    hurried = replace(wired(SinumerikSettings(url=bench.url)), handshake=Handshake(request_valid_for_s=20.0))
+    nc = Sinumerik(hurried, bench.clock)
+    await nc.connect()
+    bench.clock.move_to(50.0)  # safe points at 80, 120, ...
+    await nc.request_probing(5)
+    bench.clock.move_to(69.0)
+    assert (await nc.probing_status(5)).state is ProbingState.REQUESTED
+    bench.clock.move_to(200.0)
+    status = await nc.probing_status(5)
+    assert (status.state, status.reason) == (ProbingState.REFUSED, "no safe point before the request expired")
+    assert bench.plant.asked_at_s == []
+    await nc.close()

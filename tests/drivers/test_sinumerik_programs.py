@@ -10,12 +10,15 @@ import pytest
 
 from drivers.nc import LINEAR_AXES, ProbingState
 from drivers.sinumerik import PROBING_STATES, REASONS
-from drivers.sinumerik_settings import Handshake, Lease, SinumerikSettings
+from drivers.sinumerik_settings import Compensation, Handshake, Lease, SinumerikSettings
+from gateway.config.sections import Probing
+from simulators.nc.cycle import CycleSettings
 from simulators.nc.nck import CEC_TABLES
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "nc" / "sinumerik"
 PROGRAMS = sorted(FOLDER.glob("*.SPF"))
 HAND, LEASE = Handshake(), Lease()
+SETTINGS = SinumerikSettings(url="opc.tcp://nc")
 
 
 def statements(name: str) -> list[str]:
@@ -118,3 +121,61 @@ def test_on_silence_every_slope_and_weight_goes_to_zero_from_either_side() -> No
 def test_no_synchronised_action_has_two_meanings() -> None:
     numbers = [n for p in PROGRAMS for line in statements(p.name) for n in re.findall(r"^IDS=(\d+) ", line)]
     assert len(numbers) == len(set(numbers)) == 27
+
+
+REFERENCE = re.compile(r"(?<![A-Z$_\d])\$?R(?:(\d+)|\[(\d+)(?: \+ 3 \* POSE)?\])")
+WRITTEN = re.compile(r"(?<![<>=(])(?<![A-Z$_\d])\$?R(?:(\d+)|\[(\d+)(?: \+ 3 \* POSE)?\]) = ")
+"""An R-parameter on the left of an assignment, at the start of a line or after DO."""
+
+
+def numbers(pattern: re.Pattern[str], program: Path) -> set[int]:
+    """R-parameters that a program uses, or sets, results of all poses included."""
+    found = {int(a or b) for line in statements(program.name) for a, b in pattern.findall(line)}
+    firsts = {n for n in found if n in range(HAND.results, HAND.results + 3)}
+    return found | {first + 3 * pose for first in firsts for pose in range(SETTINGS.poses)}
+
+
+def test_programs_use_the_r_parameters_of_the_settings_and_no_others() -> None:
+    meant = {number: name for name, number in SETTINGS.r_numbers()}
+    offsets = SinumerikSettings(url="opc.tcp://nc", compensation=Compensation(route="r"))
+    meant |= {number: name for name, number in offsets.r_numbers()}
+    used = set().union(*(numbers(REFERENCE, program) for program in PROGRAMS))
+    assert used == set(meant), "R-parameters that one side knows and the other does not"
+
+
+def test_what_the_gateway_writes_no_program_writes_but_at_power_on() -> None:
+    gateways = {HAND.request, HAND.withdraw, HAND.valid_for, LEASE.owner, LEASE.beat, LEASE.silence, LEASE.ramp}
+    gateways |= {LEASE.slope_ramp, *(Compensation().first_r + i for i in range(3))}
+    controls = {HAND.answers, HAND.state, HAND.reason, HAND.result_of, HAND.spread, LEASE.state}
+    controls |= set(range(HAND.results, HAND.results + 3 * SETTINGS.poses))
+    at_power_on = {"TALC_START.SPF", "TALC_SLOPES.SPF"}
+    written = set()
+    for program in PROGRAMS:
+        sets = numbers(WRITTEN, program)
+        written |= sets
+        if program.name in at_power_on:
+            assert sets <= gateways | controls
+            reset = {n for line in statements(program.name) for n in re.findall(r"R\[(\d+)\] = 0", line)}
+            assert {str(n) for n in sets & gateways} <= reset, "to zero and to nothing else"
+        else:
+            assert sets <= controls
+    assert controls <= written
+
+
+def test_poses_are_those_of_the_configuration_and_of_the_emulated_control() -> None:
+    text = (FOLDER / "TALC_GUD.DEF").read_text()
+    a, c = (
+        [float(value) for value in re.search(rf"TALC_{axis}\[6\] = SET\(([^)]*)\)", text)[1].split(",")]  # type: ignore[index]
+        for axis in "AC"
+    )
+    assert list(zip(a, c, strict=True)) == list(Probing().poses_deg) == list(CycleSettings().poses_deg)
+
+
+def test_the_page_and_the_programs_speak_of_the_same_parameters() -> None:
+    """docs/nc.md is what somebody reads who writes such programs for another control."""
+    page = (FOLDER.parents[2] / "docs" / "nc.md").read_text()
+    for name, number in SETTINGS.r_numbers():
+        if not name.startswith("handshake.results"):
+            assert re.search(rf"^\| R{number} \|", page, re.MULTILINE), f"{name} = R{number}"
+    last = HAND.results + 3 * SETTINGS.poses - 1
+    assert f"| R{HAND.results}–R{last} |" in page
