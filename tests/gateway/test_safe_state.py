@@ -112,6 +112,18 @@ async def test_without_a_prediction_to_rest_on_it_goes_where_declared(
         bench.assert_never_stepped()
 
 
+@pytest.mark.parametrize(("when_stale", "left"), [("zero", 0.0), ("hold", 6.0)])
+async def test_before_the_first_decision_it_goes_where_declared(when_stale: str, left: float, tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        bench.control.nck.write_k0(2, -0.006, 0.0)  # as an earlier run left it
+        async with bench.running(bench.link(when_stale=when_stale)):
+            await bench.clock.run_until(12.0)
+        assert bench.writes[-1].step.source is Source.NO_MODEL
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, left))
+        heights = [1e3 * entry.values_mm[2] for entry in bench.control.nck.log]
+        assert np.abs(np.diff(heights)).max(initial=0.0) <= 1.0 + 1e-6
+
+
 async def test_an_input_that_comes_back_in_time_changes_nothing(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
         for step in range(4):  # missing every other step, 20 s at the longest

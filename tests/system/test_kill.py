@@ -1,0 +1,215 @@
+"""The whole gateway, killed at random moments while it compensates: what the control's own record shows.
+
+Real processes, real time, the real wire; only faster than on a machine: ten cycles a second, 20 µm/s.
+"""
+
+import asyncio
+import math
+import os
+import signal
+import sqlite3
+import sys
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base import SystemClock
+from gateway.clock import RealClock
+from gateway.config import GatewayConfig, load
+from gateway.store import Store
+from simulators.devices.adam6015 import Adam6015
+from simulators.devices.modbus_servers import TcpHost
+from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc.watchdog import R_BEAT, Logged
+from talc.control import Controller
+from talc.frame import Frame, Measurement
+from talc.training import train
+
+PERIOD_S, RATE_UM_PER_S, SILENCE_S, STEP_S = 0.1, 20.0, 0.6, 0.5
+BOUND_UM = (6.0, 6.0, 8.0)
+CALIBRATION = 200
+READY_S = 60.0
+TEXT = """
+[machine]
+name = "mill"
+[grid]
+step_s = {step}
+[storage]
+path = "gateway.sqlite"
+[telemetry]
+enabled = false
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = {modbus}
+period_s = 0.2
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+unit = 1
+[device.channels]
+column = 0
+table = 1
+[nc]
+kind = "sinumerik"
+url = "{nc}"
+security = "none"
+period_s = {period}
+[probing]
+lead_s = 0.0
+[compensation]
+mode = "compensate"
+bound_um = [6.0, 6.0, 8.0]
+slew_um_per_s = {rate}
+stale_after_s = 3.0
+watchdog_s = {silence}
+[talc.control]
+calibration_steps = {calibration}
+"""
+
+
+def temperatures(k: float) -> tuple[float, float]:
+    """Quick enough that every gateway has something to follow."""
+    return 22.0 + 8.0 * math.sin(k / 4.0), 22.0 + 6.0 * math.sin(k / 5.5 + 1.0)
+
+
+class Still:
+    """A machine that does not deform."""
+
+    def tool_deviation_um(self, *_: float) -> tuple[float, float, float]:
+        return 0.0, 0.0, 0.0
+
+
+def calibrated(config: GatewayConfig) -> None:
+    """A store as a calibration that ended just now leaves it: EZ0A follows the column, EX0C the table."""
+    draw, controller = np.random.default_rng(2), Controller(config.input_names, config.talc)
+    first = math.floor(time.time() / STEP_S) - CALIBRATION - 1
+    with Store(config.storage.path, "calibration", SystemClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        for k in range(first, first + CALIBRATION):
+            column, table = temperatures(k)
+            errors = draw.normal(0.0, 0.05, 9)
+            errors[1] += 1.5 * (column - 22.0)
+            errors[2] += 1.5 * (table - 22.0)
+            frame = Frame(k, np.array([column, table]), np.ones(2, np.bool_), Measurement(errors, np.full(9, 0.1)))
+            made = controller.step(frame)
+            store.frame(frame)
+            store.decision(made)
+            if made.training is not None:
+                models = train(made.training)
+                controller.adopt(models)
+                store.models(models, k)
+    assert models.models[1] is not None
+    assert models.models[2] is not None
+
+
+def judged(log: Sequence[Logged]) -> None:
+    """No change at once by more than two periods' worth (what a late cycle may make up for), none beyond the bound,
+    and between any two moments no more than the rate allows and that."""
+    times = np.array([entry.time_s for entry in log])
+    values = np.array([entry.values_mm for entry in log]) * 1e3
+    most = 2 * RATE_UM_PER_S * PERIOD_S
+    assert (np.abs(values) <= np.array(BOUND_UM) + 1e-6).all()
+    gateway = np.array([not entry.ramped for entry in log])
+    change = np.abs(np.diff(values, axis=0, prepend=np.zeros((1, 3))))
+    assert change[gateway].max() <= most + 1e-6
+    for i in range(len(log)):
+        reach = RATE_UM_PER_S * (times[i:] - times[i]) + most + 1e-6
+        assert (np.abs(values[i:] - values[i]) <= reach[:, None]).all(), log[i]
+
+
+async def until(condition: Callable[[], bool], within_s: float) -> bool:
+    deadline = time.monotonic() + within_s
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        await asyncio.sleep(0.005)
+    return True
+
+
+async def killed(kills: int, control: EmulatedControl, start: Callable[[], Awaitable[int]]) -> int:
+    """Kill so many gateways, one after another; returns how many had moved the offsets when they died."""
+    draw, nck, moved = np.random.default_rng(kills), control.nck, 0
+    for number in range(kills):
+        beat, entries = nck.r[R_BEAT], len(nck.log)
+        pid = await start()
+        if number % 3:  # once it lives; the others while it starts
+            assert await until(lambda beat=beat: nck.r[R_BEAT] != beat, READY_S), "no gateway claimed the control"  # type: ignore[misc]
+        await asyncio.sleep(float(draw.uniform(0.0, 0.9)))
+        os.kill(pid, signal.SIGKILL)
+        control.now()
+        moved += any(not entry.ramped for entry in nck.log[entries:])
+        if number % 5 == 4:
+            await asyncio.sleep(float(draw.uniform(0.0, 2.0)))  # long enough for the watchdog, sometimes
+            control.now()
+    return moved
+
+
+@pytest.mark.parametrize("kills", [8, pytest.param(200, marks=pytest.mark.slow)])
+async def test_a_gateway_killed_at_any_moment_makes_no_step(kills: int, tmp_path: Path) -> None:
+    rest = LoadCase([Block(0.0, 1e12, Kind.PAUSE, Loads())])
+    control = EmulatedControl(Still(), RealClock(), rest, cycle=CycleSettings(noise_um=0.0))
+    host = TcpHost({1: Adam6015(lambda: [*temperatures(time.time() / STEP_S), 20.0, 20.0, 20.0, 20.0, 20.0])})
+    url, modbus = await control.start(), await host.start()
+    path = tmp_path / "gateway.toml"
+    path.write_text(
+        TEXT.format(
+            step=STEP_S, modbus=modbus, nc=url, period=PERIOD_S, rate=RATE_UM_PER_S, silence=SILENCE_S,
+            calibration=CALIBRATION,
+        )
+    )  # fmt: skip
+    config = load(path)
+    await asyncio.to_thread(calibrated, config)
+    with (tmp_path / "log").open("wb") as errors:
+        zygote = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "tests.system.gateways_to_kill", str(path)),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=errors,
+            cwd=Path(__file__).parents[2],
+        )
+    assert zygote.stdin is not None
+    assert zygote.stdout is not None
+    stdin, stdout = zygote.stdin, zygote.stdout
+
+    async def start() -> int:
+        stdin.write(b"start\n")
+        return int(await asyncio.wait_for(stdout.readline(), READY_S))
+
+    try:
+        moved = await killed(kills, control, start)
+        left = control.nck.log[-1].values_mm
+        # What the last one left goes to zero by itself.
+        assert await until(lambda: control.now() > 0 and not any(control.nck.k0_mm), SILENCE_S + 5.0), left
+    finally:
+        stdin.close()
+        await zygote.wait()
+        await host.stop()
+        await control.stop()
+        await asyncio.get_running_loop().shutdown_default_executor()
+    judged(control.nck.log)
+    print(f"{kills} kills, {moved} of them while offsets moved, {len(control.nck.log)} changes")
+    assert moved >= kills // 3
+    assert np.ptp([entry.values_mm[2] for entry in control.nck.log]) > 4e-3
+    assert any(entry.ramped for entry in control.nck.log)
+    with sqlite3.connect(config.storage.path) as connection:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    connection.close()
+
+
+@pytest.mark.parametrize(
+    "log",
+    [
+        [Logged(1.0, (0.0, 0.0, 0.0041), ramped=False)],
+        [Logged(1.0, (0.0, 0.0065, 0.0), ramped=True)],
+        [Logged(1.0 + 0.005 * i, (0.001 * i, 0.0, 0.0), ramped=False) for i in range(7)],
+    ],
+)
+def test_the_judge_can_find_a_step(log: list[Logged]) -> None:
+    with pytest.raises(AssertionError):
+        judged(log)
