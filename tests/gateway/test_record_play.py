@@ -28,7 +28,7 @@ from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import Fault
 from simulators.devices.spoil import Spoil
 
-TIMEOUT_S = 0.15
+TIMEOUT_S = 0.3
 BEGAN = datetime(2026, 11, 23, 8, tzinfo=UTC)
 
 

@@ -108,8 +108,8 @@ class Box:
 async def green(box: Box) -> None:
     """Two modules and a displacement sensor, all well."""
     await box.line({1: M7015(lambda: ROOM), 2: Pta8d08(lambda: [*ROOM, 21.3, 21.2])})
-    bauds = ("--baud", "9600", "--baud", "19200", "--protocol", "modbus_rtu")
-    await box.run("scan", "serial", "rs485", "--units", "1-4", *bauds, "--toml", "gateway.toml")
+    options = ("--protocol", "modbus_rtu", "--baud", "9600", "--baud", "19200", "--timeout", "0.4")
+    await box.run("scan", "serial", "rs485", "--units", "1-4", *options, "--toml", "gateway.toml")
     await box.run("probe", "gateway.toml")
 
 
@@ -123,7 +123,7 @@ async def silence(box: Box) -> None:
 async def speed(box: Box) -> None:
     """The same line, every speed tried."""
     await box.line({1: M7015(lambda: ROOM)}, baud=115200)
-    await box.run("scan", "serial", "rs485", "--units", "1-2", "--protocol", "modbus_rtu")
+    await box.run("scan", "serial", "rs485", "--units", "1-2", "--protocol", "modbus_rtu", "--timeout", "0.4")
 
 
 async def duplicate(box: Box) -> None:

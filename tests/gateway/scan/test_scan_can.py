@@ -44,7 +44,7 @@ async def bus(nodes: Sequence[CanNode], bitrate: int = 125_000) -> AsyncIterator
     path = await adapter.start()
     settings = CanOpenSettings(interface="slcan", channel=path)
     try:
-        yield adapter, CanScan(settings, (125_000,), range(1, 128), listen_s=0.1, wait_s=0.1)
+        yield adapter, CanScan(settings, (125_000,), range(1, 128), listen_s=0.1, wait_s=0.3)
     finally:
         await adapter.stop()
 

@@ -21,7 +21,7 @@ from simulators.devices.source import Fault
 from simulators.devices.voltage_input import VoltageInput
 from tests.gateway.command import talc_gateway
 
-TIMEOUT_S = 0.1
+TIMEOUT_S = 0.2
 SIX = [20.04, 21.26, -3.3, 40.0, 99.96, 22.22]
 EIGHT = [*SIX, 0.0, 94.96]
 
@@ -193,11 +193,11 @@ async def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> 
     file = tmp_path / "gateway.toml"
     async with line({1: M7015(lambda: SIX), 7: Pta8d08(lambda: EIGHT)}, baud=9600) as path:
         arguments = ("scan", "serial", path, "--units", "1-8", "--baud", "9600", "--protocol", "modbus_rtu")
-        done = await talc_gateway(*arguments, "--timeout", "0.05", "--toml", str(file))
+        done = await talc_gateway(*arguments, "--timeout", "0.3", "--toml", str(file))
         assert done.code == 0, done.err
-        again = await talc_gateway(*arguments, "--timeout", "0.05", "--toml", str(file))
+        again = await talc_gateway(*arguments, "--timeout", "0.3", "--toml", str(file))
         probed = await talc_gateway("probe", str(file))
-    assert "8 requests (modbus_rtu at 9600 8N1); at most 1 s when nobody answers" in done.err
+    assert "8 requests (modbus_rtu at 9600 8N1); at most 2 s when nobody answers" in done.err
     assert "2 answered, 2 recognised" in done.out
     config = load(file)
     assert [(d.unit, d.profile, len(d.channels)) for d in config.devices] == [

@@ -30,7 +30,7 @@ async def host(units: Mapping[int, ModbusUnit]) -> AsyncIterator[int]:
 
 async def scan(*ports: int, units: range = range(1, 4)) -> Report:
     hosts = tuple(("127.0.0.1", port) for port in ports)
-    return await scan_hosts(TcpScan(hosts, units, timeout_s=0.1), lambda *_: None, lambda: False)
+    return await scan_hosts(TcpScan(hosts, units, timeout_s=0.3), lambda *_: None, lambda: False)
 
 
 async def test_units_behind_one_host_are_recognised() -> None:
