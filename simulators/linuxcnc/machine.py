@@ -47,7 +47,7 @@ class Machine:
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self.process = process
 
-    async def ask(self, verb: str, *arguments: str | float) -> Any:
+    async def ask(self, verb: str, *arguments: str | list[float]) -> Any:
         """Raises RuntimeError with what the control said."""
         if self.process.stdin is None:
             raise RuntimeError("LinuxCNC's process has no pipes")
@@ -116,7 +116,7 @@ async def machine(
         (nc / "talc.key").write_text(key)
         (nc / "talc.key").chmod(0o600)
     if sphere:
-        _bring_plant(nc)
+        _bring_sphere(nc)
     (nc / "talc.ini").write_text(_with(changed, (nc / "talc.ini").read_text()))
     if tools is not None:
         (nc / "talc.tbl").write_text(tools)
@@ -157,13 +157,9 @@ def _with(changed: Mapping[str, object], ini: str) -> str:
     return ini
 
 
-def _bring_plant(nc: Path) -> None:
+def _bring_sphere(nc: Path) -> None:
     """What the sphere needs of our code, beside LinuxCNC's files: its Python is not ours and sees no other folder."""
     shutil.copy(_HERE / "sphere.hal", nc)
-    shutil.copytree(_ROOT / "simulators" / "plant", nc / "simulators" / "plant")
-    (nc / "simulators" / "linuxcnc").mkdir()
-    (nc / "talc").mkdir()
-    for name in ("simulators/__init__.py", "simulators/linuxcnc/__init__.py", "simulators/linuxcnc/sphere.py"):
-        shutil.copy(_ROOT / name, nc / name)
-    for name in ("talc/__init__.py", "talc/names.py"):
-        shutil.copy(_ROOT / name, nc / name)
+    (nc / "simulators" / "linuxcnc").mkdir(parents=True)
+    for name in ("__init__.py", "linuxcnc/__init__.py", "linuxcnc/sphere.py", "linuxcnc/chain.py"):
+        shutil.copy(_HERE.parent / name, nc / "simulators" / name)

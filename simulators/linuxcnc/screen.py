@@ -72,17 +72,11 @@ class Control:
             raise RuntimeError("no component talc")
         os.kill(int(listed[1]), signal.SIGKILL)
 
-    def warm(self, hours: float) -> None:
-        self._the_sphere().warm(hours)
-
-    def thermal_errors(self) -> list[float]:
-        errors: list[float] = self._the_sphere().errors()
-        return errors
-
-    def _the_sphere(self) -> Any:
+    def deform(self, errors: list[float]) -> None:
+        """From now on the sphere is off by these nine thermal errors."""
         if self.sphere is None:
             raise RuntimeError("this machine has no sphere")
-        return self.sphere
+        self.sphere.deform(errors)
 
     def estop(self) -> None:
         self.command.state(linuxcnc.STATE_ESTOP)
@@ -111,7 +105,7 @@ class Control:
 
 
 def _sphere() -> Any:
-    """With the sphere, tool and pivot of the INI file; the plant's code stands beside it."""
+    """With the sphere, tool and pivot of the INI file; its code stands beside this one."""
     sys.path.insert(0, str(Path.cwd()))
     from simulators.linuxcnc.sphere import Sphere
 
@@ -120,16 +114,13 @@ def _sphere() -> Any:
         float(talc.find("TALC", name)) for name in ("SPHERE_RADIUS", "SPHERE_HEIGHT", "PIVOT_X", "PIVOT_Y", "PIVOT_Z")
     )
     length = re.search(r"^T99 .*\bZ(\S+)", Path("talc.tbl").read_text(), re.MULTILINE)
-    sphere = Sphere(radius, height, [x, y, z + float(length[1] if length else 0)], seed=1)
+    sphere = Sphere(radius, height, [x, y, z + float(length[1] if length else 0)])
     subprocess.run(["halcmd", "-i", "talc.ini", "-f", "sphere.hal"], check=True)
     sphere.start()
     return sphere
 
 
-VERBS = (
-    *("switch_on", "home", "mdi", "run", "abort", "estop", "state", "hal", "kill_agent"),
-    *("warm", "thermal_errors"),
-)
+VERBS = ("switch_on", "home", "mdi", "run", "abort", "estop", "state", "hal", "kill_agent", "deform")
 
 
 def main() -> None:
