@@ -35,8 +35,9 @@ types: $(VENV)/.ready
 imports: $(VENV)/.ready
 	$(BIN)/lint-imports
 
-# Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them.
-TESTS ?= -m "not peer"
+# Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them,
+# and runs the slow ones too.
+TESTS ?= -n 2 -m "not peer and not slow"
 
 test: lint types imports
 	$(BIN)/python -m pytest $(TESTS)
