@@ -19,6 +19,7 @@ from gateway.scan import can, serial, tcp
 from gateway.scan.found import Progress as Told
 from gateway.scan.found import Report, Stopped
 from gateway.scan.fragment import merged
+from gateway.scan.ports import ports
 
 Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
 """Takes also whether a report's question was answered with yes."""
@@ -77,13 +78,24 @@ Yes = click.option("--yes", is_flag=True, help="Answer every question with yes."
 
 @click.group()
 def scan() -> None:
-    """Find devices on a wire: `scan serial PORT`, `scan can CHANNEL`, `scan tcp HOST`. Reads only.
+    """Find devices on a wire: `scan ports`, then `scan serial PORT`, `scan can CHANNEL`, `scan tcp HOST`. Reads only.
 
     \b
     Each device that answers is compared with the supplied profiles and its inputs are read. --toml makes a
     configuration of it; several scans can go into one file. Nothing else may use the wire meanwhile: stop the gateway.
     Ctrl-C ends after the request under way and shows what was found so far.
     """
+
+
+@scan.command("ports")
+def ports_command() -> None:
+    """Say which serial ports and CAN interfaces this computer has. Opens none of them."""
+    found = ports()
+    for port in found:
+        click.echo(f"scan {port.command} {port.name}    ({port.remark})")
+    if not found:
+        click.echo("no serial adapter and no CAN interface: is the adapter plugged in? dmesg tells what came")
+    sys.exit(0 if found else _EXIT_NOTHING)
 
 
 @scan.command("serial")

@@ -1,0 +1,46 @@
+"""Where wires can be on this computer: serial ports by their lasting names, CAN interfaces of the kernel."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+_CAN = "280"
+"""ARPHRD_CAN, the type of a network interface that is a CAN bus (linux/if_arp.h)."""
+_WITHOUT_ID = ("ttyUSB*", "ttyACM*", "ttyAMA*")
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """One place for `scan`."""
+
+    command: str
+    """`serial` or `can`."""
+    name: str
+    remark: str
+
+
+def ports(dev: Path = Path("/dev"), net: Path = Path("/sys/class/net")) -> list[Port]:
+    """Serial ports, those with a lasting name first, then CAN interfaces."""
+    by_id = dev / "serial" / "by-id"
+    links = sorted(by_id.iterdir()) if by_id.is_dir() else []
+    named = {link.resolve() for link in links}
+    found = [Port("serial", str(link), f"{link.resolve().name}{_allowed(link)}") for link in links]
+    others = [
+        device for pattern in _WITHOUT_ID for device in sorted(dev.glob(pattern)) if device.resolve() not in named
+    ]
+    found += [Port("serial", str(d), f"may have another name after a reboot{_allowed(d)}") for d in others]
+    interfaces = sorted(net.iterdir()) if net.is_dir() else []
+    can = [interface for interface in interfaces if _read(interface / "type") == _CAN]
+    found += [Port("can", interface.name, _read(interface / "operstate") or "unknown") for interface in can]
+    return found
+
+
+def _allowed(device: Path) -> str:
+    return "" if os.access(device, os.R_OK | os.W_OK) else "; no permission: add the user to the group dialout"
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
