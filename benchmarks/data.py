@@ -1,5 +1,6 @@
 """Records of simulated machines: sensors in 0.1 K steps, errors with the noise of the six-pose probing cycle."""
 
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
@@ -66,9 +67,12 @@ def _scatter(draw: np.random.Generator, sigma: float) -> float:
     return float(np.exp(draw.normal(0, sigma)))
 
 
-def machine(kind: str, seed: int, hours: int, *, noise_seed: int | None = None) -> Machine:
+def machine(
+    kind: str, seed: int, hours: int, *, noise_seed: int | None = None, off: Callable[[int], bool] | None = None
+) -> Machine:
     """`day`: a shop's day of operations (simulators.nc.LoadCase); `axes`: Z22's random loads. The seed chooses machine,
-    loads, weather and noise; noise_seed: other sensor and probing noise on the same physics."""
+    loads, weather and noise; noise_seed: other sensor and probing noise on the same physics; off: the rows in which the
+    machine is switched off."""
     noise = seed if noise_seed is None else noise_seed
     season = ("spring", "winter", "summer")[seed % 3]
     plant = Plant(varied(seed), SEASONS[season], seed + 1000)
@@ -76,6 +80,8 @@ def machine(kind: str, seed: int, hours: int, *, noise_seed: int | None = None) 
     plant.zero()
     steps = hours * 12
     drives = random_axes(seed, steps) if kind == "axes" else _day(seed, steps)
+    if off is not None:
+        drives = [MachineDrive(powered=False) if off(k) else drive for k, drive in enumerate(drives)]
     series = record(plant, drives)
     draw = np.random.default_rng([noise, 9])
     inputs = series.inputs

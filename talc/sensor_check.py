@@ -22,6 +22,7 @@ from talc.sensor_model import (
     CHANGE_STEPS,
     SensorModel,
     View,
+    activity,
     changes,
     few_rows,
     leave_one_out,
@@ -61,7 +62,7 @@ class Finding:
         return f"{names} is off by {self.offset_K:+.1f} K against the other sensors"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Judgement:
     """What one window says."""
 
@@ -79,7 +80,8 @@ def judge(
     """What explains the last window better than nothing; each finding is taken out before the next is looked for.
 
     inputs: (T, m) consecutive grid steps, degC, the window last; valid: (T, m). Inputs that the model does not know,
-    or with less than half a window of good rows, are left out. Nothing is said of less than half a window.
+    or with less than half a window of good rows, are left out. Nothing is said of less than half a window, nor of one
+    that is quieter than all that were learnt: how a machine settles at rest was not taught.
     """
     inputs, valid = masked(names, inputs, valid)
     n = settings.window_steps
@@ -88,6 +90,9 @@ def judge(
     columns = [known[name] for name in present]
     x, good = inputs[-n - CHANGE_STEPS :, columns], np.asarray(valid[-n - CHANGE_STEPS :, columns].all(axis=1))
     if len(x) < n or len(present) < 3 or good[-n:].mean() < _LEAST_OF_WINDOW:
+        return Judgement()
+    change, both = changes(x, good)
+    if not both.any() or activity(change[both]) < model.quietest_K:
         return Judgement()
     window = _Window(model.part(present), x, good, settings)
     smallest, alike = window.smallest_offset_K(), window.alike()

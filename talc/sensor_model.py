@@ -62,6 +62,8 @@ class SensorModel:
     """In standard deviations; for all inputs together the stated number of false alarms a year."""
     swap_threshold: float
     """Log-likelihood ratio; for all pairs together likewise."""
+    quietest_K: float  # noqa: N815
+    """Root mean square of half-hourly changes in the quietest window that was learnt."""
     level: View
     change: View
 
@@ -115,6 +117,7 @@ def learn(
         offset_std=np.sqrt(variance),
         offset_threshold=_OTHER_DAYS * _student_quantile(0.5 / (len(keep) * windows), _PRIOR_BLOCKS + len(blocks)),
         swap_threshold=float(np.log(len(keep) * (len(keep) - 1) / 2 * windows)),
+        quietest_K=min(activity(change[b][both[b]]) for b in blocks if both[b].any()),
         level=level,
         change=_learn_view(change, both, blocks, windows=False)[0],
     )
@@ -160,6 +163,11 @@ def few_rows(x: FloatArray) -> Iterator[FloatArray]:
     portion = max(1, _MOST_AT_ONCE // x.shape[1] ** 2)
     for start in range(0, len(x), portion):
         yield x[start : start + portion]
+
+
+def activity(change: FloatArray) -> float:
+    """Root mean square of changes (T, m), K."""
+    return float(np.sqrt(np.mean(change**2)))
 
 
 def precision_of(covariance: FloatArray) -> FloatArray:

@@ -163,6 +163,13 @@ def test_too_little_is_not_learnt_from_and_not_judged() -> None:
     assert judged(11, x[-WINDOW:], valid[-WINDOW:]).smallest_offset_K == {}
 
 
+def test_a_machine_at_rest_is_not_judged() -> None:
+    """Switched off for longer than was ever learnt, coolant and hall settle in a way that nothing taught."""
+    still = np.tile(plant_days(11)[-1], (WINDOW, 1))
+    still[:, 5] += 10.0
+    assert judged(11, still) == Judgement()
+
+
 def test_settings_and_shapes_are_checked() -> None:
     with pytest.raises(ValueError, match="window_steps = 5: expected 12 or more"):
         SensorCheckSettings(window_steps=5)
