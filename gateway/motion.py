@@ -1,5 +1,7 @@
 """Whether an axis that reports a speed also moves: a control whose values stand still looks healthy otherwise. Pure."""
 
+import math
+
 from drivers.nc import NcSnapshot
 
 
@@ -7,7 +9,8 @@ class Motion:
     """Judges one control's snapshots, in their order.
 
     longest_s: an axis may report a speed at an unchanged position for so long. A speed that the control forms as a
-    mean over a minute outlives the motion by a minute.
+    mean over a minute outlives the motion by a minute. Looks more than a quarter of it apart prove nothing: a
+    machine that repeats itself comes back to the same place.
     """
 
     def __init__(self, longest_s: float) -> None:
@@ -15,15 +18,18 @@ class Motion:
             raise ValueError(f"longest_s = {longest_s!r}: expected more than 0")
         self._longest = longest_s
         self._last: dict[str, tuple[float, float]] = {}
+        self._looked_s = -math.inf
 
     def frozen(self, snapshot: NcSnapshot) -> tuple[str, ...]:
         """Axes that do not move although they report a speed; only those whose speed is read."""
         found = []
+        now, gap = snapshot.monotonic_s, snapshot.monotonic_s - self._looked_s
+        self._looked_s = now
         for axis, position in snapshot.positions.items():
-            last, since = self._last.get(axis, (None, snapshot.monotonic_s))
-            if position != last or not snapshot.states.get(f"speed_{axis}"):
-                since = snapshot.monotonic_s
+            last, since = self._last.get(axis, (None, now))
+            if position != last or not snapshot.states.get(f"speed_{axis}") or gap > self._longest / 4:
+                since = now
             self._last[axis] = position, since
-            if snapshot.monotonic_s - since >= self._longest:
+            if now - since >= self._longest:
                 found.append(axis)
         return tuple(found)

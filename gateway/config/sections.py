@@ -181,7 +181,7 @@ class Compensation(Section):
     """Without a usable prediction: ramp the offsets to zero, or hold the last ones."""
     frozen_after_s: Positive = 120.0
     """An axis that reports a speed and has not moved for so long shows that the control's values stand still: they are
-    no longer used, as if stale. Seen on the axes whose speed is a `[[state]]`."""
+    no longer used, as if stale. Needs their speeds as `[[state]]` and a [nc] period_s of at most a quarter."""
     watchdog_s: Positive = 10.0
     """When the control has heard nothing of the gateway for so long, it does by itself what `when_stale` says. At
     least four times [nc] period_s."""

@@ -234,3 +234,4 @@ BENCHES: dict[str, Callable[[Path], Opened]] = {
     "linuxcnc": linuxcnc,
 }
 NEEDS_DEBIAN = {"sinumerik_encrypted_by_node_opcua", "linuxcnc"}
+SLOW = {"sinumerik_told_and_by_r", "sinumerik_slopes", *NEEDS_DEBIAN}

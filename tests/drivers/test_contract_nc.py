@@ -11,14 +11,16 @@ import pytest
 
 from drivers.base import DriverError, Quality, Refused
 from drivers.nc import NcSnapshot, OperatingMode, ProbingState, Watch
-from tests.drivers.nc_benches import BENCHES, NEEDS_DEBIAN, NcBench
+from tests.drivers.nc_benches import BENCHES, NEEDS_DEBIAN, SLOW, NcBench
 
 WATCH = Watch(silence_s=60.0, ramp_um_per_s=2.0)
 
 
-@pytest.fixture(
-    params=[pytest.param(n, marks=[pytest.mark.peer, pytest.mark.slow] if n in NEEDS_DEBIAN else []) for n in BENCHES]
-)
+def marks(name: str) -> list[pytest.MarkDecorator]:
+    return [pytest.mark.peer] * (name in NEEDS_DEBIAN) + [pytest.mark.slow] * (name in SLOW)
+
+
+@pytest.fixture(params=[pytest.param(name, marks=marks(name)) for name in BENCHES])
 async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[NcBench]:
     async with BENCHES[request.param](tmp_path) as opened:
         yield opened
