@@ -11,14 +11,18 @@ from types import TracebackType
 from typing import Self
 
 from drivers.base import Bus, ConnectError, Driver, DriverError, Quality, Reading
-from gateway.breaker import Breaker, Change
+from gateway.breaker import Breaker
 from gateway.clock import ServiceClock
 from gateway.plausibility import Check, Plausible
+from gateway.steadiness import Steadiness, Word
 
 log = logging.getLogger(__name__)
 
 _CLOSE_LIMIT_S = 5.0
 """Real seconds that closing a bus or device may take."""
+
+_STEADY_S, _STEADY_PERIODS = 60.0, 10
+"""What has not changed for so long, and so many periods, is steady; what begins often within it comes and goes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +66,7 @@ class _Device:
         self.cost_s = 0.0
         """Time that its last failure took."""
         self.detail = "not asked yet"
-        self.told: set[type[BaseException]] = set()
-        """Kinds of problem that were told since it last answered."""
         self.units = dict.fromkeys(driver.channels, "")
-        self.qualities = dict.fromkeys(driver.channels, Quality.GOOD)
         self.checks = {name: Check(limits) for name, limits in plausible.items() if name in self.units}
 
     def checked(self, reading: Reading) -> Reading:
@@ -88,6 +89,7 @@ class Runner:
         longest_s = line.period_s * line.retry_max_periods
         self._devices = [_Device(driver, line.period_s, longest_s, line.plausible) for driver in line.drivers]
         self._breaker = Breaker(line.period_s, longest_s)
+        self._steadiness = Steadiness(max(_STEADY_S, _STEADY_PERIODS * line.period_s))
         self._open = False
         self.missed = 0
         """Periods that were skipped because the one before took too long."""
@@ -116,6 +118,7 @@ class Runner:
         answered: set[_Device] = set()
         asked = (healthy or self._waiting(due)) and (self._open or await self._open_bus(due))
         if asked:
+            self._tell_end(f"bus {self.line.bus.name}", "open again")
             answered |= {device for device in healthy if await self._ask(device, due)}
             answered |= {device for device in self._suspects(due) if await self._ask(device, due)}
         for device in self._devices:
@@ -145,14 +148,13 @@ class Runner:
                 await bus.connect()
         except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
             text = self._text(error, f"bus {bus.name}")
-            if self._breaker.failed(due) is Change.BROKE:
-                self._tell(f"bus {bus.name}", text, error)
+            self._breaker.failed(due)
+            self._tell(f"bus {bus.name}", "closed", text, error)
             for device in self._devices:
                 device.detail = text
             await self._close(bus)
             return False
-        if self._breaker.succeeded() is Change.HEALED:
-            self._tell_end(f"bus {bus.name}", "open again")
+        self._breaker.succeeded()
         self._open = True
         return True
 
@@ -171,9 +173,8 @@ class Runner:
             device.cost_s = self._clock.monotonic() - before
             await self._failed(device, due, error)
             return False
-        if device.breaker.succeeded() is Change.HEALED:
-            device.told.clear()
-            self._tell_end(f"device {device.driver.device}", "answers again")
+        device.breaker.succeeded()
+        self._tell_end(f"device {device.driver.device}", "answers again")
         number = self._sequence()
         checked = [device.checked(replace(reading, sequence=number)) for reading in readings]
         self._note_qualities(device, checked)
@@ -184,9 +185,7 @@ class Runner:
         subject = f"device {device.driver.device}"
         device.detail = self._text(error, subject)
         device.breaker.failed(due)
-        if type(error) not in device.told:  # begun, or turned into another problem
-            device.told.add(type(error))
-            self._tell(subject, device.detail, error)
+        self._tell(subject, type(error).__name__, device.detail, error)
         if device.connected:
             device.connected = False
             await self._close(device.driver)
@@ -204,31 +203,33 @@ class Runner:
             case _:
                 return f"{subject}: unexpected {type(error).__name__}: {error}"
 
-    def _tell(self, subject: str, text: str, error: Exception) -> None:
-        expected = isinstance(error, DriverError | TimeoutError)
+    def _tell(self, subject: str, kind: str, text: str, error: Exception | None = None) -> None:
+        """Tell of a problem that begins, or turns into another one."""
+        word = self._steadiness.bad(subject, kind, self._clock.monotonic())
+        if word is Word.NOTHING:
+            return
+        if word is Word.LAST:
+            text += f"; it comes and goes: told again when it has been steady for {self._steadiness.window_s:g} s"
+        expected = error is None or isinstance(error, DriverError | TimeoutError)
         log.warning("%s", text, exc_info=None if expected else error)
         self._notify(Notice(subject, text))
 
     def _tell_end(self, subject: str, text: str) -> None:
-        log.info("%s: %s", subject, text)
-        self._notify(Notice(subject, text, ended=True))
+        if self._steadiness.well(subject, self._clock.monotonic()):
+            log.info("%s: %s", subject, text)
+            self._notify(Notice(subject, text, ended=True))
 
     def _note_qualities(self, device: _Device, readings: Sequence[Reading]) -> None:
         """Tell of a channel whose quality changed while its device answers."""
         for reading in readings:
             device.units[reading.channel] = reading.unit
-            before = device.qualities.get(reading.channel)
-            if reading.quality is before:
-                continue
-            device.qualities[reading.channel] = reading.quality
-            subject = f"channel {reading.channel}"
+            subject, quality = f"channel {reading.channel}", reading.quality.value
             if reading.quality in (Quality.GOOD, Quality.SIMULATED):
-                if before not in (Quality.GOOD, Quality.SIMULATED):
-                    self._tell_end(subject, "good again")
+                self._tell_end(subject, "good again")
             else:
-                text = f"{subject}: {reading.quality.value}" + (f": {reading.detail}" if reading.detail else "")
-                log.warning("%s", text)
-                self._notify(Notice(subject, text))
+                self._tell(
+                    subject, quality, f"{subject}: {quality}" + (f": {reading.detail}" if reading.detail else "")
+                )
 
     def _publish_fault(self, device: _Device) -> None:
         utc, now, number = self._clock.utc(), self._clock.monotonic(), self._sequence()

@@ -4,108 +4,16 @@ import asyncio
 import logging
 import math
 from collections import Counter
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Sequence
 
 import pytest
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, Reading, WrongDevice
-from gateway.acquisition import Acquisition, Line, Notice
+from gateway.acquisition import Acquisition
 from gateway.board import Board
 from gateway.plausibility import Plausible
+from tests.gateway.scripted_bus import Plant, ScriptedDevice
 from tests.gateway.stepped_clock import SteppedClock
-
-
-class ScriptedBus:
-    """A bus whose connection the test breaks."""
-
-    def __init__(self, name: str = "rtu1") -> None:
-        self.name = name
-        self.fault: Exception | None = None
-        self.opened = self.closed = 0
-        self.is_open = False
-
-    async def connect(self) -> None:
-        if self.fault is not None:
-            raise self.fault
-        self.opened += 1
-        self.is_open = True
-
-    async def close(self) -> None:
-        self.closed += 1
-        self.is_open = False
-
-
-class ScriptedDevice:
-    """A device with one channel that the test silences. `takes_s`: simulated duration of a read."""
-
-    def __init__(self, name: str, clock: SteppedClock, bus: ScriptedBus) -> None:
-        self.device, self.channels = name, (f"{name}_t",)
-        self.fault: Exception | None = None
-        self.fault_at_connect: Exception | None = None
-        self.quality = Quality.GOOD
-        self.takes_s = self.fault_takes_s = 0.0
-        self.asked: list[float] = []
-        self.connects = 0
-        self.hang = False
-        self._clock, self._bus = clock, bus
-
-    async def connect(self) -> None:
-        self.connects += 1
-        if self.fault_at_connect is not None:
-            self.asked.append(self._clock.monotonic())
-            raise self.fault_at_connect
-
-    async def read(self) -> Sequence[Reading]:
-        assert self._clock.holds > 0, "a wire is used while simulated time runs"
-        assert self._bus.is_open, "a device is read on a closed bus"
-        self.asked.append(self._clock.monotonic())
-        if self.hang:
-            await asyncio.Event().wait()
-        if self.fault is not None:
-            self._clock.spend(self.fault_takes_s)
-            raise self.fault
-        self._clock.spend(self.takes_s)
-        now = self._clock.monotonic()
-        return [Reading(self.channels[0], 20.0 + now / 1000, "degC", self.quality, self._clock.utc(), now, 0)]
-
-    async def close(self) -> None:
-        pass
-
-
-class Plant:
-    """One bus with devices, and everything the acquisition told."""
-
-    def __init__(self, *names: str) -> None:
-        self.clock = SteppedClock()
-        self.bus = ScriptedBus()
-        self.devices = {name: ScriptedDevice(name, self.clock, self.bus) for name in names}
-        self.readings: list[Reading] = []
-        self.notices: list[Notice] = []
-        self.plausible: dict[str, Plausible] = {}
-
-    def line(self, **policy: float) -> Line:
-        return Line(
-            self.bus,
-            tuple(self.devices.values()),
-            period_s=1.0,
-            retry_max_periods=int(policy.get("retry_max_periods", 8)),
-            read_limit_s=policy.get("read_limit_s", 5.0),
-            plausible=self.plausible,
-            phase_s=policy.get("phase_s", 0.0),
-        )
-
-    @asynccontextmanager
-    async def running(self, **policy: float) -> AsyncIterator[Acquisition]:
-        lines = [self.line(**policy)]
-        async with Acquisition(lines, self.clock, self.readings.extend, self.notices.append) as acquisition:
-            yield acquisition
-
-    def of(self, device: str) -> list[Reading]:
-        return [r for r in self.readings if r.channel == f"{device}_t"]
-
-    def told(self) -> list[tuple[str, bool]]:
-        return [(notice.subject, notice.ended) for notice in self.notices]
 
 
 async def test_every_device_is_read_once_a_period_without_drift() -> None:
@@ -258,6 +166,25 @@ async def test_problems_that_take_turns_are_each_told_once() -> None:
         plant.devices["a"].fault = None
         await plant.clock.run_until(45.0)
     assert plant.told() == [("device a", False)] * 2 + [("device a", True)]
+
+
+async def test_a_loose_contact_fills_neither_the_log_nor_the_events(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, logger="gateway.acquisition")
+    plant = Plant("a", "b")
+    async with plant.running():
+        for second in range(600):
+            plant.devices["a"].quality = Quality.SENSOR_FAULT if second % 2 else Quality.GOOD
+            plant.devices["b"].fault = NoAnswer("silent") if second % 3 == 0 else None
+            await plant.clock.run_until(second + 0.5)
+        plant.devices["a"].quality, plant.devices["b"].fault = Quality.GOOD, None
+        await plant.clock.run_until(720.0)
+    assert {r.quality for r in plant.of("a")} == {Quality.GOOD, Quality.SENSOR_FAULT}
+    for subject in ("channel a_t", "device b"):
+        told = [
+            (notice.ended, "comes and goes" in notice.text) for notice in plant.notices if notice.subject == subject
+        ]
+        assert told == [(False, False), (True, False)] * 3 + [(False, True), (True, False)]
+    assert len(caplog.records) == len(plant.notices)
 
 
 async def test_a_device_that_returns_is_connected_again_so_that_its_type_is_checked() -> None:
