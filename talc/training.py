@@ -133,7 +133,11 @@ def _pole_sets(settings: TrainingSettings) -> list[tuple[float, ...]]:
 
 def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
     columns, notes = [], []
+    # Where the inputs are kept only they cost anything.
+    kept = {name for names in job.static_inputs or () for name in names} or set(job.input_names)
     for i, name in enumerate(job.input_names):
+        if name not in kept:
+            continue
         share = float(job.valid[:, i].mean())
         if share < _LEAST_VALID or not np.isfinite(job.inputs[:, i]).all():
             notes.append(f"{name}: not offered, {share:.0%} of its values are good")

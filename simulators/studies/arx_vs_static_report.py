@@ -112,8 +112,8 @@ def _default_way(runs: list[Run], conditions: list[tuple[str, bool]]) -> Claim:
         "not asked",
         f"RMSE: in {better} of {len(places)} medians; than ARX refined in {int((ours < refined).sum())}",
         better > len(places) / 2,
-        "It chooses among four fixed poles of up to 4 h and input orders of at most 1, which is safe on a day's noisy "
-        "data; this machine remembers longer, which a pole that is fitted finds where sensors are near.",
+        "It chooses among fixed poles, the slowest of 4 h, which is safe on a day's noisy data; this machine "
+        "remembers longer, which a pole that is fitted finds where sensors are near.",
     )
 
 

@@ -38,8 +38,8 @@ SHARES, SOONEST_H = (1.0, 1.5, 2.0, 3.0), 0.5
 SHORTEST_H = (2.0, 4.0)
 """Of the policy `novelty`."""
 LONGEST_H, POLICY_NO_GOOD = (8.0, 16.0), (2, 4)
-TRAINING = TrainingSettings(static_inputs=True)
-"""Inputs are chosen in the calibration and stay, as B19's do; orders and parameters are renewed."""
+TRAINING = TrainingSettings(static_inputs=True, max_nb=1)
+"""Inputs are chosen in the calibration and stay, as B19's do; orders to 1 and parameters are renewed."""
 POSITIONS = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS])
 
 
