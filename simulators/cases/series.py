@@ -14,11 +14,11 @@ AXES = ("speed_x", "speed_y", "speed_a", "speed_c", "spindle_speed")
 Axis = Literal["speed_x", "speed_y", "speed_z", "speed_a", "speed_c", "spindle_speed"]
 
 SEASONS = {
-    "winter": Environment(mean_degC=20.5, daily_amplitude_K=1.2, door_drop_K=3.5),
-    "spring": Environment(mean_degC=22.5),
-    "summer": Environment(mean_degC=25.0, daily_amplitude_K=2.0, door_drop_K=1.0),
+    "winter": Environment(mean_degC=22.0, door_drop_K=3.5),
+    "spring": Environment(),
+    "summer": Environment(mean_degC=24.5, daily_amplitude_K=3.0, door_drop_K=1.0),
 }
-"""Halls within 18-28 degC. In summer the door lets in air little colder than the hall's (choice)."""
+"""Halls within 18-28 degC at working height but for the door, +-2 to 3 K a day. In summer the door lets in air little colder than the hall's (choice)."""
 
 
 @dataclass(frozen=True, slots=True)

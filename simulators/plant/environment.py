@@ -21,10 +21,10 @@ _DOOR_SHARE = {"left": 1.0, "right": 0.5, "front": 0.9, "rear": 0.4, "high": 0.3
 class Environment:
     """A hall without air conditioning, within 18-28 degC most of the year."""
 
-    mean_degC: float = 22.5  # noqa: N815
-    daily_amplitude_K: float = 1.5  # noqa: N815
+    mean_degC: float = 23.0  # noqa: N815
+    daily_amplitude_K: float = 2.0  # noqa: N815
     """Half the daily swing; warmest at 16 h."""
-    weather_sigma_K: float = 0.9  # noqa: N815
+    weather_sigma_K: float = 0.6  # noqa: N815
     """Standard deviation of the slow AR(1) process."""
     weather_tau_s: float = 30 * 3600.0
     """Weather changes over a day or so."""

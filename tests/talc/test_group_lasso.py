@@ -90,7 +90,8 @@ def test_ill_conditioned_temperatures_are_solved_to_the_true_gap(share: float) -
     penalty = share * GroupLasso(x.T @ x, sizes).largest(x.T @ y)
     theta, _ = solve(x, y, sizes, penalty)
     assert raw_gap(x, y, sizes, penalty, theta) <= 1e-8
-    np.testing.assert_allclose(theta, conic(x, y, sizes, penalty), atol=1e-5)
+    # Both solvers stop at a gap; at this conditioning it tells coefficients to about the gap's root.
+    np.testing.assert_allclose(theta, conic(x, y, sizes, penalty), atol=3e-5)
 
 
 def test_the_reference_admm_agrees() -> None:
