@@ -110,6 +110,8 @@ def ports_command() -> None:
               show_default=True, help="Speeds at which Micro-Epsilon sensors are asked, parity N and E.")  # fmt: skip
 @click.option("--me-addresses", type=Numbers(2, 126), default="126", show_default=True)
 @click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
+@click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
+              help="What units are asked with; a few poor ones know only 4 and do not refuse 3.")  # fmt: skip
 @click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 5), default=0.15, show_default=True,
               help="How long a unit may think, s.")  # fmt: skip
 @Limit
@@ -117,12 +119,13 @@ def ports_command() -> None:
 @Yes
 def serial_command(
     port: str, bauds: tuple[int, ...], parities: tuple[str, ...], units: tuple[int, ...], me_bauds: tuple[int, ...],
-    me_addresses: tuple[int, ...], protocol: str, timeout_s: float, limit: float, toml: Path | None, yes: bool,
+    me_addresses: tuple[int, ...], protocol: str, function: int, timeout_s: float, limit: float, toml: Path | None,
+    yes: bool,
 ) -> None:  # fmt: skip
     """Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
     what = serial.plan(
         port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
-        me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s,
+        me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s, function=function,
     )  # fmt: skip
     framings: dict[str, list[str]] = {}
     for attempt in what.tries:

@@ -16,7 +16,7 @@ from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inp
 Protocol = Literal["modbus_rtu", "me_rs485"]
 
 ANY_REGISTER = Block(3, 0, 1)
-"""Asked of every unit: reading holding registers is what nearly every device can do; the others refuse, which is an
+"""Asked of every unit: reading holding registers is what nearly every device can do; most others refuse, which is an
 answer too."""
 _MOST_BABBLE = 3
 """Units whose garbage is shown for one speed."""
@@ -44,6 +44,8 @@ class SerialScan:
     tries: tuple[LineTry, ...]
     timeout_s: float
     """For how long each unit may think."""
+    function: int = 3
+    """Modbus function of the first question."""
 
     @property
     def requests(self) -> int:
@@ -57,12 +59,12 @@ class SerialScan:
 
 def plan(
     port: str, *, bauds: Sequence[int], parities: Sequence[str], units: Sequence[int],
-    me_bauds: Sequence[int], me_addresses: Sequence[int], timeout_s: float,
+    me_bauds: Sequence[int], me_addresses: Sequence[int], timeout_s: float, function: int = 3,
 ) -> SerialScan:  # fmt: skip
     """Modbus at every speed and parity, then Micro-Epsilon sensors likewise; an empty list leaves a protocol out."""
     modbus = [LineTry("modbus_rtu", baud, parity, units) for baud, parity in product(bauds, parities) if units]
     me = [LineTry("me_rs485", b, parity, me_addresses) for b, parity in product(me_bauds, ("N", "E")) if me_addresses]
-    return SerialScan(port, (*modbus, *me), timeout_s)
+    return SerialScan(port, (*modbus, *me), timeout_s, function)
 
 
 async def scan_line(scan: SerialScan, progress: Progress, stopped: Stopped) -> Report:
@@ -111,7 +113,7 @@ async def _try(scan: SerialScan, attempt: LineTry, report: Report, progress: Pro
             if stopped():
                 break
             progress(report.asked, f"{attempt.protocol} {attempt.framing} unit {unit}")
-            what = await _ask(bus, unit, babble)
+            what = await _ask(bus, unit, Block(scan.function, 0, 1), babble)
             report.asked += 1
             if what is not None:
                 found.append(Found(unit, what, await read_inputs(bus, unit, what)))
@@ -123,13 +125,13 @@ async def _try(scan: SerialScan, attempt: LineTry, report: Report, progress: Pro
     return Place(attempt.protocol, line, tuple(found))
 
 
-async def _ask(bus: ModbusRtuBus | MeRs485Bus, unit: int, babble: list[str]) -> Recognition | None:
+async def _ask(bus: ModbusRtuBus | MeRs485Bus, unit: int, question: Block, babble: list[str]) -> Recognition | None:
     """What the unit is, None when it is silent; what is no valid answer is noted in `babble`. Raises ConnectError."""
     try:
         if isinstance(bus, MeRs485Bus):
             return await recognise_me_rs485(bus, unit)
         try:
-            await bus.read("", unit, ANY_REGISTER)
+            await bus.read("", unit, question)
         except NoAnswer:
             return None
         except BadAnswer:

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -146,6 +147,26 @@ async def test_speed_that_the_port_cannot_do_is_a_remark_and_the_rest_goes_on() 
 async def test_port_that_is_missing_is_an_error() -> None:
     with pytest.raises(ConnectError, match="is the adapter plugged in"):
         await scan(line_plan("/dev/does-not-exist"))
+
+
+async def test_unit_that_knows_one_function_only_is_found_with_it() -> None:
+    """It says nothing at all to another function, which is not what the standard wants."""
+    unit = VoltageInput(lambda: [100.0] * 8, range_um=500.0)
+
+    def heard(request: bytes) -> None:
+        if request[:2] == b"\x01\x04":
+            reply = request[:1] + answer(unit, request[1:-2])
+            port.write(reply + crc16(reply))
+
+    port = PtyPort(heard)
+    path = await port.start()
+    try:
+        plain = line_plan(path, units=(1,))
+        assert (await scan(plain)).found == []
+        (device,) = (await scan(replace(plain, function=4))).found
+    finally:
+        await port.stop()
+    assert (device.unit, device.what.profile) == (1, "")
 
 
 async def test_only_reading_is_ever_asked() -> None:
