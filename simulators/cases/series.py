@@ -18,7 +18,8 @@ SEASONS = {
     "spring": Environment(),
     "summer": Environment(mean_degC=24.5, daily_amplitude_K=3.0, door_drop_K=1.0),
 }
-"""Halls within 18-28 degC at working height but for the door, +-2 to 3 K a day. In summer the door lets in air little colder than the hall's (choice)."""
+"""Halls within 18-28 degC at working height but for the door, +-2 to 3 K a day. In summer the door lets in air little
+colder than the hall's (choice)."""
 
 
 @dataclass(frozen=True, slots=True)
