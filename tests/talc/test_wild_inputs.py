@@ -73,7 +73,7 @@ def wild(seed: int, pieces: list[Piece]) -> Array:
     ],
     ids=["search", "search, high orders", "ARX, least squares", "ARX, refined"],
 )
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
 @given(
     columns=st.lists(st.lists(PIECES, max_size=4), min_size=INPUTS, max_size=INPUTS),
     outputs=st.lists(PIECES, max_size=3),
