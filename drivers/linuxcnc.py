@@ -37,9 +37,11 @@ class LinuxCnc:
     def __init__(self, settings: LinuxCncSettings, clock: Clock) -> None:
         self._settings, self._clock = settings, clock
         self._line = LinuxCncLine(settings)
+        self._owner = 0
 
     async def connect(self) -> None:
         """Log in and read everything once."""
+        self._owner = 0
         try:
             await self._line.connect()
             await self.snapshot()
@@ -111,7 +113,7 @@ class LinuxCnc:
             raise ValueError(
                 f"offsets_um = {offsets_um!r}: beyond largest_um = {self._settings.largest_um:g}; nothing was sent"
             )
-        await self._line.ask("write", um=[float(v) for v in offsets_um])
+        await self._line.ask("write", owner=self._owner, um=[float(v) for v in offsets_um])
         # The control slews. Who reads back next shall find what was written, unless something else is wrong.
         with suppress(TimeoutError):
             async with asyncio.timeout(self._settings.timeout_s):
@@ -143,7 +145,9 @@ class LinuxCnc:
 
     async def heartbeat(self, owner: int) -> bool:
         _check_number(owner, "owner")
-        return await self._line.ask("heartbeat", owner=owner) is True
+        watched = await self._line.ask("heartbeat", owner=owner) is True
+        self._owner = owner
+        return watched
 
     async def release(self, owner: int) -> None:
         _check_number(owner, "owner")

@@ -125,6 +125,8 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"do": "write", "um": [0, 0]}, "three numbers"),
     ({"do": "write", "um": [float("nan"), 0, 0]}, "finite"),
     ({"do": "write", "um": "high"}, "list of three"),
+    ({"do": "write", "um": [1, 0, 0]}, "no heartbeat"),
+    ({"do": "write", "um": [1, 0, 0], "owner": 2}, "no heartbeat"),
     ({"do": "claim", "owner": 1, "silence_s": 0, "ramp_um_per_s": 1}, "silence_s 0.05"),
     ({"do": "claim", "owner": 2, "silence_s": 1, "ramp_um_per_s": 1}, "belongs to gateway 1"),
     ({"do": "heartbeat", "owner": 2}, "belongs to gateway 1"),

@@ -152,11 +152,17 @@ async def test_every_way_to_end_without_a_result_is_told(bench: Bench) -> None:
     assert (await reaches(bench, 2, *FINAL)).reason == "withdrawn"
     await operator_sees(bench, idle=True)
 
+    await bench.operator.ask("mdi", "G20 G91 G55 G92 X1")
+    before = await bench.operator.ask("state")
     await bench.nc.request_probing(4)
     await reaches(bench, 4, ProbingState.RUNNING)
     await bench.operator.ask("abort")
     stopped = await reaches(bench, 4, *FINAL)
     assert (stopped.state, stopped.reason) == (ProbingState.FAILED, "the program was stopped")
+    await operator_sees(bench, idle=True, g5x_index=before["g5x_index"])
+    after = await bench.operator.ask("state")
+    assert after["g92"] == pytest.approx(before["g92"])
+    assert {200, 910} <= set(after["gcodes"])  # inches, relative
 
     await bench.operator.ask("hal", "setp", "sphere-touch.in1", "-1")  # somebody took the sphere away
     await bench.nc.request_probing(5)

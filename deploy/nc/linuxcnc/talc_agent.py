@@ -129,7 +129,7 @@ class Control:
         um = [number(v, "um") for v in um]
         if any(abs(v) > self._settings.bound_um for v in um):
             raise Refusal(f"um = {um}: beyond [TALC] BOUND, {self._settings.bound_um:g} µm")
-        if not self._owner or not self._pins["watching"]:
+        if not self._owner or command.get("owner") != self._owner or not self._pins["watching"]:
             raise Refusal("no heartbeat: claim the control and keep it alive before writing")
         self._want(um)
 
