@@ -55,7 +55,7 @@ class NcSnapshot:
     """UTC, when it was read."""
     monotonic_s: float
     positions: dict[str, float]
-    """Axis name to actual position: X Y Z in mm, A C in degrees."""
+    """Axis name to actual position: X Y Z in mm from where A and C meet, A C in degrees."""
     states: dict[str, float] = field(default_factory=dict)
     """Machine states that models use: spindle_speed (1/min), speed_X .. speed_C (mm/min, 1/min), coolant (0/1).
 
@@ -112,10 +112,10 @@ class LinearOffsets:
     slope_um_per_mm: tuple[Triple, Triple, Triple]
     """Row: shifted axis; column: axis whose position counts."""
     reference_mm: Triple
-    """P0 of X, Y, Z, machine coordinates."""
+    """P0 of X, Y, Z, counted as a snapshot's positions."""
 
     def at(self, position_mm: Triple) -> Triple:
-        """Shift of X, Y, Z in µm at a position in machine coordinates."""
+        """Shift of X, Y, Z in µm at a position, counted as a snapshot's."""
         away = [p - p0 for p, p0 in zip(position_mm, self.reference_mm, strict=True)]
         x, y, z = (
             k0 + sum(slope * distance for slope, distance in zip(row, away, strict=True))
@@ -184,7 +184,7 @@ class FollowsPosition(NumericalControl, Protocol):
 
     @property
     def reference_mm(self) -> Triple:
-        """P0 of X, Y, Z, machine coordinates."""
+        """P0 of X, Y, Z, counted as a snapshot's positions."""
         ...
 
     @property

@@ -12,6 +12,7 @@ from drivers.nc import (
     ProbingState,
     ProbingStatus,
     ProgramState,
+    Triple,
     Watch,
 )
 from drivers.opcua import Number, OpcUaSession
@@ -118,7 +119,7 @@ class Sinumerik:
         """One request, or none while the control tells of changes. Raises BadAnswer when an axis has no position."""
         values = await self._session.latest(self._snapshot)
         time, monotonic_s = self._clock.utc(), self._clock.monotonic()
-        positions = self._numbers(self._positions, values[: len(AXES)])
+        x, y, z, *rotary = self._numbers(self._positions, values[: len(AXES)])
         values = values[len(AXES) :]
         states = {
             name: float(value) / source.divisor
@@ -134,7 +135,7 @@ class Sinumerik:
         return NcSnapshot(
             time=time,
             monotonic_s=monotonic_s,
-            positions=dict(zip(AXES, positions, strict=True)),
+            positions=dict(zip(AXES, (*self._from_origin(x, y, z), *rotary), strict=True)),
             states=states,
             mode=MODES.get(_code(named.get("mode")), OperatingMode.UNKNOWN),
             program=PROGRAM_STATES.get(_code(named.get("program")), ProgramState.UNKNOWN),
@@ -182,7 +183,7 @@ class Sinumerik:
                 device=self._settings.device,
                 hint="the NC program must write the results and their number before the state",
             )
-        centres = tuple((values[i], values[i + 1], values[i + 2]) for i in range(0, len(values), 3))
+        centres = tuple(self._from_origin(*values[i : i + 3]) for i in range(0, len(values), 3))
         return ProbingStatus(number, known, centres_mm=centres, spread_mm=spread)
 
     async def withdraw_probing(self, number: int) -> None:
@@ -266,6 +267,11 @@ class Sinumerik:
 
     def _linear(self, path: str) -> tuple[str, ...]:
         return tuple(path.format(n=self._settings.axis_numbers[axis]) for axis in LINEAR_AXES)
+
+    def _from_origin(self, x: float, y: float, z: float) -> Triple:
+        """Machine coordinates as the gateway counts them."""
+        x0, y0, z0 = self._settings.origin_mm
+        return x - x0, y - y0, z - z0
 
     def _state(self, value: float) -> ProbingState:
         state = PROBING_STATES.get(_code(value))

@@ -217,6 +217,8 @@ class SinumerikSettings(OpcUaSettings):
     """Name in messages."""
     axis_numbers: Mapping[str, int] = field(default_factory=lambda: {"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
     """Number of each machine axis on the control."""
+    origin_mm: Triple = (0.0, 0.0, 0.0)
+    """Machine coordinates of X, Y, Z at which the tip of the tool is where A and C meet; positions count from there."""
     paths: Paths = field(default_factory=Paths)
     subscribe_s: float = 0.0
     """Have the control tell of changes this often instead of asking at every snapshot; 0: ask. A control that offers
@@ -233,6 +235,8 @@ class SinumerikSettings(OpcUaSettings):
         OpcUaSettings.__post_init__(self)
         if not (math.isfinite(self.subscribe_s) and self.subscribe_s >= 0):
             raise SetupError(f"subscribe_s = {self.subscribe_s!r}: expected 0 or more")
+        if not all(math.isfinite(v) for v in self.origin_mm):
+            raise SetupError(f"origin_mm = {self.origin_mm!r}: expected three finite numbers")
         if self.poses < 1:
             raise SetupError(f"poses = {self.poses!r}: expected 1 or more")
         wanted = set(LINEAR_AXES + ROTARY_AXES)

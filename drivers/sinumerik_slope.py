@@ -39,7 +39,7 @@ class SinumerikWithSlopes(Sinumerik):
 
     @property
     def reference_mm(self) -> Triple:
-        return self._settings.compensation.reference_mm
+        return self._from_origin(*self._settings.compensation.reference_mm)
 
     @property
     def reach_mm(self) -> Triple:
@@ -74,7 +74,7 @@ class SinumerikWithSlopes(Sinumerik):
         """At the present position."""
         values = self._numbers(self._in_force, await self._session.read(self._in_force))
         x, y, z = values[len(self._form) :]
-        return self._offsets_from(values[: len(self._form)]).at((x, y, z))
+        return self._offsets_from(values[: len(self._form)]).at(self._from_origin(x, y, z))
 
     def _in_force_paths(self) -> tuple[str, ...]:
         paths = self._settings.paths
@@ -100,7 +100,7 @@ class SinumerikWithSlopes(Sinumerik):
         for ((axis, over), _), weight in zip(self._tables.items(), values[9:], strict=True):
             rows[axis][over] = comp.table_sign(axis) * weight
         x, y, z = ((row[0], row[1], row[2]) for row in rows)
-        return LinearOffsets((at_reference[0], at_reference[1], at_reference[2]), (x, y, z), comp.reference_mm)
+        return LinearOffsets((at_reference[0], at_reference[1], at_reference[2]), (x, y, z), self.reference_mm)
 
     def _check(self, offsets: LinearOffsets) -> None:
         largest = self._settings.compensation.largest_um
@@ -125,7 +125,8 @@ class SinumerikWithSlopes(Sinumerik):
         values = self._numbers(paths, await self._session.read(paths))
         wrong = {}
         for axis, name in enumerate(LINEAR_AXES):
-            p0, slope, wanted = values[axis], values[3 + axis], self.reference_mm[axis]
+            p0, slope = values[axis], values[3 + axis]
+            wanted = self._settings.compensation.reference_mm[axis]
             if abs(p0 - wanted) <= _SAME_MM:
                 continue
             if slope:

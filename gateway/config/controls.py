@@ -59,6 +59,9 @@ class SinumerikNc(Section):
     subscription, or falls silent, is asked."""
     axis_numbers: Mapping[str, int] = Field(default={"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
     """Number of each machine axis on the control."""
+    origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Machine coordinates of X, Y, Z at which the tip of the tool is where A and C meet. What tilts shift grows with
+    the distance from there."""
     nodes: Paths = Paths()
     states: Mapping[Name, Source] = Field(default_factory=dict)
     handshake: Handshake = Handshake()
@@ -81,7 +84,7 @@ class SinumerikNc(Section):
         """
         known = self.known_states()
         shared = {f.name for f in fields(OpcUaSettings)} | {
-            "subscribe_s", "axis_numbers", "handshake", "lease", "compensation",
+            "subscribe_s", "axis_numbers", "origin_mm", "handshake", "lease", "compensation",
         }  # fmt: skip
         given = {name: getattr(self, name) for name in shared}
         return SinumerikSettings(

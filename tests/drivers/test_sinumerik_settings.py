@@ -33,6 +33,7 @@ URL = "opc.tcp://127.0.0.1:4840"
         ({"axis_numbers": {"X": 0, "Y": 1, "Z": 3, "A": 4, "C": 5}}, "axis_numbers"),
         ({"subscribe_s": math.nan}, "subscribe_s = nan"),
         ({"poses": 0}, "poses = 0"),
+        ({"origin_mm": (0.0, math.nan, 0.0)}, "origin_mm"),
         ({"handshake": Handshake(request=64)}, "R64 is handshake.request as well as handshake.answers"),
         ({"handshake": Handshake(results=50)}, r"R60 is handshake.request as well as handshake.results \(of 6 poses\)"),
         ({"handshake": Handshake(withdraw=-1)}, "handshake.withdraw = -1"),

@@ -55,6 +55,35 @@ async def test_every_pair_of_axes_shifts_as_asked_in_every_corner() -> None:
         assert await nc.read_compensation() == pytest.approx(OFFSETS.at(here))
 
 
+async def test_positions_count_from_where_a_and_c_meet_wherever_machine_zero_is() -> None:
+    origin, zero = (10.0, -20.0, 30.0), (0.0, 0.0, 0.0)
+    async with sinumerik_bench() as bench:
+        compensation = Compensation(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
+        settings = SinumerikSettings(url=bench.url, compensation=compensation, origin_mm=origin)
+        nc = SinumerikWithSlopes(settings, bench.clock)
+        await nc.connect()
+        machine = await bench.nc.snapshot()
+        from_there = await nc.snapshot()
+        assert from_there.positions == pytest.approx(
+            machine.positions | {a: machine.positions[a] - o for a, o in zip("XYZ", origin, strict=True)}
+        )
+        # P0 stays machine zero on the control; the gateway counts it, too, from where A and C meet.
+        assert nc.reference_mm == (-10.0, 20.0, -30.0)
+        asked = LinearOffsets(OFFSETS.k0_um, OFFSETS.slope_um_per_mm, nc.reference_mm)
+        await nc.write_linear(asked)
+        assert bench.control.nck.reference_mm == list(zero)
+        expected = [asked.at((x - 10.0, y + 20.0, z - 30.0)) for x, y, z in itertools.product(*TRAVEL)]
+        np.testing.assert_allclose(added(bench), expected, atol=1e-9)
+        here = from_there.positions
+        assert await nc.read_compensation() == pytest.approx(asked.at((here["X"], here["Y"], here["Z"])))
+        await nc.request_probing(1)
+        bench.clock.move_to(200.0)
+        centres = (await nc.probing_status(1)).centres_mm
+        assert centres is not None
+        assert centres[0] == pytest.approx((120.0 - 10.0, 20.0, 80.0 - 30.0), abs=0.1)
+        await nc.close()
+
+
 async def test_without_tables_each_axis_follows_its_own_position_only() -> None:
     async with with_slopes(tables={}) as (bench, nc):
         assert nc.pairs == {(0, 0), (1, 1), (2, 2)}

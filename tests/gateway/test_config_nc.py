@@ -57,6 +57,7 @@ namespace_uri = "urn:some:control"
 timeout_s = 1.5
 subscribe_s = 0.25
 axis_numbers = {X = 3, Y = 2, Z = 1, A = 6, C = 5}
+origin_mm = [400.0, 0, -120.5]
 [nc.nodes]
 position = "/Channel/MachineAxis/measPos1[u2,{n}]"
 r_parameter = "/Channel/Parameter/R[u2,{n}]"
@@ -116,6 +117,7 @@ def test_every_key_reaches_the_driver() -> None:
     assert settings.namespace_uri == "urn:some:control"
     assert (settings.timeout_s, settings.subscribe_s) == (1.5, 0.25)
     assert settings.axis_numbers == {"X": 3, "Y": 2, "Z": 1, "A": 6, "C": 5}
+    assert settings.origin_mm == (400.0, 0.0, -120.5)
     paths = settings.paths
     assert (paths.k0, paths.slope, paths.reference) == ("/NC/a[u{n}]", "/NC/b[u{n}]", "/NC/c[u{n}]")
     assert paths.position == "/Channel/MachineAxis/measPos1[u2,{n}]"
