@@ -3,17 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.bus_settings import MeEthernetSettings, ModbusTcpSettings
 from drivers.me_ethernet import MeEthernetBus
 from drivers.modbus_bus import ModbusTcpBus
-from drivers.recognition import recognise_me_ethernet, recognise_modbus
+from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
 from gateway.scan.serial import ANY_REGISTER
 
 _MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
 _UNUSUAL_UNITS = (113, 114, 115)
 """Ids that nobody sets: a host that answers for one does not look at the id."""
+_MOST_ODD = 3
+"""Units that make nonsense before the host is left alone."""
 _ONE_DEVICE = "answers whatever the unit id is: one device"
 
 
@@ -56,43 +58,57 @@ async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> Rep
 async def _modbus(scan: TcpScan, host: str, port: int, report: Report, progress: Progress, stopped: Stopped) -> None:
     bus = ModbusTcpBus("scan", ModbusTcpSettings(host=host, port=port, timeout_s=scan.timeout_s))
     found: list[Found] = []
+    odd: list[str] = []
     try:
         await bus.connect()
-        blind = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]))
+        blind = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]), [])
         for unit in scan.units:
-            if stopped():
+            if stopped() or (len(odd) >= _MOST_ODD and not found):
                 break
             progress(report.asked, f"{host}:{port} unit {unit}")
             report.asked += 1
-            await bus.connect()
-            if not await _answers(bus, unit):
+            await bus.connect()  # some hosts close the connection on a unit that they do not have
+            if not await _answers(bus, unit, odd):
                 continue
-            what = await recognise_modbus(bus, unit)
-            found.append(Found(unit, what, await read_inputs(bus, unit, what)))
+            found.append(await _look(bus, unit))
             if blind:
                 report.remarks.append(f"{host}:{port} {_ONE_DEVICE}, shown as unit {unit}")
                 break
         if not found and not stopped():
-            report.remarks.append(
-                f"{host}:{port} accepts connections, but no unit that was asked answers (--units 1-16?)"
-            )
-    except (ConnectError, BadAnswer) as error:
-        report.remarks.append(f"Modbus: {error.what}" + (f" ({error.hint})" if error.hint else ""))
+            nobody = f"{host}:{port} accepts connections, but no unit that was asked answers (--units 1-16?)"
+            report.remarks.append(f"Modbus: {odd[0]}" if odd else nobody)
+    except ConnectError as error:
+        report.remarks.append(f"Modbus: {_said(error)}")
     finally:
         await bus.close()
     if found:
         report.places.append(Place("modbus_tcp", {"host": host, "port": port}, tuple(found)))
 
 
-async def _answers(bus: ModbusTcpBus, unit: int) -> bool:
-    """Whether there is such a unit. Raises BadAnswer or ConnectError."""
+async def _answers(bus: ModbusTcpBus, unit: int, odd: list[str]) -> bool:
+    """Whether there is such a unit. What is no answer of it goes to `odd`."""
     try:
         await bus.read("", unit, ANY_REGISTER)
     except NoAnswer:
         return False
+    except (BadAnswer, ConnectError) as error:
+        odd.append(_said(error))
+        return False
     except Refused:
         return True
     return True
+
+
+async def _look(bus: ModbusTcpBus, unit: int) -> Found:
+    try:
+        what = await recognise_modbus(bus, unit)
+        return Found(unit, what, await read_inputs(bus, unit, what))
+    except ConnectError:
+        return Found(unit, Recognition("", (), "answers, but closes the connection when asked what it is"))
+
+
+def _said(error: DriverError) -> str:
+    return f"{error.what} ({error.hint})" if error.hint else error.what
 
 
 async def _controller(host: str, port: int, timeout_s: float, report: Report) -> None:

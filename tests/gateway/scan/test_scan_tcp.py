@@ -1,8 +1,8 @@
 """Scanning hosts: units behind one port, devices that do not look at the unit id, controllers that stream."""
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 from gateway.scan.found import Report
@@ -11,7 +11,7 @@ from gateway.scan.tcp import TcpScan, scan_hosts
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.me_controller import MeController
 from simulators.devices.modbus_servers import TcpHost
-from simulators.devices.modbus_unit import ModbusUnit
+from simulators.devices.modbus_unit import ModbusUnit, answer
 from simulators.devices.wago464 import Wago464
 from simulators.devices.wago_coupler import WagoCoupler
 
@@ -91,16 +91,68 @@ async def test_dead_host_is_a_remark_and_the_next_one_is_asked() -> None:
     assert any(f"cannot connect to 127.0.0.1:{gone}" in remark for remark in report.remarks)
 
 
+Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+@asynccontextmanager
+async def peer(serve: Serve) -> AsyncIterator[int]:
+    """A server that the test plays; every connection is over at the end."""
+    connections: set[asyncio.Task[None]] = set()
+
+    async def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if (task := asyncio.current_task()) is not None:
+            connections.add(task)
+        with suppress(asyncio.IncompleteReadError, ConnectionError):
+            await serve(reader, writer)
+        writer.close()
+        with suppress(ConnectionError):
+            await writer.wait_closed()
+
+    server = await asyncio.start_server(connected, "127.0.0.1", 0)
+    try:
+        yield int(server.sockets[0].getsockname()[1])
+    finally:
+        server.close()
+        await asyncio.gather(*connections)
+        await server.wait_closed()
+
+
+async def test_host_that_closes_on_strange_units_is_asked_on() -> None:
+    """Unit 3 is a module; on any other the connection is closed, as some gateways do."""
+    adam = Adam6015(lambda: SEVEN)
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while (request := await reader.readexactly(12))[6] == 3:
+            reply = answer(adam, request[7:])
+            writer.write(request[:4] + (len(reply) + 1).to_bytes(2, "big") + request[6:7] + reply)
+
+    async with peer(serve) as port:
+        report = await scan(port)
+    assert [(device.unit, device.what.profile) for device in report.found] == [(3, "advantech_adam6015")]
+
+
+async def test_host_that_speaks_something_else_is_left_alone_soon() -> None:
+    connections = 0
+
+    async def greet(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal connections
+        connections += 1
+        writer.write(b"220 mail.example.org ESMTP ready and waiting\r\n" * 3)
+
+    async with peer(greet) as port:
+        report = await scan(port, units=range(1, 200))
+    assert report.found == []
+    assert connections < 10
+    assert report.remarks[0].startswith("Modbus: ")
+
+
 async def test_host_that_accepts_and_never_answers_is_told() -> None:
-    server = await asyncio.start_server(lambda _r, w: w.close(), "127.0.0.1", 0)
     silent = TcpHost({})
     port = await silent.start()
     try:
         report = await scan(port)
     finally:
         await silent.stop()
-        server.close()
-        await server.wait_closed()
     assert (
         report.remarks[0] == f"127.0.0.1:{port} accepts connections, but no unit that was asked answers (--units 1-16?)"
     )
