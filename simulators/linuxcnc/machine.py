@@ -35,6 +35,8 @@ HURRY: Mapping[str, object] = {
 """Settings of a machine without mass: a cycle takes half a minute, as the touches themselves stay slow."""
 
 _NAMESPACES = ("--ipc", "--pid", "--mount", "--net", "--fork", "--mount-proc", "--kill-child")
+_AS_ORDINARY_USER = ("--user", "--map-current-user", "--keep-caps")
+"""Where the kernel lets ordinary users have namespaces."""
 _START = 'ip link set lo up 2>/dev/null; mount --bind "$1" /tmp && cd /tmp/nc && exec linuxcnc -r /tmp/nc/talc.ini'
 _REAL_TIME_USER = 65534
 """LinuxCNC's real-time part refuses root unless it is told which user it works for: nobody."""
@@ -62,7 +64,7 @@ class Machine:
         return float(await self.ask("hal", kind, name))
 
     async def line(self, timeout_s: float) -> dict[str, Any]:
-        """The operator's next line; LinuxCNC's own talk is passed over and shown when it ends."""
+        """The operator's next line; LinuxCNC's own talk is passed over. Raises ConnectionError with it when it ends."""
         if self.process.stdout is None:
             raise RuntimeError("LinuxCNC's process has no pipes")
         said = []
@@ -72,7 +74,7 @@ class Machine:
                     answer: dict[str, Any] = json.loads(line)
                     return answer
                 said.append(line.decode(errors="replace"))
-        raise RuntimeError(f"LinuxCNC has ended:\n{''.join(said)}")
+        raise ConnectionError(f"LinuxCNC has ended:\n{''.join(said)}")
 
 
 def missing() -> str | None:
@@ -81,8 +83,6 @@ def missing() -> str | None:
         return f"{FILES} is missing: run this from the source tree"
     if shutil.which("linuxcnc") is None:
         return f"LinuxCNC is not installed here. Debian 12 or later has it: {APT_LINE}"
-    if os.geteuid() != 0:
-        return "LinuxCNC's namespaces need root: run this as root"
     return None
 
 
@@ -105,7 +105,9 @@ async def machine(
     """
     if (problem := missing()) is not None:
         raise OSError(problem)
-    os.chown(folder, _REAL_TIME_USER, -1)
+    root = os.geteuid() == 0
+    if root:
+        os.chown(folder, _REAL_TIME_USER, -1)
     nc = folder / "nc"
     shutil.copytree(FILES, nc, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(_HERE / "screen.py", nc)
@@ -120,11 +122,14 @@ async def machine(
     (nc / "talc.ini").write_text(_with(changed, (nc / "talc.ini").read_text()))
     if tools is not None:
         (nc / "talc.tbl").write_text(tools)
-    environment = {"PATH": os.environ["PATH"], "HOME": "/tmp", "RTAPI_UID": str(_REAL_TIME_USER)}
+    environment = {"PATH": os.environ["PATH"], "HOME": "/tmp"}
+    if root:
+        environment["RTAPI_UID"] = str(_REAL_TIME_USER)
     if agent is not None:
         environment["TALC_AGENT_FD"] = str(agent.fileno())
     process = await asyncio.create_subprocess_exec(
         "unshare",
+        *(() if root else _AS_ORDINARY_USER),
         *_NAMESPACES,
         *("sh", "-c", _START, "sh", str(folder)),
         stdin=asyncio.subprocess.PIPE,
