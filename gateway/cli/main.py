@@ -11,6 +11,7 @@ from drivers.base import DriverError, SetupError
 from gateway.config import ConfigError, GatewayConfig, cautions, load
 from gateway.recording import RecordingError
 from gateway.store import StoreError
+from gateway.wire_log import WireLogError
 
 EXIT_CONFIG = 2
 """The configuration (or what was typed) cannot be."""
@@ -28,7 +29,7 @@ class _Commands(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         try:
             return super().invoke(ctx)
-        except (ConfigError, RecordingError, SetupError) as error:
+        except (ConfigError, RecordingError, SetupError, WireLogError) as error:
             click.echo(f"error: {error}", err=True)
             sys.exit(EXIT_CONFIG)
         except (DriverError, StoreError, OSError) as error:

@@ -1,6 +1,7 @@
 """`talc-gateway play`: a recording's devices on wires of this computer again, and a configuration that reads them."""
 
 import asyncio
+import struct
 from collections.abc import Iterable, Sequence
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
@@ -98,8 +99,9 @@ def play(path: Path, folder: Path, seconds: float | None, group: tuple[str, int]
 
     group: multicast group and port for CAN; a second CAN bus has the port above
     """
+    config, events = read_recording(path)
     folder.mkdir(parents=True, exist_ok=True)
-    asyncio.run(_play(*read_recording(path), folder, seconds, group))
+    asyncio.run(_play(config, events, folder, seconds, group))
 
 
 async def _play(
@@ -181,7 +183,7 @@ def read_recording(path: Path) -> tuple[GatewayConfig | None, Sequence[Event]]:
     try:
         with can.LogReader(path) as messages:
             events = [_event(m) for m in messages if not (m.is_error_frame or m.is_remote_frame)]
-    except (ValueError, OSError, IndexError, KeyError) as error:
+    except (ValueError, OSError, IndexError, KeyError, struct.error, can.CanError) as error:
         raise WireLogError(f"{path}: cannot be read as a CAN log: {error}") from error
     if not events:
         raise WireLogError(f"{path}: holds no CAN frames")

@@ -220,3 +220,21 @@ async def until(seen: Callable[[], bool]) -> None:
     """Wait for something outside."""
     while not seen():
         await asyncio.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("notes.txt", "is no recording"),
+        ("trace.asc", "holds no CAN frames"),
+        ("trace.blf", "cannot be read as a CAN log"),
+    ],
+)
+async def test_file_that_is_no_recording_is_refused_in_words(name: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / name
+    file.write_text("bought milk\n", encoding="utf-8")
+    done = await talc_gateway("play", str(file))
+    assert done.code == 2
+    assert done.err.startswith(f"error: {file}")
+    assert said in done.err.splitlines()[0]
+    assert not file.with_name(f"{name}.play").exists()
