@@ -71,7 +71,7 @@ def _children(pid: int) -> set[str]:
     return {c for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()}
 
 
-def measured(path: Path) -> Cost:
+def measured(path: Path, *, training: bool = False) -> Cost:
     """Run the service of a configuration and measure it once it has settled."""
     config, heard = load(path), [0]
 
@@ -80,7 +80,7 @@ def measured(path: Path) -> Cost:
 
     with zenoh.open(_listening()) as session:
         subscriber = session.declare_subscriber("talc/**", hear)
-        cost = _measured(path, config)
+        cost = _measured(path, config, training)
         subscriber.undeclare()
     return replace(cost, heard=heard[0])
 
@@ -92,17 +92,27 @@ def _listening() -> zenoh.Config:
     return config
 
 
-def _measured(path: Path, config: GatewayConfig) -> Cost:
+def _wait_for_child(pid: int) -> None:
+    until = time.monotonic() + _READY_S
+    while not _children(pid):
+        if time.monotonic() > until:
+            raise RuntimeError("the service began no training")
+        time.sleep(0.1)
+
+
+def _measured(path: Path, config: GatewayConfig, training: bool) -> Cost:
     launched = time.time()
     service = subprocess.Popen([sys.executable, "-m", "gateway", "run", str(path)])
     try:
         time.sleep(_SETTLE_S)
+        if training:
+            _wait_for_child(service.pid)
         before, begun, trainer = _ticks(service.pid), time.monotonic(), _children(service.pid)
         since = time.time()
         time.sleep(_WINDOW_S)
         share = (_ticks(service.pid) - before) / (time.monotonic() - begun)
         until, resident = time.time(), _resident_mb(service.pid)
-        training = bool(trainer & _children(service.pid))
+        trained = bool(trainer & _children(service.pid))
     finally:
         service.terminate()
         service.wait(30.0)
@@ -122,7 +132,7 @@ def _measured(path: Path, config: GatewayConfig) -> Cost:
         late.append(np.abs(np.diff(at[(at > since) & (at < until)]) - channel.period_s))
     jitter = float(np.percentile(np.concatenate(late), 99)) * 1e3
     first = max(at[0] for at in times.values()) - launched
-    return Cost(share, resident, jitter, first, len(config.channels), training, 0)
+    return Cost(share, resident, jitter, first, len(config.channels), trained, 0)
 
 
 @contextmanager
@@ -245,7 +255,7 @@ def _buses_rows() -> list[Row]:
         path = buses_config(Path(name), addresses, _LONG_TRAINING)
         Path(name, "gateway.sqlite").unlink()
         want_training(load(path))
-        busy = measured(path)
+        busy = measured(path, training=True)
         if quiet.training or not busy.training:
             raise RuntimeError(f"a training ran: {quiet.training}, {busy.training}; expected False, True")
         command = [sys.executable, "-m", "benchmarks.pymodbus_poll", str(_WINDOW_S), json.dumps(addresses)]
