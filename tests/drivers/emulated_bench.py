@@ -45,6 +45,15 @@ class ManualClock:
         self._moved = asyncio.Event()
 
 
+class Rigid:
+    """A machine without errors."""
+
+    def tool_deviation_um(
+        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
+    ) -> tuple[float, float, float]:
+        return 0.0, 0.0, 0.0
+
+
 @dataclass
 class Plant:
     """A machine with constant errors: position errors in µm, orientation errors in µm/m."""

@@ -18,15 +18,7 @@ from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads, User
 from simulators.nc.nck import R_ANSWERS, R_REQUEST, R_RESULT_OF, R_STATE
 from simulators.nc.variables import Right
 from tests.drivers.cut_line import line_to
-
-
-class Rigid:
-    """A machine without errors."""
-
-    def tool_deviation_um(
-        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
-    ) -> tuple[float, float, float]:
-        return 0.0, 0.0, 0.0
+from tests.drivers.emulated_bench import Rigid
 
 
 class FrozenProgram(EmulatedControl):

@@ -18,17 +18,9 @@ from drivers.sinumerik_settings import SinumerikSettings
 from gateway.clock import RealClock
 from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads, Security, User
 from simulators.nc.access import APPLICATION_URI
+from tests.drivers.emulated_bench import Rigid
 
 GATEWAY_URI = "urn:talc:gateway:test"
-
-
-class Rigid:
-    """A machine without errors."""
-
-    def tool_deviation_um(
-        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
-    ) -> tuple[float, float, float]:
-        return 0.0, 0.0, 0.0
 
 
 @dataclass(frozen=True)

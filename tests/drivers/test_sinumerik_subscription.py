@@ -14,15 +14,7 @@ from drivers.sinumerik_settings import SinumerikSettings
 from gateway.clock import RealClock
 from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads
 from simulators.nc.nck import AUTO, JOG
-
-
-class Rigid:
-    """A machine without errors."""
-
-    def tool_deviation_um(
-        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
-    ) -> tuple[float, float, float]:
-        return 0.0, 0.0, 0.0
+from tests.drivers.emulated_bench import Rigid
 
 
 class Counting(EmulatedControl):

@@ -26,19 +26,11 @@ from simulators.nc.nck import R_RESULTS, MachineState
 from simulators.nc.variables import ALARMS_SHOWN, Right
 from talc.frame import Decision, Phase, Why
 from tests.drivers.cut_line import Line, line_to
+from tests.drivers.emulated_bench import Rigid
 from tests.gateway.wire_clock import WireClock
 
 SLEW_UM_PER_S = 1.0
 CYCLE = CycleSettings(noise_um=0.0)
-
-
-class Rigid:
-    """A machine without errors."""
-
-    def tool_deviation_um(
-        self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
-    ) -> tuple[float, float, float]:
-        return 0.0, 0.0, 0.0
 
 
 class Control(EmulatedControl):
