@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
@@ -43,8 +44,9 @@ class _Standing:
     """A finding that has not gone."""
 
     finding: Finding
-    first_k: int
-    last_k: int
+    first: int
+    last: int
+    """Numbers of judgements."""
     told: bool = False
 
     def is_about(self, finding: Finding) -> bool:
@@ -105,8 +107,8 @@ class SensorWatch:
         self._model: SensorModel | None = None
         self._learnt_k: int | None = None
         self._learning_fails = False
-        self._suspicious_k: int | None = None
-        """Last judgement with a finding; the first one, if there was none."""
+        self._judged = self._quiet = 0
+        """Judgements in all, and those without a finding since the last one with."""
         self._findings: list[_Standing] = []
         self._suspect_since_k = None if before is None else before.suspect_since_k
         self._due = asyncio.Event()
@@ -160,24 +162,26 @@ class SensorWatch:
                 log.error("sensors: not judged: %s", error)
                 return
         self._told.sensors(judgement, k)
-        self._compare(judgement.findings, k)
+        if judgement.smallest_offset_K:  # it was judged
+            self._compare(judgement.findings, k)
 
     def _compare(self, findings: Sequence[Finding], k: int) -> None:
-        window = self._settings.window_steps
+        """Counts judgements, not time: a weekend at rest, which is not judged, mends nothing."""
+        self._judged += 1
+        window = math.ceil(self._settings.window_steps / _JUDGE_EVERY_STEPS)
         for finding in findings:
             standing = next((s for s in self._findings if s.is_about(finding)), None)
             if standing is None:
-                self._findings.append(standing := _Standing(finding, k, k))
-            standing.finding, standing.last_k = finding, k
+                self._findings.append(standing := _Standing(finding, self._judged, self._judged))
+            standing.finding, standing.last = finding, self._judged
             # While the window holds the begin or the end of an exchange, that looks like an offset.
             wait = window if finding.kind == "offset" else window // 2
-            if not standing.told and k - standing.first_k >= wait:
+            if not standing.told and self._judged - standing.first >= wait:
                 standing.told = True
                 self._tell(finding, k)
-        self._findings = [s for s in self._findings if k - s.last_k < (window if s.told else 1)]
-        if findings or self._suspicious_k is None:
-            self._suspicious_k = k
-        if self._suspect_since_k is not None and k - self._suspicious_k >= window and not self._findings:
+        self._findings = [s for s in self._findings if self._judged - s.last < (window if s.told else 1)]
+        self._quiet = 0 if findings else self._quiet + 1
+        if self._suspect_since_k is not None and self._quiet >= window and not self._findings:
             self._suspect_since_k = None
             log.info("sensors: all agree again")
             self._told.event(Event(EventKind.SENSORS_AGREE, "the sensors agree with each other again"), k)

@@ -133,6 +133,16 @@ async def test_a_restart_finds_the_fault_again_and_does_not_learn_it() -> None:
     assert all(name in ear.events[0][1] for name in SWAPPED)
 
 
+async def test_a_weekend_at_rest_mends_nothing() -> None:
+    ear, x = Ear(), days()
+    faulty = exchanged(x[3 * DAY : 4 * DAY])
+    rest = np.tile(faulty[-1], (2 * DAY, 1))
+    watching = watch(ear, Teacher())
+    await run(watching, np.concatenate([x[: 3 * DAY], faulty, rest]), K0)
+    assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT]
+    assert ear.judgements[-1][0] == Judgement()
+
+
 async def test_a_gap_is_no_window() -> None:
     ear, teacher, x = Ear(), Teacher(), days()
     watching = watch(ear, teacher)
