@@ -1,8 +1,8 @@
 """What predicts unseen days best: the whole control loop over 16 simulated machines, beside measure-and-hold.
 
 A day of calibration, then three days with a measurement each two hours (and those a model update asks for), on eight
-varied machines under a shop's day and under random loads of single axes. The peer corrects by the last measured error,
-measured at the same moments. Errors are judged before each measurement, against the truth.
+machines (benchmarks.data.varied) under a shop's day and under random loads of single axes. The peer corrects by the
+last measured error, measured at the same moments. Errors are judged before each measurement, against the truth.
 """
 
 import os
