@@ -180,9 +180,10 @@ class Cia404Device:
             frames = await self._bus.synchronise(self._device, self._node, identifiers)
         else:
             # What came before the node was checked may be another node's, or of another mapping.
-            longest_s = _PRODUCER_TIMES * max(pdo.event_s for pdo in self._maps)
-            oldest_s = max(self._started_s, monotonic() - longest_s)
-            until_s = self._started_s + self._bus.timeout_s  # later they had their time
+            interval_s, now_s = max(pdo.event_s for pdo in self._maps), monotonic()
+            oldest_s = max(self._started_s, now_s - _PRODUCER_TIMES * interval_s)
+            # One more interval: a computer that was busy for a while takes no node for lost.
+            until_s = max(self._started_s + self._bus.timeout_s, now_s + interval_s)
             frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s, until_s)
         objects = {place: [data] for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
         for wanted in self._wanted:

@@ -210,7 +210,7 @@ def _voltage(stack: AsyncExitStack) -> Awaitable[Rig]:
 
 def _can_rig(vendor: str, short: Quality, transfer: str = "sdo") -> StartRig:
     async def start(stack: AsyncExitStack) -> Rig:
-        event_ms = 10 if transfer == "timer" else 0
+        event_ms = 60 if transfer == "timer" else 0
         node = Cia404Node(5, lambda: TEMPERATURES[:4], inputs=4, vendor=vendor, event_ms=event_ms)
         neighbour = Cia404Node(6, lambda: [NEIGHBOUR] * 4, inputs=4, event_ms=event_ms)
         adapter = SlcanAdapter([node, neighbour])

@@ -18,6 +18,8 @@ from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.slcan_adapter import CanNode, Frame, SlcanAdapter
 
 NODE = 5
+SHORT_S = 0.02
+"""Timeout where many requests stay without an answer."""
 TEMPERATURES = [20.0, -3.3]
 GROUP = "239.74.163.3"
 VALUE = CanObject(0x9130, 1)
@@ -81,9 +83,9 @@ class Talker:
 
 
 @asynccontextmanager
-async def talking(node: CanNode) -> AsyncIterator[tuple[CanOpenBus, SlcanAdapter]]:
+async def talking(node: CanNode, timeout_s: float = 0.3) -> AsyncIterator[tuple[CanOpenBus, SlcanAdapter]]:
     adapter = SlcanAdapter([node])
-    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.02})
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": timeout_s})
     assert isinstance(bus, CanOpenBus)
     try:
         await bus.connect()
@@ -91,6 +93,14 @@ async def talking(node: CanNode) -> AsyncIterator[tuple[CanOpenBus, SlcanAdapter
     finally:
         await bus.close()
         await adapter.stop()
+
+
+async def answered(bus: CanOpenBus) -> list[bytes]:
+    """The node's answer, once it is over what was before and the computer gets round to it in so short a time."""
+    for _ in range(10):
+        with suppress(NoAnswer, BadAnswer):
+            return await bus.upload("node", NODE, [VALUE])
+    raise AssertionError("ten times no answer")
 
 
 COMMANDS = st.one_of(
@@ -124,7 +134,7 @@ def begins_segments(frames: Sequence[Frame]) -> bool:
 def test_any_frames_from_a_node_give_what_they_say_or_an_error() -> None:
     node, stack, outcomes = Talker(), AsyncExitStack(), [0, 0]
     with asyncio.Runner() as runner:
-        bus, _ = runner.run(stack.enter_async_context(talking(node)))
+        bus, _ = runner.run(stack.enter_async_context(talking(node, SHORT_S)))
         before: Sequence[Frame] = ()
 
         @settings(deadline=None, max_examples=200)
@@ -145,9 +155,7 @@ def test_any_frames_from_a_node_give_what_they_say_or_an_error() -> None:
         any_frames()
         assert min(outcomes) >= 20, "errors and values, or nothing was tried"
         node.says = [(0x580 + NODE, b"\x43" + PLACE + bytes((7, 0, 0, 0)))]
-        with suppress(DriverError):
-            runner.run(bus.upload("node", NODE, [VALUE]))
-        assert runner.run(bus.upload("node", NODE, [VALUE])) == [bytes((7, 0, 0, 0))]
+        assert runner.run(answered(bus)) == [bytes((7, 0, 0, 0))]
         runner.run(stack.aclose())
 
 
@@ -193,7 +201,9 @@ NOISE = st.one_of(
 def test_noise_around_an_adapters_lines_gives_the_value_or_an_error() -> None:
     stack, noise = AsyncExitStack(), (b"", b"")
     with asyncio.Runner() as runner:
-        bus, adapter = runner.run(stack.enter_async_context(talking(Cia404Node(NODE, lambda: TEMPERATURES, inputs=2))))
+        bus, adapter = runner.run(
+            stack.enter_async_context(talking(Cia404Node(NODE, lambda: TEMPERATURES, inputs=2), SHORT_S))
+        )
 
         @settings(deadline=None, max_examples=150)
         @given(NOISE, NOISE)
@@ -204,9 +214,7 @@ def test_noise_around_an_adapters_lines_gives_the_value_or_an_error() -> None:
                 assert runner.run(bus.upload("node", NODE, [VALUE])) == [(200).to_bytes(4, "little")]
             adapter.spoil = None
             adapter.send([(0x7FF, b"")])  # ends what the noise began
-            with suppress(NoAnswer, BadAnswer):
-                runner.run(bus.upload("node", NODE, [VALUE]))
-            assert runner.run(bus.upload("node", NODE, [VALUE])) == [(200).to_bytes(4, "little")]
+            assert runner.run(answered(bus)) == [(200).to_bytes(4, "little")]
 
         any_noise()
         runner.run(stack.aclose())

@@ -22,7 +22,7 @@ TEMPERATURES = [20.0, -3.3, 40.5, 55.1, 60.0, 70.0]
 @asynccontextmanager
 async def bench(node: Cia404Node, inputs: int, transfer: str = "sync") -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
     adapter = SlcanAdapter([node])
-    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.1})
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.2})
     channels = {f"c{i}": i for i in range(inputs)}
     driver = make_device("node", bus, "cia404", 5, channels, {"vendor": "jumo", "transfer": transfer}, SystemClock())
     try:
@@ -104,7 +104,7 @@ async def test_node_that_starts_anew_between_two_reads_is_made_operational_again
         assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
 
 
-def timed(event_ms: int = 20, *values: float) -> Cia404Node:
+def timed(event_ms: int = 80, *values: float) -> Cia404Node:
     return Cia404Node(5, lambda: values or TEMPERATURES, inputs=2, event_ms=event_ms)
 
 
@@ -117,7 +117,7 @@ async def test_node_sends_by_its_timer_and_is_asked_for_nothing() -> None:
             return super().on_frame(identifier, data)
 
     temperatures = [20.0, -3.3]
-    node = Counting(5, lambda: temperatures, inputs=2, event_ms=20)
+    node = Counting(5, lambda: temperatures, inputs=2, event_ms=80)
     async with bench(node, 2, "timer") as (_, driver):
         await driver.connect()
         assert [r.value for r in await driver.read()] == pytest.approx([20.0, -3.3])
@@ -146,7 +146,7 @@ async def test_timed_values_that_stop_are_no_answer_and_none_of_before_is_taken(
         begun = time.monotonic()
         with pytest.raises(NoAnswer, match="TPDO 0x185, 0x285 does not come by itself"):
             await read_on(driver)
-        assert time.monotonic() - begun >= 2 * 0.02  # three times the timer, less the frame that had just come
+        assert time.monotonic() - begun >= 2 * 0.08  # three times the timer, less the frame that had just come
         with pytest.raises(NoAnswer, match="no answer"):
             await driver.read()
         node.faults.silent = False
@@ -160,7 +160,7 @@ async def test_node_that_starts_anew_is_made_operational_before_its_values_are_d
         await driver.read()
         adapter.send(node.on_frame(0, bytes((129, 5))))  # boots, and waits in the state before
         await asyncio.sleep(0.05)
-        for _ in range(5):
+        for _ in range(3):
             assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES[:2])
 
 
@@ -168,8 +168,8 @@ async def test_node_that_starts_anew_is_made_operational_before_its_values_are_d
     ("event_ms", "kind", "says"),
     [
         (0, 1, "TPDO 1 has transmission type 1, not 255"),
-        (0, 255, "TPDO 1 is sent never by time, but timeout_s = 0.1"),
-        (250, 255, r"every 0.25 s, but timeout_s = 0.1 \(set object 1800:05 to less"),
+        (0, 255, "TPDO 1 is sent never by time, but timeout_s = 0.2"),
+        (250, 255, r"every 0.25 s, but timeout_s = 0.2 \(set object 1800:05 to less"),
     ],
 )
 async def test_node_without_a_fitting_timer_is_refused(event_ms: int, kind: int, says: str) -> None:

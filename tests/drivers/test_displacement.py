@@ -70,7 +70,7 @@ def test_any_payload_is_decoded_or_refused(data: bytes) -> None:
 
 
 @asynccontextmanager
-async def line(reply: Callable[[int], bytes]) -> AsyncIterator[MeRs485Bus]:
+async def line(reply: Callable[[int], bytes], timeout_s: float = 0.05) -> AsyncIterator[MeRs485Bus]:
     """A peer that answers its n-th request (from 1) with reply(n), and a bus connected to it."""
     count = 0
 
@@ -80,7 +80,7 @@ async def line(reply: Callable[[int], bytes]) -> AsyncIterator[MeRs485Bus]:
         port.write(reply(count))
 
     port = PtyPort(on_bytes)
-    bus = MeRs485Bus("bus1", MeRs485Settings(port=await port.start(), timeout_s=0.05))
+    bus = MeRs485Bus("bus1", MeRs485Settings(port=await port.start(), timeout_s=timeout_s))
     try:
         await bus.connect()
         yield bus
@@ -104,14 +104,14 @@ async def test_sensor_beside_a_silent_one_is_not_waited_for() -> None:
     def reply(number: int) -> bytes:
         return b"" if number % 2 else answer_frame(0x7D, 0.1, 0) + answer_frame(0x7E, 0.5, 0)
 
-    async with line(reply) as bus:
+    async with line(reply, timeout_s=0.4) as bus:
         loop = asyncio.get_running_loop()
         for _ in range(3):
             with pytest.raises(NoAnswer):
                 await bus.measure("dead", 0x7D)
             begun = loop.time()
             assert value(await bus.measure("d", 0x7E)) == pytest.approx(0.5)  # not the other's, which comes late
-            assert loop.time() - begun < 0.04
+            assert loop.time() - begun < 0.2
 
 
 @pytest.mark.parametrize(

@@ -176,7 +176,13 @@ def test_any_bytes_before_an_answer_give_it_or_an_error_and_the_next_is_right() 
             except DriverError:
                 await bus.connect()
             spoilt = False
-            assert await bus.read("d", 1, TWO) == (100, 101)
+            for _ in range(10):
+                try:
+                    taken = await bus.read("d", 1, TWO)
+                    break
+                except NoAnswer:  # within so short a timeout a busy computer may not get round to it
+                    continue
+            assert taken == (100, 101)
 
         @settings(deadline=None, max_examples=150)
         @given(PIECES)
