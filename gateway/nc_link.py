@@ -279,7 +279,12 @@ class NcLink:
             found = await self._form.read()
             if self._differ(found, self._left):
                 return None
-        await self._form.write(wanted)
+        try:
+            await self._form.write(wanted)
+        except ValueError as error:
+            # What stood there at the start lies beyond what the driver ever sends: no ramp leads out of it.
+            self._disarm(f"NC: {error}; {_shown(wanted)} µm were to be sent; compensation is disarmed until a restart")
+            return None
         found = self._left = await self._form.read()
         self._differ(found, wanted)
         return self._read_back(found, here)
@@ -288,15 +293,17 @@ class NcLink:
         """Disarm unless the control has in force what was written. Compared where the difference is largest."""
         differs = bool(np.abs(found - wanted).sum(axis=1).max() > _READ_BACK_TOLERANCE_UM)
         if differs:
-            self._disarmed = True
-            # Neither writes nor beats from now on: the control's watchdog brings the offsets to their declared state.
-            text = (
+            self._disarm(
                 f"NC: wrote offsets {_shown(wanted)} µm but {_shown(found)} are in force; compensation is disarmed "
                 "until a restart. Does something else write there?"
             )
-            log.warning("%s", text)
-            self._notify(text, False)
         return differs
+
+    def _disarm(self, text: str) -> None:
+        """Neither writes nor beats from now on: the control's watchdog brings the offsets to their declared state."""
+        self._disarmed = True
+        log.warning("%s", text)
+        self._notify(text, False)
 
     @staticmethod
     def _read_back(found: FloatArray, here: FloatArray | None) -> Offsets:

@@ -73,6 +73,8 @@ class Control:
         if self.slow is not None:
             self.in_write = True
             await self.slow.wait()
+        if max(map(abs, offsets_um)) > 500.0:
+            raise ValueError(f"offsets_um = {offsets_um!r}: beyond largest_um = 500; nothing was sent")
         self.writes.append((self.clock.monotonic(), offsets_um))
         if not self.deaf:
             self.in_force = offsets_um
@@ -302,3 +304,14 @@ async def test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by
     assert len(bench.control.writes) == before
     assert not bench.link.armed
     assert len([notice for notice in bench.notices if "30.00" in notice and "disarmed" in notice]) == 1
+
+
+async def test_offsets_in_force_beyond_what_is_ever_sent_disarm_and_do_not_end_the_link() -> None:
+    bench = Bench("compensate", in_force=(0.0, 0.0, 600.0))
+    async with bench.running():
+        await bench.clock.run_until(5.0)
+        assert bench.link.present is not None
+        assert not bench.link.armed
+        assert bench.link.present.monotonic_s >= 4.0, "reads go on"
+    assert bench.control.writes == []
+    assert [notice for notice in bench.notices if "beyond largest_um" in notice and "disarmed" in notice]
