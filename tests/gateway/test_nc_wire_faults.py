@@ -94,7 +94,7 @@ async def bench(
         line, joined = await stack.enter_async_context(line_to(url))
         user = "" if password is None else "gateway"
         settings = SinumerikSettings(
-            url=joined, timeout_s=0.5, user=user, password_file=password, subscribe_s=subscribe_s
+            url=joined, timeout_s=1.0, user=user, password_file=password, subscribe_s=subscribe_s
         )
         config = validate(
             {
