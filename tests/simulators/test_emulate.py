@@ -39,7 +39,7 @@ s = 0.3
 fault = "over"
 channel = 0
 [[at]]
-s = 0.9
+s = 1.3
 mend = 0
 """
 
@@ -66,7 +66,7 @@ async def test_device_plays_its_scenario(device: str, tmp_path: Path) -> None:
     try:
         await bus.connect()
         await driver.connect()
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(20):
             while len(seen) < 3:
                 (reading,) = await driver.read()
                 if not seen or (reading.quality is Quality.GOOD) != (seen[-1].quality is Quality.GOOD):

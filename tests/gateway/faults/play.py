@@ -13,7 +13,7 @@ ONE_AFTER_THE_OTHER_S = 0.037
 """Between the starts, lest all wires be busy at the same moment of each period."""
 STARVED_S = TIMEOUT_S / 3
 """A computer that does not let a thread run for so long makes living devices late: what was seen then counts not."""
-MOST_TRIES = 4
+MOST_TRIES = 8
 
 Play = Callable[[Path, Metronome], Awaitable[None]]
 """Takes an empty folder; raises AssertionError or TimeoutError."""
