@@ -56,9 +56,9 @@ class Write:
     positions: Mapping[str, float]
     """Axis positions: X Y Z in mm, A C in degrees."""
     written: bool
-    """Whether the offsets were sent to the control."""
+    """Whether the offsets were sent to the control. It may have them also when it did not answer."""
     read_back_um: Offsets | None
-    """What the control reports to have in force after the write; None when nothing was written."""
+    """What the control reports to have in force after the write; None when nothing was written or no answer came."""
 
 
 class Slew:

@@ -90,6 +90,7 @@ class NcLink:
         self._missing = dict(missing)
         self._decision: tuple[Decision, float] | None = None
         self._last_step: Step | None = None
+        self._attempted = False
         self.snapshot: NcSnapshot | None = None
 
     @property
@@ -148,7 +149,9 @@ class NcLink:
             await self._clock.sleep_until(due)
             if not await self._alive():
                 return  # the control's watchdog has it
-            await self._send(self._slew.follow(self._clock.monotonic(), None, Source.STOPPED))
+            step = self._slew.follow(self._clock.monotonic(), None, Source.STOPPED)
+            if self.snapshot is not None:
+                await self._apply(step, self.snapshot, send=True)
 
     async def measure(self, why: Why) -> Outcome:
         """One probing cycle, or those of the reference; see Prober. Offsets stand still until it has ended."""
@@ -215,8 +218,9 @@ class NcLink:
 
     async def _alive(self) -> bool:
         """Beat. Whether offsets may be written: the control's watchdog watches, and nothing moved since it did not."""
+        began = self._clock.monotonic()
         watched = await self._nc.heartbeat(self._owner)
-        self._beat_s = self._clock.monotonic()
+        self._beat_s = began  # not now: this process may have stood still since the control heard it
         if not watched:
             # It may have moved the offsets. This beat stops it, so what is read now is where to go on.
             self._begin_from(await self._form.read())
@@ -236,7 +240,6 @@ class NcLink:
             return
         may_write = self.armed and await self._alive()
         now = self._clock.monotonic()
-        k = self._decision[0].k if self._decision else None
         here = self._form.basis(positions(snapshot)[:3])
         async with self._writing:
             if snapshot.ready is not False and not self._ready:
@@ -244,15 +247,23 @@ class NcLink:
             self._ready = snapshot.ready is not False
             if self._frozen or not self._ready:
                 step = self._slew.freeze(now, here, Source.FROZEN if self._ready else Source.NOT_READY)
-                read_back = None
+                await self._apply(step, snapshot, send=False)
             else:
                 step = self._slew.follow(now, *self._wanted(snapshot, now), here)
-                read_back = await self._send(step, here) if may_write else None
-        if step != self._last_step:
-            self._written(
-                Write(snapshot.time, self._settings.mode, step, k, snapshot.positions, read_back is not None, read_back)
-            )
-        self._last_step = step
+                await self._apply(step, snapshot, send=may_write)
+
+    async def _apply(self, step: Step, snapshot: NcSnapshot, *, send: bool) -> None:
+        """Send a step if it is to be sent; tell of it also when the control does not answer."""
+        self._attempted, read_back = False, None
+        try:
+            if send:
+                read_back = await self._send(step, self._form.basis(positions(snapshot)[:3]))
+        finally:
+            if step != self._last_step or (self._attempted and read_back is None):
+                k = self._decision[0].k if self._decision else None
+                mode, at = self._settings.mode, snapshot.positions
+                self._written(Write(snapshot.time, mode, step, k, at, self._attempted, read_back))
+            self._last_step = step
 
     def _wanted(self, snapshot: NcSnapshot, now: float) -> tuple[FloatArray | None, Source]:
         if self._decision is None:
@@ -270,24 +281,31 @@ class NcLink:
 
     async def _send(self, step: Step, here: FloatArray | None = None) -> Offsets | None:
         """What is in force after the write; None: nothing was written."""
-        if self._clock.monotonic() - self._beat_s > self._watch.silence_s / 2:
-            # This process stood still after its beat. The control may be about to move the offsets, or has.
-            raise NoAnswer(f"more than {self._watch.silence_s / 2:g} s between heartbeat and write", device="nc")
         wanted = np.array(step.coefficients_um)
+        self._check_beat()
         if self._left is not None:
             # Our next step would be a jump from where somebody else has put it.
             found = await self._form.read()
+            self._check_beat()
             if self._differ(found, self._left):
                 return None
+        self._attempted = True
         try:
             await self._form.write(wanted)
         except ValueError as error:
             # What stood there at the start lies beyond what the driver ever sends: no ramp leads out of it.
+            self._attempted = False
             self._disarm(f"NC: {error}; {_shown(wanted)} µm were to be sent; compensation is disarmed until a restart")
             return None
         found = self._left = await self._form.read()
+        self._check_beat()
         self._differ(found, wanted)
         return self._read_back(found, here)
+
+    def _check_beat(self) -> None:
+        """Raises NoAnswer when this process has stood still since its beat: the control may have moved the offsets."""
+        if self._clock.monotonic() - self._beat_s > self._watch.silence_s / 2:
+            raise NoAnswer(f"more than {self._watch.silence_s / 2:g} s since the heartbeat", device="nc")
 
     def _differ(self, found: FloatArray, wanted: FloatArray) -> bool:
         """Disarm unless the control has in force what was written. Compared where the difference is largest."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from drivers.base import ConnectError, Refused
+from drivers.base import ConnectError, NoAnswer, Refused
 from drivers.nc import NcSnapshot, OperatingMode, ProbingState, ProbingStatus, ProgramState, Watch
 from gateway.compensation import Offsets, Source, Write
 from gateway.config import GatewayConfig
@@ -46,6 +46,11 @@ class Control:
     slow: asyncio.Event | None = None
     """A write lasts until it is set."""
     in_write: bool = False
+    swallows: bool = False
+    """Takes a write and does not answer."""
+    looks: int = 0
+    hangs: str = ""
+    """Within its next "beat", "look" or "read back" the gateway stands still, and the watchdog has acted meanwhile."""
 
     async def connect(self) -> None:
         if self.absent:
@@ -76,6 +81,9 @@ class Control:
         if max(map(abs, offsets_um)) > 500.0:
             raise ValueError(f"offsets_um = {offsets_um!r}: beyond largest_um = 500; nothing was sent")
         self.writes.append((self.clock.monotonic(), offsets_um))
+        if self.swallows:
+            self.in_force = offsets_um
+            raise NoAnswer("nothing within 2 s", device="nc")
         if not self.deaf:
             self.in_force = offsets_um
 
@@ -88,6 +96,7 @@ class Control:
         if self.owner != owner:
             raise Refused(f"belongs to gateway {self.owner}", device="nc")
         self.beats.append(self.clock.monotonic())
+        self._hang("beat")
         return self.watching
 
     async def release(self, owner: int) -> None:
@@ -95,7 +104,17 @@ class Control:
             self.owner = 0
 
     async def read_compensation(self) -> Offsets:
-        return self.in_force
+        answer, self.looks = self.in_force, self.looks + 1
+        self._hang("look")
+        if self.looks % 2 == 0:  # the first look of a step comes before the write, the second after it
+            self._hang("read back")
+            return self.in_force
+        return answer
+
+    def _hang(self, within: str) -> None:
+        if self.hangs == within:
+            self.clock.spend(6.0)
+            self.hangs, self.in_force = "", (0.0, 0.0, 1.0)
 
 
 def config(mode: str, *, when_stale: str = "zero", armed: bool = True) -> GatewayConfig:
@@ -279,6 +298,52 @@ async def test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are(
         first = len(bench.control.writes)
         await bench.clock.run_until(20.0)
     assert bench.control.writes[first][1][2] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("within", ["beat", "look", "read back"])
+async def test_a_process_that_stood_still_since_its_beat_does_not_write(within: str) -> None:
+    """watchdog_s = 10: after 6 s the control may be about to take the offsets away."""
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(8.0))
+        await bench.clock.run_until(3.5)
+        before = len(bench.control.writes)
+        bench.control.hangs = within
+        bench.control.looks = 0
+        await bench.clock.run_until(40.0)
+    sent = [offsets[2] for _, offsets in bench.control.writes[before + (within == "read back") :]]
+    heights = [1.0, *sent]
+    assert bench.link.armed
+    assert np.abs(np.diff(heights)).max() <= 2.0  # the next write begins from where the watchdog was
+    assert bench.control.in_force == (0.0, 0.0, 8.0)
+    assert any("since the heartbeat" in notice for notice in bench.notices)
+
+
+async def test_what_is_written_while_stopping_is_told_too() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    told = [write.step.offsets_um for write in bench.steps if write.step.source is Source.STOPPED and write.written]
+    assert told == [offsets for at, offsets in bench.control.writes if at > 10.0]
+    assert told[-1] == (0.0, 0.0, 0.0)
+
+
+async def test_a_write_without_an_answer_is_told_as_one_that_may_have_acted() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(1.5)
+        bench.control.swallows = True
+        await bench.clock.run_until(2.5)
+        bench.control.swallows = False
+        await bench.clock.run_until(20.0)
+    lost = [write for write in bench.steps if write.written and write.read_back_um is None]
+    assert [write.step.offsets_um for write in lost] == [(0.0, 0.0, 2.0)]
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
 
 
 async def test_stopping_gives_the_control_back() -> None:
