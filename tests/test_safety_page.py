@@ -27,6 +27,7 @@ def test_every_test_that_the_safety_page_names_exists() -> None:
             re.search(rf"^{re.escape(name)}", tests, re.MULTILINE)
             or f"{name}.py" in files
             or (TESTS.parent / name).exists()
+            or (TESTS.parent / f"{name}.py").exists()
         )
     }
     assert missing == set()
