@@ -111,6 +111,7 @@ async function main() {
   for (const [n, position] of Object.entries(AXES)) {
     show(`/Channel/MachineAxis/actToolBasePos[u1,${n}]`, "Double", () => position);
     show(`/Channel/MachineAxis/actFeedRate[u1,${n}]`, "Double", () => 720.0);
+    show(`/Channel/MachineAxis/refPtStatus[u1,${n}]`, "UInt16", () => 3);
   }
   show("/Channel/Spindle/actSpeed[u1,1]", "Double", () => 8000.0);
   show("/Plc/M120.0", "Boolean", () => true);
