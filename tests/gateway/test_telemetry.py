@@ -1,6 +1,7 @@
 """Telemetry over real Zenoh sessions on loopback."""
 
 import json
+import asyncio
 import math
 import socket
 import threading
@@ -114,15 +115,19 @@ async def test_who_comes_late_gets_the_last_value_of_every_key() -> None:
 
 
 async def test_the_token_lives_as_long_as_the_gateway() -> None:
-    port, gone = free_port(), threading.Event()
+    port, there, gone = free_port(), threading.Event(), threading.Event()
     async with telemetry(port):
         session = client(port)
         assert [str(r.ok.key_expr) for r in session.liveliness().get("talc/mill/alive", timeout=5.0) if r.ok] == [
             "talc/mill/alive"
         ]
         watcher = session.liveliness().declare_subscriber(
-            "talc/mill/alive", lambda s: gone.set() if s.kind == zenoh.SampleKind.DELETE else None
+            "talc/mill/alive",
+            lambda s: (gone if s.kind == zenoh.SampleKind.DELETE else there).set(),
+            history=True,
         )
+        # Before the gateway has heard of the watcher it would tell nobody of its end.
+        assert await asyncio.to_thread(there.wait, 10.0)
     assert gone.wait(10.0)
     watcher.undeclare()
     session.close()
