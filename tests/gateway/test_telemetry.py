@@ -1,7 +1,7 @@
 """Telemetry over real Zenoh sessions on loopback."""
 
-import json
 import asyncio
+import json
 import math
 import socket
 import threading
