@@ -40,8 +40,6 @@ def rows() -> list[Row]:
     ):
         code = _TRAIN.format(rows=rows_, selector=selector, na=na, nb=nb, estimator=estimator) + _PEAK
         table.append(Row(f"peak memory of {text} above NumPy", f"{_printed(code) - plain:.0f} MB", goal="≤ 45 MB"))
-    libraries = _printed(f"import numpy, osqp, scipy.linalg\n{_PEAK}") - plain
-    table.append(Row("of that, importing OSQP and scipy.linalg", f"{libraries:.0f} MB"))
     after_numpy = statistics.median(_printed(f"import numpy; {_IMPORT}") for _ in range(5))
     whole = statistics.median(_printed(_IMPORT) for _ in range(5))
     table.append(Row("import of talc", f"{whole:.2f} s", f"{after_numpy:.2f} s after NumPy", "≤ 0.3 s"))

@@ -78,10 +78,8 @@ def least_squares_fit(regression: Regression, structure: Structure) -> Estimate:
     """
     from scipy.linalg import qr, solve_triangular
 
-    x = regression.columns(structure)
+    x = _enough(regression.columns(structure))
     n, p = x.shape
-    if n < p:
-        raise ValueError(f"{n} rows for {p} coefficients: measure more, or lower the orders")
     scale = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
     q, r, order = qr(x / scale, mode="economic", pivoting=True)
     rank = int((np.abs(np.diag(r)) > 1e-12 * abs(r[0, 0])).sum())
@@ -97,19 +95,19 @@ def least_squares_fit(regression: Regression, structure: Structure) -> Estimate:
 
 def guarded_fit(
     regression: Regression, structure: Structure, *, max_pole: float = 0.98, max_gain: float = 10.0
-) -> Estimate:
+) -> Parameters:
     """Least squares under linear constraints that keep the model stable and its static gains plausible (OSQP).
 
     sum |phi_i| <= max_pole is sufficient for all poles inside that radius; |sum_j b_sj| <= max_gain (1 - sum phi_i)
     bounds every static gain, scaled units. Solved on y[k-1], its differences, u and its differences, each of unit RMS:
-    on the raw regressors (condition 2e6) the solver gives up. The standard errors are those of the free fit.
-    RuntimeError: the solver did not solve it.
+    on the raw regressors (condition 2e6) the solver gives up. Standard errors are those of the free fit, see
+    `least_squares_fit`.
+    ValueError: fewer rows than coefficients; RuntimeError: the solver did not solve it.
     """
     import osqp
     from scipy import sparse
 
-    free = least_squares_fit(regression, structure)
-    x = regression.columns(structure)
+    x = _enough(regression.columns(structure))
     p, na = x.shape[1], structure.na
     groups = [[0], list(range(1, 1 + na))]
     for nb in structure.nb:
@@ -153,7 +151,7 @@ def guarded_fit(
     if answer.info.status != "solved":
         raise RuntimeError(f"guarded fit of {structure}: OSQP says {answer.info.status!r}")
     theta = to_levels @ (np.asarray(answer.x) / scale)
-    return Estimate(_parameters(theta, structure), free.std, free.freedom, regression.y - x @ theta)
+    return _parameters(theta, structure)
 
 
 def refine(window: Window, structure: Structure, start: Parameters, *, max_pole: float = 0.999) -> Parameters:
@@ -213,6 +211,14 @@ def simulate(window: Window, structure: Structure, parameters: Parameters) -> Fl
         run[k] = min(max(y, -_FAR), _FAR)
         history = [float(run[k]), *history[:-1]]
     return run
+
+
+def _enough(x: FloatArray) -> FloatArray:
+    """The columns, when there are rows for them."""
+    n, p = x.shape
+    if n < p:
+        raise ValueError(f"{n} rows for {p} coefficients: measure more, or lower the orders")
+    return x
 
 
 def _parameters(theta: FloatArray, structure: Structure) -> Parameters:

@@ -114,7 +114,7 @@ def by_arx(
         )
         structure, criterion = chosen.structure, chosen.criterion
     free = settings.estimator == "least_squares"
-    parameters = (least_squares_fit if free else guarded_fit)(regression, structure).parameters
+    parameters = least_squares_fit(regression, structure).parameters if free else guarded_fit(regression, structure)
     if settings.estimator == "refined":
         parameters = refine(window, structure, parameters, max_pole=settings.max_pole)
     largest = max(np.abs(np.roots(np.concatenate([[1.0], parameters.a]))), default=0.0)

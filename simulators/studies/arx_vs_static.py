@@ -134,7 +134,7 @@ def predictions(
         found[model] = free_run(structure, least_squares_fit(regression, structure).parameters)
     structure, settings = plain["ARX"], TrainingSettings()
     try:
-        guarded = guarded_fit(regression, structure).parameters
+        guarded = guarded_fit(regression, structure)
     except RuntimeError:
         found["ARX guarded"] = found["ARX refined"] = None
     else:

@@ -123,7 +123,7 @@ def test_guards_hold_where_the_free_fit_breaks_them() -> None:
     structure = Structure(2, (0,), (1,))
     free = least_squares_fit(regression, structure).parameters
     assert np.abs(np.roots([1.0, *free.a])).max() > 0.999
-    guarded = guarded_fit(regression, structure, max_pole=0.95, max_gain=3.0).parameters
+    guarded = guarded_fit(regression, structure, max_pole=0.95, max_gain=3.0)
     assert np.abs(np.roots([1.0, *guarded.a])).max() <= 0.95 + 1e-6
     assert abs(guarded.b[0].sum() / (1.0 + guarded.a.sum())) <= 3.0 + 1e-3
 
@@ -133,7 +133,7 @@ def test_guards_that_do_not_bind_change_nothing() -> None:
     regression = Regression(w, 1, 1)
     structure = Structure(1, (0, 1), (1, 0))
     free = least_squares_fit(regression, structure).parameters
-    guarded = guarded_fit(regression, structure, max_pole=0.999).parameters
+    guarded = guarded_fit(regression, structure, max_pole=0.999)
     np.testing.assert_allclose(guarded.a, free.a, atol=1e-5)
     np.testing.assert_allclose(np.concatenate(guarded.b), np.concatenate(free.b), atol=1e-4)
 
