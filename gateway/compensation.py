@@ -72,8 +72,8 @@ class Slew:
     bound_um: largest magnitude per axis, µm, > 0
     slew_um_per_s: largest rate of change per axis, µm/s, > 0
     when_stale: `zero` ramps to zero, `hold` keeps the last offsets, when there is nothing to rest on
-    period_s: nominal time between steps; a longer pause counts as two periods at most, so that a gateway that
-        hung does not make up for it in one stride
+    period_s: nominal time between steps; a longer pause counts as one period, so that no step is larger and a
+        gateway that hung does not make up for it in one stride
     in_force_um: (3,) or (3, n), what the control reports at start
     now_s: monotonic seconds of that report
     """
@@ -90,7 +90,7 @@ class Slew:
         self._bound = np.asarray(bound_um, dtype=float)
         self._rate = slew_um_per_s
         self._when_stale = when_stale
-        self._longest = 2 * period_s
+        self._period = period_s
         self._now = _matrix(in_force_um)
         self._time = now_s
         if self._bound.shape != (3,) or not np.all(np.isfinite(self._bound)) or np.any(self._bound <= 0):
@@ -127,7 +127,7 @@ class Slew:
         else:
             wanted = _matrix(wanted_um)
         target = _within(wanted, self._bound)
-        reach = self._rate * min(max(0.0, now_s - self._time), self._longest)
+        reach = self._rate * min(max(0.0, now_s - self._time), self._period)
         self._now = self._now + _within(target - self._now, np.full(3, reach))
         self._time = now_s
         return self._step(target, source, np.abs(wanted).sum(axis=1) > self._bound, basis)

@@ -122,7 +122,7 @@ def assert_never_stepped(
     period_s: float,
     but_at_s: float | None = None,
 ) -> None:
-    """By the control's own record: no axis changes faster than the rate, by more than two periods' worth at once, or
+    """By the control's own record: no axis changes faster than the rate, by more than one period's worth at once, or
     beyond its bound. What the control's watchdog ramps is noted when somebody looks, so only its rate counts."""
     value, since = np.zeros(3), np.zeros(3)
     for entry in log:
@@ -131,7 +131,7 @@ def assert_never_stepped(
         if entry.time_s != but_at_s:
             reach = rate_um_per_s * (entry.time_s - since)
             if not entry.ramped:
-                reach = np.minimum(reach, 2 * rate_um_per_s * period_s)
+                reach = np.minimum(reach, rate_um_per_s * period_s)
             assert (np.abs(now - value)[changed] <= reach[changed] + 1e-6).all(), (entry, value, since)
         assert (np.abs(now) <= np.array(bound_um) + 1e-6).all(), entry
         value, since = now, np.where(changed, entry.time_s, since)

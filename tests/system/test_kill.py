@@ -109,12 +109,12 @@ def calibrated(config: GatewayConfig) -> None:
 
 
 def judged(log: Sequence[Logged]) -> None:
-    """No change at once by more than two periods' worth (what a late cycle may make up for), none beyond the bound,
+    """No change at once by more than one period's worth, none beyond the bound,
     and between any two moments no more than that and what the rate allows, when one write was under way for as long
     as it may be, half of the silence."""
     times = np.array([entry.time_s for entry in log])
     values = np.array([entry.values_mm for entry in log]) * 1e3
-    most = 2 * RATE_UM_PER_S * PERIOD_S
+    most = RATE_UM_PER_S * PERIOD_S
     assert (np.abs(values) <= np.array(BOUND_UM) + 1e-6).all()
     gateway = np.array([not entry.ramped for entry in log])
     change = np.abs(np.diff(values, axis=0, prepend=np.zeros((1, 3))))
