@@ -17,10 +17,11 @@ from drivers.nc import (
     ProbingStatus,
     ProgramState,
     Watch,
+    check_number,
+    check_offsets,
 )
 
 AXES = LINEAR_AXES + ROTARY_AXES
-LARGEST_NUMBER: Final = 2**31 - 1
 _POLL_S, _THERE_UM = 0.02, 1e-3
 STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
 """Every machine state that the agent tells: 1/min, mm/min, 0 or 1."""
@@ -75,12 +76,12 @@ class LinuxCnc:
 
     async def request_probing(self, number: int) -> None:
         """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last."""
-        _check_number(number, "request number")
+        check_number(number, "request number")
         await self._line.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s)
 
     async def probing_status(self, number: int) -> ProbingStatus:
         """Where request `number` stands; idle when the control has heard of another one since, or of none."""
-        _check_number(number, "request number")
+        check_number(number, "request number")
         told = self._table(await self._line.ask("probing", number=number), "probing")
         state = _member(ProbingState, told.get("state"), None)
         if state is None:
@@ -99,7 +100,7 @@ class LinuxCnc:
 
     async def withdraw_probing(self, number: int) -> None:
         """Take the request back; a cycle under way is stopped before its next touch."""
-        _check_number(number, "request number")
+        check_number(number, "request number")
         await self._line.ask("withdraw", number=number)
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
@@ -107,12 +108,7 @@ class LinuxCnc:
 
         Raises ValueError, before anything is sent, for a number that is not finite or beyond `largest_um`.
         """
-        if not all(math.isfinite(v) for v in offsets_um):
-            raise ValueError(f"offsets_um = {offsets_um!r}: expected three finite numbers; nothing was sent")
-        if any(abs(v) > self._settings.largest_um for v in offsets_um):
-            raise ValueError(
-                f"offsets_um = {offsets_um!r}: beyond largest_um = {self._settings.largest_um:g}; nothing was sent"
-            )
+        check_offsets(offsets_um, self._settings.largest_um)
         await self._line.ask("write", owner=self._owner, um=[float(v) for v in offsets_um])
         # The control slews. Who reads back next shall find what was written, unless something else is wrong.
         with suppress(TimeoutError):
@@ -131,7 +127,7 @@ class LinuxCnc:
 
         Raises ValueError for an owner outside 1 .. 2**31 - 1.
         """
-        _check_number(owner, "owner")
+        check_number(owner, "owner")
         try:
             await self._line.ask("claim", owner=owner, silence_s=watch.silence_s, ramp_um_per_s=watch.ramp_um_per_s)
         except Refused as error:
@@ -144,13 +140,13 @@ class LinuxCnc:
                     await asyncio.sleep(_POLL_S)
 
     async def heartbeat(self, owner: int) -> bool:
-        _check_number(owner, "owner")
+        check_number(owner, "owner")
         watched = await self._line.ask("heartbeat", owner=owner) is True
         self._owner = owner
         return watched
 
     async def release(self, owner: int) -> None:
-        _check_number(owner, "owner")
+        check_number(owner, "owner")
         await self._line.ask("release", owner=owner)
 
     def _table(self, answer: Json, what: str) -> dict[str, Json]:
@@ -174,11 +170,6 @@ class LinuxCnc:
 
     def _bad(self, what: str) -> DriverError:
         return BadAnswer(what, device=self._settings.device, hint="is the agent of another version?")
-
-
-def _check_number(number: int, what: str) -> None:
-    if not 1 <= number <= LARGEST_NUMBER:
-        raise ValueError(f"{what} = {number!r}: expected 1 to {LARGEST_NUMBER}")
 
 
 def _member(kind: Any, value: Json, default: Any) -> Any:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 from drivers.base import Quality
 
@@ -13,6 +13,8 @@ Triple = tuple[float, float, float]
 
 LINEAR_AXES = ("X", "Y", "Z")
 ROTARY_AXES = ("A", "C")
+LARGEST_NUMBER: Final = 2**31 - 1
+"""Of a request or an owner: what a control keeps exactly, as an integer or a floating-point number."""
 
 
 class ProbingState(StrEnum):
@@ -199,3 +201,17 @@ class FollowsPosition(NumericalControl, Protocol):
     async def read_linear(self) -> LinearOffsets:
         """K0 and slopes that the control has in force, about `reference_mm`."""
         ...
+
+
+def check_number(number: int, what: str) -> None:
+    """Raises ValueError for a request or an owner outside 1 .. 2**31 - 1."""
+    if not 1 <= number <= LARGEST_NUMBER:
+        raise ValueError(f"{what} = {number!r}: expected 1 to {LARGEST_NUMBER}")
+
+
+def check_offsets(offsets_um: Triple, largest_um: float) -> None:
+    """Before anything is sent: raises ValueError for a number that is not finite or beyond `largest_um`."""
+    if not all(math.isfinite(v) for v in offsets_um):
+        raise ValueError(f"offsets_um = {offsets_um!r}: expected three finite numbers; nothing was sent")
+    if any(abs(v) > largest_um for v in offsets_um):
+        raise ValueError(f"offsets_um = {offsets_um!r}: beyond largest_um = {largest_um:g}; nothing was sent")

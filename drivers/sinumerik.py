@@ -14,6 +14,8 @@ from drivers.nc import (
     ProgramState,
     Triple,
     Watch,
+    check_number,
+    check_offsets,
 )
 from drivers.opcua import Number, OpcUaSession
 from drivers.sinumerik_settings import SinumerikSettings
@@ -59,7 +61,6 @@ REASONS: Final = {
     6: "a touch found no sphere",
     7: "the program was stopped",
 }
-LARGEST_NUMBER: Final = 2**31 - 1
 EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
 ALIVE: Final = 1
@@ -148,7 +149,7 @@ class Sinumerik:
 
     async def request_probing(self, number: int) -> None:
         """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last."""
-        _check_number(number)
+        check_number(number, "request number")
         request, answers, _, _ = self._numbers(self._status, await self._session.read(self._status))
         if number in (request, answers):
             raise Refused(
@@ -163,7 +164,7 @@ class Sinumerik:
 
     async def probing_status(self, number: int) -> ProbingStatus:
         """Where request `number` stands; idle when the control holds another request and has not answered this one."""
-        _check_number(number)
+        check_number(number, "request number")
         request, answers, state, reason = self._numbers(self._status, await self._session.read(self._status))
         if answers != number or not state:
             return ProbingStatus(number, ProbingState.REQUESTED if request == number else ProbingState.IDLE)
@@ -188,7 +189,7 @@ class Sinumerik:
 
     async def withdraw_probing(self, number: int) -> None:
         """Take the request back; a cycle under way is stopped at the control's next chance."""
-        _check_number(number)
+        check_number(number, "request number")
         await self._session.write({self._settings.r(self._settings.handshake.withdraw): float(number)})
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
@@ -197,10 +198,7 @@ class Sinumerik:
         On Refused some of the three may have been set: read back.
         """
         comp = self._settings.compensation
-        if not all(math.isfinite(v) for v in offsets_um):
-            raise ValueError(f"offsets_um = {offsets_um!r}: expected three finite numbers; nothing was sent")
-        if any(abs(v) > comp.largest_um for v in offsets_um):
-            raise ValueError(f"offsets_um = {offsets_um!r}: beyond largest_um = {comp.largest_um:g}; nothing was sent")
+        check_offsets(offsets_um, comp.largest_um)
         values = {
             path: comp.sign(axis) * offset * 1e-3
             for axis, (path, offset) in enumerate(zip(self._offsets, offsets_um, strict=True))
@@ -218,7 +216,7 @@ class Sinumerik:
 
     async def claim(self, owner: int, watch: Watch) -> None:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
-        _check_number(owner, "owner")
+        check_number(owner, "owner")
         holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
         if holder not in (0, owner) and state == ALIVE:
             raise self._anothers(holder)
@@ -229,7 +227,7 @@ class Sinumerik:
 
     async def heartbeat(self, owner: int) -> bool:
         """Raises ValueError as `claim`."""
-        _check_number(owner, "owner")
+        check_number(owner, "owner")
         holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
         if holder != owner:
             raise self._anothers(holder)
@@ -237,7 +235,7 @@ class Sinumerik:
         return state == ALIVE
 
     async def release(self, owner: int) -> None:
-        _check_number(owner, "owner")
+        check_number(owner, "owner")
         holder, _, _ = self._numbers(self._lease, await self._session.read(self._lease))
         if holder == owner:
             await self._session.write({self._settings.r(self._settings.lease.owner): 0.0})
@@ -284,11 +282,6 @@ class Sinumerik:
             if value is None:
                 raise BadAnswer(f"{path} has no value", device=self._settings.device)
         return [float(value) for value in values if value is not None]
-
-
-def _check_number(number: int, what: str = "request number") -> None:
-    if not 1 <= number <= LARGEST_NUMBER:
-        raise ValueError(f"{what} = {number!r}: expected 1 to {LARGEST_NUMBER}")
 
 
 def _next_beat(beat: float) -> float:

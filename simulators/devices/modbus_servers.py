@@ -1,9 +1,9 @@
 """Where emulated Modbus units stand: on one serial line, or behind one TCP port."""
 
-import asyncio
 import struct
 from collections.abc import Mapping
 
+from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.modbus_unit import ModbusUnit, answer
 from simulators.devices.pty_port import PtyPort
 from simulators.devices.spoil import Spoil, send
@@ -73,48 +73,23 @@ class TcpHost:
     """Units behind one loopback port. `await start()` gives the port number."""
 
     def __init__(self, units: Mapping[int, ModbusUnit]) -> None:
-        self._units = dict(units)
-        self._server: asyncio.Server | None = None
-        self._connections: set[_TcpConnection] = set()
+        self.units = dict(units)
+        self.server = LoopbackServer(lambda: _TcpConnection(self))
         self.spoil: Spoil | None = None
         """What happens to answers on the wire."""
 
     async def start(self, port: int = 0) -> int:
-        loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(
-            lambda: _TcpConnection(self, self._units, self._connections), "127.0.0.1", port
-        )
-        return int(self._server.sockets[0].getsockname()[1])
+        return await self.server.start(port)
 
     async def stop(self) -> None:
-        if self._server is None:
-            return
-        self._server.close()
-        for connection in tuple(self._connections):
-            connection.abort()
-        await self._server.wait_closed()
-        self._server = None
-        await asyncio.sleep(0)
+        await self.server.stop()
 
 
-class _TcpConnection(asyncio.Protocol):
-    def __init__(self, host: TcpHost, units: Mapping[int, ModbusUnit], open_connections: "set[_TcpConnection]") -> None:
+class _TcpConnection(Connection):
+    def __init__(self, host: TcpHost) -> None:
+        super().__init__()
         self._host = host
-        self._units, self._open = units, open_connections
-        self._transport: asyncio.Transport | None = None
         self._heard = b""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        if isinstance(transport, asyncio.Transport):
-            self._transport = transport
-            self._open.add(self)
-
-    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's interface
-        self._open.discard(self)
-
-    def abort(self) -> None:
-        if self._transport is not None:
-            self._transport.abort()
 
     def data_received(self, data: bytes) -> None:
         self._heard += data
@@ -126,8 +101,8 @@ class _TcpConnection(asyncio.Protocol):
             if len(self._heard) < 6 + length:
                 return
             pdu, self._heard = self._heard[_MBAP.size : 6 + length], self._heard[6 + length :]
-            unit = self._units.get(unit_id)
-            if unit is not None and not unit.silent and self._transport is not None:
+            unit = self._host.units.get(unit_id)
+            if unit is not None and not unit.silent and self.transport is not None:
                 reply = answer(unit, pdu)
                 frame = _MBAP.pack(number, 0, len(reply) + 1, unit_id) + reply
-                send(self._transport.write, self._host.spoil, unit_id, frame)
+                send(self.transport.write, self._host.spoil, unit_id, frame)

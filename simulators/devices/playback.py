@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.pty_port import PtyPort
 from simulators.devices.script import HANG_UP, Said, Script, frame_key, frame_of, numbered
@@ -58,50 +59,35 @@ class PlayedHost:
     """
 
     def __init__(self, script: Script, *, numbered: bool) -> None:
-        self._script, self._numbered = script, numbered
-        self._server: asyncio.Server | None = None
-        self._connections: set[_Connection] = set()
+        self.server = LoopbackServer(lambda: _Connection(script, numbered))
 
     async def start(self, port: int = 0) -> int:
-        loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(
-            lambda: _Connection(self._script, self._numbered, self._connections), "127.0.0.1", port
-        )
-        return int(self._server.sockets[0].getsockname()[1])
+        return await self.server.start(port)
 
     async def stop(self) -> None:
-        if self._server is None:
-            return
-        self._server.close()
-        for connection in tuple(self._connections):
-            connection.abort()
-        await self._server.wait_closed()
-        self._server = None
-        await asyncio.sleep(0)
+        await self.server.stop()
 
 
-class _Connection(asyncio.Protocol):
-    def __init__(self, script: Script, with_numbers: bool, connections: "set[_Connection]") -> None:
-        self._script, self._numbered, self._connections = script, with_numbers, connections
-        self._transport: asyncio.Transport | None = None
+class _Connection(Connection):
+    def __init__(self, script: Script, with_numbers: bool) -> None:
+        super().__init__()
+        self._script, self._numbered = script, with_numbers
         self._timers = _Timers()
         self._heard = b""
         self._rest = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        if isinstance(transport, asyncio.Transport):
-            self._transport = transport
-            self._connections.add(self)
+        super().connection_made(transport)
+        if self.transport is not None:
             self._timers.repeat(self._script, partial(self._say, 0))
 
-    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's interface
+    def connection_lost(self, exc: Exception | None) -> None:
         self._timers.stop()
-        self._connections.discard(self)
+        super().connection_lost(exc)
 
     def abort(self) -> None:
         self._timers.stop()
-        if self._transport is not None:
-            self._transport.abort()
+        super().abort()
 
     def data_received(self, data: bytes) -> None:
         if not self._numbered:
@@ -114,14 +100,14 @@ class _Connection(asyncio.Protocol):
             self._timers.say(self._script.answer(bytes(2) + request[2:]), partial(self._say, number))
 
     def _say(self, number: int, data: bytes | None) -> None:
-        if self._transport is None or self._transport.is_closing():
+        if self.transport is None or self.transport.is_closing():
             return
         if data is HANG_UP:
-            self._transport.close()
+            self.transport.close()
             return
         if self._numbered:
             data, self._rest = numbered(data, number, self._rest)
-        self._transport.write(data)
+        self.transport.write(data)
 
 
 class PlayedAdapter:

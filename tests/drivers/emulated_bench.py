@@ -5,7 +5,6 @@ import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,34 +14,12 @@ from drivers.sinumerik import Sinumerik
 from drivers.sinumerik_settings import SinumerikSettings, Source
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads, User
 from simulators.nc.variables import COOLANT, PROBE_IN_SPINDLE
+from tests.manual_clock import ManualClock
 
 POSES = ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0))
 RADIUS_MM, HEIGHT_MM = 120.0, 80.0
 CUTTING_S = 1000.0
 """The program cuts so long, with a safe point each 40 s, and stands still afterwards."""
-
-
-class ManualClock:
-    """Simulated time that moves when the test says so."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-        self._moved = asyncio.Event()
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def utc(self) -> datetime:
-        return datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=self.now)
-
-    async def sleep_until(self, monotonic_s: float) -> None:
-        while self.now < monotonic_s:
-            await self._moved.wait()
-
-    def move_to(self, now: float) -> None:
-        self.now = now
-        self._moved.set()
-        self._moved = asyncio.Event()
 
 
 class Rigid:

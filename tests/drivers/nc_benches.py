@@ -19,10 +19,11 @@ from drivers.sinumerik_slope import SinumerikWithSlopes
 from simulators.linuxcnc.machine import HURRY
 from simulators.nc import Nck
 from tests.drivers import linuxcnc_bench
-from tests.drivers.emulated_bench import ManualClock, Plant, day, sinumerik_bench, wired
+from tests.drivers.emulated_bench import Plant, day, sinumerik_bench, wired
 from tests.drivers.in_process_nc import InProcess
 from tests.drivers.node_opcua_site import secured
 from tests.drivers.npm_peer import node_with, running
+from tests.manual_clock import ManualClock
 
 _NO_SAFE_POINT_S = 10.0
 """Well within an operation of the emulated control's program."""

@@ -14,7 +14,8 @@ from drivers.sinumerik_settings import Handshake, SinumerikSettings
 from simulators.nc import User
 from simulators.nc.nck import JOG
 from simulators.nc.variables import Right
-from tests.drivers.emulated_bench import POSES, Bench, ManualClock, expected_deviation_um, sinumerik_bench, wired
+from tests.drivers.emulated_bench import POSES, Bench, expected_deviation_um, sinumerik_bench, wired
+from tests.manual_clock import ManualClock
 
 
 @pytest.fixture

@@ -120,7 +120,7 @@ async def tcp_hanging_up() -> Wire:
     port = await host.start()
 
     def hang_up(_: int, __: bytes) -> list[tuple[float, bytes]]:
-        for connection in tuple(host._connections):
+        for connection in tuple(host.server.connections):
             connection.abort()
         return []
 

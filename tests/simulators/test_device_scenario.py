@@ -7,6 +7,7 @@ import pytest
 from simulators.devices.m7015 import M7015
 from simulators.devices.modbus_unit import answer
 from simulators.devices.scenario import Scenario
+from tests.manual_clock import ManualClock
 
 SCENARIO = """
 [[at]]
@@ -35,28 +36,6 @@ values = [25.5, 0]
 READ_TWO = bytes.fromhex("04 00 00 00 02")
 
 
-class Stepped:
-    """Time that passes when somebody sleeps, up to where the test lets it."""
-
-    def __init__(self) -> None:
-        self.now = 1000.0
-        self._moved = asyncio.Event()
-
-    def monotonic(self) -> float:
-        return self.now
-
-    async def sleep_until(self, monotonic_s: float) -> None:
-        while self.now < monotonic_s:
-            await self._moved.wait()
-
-    async def pass_to(self, monotonic_s: float) -> None:
-        self.now = monotonic_s
-        self._moved.set()
-        self._moved = asyncio.Event()
-        for _ in range(10):
-            await asyncio.sleep(0)
-
-
 @pytest.mark.parametrize(
     ("time_s", "values"),
     [(-5, [20, 30]), (0, [20, 30]), (5, [20, 35]), (10, [20, 40]), (20, [22.75, 20]), (30, [25.5, 0]), (99, [25.5, 0])],
@@ -66,7 +45,7 @@ def test_values_run_straight_between_the_entries(time_s: float, values: list[flo
 
 
 async def test_device_answers_what_the_script_says_at_that_time() -> None:
-    clock, scenario = Stepped(), Scenario.parse(SCENARIO)
+    clock, scenario = ManualClock(1000.0), Scenario.parse(SCENARIO)
     module = M7015(lambda: [*told(), 0.0, 0.0, 0.0, 0.0])
     told = scenario.source(clock)
     playing = asyncio.create_task(scenario.play(module.faults, clock))

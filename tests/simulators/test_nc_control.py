@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 
 import pytest
 from asyncua import ua
@@ -12,31 +12,7 @@ from asyncua.ua.status_codes import StatusCodes
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
 from simulators.nc.control import NAMESPACE_URI
 from simulators.nc.nck import R_REQUEST
-
-
-class ManualClock:
-    """Simulated time that moves when the test says so."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-        self._moved = asyncio.Event()
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def utc(self) -> datetime:
-        return datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=self.now)
-
-    async def sleep_until(self, monotonic_s: float) -> None:
-        while self.now < monotonic_s:
-            await self._moved.wait()
-
-    async def move_to(self, now: float) -> None:
-        self.now = now
-        self._moved.set()
-        self._moved = asyncio.Event()
-        for _ in range(10):  # rounds of the loop in which whoever slept until now wakes and works
-            await asyncio.sleep(0)
+from tests.manual_clock import ManualClock
 
 
 class Touched:
@@ -78,11 +54,11 @@ async def test_the_cycle_goes_on_while_nobody_reads(
     async with Client(url) as client:
         index = await client.get_namespace_index(NAMESPACE_URI)
         request = client.get_node(f"ns={index};s=/Channel/Parameter/R[u1,{R_REQUEST}]")
-        await clock.move_to(5.0)
+        await clock.pass_to(5.0)
         await request.write_value(7.0)
     seen = []
     for now in range(6, 200):
-        await clock.move_to(float(now))
+        await clock.pass_to(float(now))
         seen.append(len(machine.at_s))
     assert seen[-1] == 6
     assert seen.index(1) + 6 - machine.at_s[0] < 1.0, "a touch is worked off when it is due, not when somebody reads"
@@ -96,7 +72,7 @@ async def test_names_values_and_types_as_a_client_sees_them(control: EmulatedCon
         async def value(path: str) -> ua.DataValue:
             return await client.get_node(f"ns={index};s={path}").read_data_value(raise_on_bad_status=False)
 
-        await clock.move_to(6.0)
+        await clock.pass_to(6.0)
         position = await value("/Channel/MachineAxis/actToolBasePos[u1,1]")
         assert position.Value is not None
         assert (position.Value.VariantType, position.Value.Value) == (ua.VariantType.Double, pytest.approx(60.0))

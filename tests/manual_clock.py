@@ -1,0 +1,36 @@
+"""Simulated time for emulated controls and devices."""
+
+import asyncio
+from datetime import UTC, datetime, timedelta
+
+_IDLE_TURNS = 10
+"""Rounds of the event loop in which whoever slept until now wakes and works."""
+
+
+class ManualClock:
+    """Simulated time that moves when the test says so."""
+
+    def __init__(self, now: float = 0.0) -> None:
+        self.now = now
+        self._moved = asyncio.Event()
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def utc(self) -> datetime:
+        return datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=self.now)
+
+    async def sleep_until(self, monotonic_s: float) -> None:
+        while self.now < monotonic_s:
+            await self._moved.wait()
+
+    def move_to(self, now: float) -> None:
+        self.now = now
+        self._moved.set()
+        self._moved = asyncio.Event()
+
+    async def pass_to(self, now: float) -> None:
+        """Move, and let everybody who slept until then do what they do."""
+        self.move_to(now)
+        for _ in range(_IDLE_TURNS):
+            await asyncio.sleep(0)
