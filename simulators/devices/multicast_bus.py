@@ -1,10 +1,14 @@
 """Emulated CAN nodes on a UDP multicast group (python-can's `udp_multicast`): reachable from other processes."""
 
+import socket
 from collections.abc import Callable, Sequence
+from threading import Timer
 
 import can
+from can.interfaces.udp_multicast.utils import pack_message
 
 from simulators.devices.slcan_adapter import CanNode, Frame
+from simulators.devices.spoil import Spoil
 
 _STOP_S = 2.0
 
@@ -29,6 +33,8 @@ class MulticastBus:
         self._nodes, self._group, self._port = tuple(nodes), group, port
         self._bus: can.BusABC | None = None
         self._notifier: can.Notifier | None = None
+        self.spoil: Spoil | None = None
+        """What happens to datagrams on the wire; the sender is a frame's identifier."""
 
     def start(self) -> None:
         """Raises OSError or can.CanError when the group cannot be joined."""
@@ -45,9 +51,23 @@ class MulticastBus:
     def send(self, frames: Sequence[Frame]) -> None:
         """Frames that nodes send by themselves."""
         for identifier, data in frames:
-            if self._bus is not None:
-                number, extended = identifier & 0x1FFFFFFF, bool(identifier >> 31)
-                self._bus.send(can.Message(arbitration_id=number, data=data, is_extended_id=extended))
+            if self._bus is None:
+                return
+            number, extended = identifier & 0x1FFFFFFF, bool(identifier >> 31)
+            message = can.Message(arbitration_id=number, data=data, is_extended_id=extended)
+            if self.spoil is None:
+                self._bus.send(message)
+                continue
+            for delay_s, heard in self.spoil(identifier, pack_message(message)):
+                if delay_s > 0:
+                    Timer(delay_s, self._send_datagram, [heard]).start()
+                else:
+                    self._send_datagram(heard)
+
+    def _send_datagram(self, data: bytes) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+            sender.sendto(data, (self._group, self._port))
 
     def _on_message(self, message: can.Message) -> None:
         for node in self._nodes:

@@ -3,6 +3,9 @@
 import asyncio
 from collections.abc import Awaitable, Callable, Collection, Sequence
 
+import can
+from can.interfaces.udp_multicast.utils import pack_message, unpack_message
+
 from simulators.devices.cia404_node import Nmt
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.source import Fault
@@ -126,6 +129,45 @@ SENSOR = SENSORS[:1]
 def abort(line: bytes) -> bytes:
     """The same SDO answered with an abort: the object does not exist."""
     return line[:5] + b"80" + line[7:13] + b"00000206\r"
+
+
+# A datagram of UDP multicast holds one CAN frame as python-can packs it.
+
+
+def cast(change: Callable[[can.Message], object]) -> Callable[[bytes], bytes]:
+    """The same frame, changed in place."""
+
+    def changed(datagram: bytes) -> bytes:
+        message = unpack_message(datagram)
+        change(message)
+        return pack_message(message)
+
+    return changed
+
+
+def answered_by(node: int) -> Callable[[bytes], bytes]:
+    def change(message: can.Message) -> None:
+        message.arbitration_id += node - VICTIM
+
+    return cast(change)
+
+
+def of_length(count: int) -> Callable[[bytes], bytes]:
+    def change(message: can.Message) -> None:
+        message.data = bytearray((*message.data, *bytes(count))[:count])
+        message.dlc = count
+
+    return cast(change)
+
+
+def aborted(message: can.Message) -> None:
+    message.data = bytearray((0x80, *message.data[1:4], *bytes.fromhex("00000206")))
+
+
+def among(*strangers: bytes) -> Do:
+    """Before and after each frame, datagrams of somebody else."""
+    foreign = [(0.0, datagram) for datagram in strangers]
+    return spoilt(lambda frame: (*foreign, (0.0, frame), *foreign), None)
 
 
 # Micro-Epsilon on RS-485: 68 LE LE 68, then address, sender, function, data; check sum, 16.

@@ -50,6 +50,7 @@ MEANING: Mapping[str, str] = {
         "TCP has its own."
     ),
     "truncated frame": "A frame ends too early. What comes next is read from its own beginning.",
+    "truncated datagram": "What is no CAN frame in the group is passed over.",
     "overlong frame": "A frame is longer than it may be, or than was asked for.",
     "exception code": "The device understood and said no. Does the profile fit the device?",
     "bus-off": (
@@ -75,9 +76,9 @@ FROZEN = """## frozen value
 With `stuck_after_s` set, a channel whose number has not changed at all for so long is `stale` ("exactly 21 for
 600 s"), on every kind of bus. Without it a frozen value cannot be told from a steady one.
 """
-REST = """Two more are played: the computer's clock jumps by an hour, forwards or back, on Modbus TCP (periods and ages
-stand on the monotonic clock; only the UTC of readings jumps); and every core is busy with other programs, on Modbus
-RTU, Modbus TCP and CANopen (periods are as regular as the computer lets a thread wake).
+REST = """Two more are played on every wire above: the computer's clock jumps by an hour, forwards or back (periods and
+ages stand on the monotonic clock; only the UTC of readings jumps); and every core is busy with other programs (periods
+are as regular as the computer lets a thread wake).
 """
 
 

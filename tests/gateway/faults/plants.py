@@ -108,16 +108,16 @@ async def rtu(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     return plant
 
 
-async def pta(folder: Path) -> Plant:
+async def pta(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Modbus RTU with modules that do not notice broken sensors."""
     victim, neighbour = (Pta8d08(lambda: [TEMPERATURE] * 8) for _ in range(2))
-    return await _rtu(folder, "eletechsup_pta8d08", victim, neighbour)
+    return await _rtu(folder, "eletechsup_pta8d08", victim, neighbour, timeout_s)
 
 
-async def analogue(folder: Path) -> Plant:
+async def analogue(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Analogue displacement sensors on voltage input modules."""
     victim, neighbour = (VoltageInput(lambda: [DISTANCE_UM] * 8, range_um=RANGE_UM) for _ in range(2))
-    plant = await _rtu(folder, "analogue_displacement", victim, neighbour)
+    plant = await _rtu(folder, "analogue_displacement", victim, neighbour, timeout_s)
     plant.truth = DISTANCE_UM
     return plant
 
@@ -141,10 +141,10 @@ async def tcp(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     return plant
 
 
-async def wago(_: Path) -> Plant:
+async def wago(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Modules behind couplers: only the status byte tells."""
     victim, neighbour = (Wago464(lambda: [TEMPERATURE] * 4) for _ in range(2))
-    return await _tcp("wago_750_464", victim, neighbour)
+    return await _tcp("wago_750_464", victim, neighbour, timeout_s)
 
 
 async def other() -> Plant:
@@ -198,22 +198,22 @@ async def slcan(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     return await _slcan(folder, "sdo", timeout_s)
 
 
-async def heartbeat(folder: Path) -> Plant:
+async def heartbeat(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """The same, heartbeats watched."""
-    return await _slcan(folder, "sdo", heartbeat_ms=HEARTBEAT_MS)
+    return await _slcan(folder, "sdo", timeout_s, heartbeat_ms=HEARTBEAT_MS)
 
 
-async def sync(folder: Path) -> Plant:
+async def sync(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """CANopen by TPDOs after SYNC, heartbeats watched."""
-    return await _slcan(folder, "sync", heartbeat_ms=HEARTBEAT_MS)
+    return await _slcan(folder, "sync", timeout_s, heartbeat_ms=HEARTBEAT_MS)
 
 
-async def timer(folder: Path) -> Plant:
+async def timer(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """CANopen by TPDOs that the nodes send by their timers, heartbeats watched."""
-    return await _slcan(folder, "timer", heartbeat_ms=HEARTBEAT_MS, event_ms=EVENT_MS)
+    return await _slcan(folder, "timer", timeout_s, heartbeat_ms=HEARTBEAT_MS, event_ms=EVENT_MS)
 
 
-async def multicast(_: Path) -> Plant:
+async def multicast(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """CANopen over UDP multicast, as between two programs."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
@@ -228,13 +228,14 @@ async def multicast(_: Path) -> Plant:
     async def unplug() -> None:
         wire.stop()
 
-    options = {"interface": "udp_multicast", "channel": group, "port": port, "timeout_s": TIMEOUT_S}
+    options = {"interface": "udp_multicast", "channel": group, "port": port, "timeout_s": timeout_s}
     plant = _canopen(make_bus("can", "canopen", options), nodes, "sdo", plug, unplug)
+    plant.wire = wire
     plant.send, plant.stop = wire.send, [unplug]
     return plant
 
 
-async def dbc(folder: Path) -> Plant:
+async def dbc(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Loggers that send by themselves, read by their DBC files."""
     adapter = SlcanAdapter([])
     loggers = [CanLogger(lambda: [TEMPERATURE] * 5, adapter.send, first=first) for first in (0x300, 0x310)]
@@ -248,13 +249,13 @@ async def dbc(folder: Path) -> Plant:
             logger.stop()
         await adapter.stop()
 
-    bus = make_bus("can", "can", {"interface": "slcan", "channel": str(folder / "can"), "timeout_s": 2 * TIMEOUT_S})
+    bus = make_bus("can", "can", {"interface": "slcan", "channel": str(folder / "can"), "timeout_s": 2 * timeout_s})
     profiles = logger_profile(folder, "victim", 0x300), logger_profile(folder, "neighbour", 0x310)
     drivers = _pair(bus, profiles, {})
     return Plant(bus, drivers, loggers[0].faults, unplug, plug, wire=adapter, adapter=adapter, stop=[stop])
 
 
-async def _sensors(folder: Path, profile: str, payload: Payload) -> Plant:
+async def _sensors(folder: Path, profile: str, payload: Payload, timeout_s: float) -> Plant:
     """Two displacement sensors on one line."""
     victim, neighbour = (
         MeSensor(lambda: [DISTANCE_UM], range_um=RANGE_UM, address=address, payload=payload) for address in SENSORS
@@ -262,7 +263,7 @@ async def _sensors(folder: Path, profile: str, payload: Payload) -> Plant:
     line = MeLine([victim, neighbour])
     plug, unplug = _cable(folder / "me", line.start, line.stop)
     await plug()
-    bus = make_bus("me", "me_rs485", {"port": str(folder / "me"), "timeout_s": TIMEOUT_S})
+    bus = make_bus("me", "me_rs485", {"port": str(folder / "me"), "timeout_s": timeout_s})
     drivers = tuple(
         make_device(name, bus, profile, address, {name: 0}, {"range_um": RANGE_UM}, SystemClock())
         for name, address in zip(("victim", "neighbour"), SENSORS, strict=True)
@@ -270,17 +271,17 @@ async def _sensors(folder: Path, profile: str, payload: Payload) -> Plant:
     return Plant(bus, drivers, victim.faults, unplug, plug, DISTANCE_UM, wire=line, stop=[line.stop])
 
 
-async def me_rs485(folder: Path) -> Plant:
+async def me_rs485(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Displacement sensors on a pseudo-terminal."""
-    return await _sensors(folder, "me_rs485", "float")
+    return await _sensors(folder, "me_rs485", "float", timeout_s)
 
 
-async def dt6120(folder: Path) -> Plant:
+async def dt6120(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """The same with the other form of data."""
-    return await _sensors(folder, "me_dt6120", "counted")
+    return await _sensors(folder, "me_dt6120", "counted", timeout_s)
 
 
-async def me_ethernet(_: Path) -> Plant:
+async def me_ethernet(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """One displacement controller on loopback."""
     controller = MeController(lambda: [DISTANCE_UM] * 2, range_um=RANGE_UM)
     port = await controller.start()
@@ -288,13 +289,19 @@ async def me_ethernet(_: Path) -> Plant:
     async def plug() -> None:
         await controller.start(port)
 
-    bus = make_bus("eddy", "me_ethernet", {"host": "127.0.0.1", "port": port, "timeout_s": 2 * TIMEOUT_S})
+    bus = make_bus("eddy", "me_ethernet", {"host": "127.0.0.1", "port": port, "timeout_s": 2 * timeout_s})
     driver = make_device("victim", bus, "me_ethernet", 1, CHANNELS, {"range_um": RANGE_UM}, SystemClock())
     stop = [controller.stop]
     return Plant(bus, (driver,), controller.faults, controller.stop, plug, DISTANCE_UM, wire=controller, stop=stop)
 
 
-PLANTS: Mapping[str, Callable[[Path], Awaitable[Plant]]] = {
+class Make(Protocol):
+    """A plant on a new wire, its devices' names in an empty folder."""
+
+    def __call__(self, folder: Path, /, timeout_s: float = TIMEOUT_S) -> Awaitable[Plant]: ...
+
+
+PLANTS: Mapping[str, Make] = {
     "rtu": rtu,
     "pta": pta,
     "analogue": analogue,

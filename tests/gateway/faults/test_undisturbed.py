@@ -4,7 +4,7 @@ import asyncio
 import subprocess
 import sys
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -19,8 +19,8 @@ from gateway.plausibility import Plausible
 from tests.gateway.faults.actions import PERIOD_S
 from tests.gateway.faults.bench import FAULT_PERIODS, Metronome, acquiring, keeps_period
 from tests.gateway.faults.matrix import HARMLESS, Harmless
-from tests.gateway.faults.plants import PLANTS, Plant, rtu, slcan, tcp
-from tests.gateway.faults.play import all_at_once, done
+from tests.gateway.faults.plants import PLANTS
+from tests.gateway.faults.play import ONE_AFTER_THE_OTHER_S, all_at_once, done
 
 LASTS_S = 8 * PERIOD_S
 
@@ -57,11 +57,12 @@ async def undisturbed(case: Harmless, folder: Path, metronome: Metronome) -> Non
 
 
 async def test_wall_clock_jumps(tmp_path: Path) -> None:
-    await all_at_once({f"{hours:+} h": partial(jumped, timedelta(hours=hours)) for hours in (1, -1)}, tmp_path)
+    plays = {f"{plant} {h:+} h": partial(jumped, plant, timedelta(hours=h)) for plant in PLANTS for h in (1, -1)}
+    await all_at_once(plays, tmp_path)
 
 
-async def jumped(jump: timedelta, folder: Path, metronome: Metronome) -> None:
-    plant, clock = await tcp(folder), JumpingClock()
+async def jumped(name: str, jump: timedelta, folder: Path, metronome: Metronome) -> None:
+    plant, clock = await PLANTS[name](folder), JumpingClock()
     board = Board({"victim": PERIOD_S, "beside": PERIOD_S, "neighbour": PERIOD_S})
     async with acquiring(plant, clock=clock) as heard:
         first = await heard.until("victim", Quality.GOOD, 0.0, 5.0)
@@ -88,15 +89,22 @@ def busy_computer(processes: int) -> Iterator[None]:
             process.wait()
 
 
-@pytest.mark.parametrize("plant_of", [rtu, tcp, slcan])
-async def test_every_core_is_busy(tmp_path: Path, plant_of: Callable[[Path, float], Awaitable[Plant]]) -> None:
-    plant = await plant_of(tmp_path, PERIOD_S)  # who has to wait for a core has not met a dead device
+async def test_every_core_is_busy(tmp_path: Path) -> None:
     with Metronome() as metronome, busy_computer(2):
-        async with acquiring(plant) as heard:
-            await heard.until("victim", Quality.GOOD, 0.0, 5.0)
-            await asyncio.sleep(PERIOD_S)
-            begun = time.monotonic()
-            await asyncio.sleep(LASTS_S)
+        async with asyncio.TaskGroup() as tasks:
+            for name in PLANTS:
+                tasks.create_task(beside_others(name, tmp_path / name, metronome), name=name)
+                await asyncio.sleep(ONE_AFTER_THE_OTHER_S)
+
+
+async def beside_others(name: str, folder: Path, metronome: Metronome) -> None:
+    await asyncio.to_thread(folder.mkdir)
+    plant = await PLANTS[name](folder, PERIOD_S)  # who has to wait for a core has not met a dead device
+    async with acquiring(plant) as heard:
+        await heard.until("victim", Quality.GOOD, 0.0, 5.0)
+        await asyncio.sleep(PERIOD_S)
+        begun = time.monotonic()
+        await asyncio.sleep(LASTS_S)
     keeps_period(heard.of("victim", begun), metronome.lost_s(begun))
 
 
