@@ -56,6 +56,7 @@ WAYS = (
     Way("`search`, policy `uncertainty`", control=ControlSettings(policy="uncertainty")),
     Way("`search`, policy `novelty`", control=ControlSettings(policy="novelty")),
     Way("`search`, fixed 4 h", control=ControlSettings(measurement_interval_steps=48)),
+    Way("`search`, calibration measured each 30 min", control=ControlSettings(calibration_interval_steps=6)),
     Way("`search`, orders up to 1", TrainingSettings(max_nb=1)),
 )
 

@@ -13,7 +13,7 @@ from talc.record import Record
 from talc.settings import TalcSettings
 
 _ENOUGH = 0.75
-"""Share of the calibration's steps that must have been measured."""
+"""Share of the calibration's measurements that must have come."""
 _LONGEST_GAP_STEPS = 2016
 """After a longer silence (a week at 5 min) the record starts anew; models stay."""
 _ERRORS = len(THERMAL_ERRORS)
@@ -46,10 +46,10 @@ class ControllerState:
 class Controller:
     """Phases, action control limits, state and model updates (Z22 §2-3, Table 2; B19 §2-3).
 
-    `calibration` measures at every step until enough is known for the first models. `compensation` predicts at every
-    step and measures at an interval; a measurement resets the models' output history (state update). A residual above
-    its limit leads to `no_good`: measurements at every step, then a training on all that is known, then
-    `compensation` again. While a training is under way predictions go on with the models there are.
+    `calibration` measures at every step, or each few, until enough is known for the first models. `compensation`
+    predicts at every step and measures at an interval; a measurement resets the models' output history (state update).
+    A residual above its limit leads to `no_good`: measurements at every step, then a training on all that is known,
+    then `compensation` again. While a training is under way predictions go on with the models there are.
 
     Inputs without a good value are replaced by their last good one, or by the training's mean if there never was one;
     a decision tells when that begins and ends for an input that a model uses. A thermal error without a model is
@@ -242,8 +242,8 @@ class Controller:
             return None
         match self._phase:
             case Phase.CALIBRATION:
-                steps = self._control.calibration_steps
-                enough = len(self._record) >= steps and self._measured >= _ENOUGH * steps
+                steps, every = self._control.calibration_steps, self._control.calibration_interval_steps
+                enough = len(self._record) >= steps and self._measured >= _ENOUGH * steps / every
                 why = Why.CALIBRATION
             case Phase.NO_GOOD:
                 enough, why = self._measured >= self._control.no_good_measurements, Why.NO_GOOD
@@ -266,13 +266,14 @@ class Controller:
         )
 
     def _wish(self, k: int, novel: bool, sigma: FloatArray, limits: FloatArray) -> Why | None:
+        since = k + 1 - self._last_measured if self._last_measured is not None else k + 1
         match self._phase:
             case Phase.CALIBRATION:
-                return Why.CALIBRATION
+                due = self._last_measured is None or since >= self._control.calibration_interval_steps
+                return Why.CALIBRATION if due else None
             case Phase.NO_GOOD:
                 return None if self._learning else Why.NO_GOOD
             case Phase.COMPENSATION:
-                since = k + 1 - self._last_measured if self._last_measured is not None else k + 1
                 return self._routine(since, novel, sigma, limits)
 
     def _routine(self, since: int, novel: bool, sigma: FloatArray, limits: FloatArray) -> Why | None:

@@ -3,6 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+_LEAST_MEASUREMENTS = 12
+"""In a calibration."""
+
 
 def require(condition: bool, field_name: str, value: object, expected: str) -> None:
     """Raise ValueError naming the field, its value and what was expected."""
@@ -67,7 +70,10 @@ class ControlSettings:
     """When to measure, when to learn (Z22 §2-3, Table 2; B19 §2-3). Counts are grid steps."""
 
     calibration_steps: int = 288
-    """Length of the calibration phase, measured at every step (24 h at 5 min)."""
+    """Length of the calibration phase (24 h at 5 min)."""
+    calibration_interval_steps: int = 1
+    """Steps between its measurements (Z22: each step). A longer calibration that is measured less often sees more of
+    what the machine does with fewer probing cycles (docs/studies.md, `parameters`)."""
     policy: Literal["fixed", "novelty", "uncertainty"] = "fixed"
     """When to measure in compensation: at a fixed interval; when the inputs leave what training has seen; or when the
     95 % interval of a prediction fills its share of the action control limit. The last two within the bounds below."""
@@ -90,7 +96,11 @@ class ControlSettings:
     """Fixed limit for orientation errors, µm/m (B19)."""
 
     def __post_init__(self) -> None:
-        require(self.calibration_steps >= 12, "calibration_steps", self.calibration_steps, "12 or more")
+        every = self.calibration_interval_steps
+        require(every >= 1, "calibration_interval_steps", every, "1 or more")
+        least = _LEAST_MEASUREMENTS * every
+        expected = f"{_LEAST_MEASUREMENTS} or more" if every == 1 else f"{least} or more, 12 measurements {every} apart"
+        require(self.calibration_steps >= least, "calibration_steps", self.calibration_steps, expected)
         require(
             self.measurement_interval_steps >= 1,
             "measurement_interval_steps",

@@ -47,11 +47,11 @@ def run_recording(file: Path, columns: Columns, output: Path, config: Path | Non
     if found.rows:
         console.print(table(found))
     else:
-        wanted = sections.talc.control.calibration_steps
+        control = sections.talc.control
         console.print(
             f"no figures: {found.basis}; {data.cycles} of {len(data.k)} steps of {data.step_s:g} s hold a measurement. "
-            f"Calibration takes {wanted} steps measured almost all; --config with [talc.control] calibration_steps "
-            "shortens it",
+            f"Calibration takes {control.calibration_steps} steps, measured each {control.calibration_interval_steps}; "
+            "--config with [talc.control] calibration_steps and calibration_interval_steps says otherwise",
             soft_wrap=True,
         )
     output.write_text(build(data), encoding="utf-8")

@@ -3,7 +3,7 @@
 Then policies that decide by themselves when to measure, on the same series, against the same limits.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -38,14 +38,20 @@ SHARES, SOONEST_H = (1.0, 1.5, 2.0, 3.0), 0.5
 SHORTEST_H = (2.0, 4.0)
 """Of the policy `novelty`."""
 LONGEST_H, POLICY_NO_GOOD = (8.0, 16.0), (2, 4)
+SPARSE, LEAST_CALIBRATION = (2, 3, 6), 24
+"""Of calibrations measured less often than each 10 min: steps between measurements; the fewest a training takes."""
+SPARSE_INTERVAL_H, SPARSE_NO_GOOD = (2.0, 4.0, 8.0), (2, 4)
+"""Fixed intervals after such a calibration."""
+_SMALL = ("uncertainty 2, 0.5 to 16 h, 4", "each 4 h, 4")
+"""What the small version has of each kind."""
 TRAINING = TrainingSettings(static_inputs=True, max_nb=1)
 """Inputs are chosen in the calibration and stay, as B19's do; orders to 1 and parameters are renewed."""
 POSITIONS = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS])
 
 
 def runs(seed: int, small: bool) -> list[Parameters]:
-    """One for each load case and calibration length; the small version has one with a few combinations."""
-    cases, calibrations = (("A",), (6.5,)) if small else (get_args(Letter), CALIBRATION_H)
+    """One for each load case and calibration length; the small version has two with a few combinations."""
+    cases, calibrations = (("A",), (6.5, 8.0)) if small else (get_args(Letter), CALIBRATION_H)
     return [
         {"seed": seed, "case": case, "calibration_h": length, "small": small}
         for case in cases
@@ -63,18 +69,20 @@ def series(case: Letter, seed: int) -> Days:
 
 
 def run(parameters: Parameters) -> Mapping[str, Any]:
-    """For one calibration length every interval and no-good length (`fixed`), every policy (`adaptive`), and `none`."""
+    """For one calibration length every interval and no-good length (`fixed`), every policy (`adaptive`), the same after
+    calibrations measured less often (`sparse_fixed`, `sparse_adaptive`), and `none`."""
     here = series(parameters["case"], parameters["seed"])
     calibration = parameters["calibration_h"]
-    first: dict[int, ModelSet] = {}
+    first: dict[tuple[int, int], ModelSet] = {}
 
     def learn(job: TrainingJob) -> ModelSet:
         # The first training sees the same rows whatever comes after it.
         if job.static_inputs is not None:
             return train(job)
-        if job.k not in first:
-            first[job.k] = train(job)
-        return first[job.k]
+        seen = (job.k, int(np.isfinite(job.measured).any(axis=1).sum()))
+        if seen not in first:
+            first[seen] = train(job)
+        return first[seen]
 
     def judge(settings: ControlSettings) -> tuple[dict[str, float], BoolArray]:
         course = control(here, TalcSettings(control=settings, training=TRAINING), learn)
@@ -92,13 +100,22 @@ def run(parameters: Parameters) -> Mapping[str, Any]:
                 plain = judged(here.truth, regressed(here, used), used, calibration)
                 figures["regression P99"] = plain["P99"]
             fixed.append({"interval_h": interval, "no_good": no_good, **figures})
-    adaptive = []
-    for name, settings in _policies(calibration):
-        if not small or name == "uncertainty 2, 0.5 to 16 h, 4":
-            adaptive.append({"policy": name, **judge(settings)[0]})
+
+    def of(kind: Callable[[float, int], list[tuple[str, ControlSettings]]], every: int) -> list[dict[str, Any]]:
+        wanted = [(name, s) for name, s in kind(calibration, every) if not small or name in _SMALL]
+        after = "" if every == 1 else f", calibrated each {every * STEP_S / 60:.0f} min"
+        return [{"policy": name + after, **judge(settings)[0]} for name, settings in wanted]
+
+    sparse = [n for n in SPARSE if _steps(calibration) >= LEAST_CALIBRATION * n]
     after = np.ones(len(here.truth), dtype=np.bool_)
     none = judged(here.truth, np.zeros_like(here.truth), ~after, calibration)
-    return {"fixed": fixed, "adaptive": adaptive, "none": none}
+    return {
+        "fixed": fixed,
+        "adaptive": of(_policies, 1),
+        "sparse_fixed": [point for every in sparse for point in of(_intervals, every)],
+        "sparse_adaptive": [point for every in sparse for point in of(_policies, every)],
+        "none": none,
+    }
 
 
 def judged(truth: FloatArray, estimate: FloatArray, used: BoolArray, calibration_h: float) -> dict[str, float]:
@@ -123,16 +140,25 @@ def _steps(hours: float) -> int:
     return round(hours * 3600 / STEP_S)
 
 
-def _control(calibration_h: float, interval_h: float, no_good: int) -> ControlSettings:
+def _control(calibration_h: float, interval_h: float, no_good: int, every: int = 1) -> ControlSettings:
     return ControlSettings(
         calibration_steps=_steps(calibration_h),
+        calibration_interval_steps=every,
         measurement_interval_steps=_steps(interval_h),
         no_good_measurements=no_good,
         acl="fixed",
     )
 
 
-def _policies(calibration_h: float) -> list[tuple[str, ControlSettings]]:
+def _intervals(calibration_h: float, every: int) -> list[tuple[str, ControlSettings]]:
+    return [
+        (f"each {interval:g} h, {no_good}", _control(calibration_h, interval, no_good, every))
+        for interval in SPARSE_INTERVAL_H
+        for no_good in SPARSE_NO_GOOD
+    ]
+
+
+def _policies(calibration_h: float, every: int) -> list[tuple[str, ControlSettings]]:
     """With names that say all that is varied: policy, share, shortest to longest interval, no-good measurements."""
 
     def one(policy: Literal["novelty", "uncertainty"], share: float, shortest: float) -> None:
@@ -140,6 +166,7 @@ def _policies(calibration_h: float) -> list[tuple[str, ControlSettings]]:
             for no_good in POLICY_NO_GOOD:
                 settings = ControlSettings(
                     calibration_steps=_steps(calibration_h),
+                    calibration_interval_steps=every,
                     no_good_measurements=no_good,
                     acl="fixed",
                     policy=policy,

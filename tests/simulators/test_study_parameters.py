@@ -11,7 +11,7 @@ from simulators.studies.parameters import CALIBRATION_H, INTERVAL_H, NO_GOOD, ju
 from simulators.studies.parameters_report import PAPER
 
 STUDY = STUDIES["parameters"]
-(SMALL,) = STUDY.runs(1, True)
+SMALL, LONGER = STUDY.runs(1, True)
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +59,18 @@ def test_fewer_measurements_leave_more(small: Mapping[str, Any]) -> None:
     assert 39 <= policy["measurements"] < 576
 
 
+def test_a_sparse_calibration_takes_half_the_measurements_and_its_models_compensate() -> None:
+    result = STUDY.run(LONGER)
+    dense = next(p for p in result["fixed"] if p["interval_h"] == 8.0)
+    for kind in ("sparse_fixed", "sparse_adaptive"):
+        (point,) = result[kind]
+        assert point["policy"].endswith("calibrated each 20 min")
+        assert point["P99"] < 0.6 * result["none"]["P99"]
+        assert point["P99"] < point["hold P99"]
+    (fixed,) = result["sparse_fixed"]  # measured each 4 h afterwards; without an update so often:
+    assert 24 + (96 - 8) / 4 * 0.9 <= fixed["measurements"] < dense["measurements"]
+
+
 def test_the_report_finds_the_best_set_below_five(small: Mapping[str, Any]) -> None:
     points = [dict(small["fixed"][0]) for _ in range(4)]
     for point, p99, pd, interval in zip(
@@ -66,10 +78,16 @@ def test_the_report_finds_the_best_set_below_five(small: Mapping[str, Any]) -> N
     ):
         point |= {"P99": p99, "Pd": pd, "interval_h": interval, "no_good": 12, "measurements": round(1000 * (100 - pd))}
     policy = {**small["adaptive"][0], "P99": 4.0, "measurements": 2000}
-    report = STUDY.report([Run(SMALL, {**small, "fixed": points, "adaptive": [policy]})])
+    sparse = {**policy, "policy": "each 30 min", "measurements": 1600}
+    result = {**small, "fixed": points, "adaptive": [policy], "sparse_adaptive": [sparse]}
+    report = STUDY.report([Run(SMALL, result)])
     rows = {row.cells[0]: row for row in report.summary.rows}
     assert rows["best common set here: 6.5 h, then 4 h, no good 12 × 10 min"].cells[1] == "4.99 / 96.00"
     assert rows["paper: its best common set"].paper
-    assert rows["fewest measurements for P99 ≤ 5 µm: policy / fixed"].cells[1] == "2000 / 4000"
-    assert [claim.holds for claim in report.claims][-1]
-    assert len(report.figures) == 1 + 5
+    fewest = "fewest measurements for P99 ≤ 5 µm: "
+    assert rows[fewest + "fixed interval"].cells[1] == "4000"
+    assert rows[fewest + "policy"].cells[1] == "2000"
+    assert rows[fewest + "policy, sparse calibration"].cells[1] == "1600"
+    assert rows[fewest + "fixed interval, sparse calibration"].cells[1] == "–"
+    assert [claim.holds for claim in report.claims][-2:] == [True, True]
+    assert len(report.figures) == 1 + 6

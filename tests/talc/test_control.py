@@ -76,6 +76,35 @@ def test_calibration_asks_once_and_holds_the_whole_record() -> None:
     assert c.phase is Phase.CALIBRATION
 
 
+def test_a_sparse_calibration_measures_each_few_steps_and_ends_with_its_length() -> None:
+    steps, every = 4 * CALIBRATION, 4
+    c = Controller(
+        INPUTS, TalcSettings(control=ControlSettings(calibration_steps=steps, calibration_interval_steps=every))
+    )
+    measured, asked, wanted = [], [], True
+    for k in range(steps):
+        measured += [k] if wanted else []
+        decision = c.step(frame(k, measured=2.0 if wanted else None))
+        wanted = decision.measure is Why.CALIBRATION
+        asked += [k] if decision.training is not None else []
+    assert measured == list(range(0, steps, every))
+    assert asked == [steps - 1]
+
+
+def test_a_measurement_that_a_sparse_calibration_missed_is_wanted_until_it_comes() -> None:
+    control = ControlSettings(calibration_steps=4 * CALIBRATION, calibration_interval_steps=4)
+    c = Controller(INPUTS, TalcSettings(control=control))
+    wishes = [c.step(frame(k, measured=2.0 if k in (0, 6) else None)).measure for k in range(12)]
+    assert [k for k, wish in enumerate(wishes) if wish is Why.CALIBRATION] == [3, 4, 5, 9, 10, 11]
+
+
+def test_calibrations_too_sparse_to_learn_from_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"calibration_steps = 40: expected 48 or more, 12 measurements 4 apart"):
+        ControlSettings(calibration_steps=40, calibration_interval_steps=4)
+    with pytest.raises(ValueError, match="calibration_interval_steps = 0: expected 1 or more"):
+        ControlSettings(calibration_interval_steps=0)
+
+
 def test_too_few_measurements_prolong_calibration() -> None:
     c = controller()
     jobs = [c.step(frame(k, measured=2.0 if k % 2 else None)).training for k in range(2 * CALIBRATION)]
