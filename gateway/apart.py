@@ -31,15 +31,18 @@ class WorkError(Exception):
 async def apart(work: Callable[Given, Found], *given: Given.args, **named: Given.kwargs) -> Found:
     """What `work`, a module's function, gives for these arguments. Cancelling ends the process.
 
-    Raises WorkError: the work raised, was killed, or took longer than an hour.
+    Raises WorkError: no process could be started, or the work raised, was killed, or took longer than an hour.
     """
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "gateway.apart"),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        start_new_session=True,  # Ctrl-C is for the gateway, which ends the work itself
-    )
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "gateway.apart"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for the gateway, which ends the work itself
+        )
+    except OSError as error:  # no memory, no descriptor: of this moment, not of the gateway
+        raise WorkError(f"no process could be started: {error}") from error
     if process.stdin is None or process.stdout is None or process.stderr is None:
         raise RuntimeError("the process has no pipes")
     try:

@@ -106,7 +106,8 @@ class SensorWatch:
         self._last_k: int | None = None
         self._model: SensorModel | None = None
         self._learnt_k: int | None = None
-        self._learning_fails = False
+        self._failures: dict[str, set[str]] = {}
+        """What was told of each part that fails, until it works again."""
         self._judged = self._quiet = 0
         """Judgements in all, and those without a finding since the last one with."""
         self._findings: list[_Standing] = []
@@ -131,9 +132,27 @@ class SensorWatch:
                 await self.look()
 
     async def look(self) -> None:
-        """Judge the last window; then learn, when a day has passed and nothing is suspect."""
-        await self._judge()
-        await self._learn_when_due()
+        """Judge the last window; then learn, when a day has passed and nothing is suspect.
+
+        Advice is not worth the gateway: what a part raises is told once, and the part is tried again when it is due.
+        """
+        await self._attempt("not judged", self._judge)
+        await self._attempt("how they predict each other could not be learnt", self._learn_when_due)
+
+    async def _attempt(self, failing: str, part: Callable[[], Awaitable[bool]]) -> None:
+        try:
+            if await part() and failing in self._failures:
+                del self._failures[failing]
+                self._told.event(Event(EventKind.PROBLEM_ENDED, f"sensors, no longer: {failing}"), self._last_k)
+        except Exception as error:
+            expected = isinstance(error, WorkError)
+            text = f"sensors: {failing}: " + (str(error) if expected else f"unexpected {type(error).__name__}: {error}")
+            told = self._failures.setdefault(failing, set())
+            if text in told:
+                return
+            told.add(text)
+            log.error("%s", text, exc_info=None if expected else error)
+            self._told.event(Event(EventKind.PROBLEM, text), self._last_k)
 
     def _append(self, k: int, inputs: FloatArray, valid: BoolArray) -> None:
         if self._last_k is not None:
@@ -147,23 +166,22 @@ class SensorWatch:
         chosen = list(self._rows)[rows]
         return np.array([inputs for inputs, _ in chosen]), np.array([valid for _, valid in chosen], dtype=np.bool_)
 
-    async def _judge(self) -> None:
+    async def _judge(self) -> bool:
+        """Whether it was judged; a machine at rest is not."""
         k, model = self._last_k, self._model
         if model is None or k is None:
-            return
+            return False
         inputs, valid = self._record(slice(-self._settings.window_steps - CHANGE_STEPS, None))
         given = model, self._names, inputs, valid, self._settings
         if len(model.names) <= _MOST_IN_A_THREAD:
             judgement = await asyncio.to_thread(judge, *given)
         else:
-            try:
-                judgement = await apart(judge, *given)
-            except WorkError as error:
-                log.error("sensors: not judged: %s", error)
-                return
+            judgement = await apart(judge, *given)
         self._told.sensors(judgement, k)
-        if judgement.smallest_offset_K:  # it was judged
-            self._compare(judgement.findings, k)
+        if not judgement.smallest_offset_K:
+            return False
+        self._compare(judgement.findings, k)
+        return True
 
     def _compare(self, findings: Sequence[Finding], k: int) -> None:
         """Counts judgements, not time: a weekend at rest, which is not judged, mends nothing."""
@@ -192,12 +210,13 @@ class SensorWatch:
         value = None if finding.kind == "swap" else finding.offset_K
         self._told.event(Event(EventKind.SENSOR_SUSPECT, finding.text(), value=value), k)
 
-    async def _learn_when_due(self) -> None:
+    async def _learn_when_due(self) -> bool:
+        """Whether it was tried."""
         k = self._last_k
         if k is None or (self._learnt_k is not None and k - self._learnt_k < _LEARN_EVERY_STEPS):
-            return
+            return False
         if self._findings or (self._model is not None and self._suspect_since_k is not None):
-            return
+            return False
         window = self._settings.window_steps
         end = len(self._rows)
         if self._suspect_since_k is not None:  # of an earlier run
@@ -205,19 +224,13 @@ class SensorWatch:
         elif self._model is not None:
             end -= window
         if end < _LEARN_FIRST_STEPS:
-            return
+            return False
         columns = [i for i, name in enumerate(self._names) if self._is_temperature(name)]
         if len(columns) < _LEAST_TEMPERATURES:
-            return
+            return False
         inputs, valid = self._record(slice(max(0, end - self._settings.learn_steps), end))
-        try:
-            names = [self._names[i] for i in columns]
-            found = await self._learn(names, inputs[:, columns], valid[:, columns], self._settings)
-        except WorkError as error:
-            if not self._learning_fails:
-                log.error("sensors: how they predict each other could not be learnt: %s", error)
-            self._learning_fails = True
-            return
-        self._learning_fails = False
+        names = [self._names[i] for i in columns]
+        found = await self._learn(names, inputs[:, columns], valid[:, columns], self._settings)
         if found is not None:
             self._model, self._learnt_k = found, k
+        return True

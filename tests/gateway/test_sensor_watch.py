@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -153,20 +154,60 @@ async def test_a_gap_is_no_window() -> None:
     assert ear.events == []
 
 
-async def test_a_learning_that_fails_is_logged_once_and_tried_each_hour(caplog: pytest.LogCaptureFixture) -> None:
-    calls = []
+class Failing(Teacher):
+    """Learns once it has raised as often as was asked for."""
 
-    async def fails(
-        names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+    def __init__(self, *errors: Exception) -> None:
+        super().__init__()
+        self.errors = list(errors)
+
+    async def __call__(
+        self, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
     ) -> SensorModel | None:
-        calls.append(len(inputs))
-        raise WorkError("out of memory")
+        if self.errors:
+            self.rows.append(len(inputs))
+            raise self.errors.pop(0)
+        return await super().__call__(names, inputs, valid, settings)
 
-    watching = SensorWatch(INPUTS, SETTINGS, NAMES.__contains__, Ear(), SteppedClock(), None, fails)
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(WorkError("out of memory"), "out of memory"), (ValueError("no rows"), "unexpected ValueError: no rows")],
+)
+async def test_a_learning_that_fails_is_told_once_and_tried_each_hour(
+    caplog: pytest.LogCaptureFixture, error: Exception, said: str
+) -> None:
+    ear, teacher = Ear(), Failing(*[error] * 3)
     with caplog.at_level(logging.ERROR, logger="gateway.sensor_watch"):
-        await run(watching, days()[: DAY + 30], K0)
-    assert len(calls) == 3
-    assert ["could not be learnt: out of memory" in r.getMessage() for r in caplog.records] == [True]
+        await run(watch(ear, teacher), days()[: DAY + 48], K0)
+    text = "how they predict each other could not be learnt"
+    assert len(teacher.rows) == 4
+    assert [r.getMessage() for r in caplog.records] == [f"sensors: {text}: {said}"]
+    assert [(kind, t) for kind, t, _ in ear.events] == [
+        (EventKind.PROBLEM, f"sensors: {text}: {said}"),
+        (EventKind.PROBLEM_ENDED, f"sensors, no longer: {text}"),
+    ]
+
+
+async def test_a_judgement_that_raises_ends_nothing_and_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    """A model whose statistics are of too few sensors: what the thread raises is nobody's expected error."""
+
+    class Wrong(Teacher):
+        async def __call__(
+            self, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+        ) -> SensorModel | None:
+            model = await super().__call__(names, inputs, valid, settings)
+            return model and replace(model, offset_std=model.offset_std[:3])
+
+    ear, teacher, x = Ear(), Wrong(), days()
+    with caplog.at_level(logging.ERROR, logger="gateway.sensor_watch"):
+        await run(watch(ear, teacher), x[: 2 * DAY + 240], K0)
+    assert len(teacher.rows) == 2, "learning goes on"
+    assert not any(judgement.smallest_offset_K for judgement, _ in ear.judgements)
+    (record,) = caplog.records
+    assert record.exc_info is not None
+    assert record.getMessage().startswith("sensors: not judged: unexpected ")
+    assert [(kind, text) for kind, text, _ in ear.events] == [(EventKind.PROBLEM, record.getMessage())]
 
 
 async def test_runs_by_itself_and_learns_in_another_process() -> None:

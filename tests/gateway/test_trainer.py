@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import os
+import resource
 import signal
 import sys
 import time
@@ -79,6 +80,19 @@ async def test_work_beyond_its_limit_is_ended(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("gateway.apart._LIMIT_S", 0.05)
     with pytest.raises(WorkError, match="did not finish"):
         await train_apart(MINUTES)
+    assert children(os.getpid()) == []
+
+
+async def test_a_computer_without_descriptors_is_told() -> None:
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    spare = os.open(os.devnull, os.O_RDONLY)
+    os.close(spare)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (spare, limits[1]))
+    try:
+        with pytest.raises(WorkError, match=r"no process could be started: .*Too many open files"):
+            await train_apart(JOB)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     assert children(os.getpid()) == []
 
 
