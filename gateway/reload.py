@@ -71,14 +71,15 @@ async def apply(
 ) -> Difference:
     """Bring the running acquisition from `old` to `new`, both already checked by `load`.
 
-    Every new driver is made before the first bus is stopped; when the exchange fails, the buses of `old` run again.
+    Every new driver is made before the first bus is stopped; when the exchange fails, the buses of `old` run again, as
+    the lines that ran: its files may be gone.
     tap: gives who listens in on the bus of that name
 
     Raises ReloadError or SetupError when nothing was changed, or what the exchange raised after it was taken back.
     """
     change = difference(old, new)
     lines = {line.bus.name: line for line in lines_of(new, clock, tap)}
-    former = {line.bus.name: line for line in lines_of(old, clock, tap)}
+    former = {name: runner.line for name, runner in acquisition.runners.items()}
     try:
         await acquisition.exchange(change.stopped, [lines[name] for name in change.started])
     except Exception:

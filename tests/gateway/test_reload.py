@@ -69,6 +69,27 @@ class Running:
         self.acquisition = Acquisition(lines_of(of, self.clock), self.clock, self.readings.extend, lambda _: None)
 
 
+PROFILES = Path(__file__).parents[2] / "drivers" / "profiles"
+
+
+def with_profile(folder: Path, profile: str = "mine.toml") -> GatewayConfig:
+    """The configuration of a file in the folder, with the profile beside it."""
+    return parse(TEXT.replace("icpdas_m7015", profile), folder / "gateway.toml")
+
+
+async def test_a_profile_may_be_renamed_together_with_the_configuration(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_bytes((PROFILES / "icpdas_m7015.toml").read_bytes())
+    old = with_profile(tmp_path)
+    running = Running(old)
+    async with running.acquisition as acquisition:
+        mine.rename(tmp_path / "yours.toml")
+        new = with_profile(tmp_path, "yours.toml")
+        change = await apply(acquisition, running.board, running.clock, old, new)
+        assert set(acquisition.runners) == {"rtu1", "tcp1"}
+    assert change == Difference(("rtu1",), ("rtu1",), ("tcp1",))
+
+
 async def test_applied_to_a_running_acquisition() -> None:
     old, new = config(), config(("unit = 1", "unit = 2\n"), ('by-id/usb-adapter"', 'by-id/x"\nperiod_s = 2.0'))
     running = Running(old)
@@ -97,13 +118,17 @@ class Breaking(Acquisition):
         await super().exchange(stop, start)
 
 
-async def test_a_failed_exchange_is_taken_back() -> None:
-    old, new = config(), config(("unit = 1", "unit = 2"))
+async def test_a_failed_exchange_is_taken_back_without_the_old_files(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_bytes((PROFILES / "icpdas_m7015.toml").read_bytes())
+    old, new = with_profile(tmp_path), with_profile(tmp_path, "icpdas_m7015")
     running = Running(old)
     lines: list[Line] = list(lines_of(old, running.clock))
+    mine.unlink()
     async with Breaking(lines, running.clock, running.readings.extend, lambda _: None) as acquisition:
         kept = acquisition.runners["tcp1"]
         with pytest.raises(OSError, match="out of memory"):
             await apply(acquisition, running.board, running.clock, old, new)
         assert set(acquisition.runners) == {"rtu1", "tcp1"}
         assert acquisition.runners["tcp1"] is kept
+        assert acquisition.runners["rtu1"].line is lines[0]
