@@ -1,6 +1,7 @@
 """ARX, FIR and static models by weighted least squares (Z22 eq. 2 and 5), guarded and refined.
 
-The weights are 0 and 1: a row counts when its output and the outputs before it were measured. Static and FIR models
+The weights are 0 and 1: a row counts when its output was measured and the outputs before it are known, measured or
+estimated (`Window.past`). Static and FIR models
 are the case na = 0. One-step least squares shrinks the poles when outputs are noisy; `refine` fits the free run
 instead, from there. For irregular or noisy measurements talc.output_error is the better way.
 
@@ -100,8 +101,7 @@ def guarded_fit(
 
     sum |phi_i| <= max_pole is sufficient for all poles inside that radius; |sum_j b_sj| <= max_gain (1 - sum phi_i)
     bounds every static gain, scaled units. Solved on y[k-1], its differences, u and its differences, each of unit RMS:
-    on the raw regressors (condition 2e6) the solver gives up. Standard errors are those of the free fit, see
-    `least_squares_fit`.
+    on the raw regressors (condition 2e6) the solver gives up.
     ValueError: fewer rows than coefficients; RuntimeError: the solver did not solve it.
     """
     import osqp
@@ -200,17 +200,51 @@ def refine(window: Window, structure: Structure, start: Parameters, *, max_pole:
 
 def simulate(window: Window, structure: Structure, parameters: Parameters) -> FloatArray:
     """(T,) free run in scaled units from the first measured outputs; NaN in the rows before the largest order."""
-    begin = max(structure.na, max(structure.nb, default=0))
+    begin, drive, a = _driven(window, structure, parameters)
     known = window.past[np.isfinite(window.past)]
     run = np.full(len(window.y), np.nan)
     history = [float(known[0]) if known.size else 0.0] * structure.na
     for k in range(begin, len(run)):
-        y = parameters.intercept - float(parameters.a @ np.array(history)) if structure.na else parameters.intercept
-        for s, b in zip(structure.inputs, parameters.b, strict=True):
-            y += float(b @ window.u[k - np.arange(b.size), s])
-        run[k] = min(max(y, -_FAR), _FAR)
-        history = [float(run[k]), *history[:-1]]
+        y = _next(drive[k], a, history)
+        run[k] = y
+        history = [y, *history[:-1]] if history else history
     return run
+
+
+def followed(window: Window, structure: Structure, parameters: Parameters) -> FloatArray:
+    """(T,) the output as a running control knows it: measured, else the model's own estimate then (Z22 eq. 2).
+
+    A measurement moves the model's whole output history by its residual. NaN before the first measurement and in the
+    rows before the largest order. In scaled units.
+    """
+    begin, drive, a = _driven(window, structure, parameters)
+    known = window.y.copy()
+    measured = np.flatnonzero(np.isfinite(known))
+    first = int(measured[0]) if measured.size else len(known)
+    history = [float(known[first])] * structure.na if measured.size else []
+    for k in range(max(begin, first), len(known)):
+        y = _next(drive[k], a, history)
+        shift = float(known[k]) - y if np.isfinite(known[k]) else 0.0
+        known[k] = y + shift
+        history = [h + shift for h in (y, *history[:-1])] if history else history
+    return known
+
+
+def _driven(window: Window, structure: Structure, parameters: Parameters) -> tuple[int, list[float], list[float]]:
+    """First row that has all its inputs, what intercept and inputs add in each row, and the AR coefficients."""
+    begin = max(structure.na, max(structure.nb, default=0))
+    steps = np.arange(begin, len(window.y))
+    drive = np.zeros(len(window.y))
+    drive[begin:] = parameters.intercept
+    for s, b in zip(structure.inputs, parameters.b, strict=True):
+        for j, coefficient in enumerate(b):
+            drive[begin:] += coefficient * window.u[steps - j, s]
+    return begin, drive.tolist(), parameters.a.tolist()
+
+
+def _next(drive: float, a: list[float], history: list[float]) -> float:
+    y = drive - sum(c * h for c, h in zip(a, history, strict=True))
+    return min(max(y, -_FAR), _FAR)
 
 
 def _enough(x: FloatArray) -> FloatArray:

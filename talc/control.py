@@ -40,7 +40,7 @@ class ControllerState:
     last_measured: int | None
     substituted: frozenset[str]
     bounded: frozenset[str]
-    static: tuple[tuple[str, ...], ...] | None
+    static: tuple[tuple[str, ...] | None, ...] | None
 
 
 class Controller:
@@ -76,7 +76,7 @@ class Controller:
         self._last_measured: int | None = None
         self._substituted: frozenset[str] = frozenset()
         self._bounded: frozenset[str] = frozenset()
-        self._static: tuple[tuple[str, ...], ...] | None = None
+        self._static: tuple[tuple[str, ...] | None, ...] | None = None
 
     @property
     def phase(self) -> Phase:
@@ -179,8 +179,11 @@ class Controller:
         if all(m is None for m in self._models):
             events.append(Event(EventKind.MODEL_REJECTED, "no usable model was found; measuring goes on"))
         else:
-            if self._training.static_inputs and self._static is None:
-                self._static = tuple(() if m is None else m.model.inputs for m in self._models)
+            if self._training.static_inputs:
+                # An error that had no model yet has its inputs chosen by the next training.
+                before = self._static or (None,) * _ERRORS
+                chosen = [None if m is None else m.model.inputs for m in self._models]
+                self._static = tuple(new if old is None else old for old, new in zip(before, chosen, strict=True))
             self._enter(Phase.COMPENSATION, events)
         return tuple(events)
 

@@ -110,8 +110,8 @@ class TrainingJob:
     measured: FloatArray
     """(T, 9), NaN where nothing was measured."""
     settings: TrainingSettings
-    static_inputs: tuple[tuple[str, ...], ...] | None = None
-    """Inputs to keep, one tuple per thermal error; None: choose."""
+    static_inputs: tuple[tuple[str, ...] | None, ...] | None = None
+    """Inputs to keep, one tuple per thermal error, None where none were chosen yet; None: choose for all."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,14 @@
 """From one error's rows to one model's parameters: the default route by output error, and the papers' by ARX."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from talc import pso, tck
 from talc._kernel import Progress
-from talc.arx import Regression, guarded_fit, least_squares_fit, refine, simulate
+from talc.arx import Regression, followed, guarded_fit, least_squares_fit, refine, simulate
 from talc.criteria import bic
 from talc.frame import BoolArray, FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -16,6 +16,9 @@ from talc.output_error import Design, fit
 from talc.search import BLOCKS, RIDGE, Candidates
 from talc.settings import TrainingSettings
 from talc.window import Parameters, Structure, Window
+
+_FIRST_ITERATIONS = 10
+"""Of the swarm that finds a first model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,26 +95,34 @@ def by_arx(
 ) -> Found:
     """An ARX model as in the papers; a measurement replaces its past outputs.
 
-    ValueError: too few rows with measured earlier outputs, or an unstable model; RuntimeError: no guarded fit.
+    ValueError: too few rows, or an unstable model; RuntimeError: no guarded fit.
     """
-    regression = Regression(window, settings.max_na, settings.max_nb)
     seed = settings.seed * len(THERMAL_ERRORS) + THERMAL_ERRORS.index(error)
+    swarm = partial(
+        pso.select,
+        seed=seed,
+        criterion=settings.criterion,
+        tolerance=settings.tolerance_um if ERROR_UNITS[error] == MICROMETRE else settings.tolerance_um_per_m,
+        safety=settings.safety,
+        most=settings.max_inputs,
+        progress=within,
+    )
+    window = _with_past(window, settings, swarm)
+    regression = Regression(window, settings.max_na, settings.max_nb)
     criterion = np.nan
-    if fixed is not None:
-        structure = _orders(regression, fixed)
-    elif settings.selector == "tck":
+    if settings.selector == "tck" and fixed is None:
         structure = tck.select(regression, seed=seed, most=settings.max_inputs)
+    elif fixed is not None and (settings.selector == "tck" or not fixed):
+        structure = _orders(regression, fixed)
+    elif fixed is not None:
+        kept = replace(window, u=window.u[:, fixed])
+        chosen = swarm(Regression(kept, settings.max_na, settings.max_nb))
+        # An input that the penalty leaves out stays, with its present value alone.
+        orders = dict(zip(chosen.structure.inputs, chosen.structure.nb, strict=True))
+        structure = Structure(chosen.structure.na, fixed, tuple(orders.get(i, 0) for i in range(len(fixed))))
+        criterion = chosen.criterion
     else:
-        tolerance = settings.tolerance_um if ERROR_UNITS[error] == MICROMETRE else settings.tolerance_um_per_m
-        chosen = pso.select(
-            regression,
-            seed=seed,
-            criterion=settings.criterion,
-            tolerance=tolerance,
-            safety=settings.safety,
-            most=settings.max_inputs,
-            progress=within,
-        )
+        chosen = swarm(regression)
         structure, criterion = chosen.structure, chosen.criterion
     free = settings.estimator == "least_squares"
     parameters = least_squares_fit(regression, structure).parameters if free else guarded_fit(regression, structure)
@@ -132,6 +143,23 @@ def by_arx(
         leverage_limit=0.0,
         resets_history=True,
     )
+
+
+def _with_past(window: Window, settings: TrainingSettings, swarm: Callable[..., pso.Chosen]) -> Window:
+    """The same with unmeasured outputs as a first model estimates them, so that every measured row counts.
+
+    Z22 eq. 2 and 5: an unmeasured past output is the model's own prediction; the weights stand on the measured rows.
+    The first model is a short swarm's on the rows whose earlier outputs were measured.
+    """
+    regression = Regression(window, settings.max_na, settings.max_nb)
+    reach = max(settings.max_na, settings.max_nb)
+    if len(regression.y) == np.isfinite(window.y[reach:]).sum():
+        return window
+    structure = swarm(regression, iterations=_FIRST_ITERATIONS).structure
+    parameters = least_squares_fit(regression, structure).parameters
+    if np.any(np.abs(np.roots(np.concatenate([[1.0], parameters.a]))) >= settings.max_pole):
+        return window
+    return replace(window, past=followed(window, structure, parameters))
 
 
 def _orders(regression: Regression, inputs: tuple[int, ...]) -> Structure:

@@ -145,3 +145,25 @@ class TalcSettings:
 
     control: ControlSettings = field(default_factory=ControlSettings)
     training: TrainingSettings = field(default_factory=TrainingSettings)
+
+    def __post_init__(self) -> None:
+        window, calibration = self.training.window_steps, self.control.calibration_steps
+        require(
+            window is None or window >= calibration,
+            "window_steps",
+            window,
+            f"calibration_steps = {calibration} or more: a shorter record never ends the calibration",
+        )
+        every = self.control.calibration_interval_steps
+        require(
+            every == 1 or self.training.selector == "search" or not self.training.max_na,
+            "calibration_interval_steps",
+            every,
+            f"1 with selector {self.training.selector!r}: its models need steps in a row that were measured",
+        )
+        require(
+            self.control.policy == "fixed" or self.training.selector == "search",
+            "policy",
+            self.control.policy,
+            f"'fixed' with selector {self.training.selector!r}, whose models do not tell how unsure they are",
+        )

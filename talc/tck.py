@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from talc.arx import Regression, least_squares_fit
+from talc.arx import Regression, least_squares_fit, simulate
 from talc.criteria import bic
 from talc.frame import FloatArray
 from talc.window import Structure
@@ -91,9 +91,11 @@ def _posterior(x: FloatArray, r: FloatArray, share: FloatArray, mean: FloatArray
     return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float64)
 
 
-def select(regression: Regression, *, seed: int, either_sign: bool = False, most: int = MOST_INPUTS) -> Structure:
-    """Inputs one by one, at the regression's largest orders, while the BIC of the one-step fit falls.
+def select(regression: Regression, *, seed: int, either_sign: bool = True, most: int = MOST_INPUTS) -> Structure:
+    """Inputs one by one, at the regression's largest orders, while the BIC of the free run falls.
 
+    The first input is the most similar one to the output itself, each further one to what the model's free run leaves:
+    one-step residuals of a model with memory are nearly white, and like nothing.
     either_sign: also offer each series mirrored, since the kernel takes anticorrelated ones for dissimilar; most:
     largest number of inputs. Clusters are those of average linkage on 1 - |correlation|.
     """
@@ -102,12 +104,12 @@ def select(regression: Regression, *, seed: int, either_sign: bool = False, most
     cluster = _clusters(window.u, open_inputs)
     chosen: list[int] = []
     best = Structure(regression.na, (), ())
-    estimate = least_squares_fit(regression, best)
-    cost = bic(estimate.residual, 1 + best.na)
+    left = regression.y - regression.y.mean()
+    cost = bic(left, 1)
     while open_inputs and len(chosen) < most:
         # What is still to be explained, where it is known.
         target = np.full(len(window.y), np.nan)
-        target[regression.steps] = estimate.residual
+        target[regression.steps] = left
         target = (target - np.nanmean(target)) / max(float(np.nanstd(target)), 1e-12)
         offered = window.u[:, open_inputs].T
         rows = np.vstack([target, offered, -offered]) if either_sign else np.vstack([target, offered])
@@ -117,11 +119,12 @@ def select(regression: Regression, *, seed: int, either_sign: bool = False, most
         nearest = open_inputs[int(np.argmax(likeness))]
         candidate = tuple(sorted([*chosen, nearest]))
         structure = Structure(regression.na, candidate, (order,) * len(candidate))
-        fresh = least_squares_fit(regression, structure)
-        fresh_cost = bic(fresh.residual, 1 + structure.na + len(candidate) * (order + 1))
+        parameters = least_squares_fit(regression, structure).parameters
+        fresh = regression.y - simulate(window, structure, parameters)[regression.steps]
+        fresh_cost = bic(fresh, 1 + structure.na + len(candidate) * (order + 1))
         if fresh_cost >= cost:
             break
-        best, estimate, cost = structure, fresh, fresh_cost
+        best, left, cost = structure, fresh, fresh_cost
         chosen.append(nearest)
         gone = cluster[nearest]
         open_inputs = [s for s in open_inputs if cluster[s] != gone]

@@ -40,9 +40,8 @@ def train(
 
     Inputs with fewer than 80 % good rows, or that never changed, are not offered; missing values are the last good
     ones. With the selector `search` each error gets an output-error model whose poles, inputs and orders predict blocks
-    of rows best that its fit did not see (talc.search); with `pso` or `tck` an ARX model as in the papers, which needs
-    rows whose earlier outputs were measured too. An error with fewer than 24 measured rows gets no model, nor does one
-    whose model would be unstable.
+    of rows best that its fit did not see (talc.search); with `pso` or `tck` an ARX model as in the papers. An error
+    with fewer than 24 measured rows gets no model, nor does one whose model would be unstable.
 
     progress: told the share done, 0 to 1; cancelled: asked between errors; within: of the error under way, and
     its `cancel` ends the training from another thread. Raises Cancelled.
@@ -77,6 +76,8 @@ def train(
                     Window(offer.scaled, record.scaled, record.scaled, record.std), fixed, error, job.settings, within
                 )
             except (ValueError, RuntimeError) as problem:
+                if within is not None and within.cancelled:
+                    raise Cancelled from problem
                 models.append(None)
                 notes.append(f"{error}: no model, {problem}")
                 continue
@@ -133,8 +134,9 @@ def _pole_sets(settings: TrainingSettings) -> list[tuple[float, ...]]:
 
 def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
     columns, notes = [], []
-    # Where the inputs are kept only they cost anything.
-    kept = {name for names in job.static_inputs or () for name in names} or set(job.input_names)
+    # Where the inputs of all errors are kept only they cost anything.
+    every = job.input_names
+    kept = {name for names in job.static_inputs or () for name in (every if names is None else names)} or set(every)
     for i, name in enumerate(job.input_names):
         if name not in kept:
             continue

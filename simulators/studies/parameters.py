@@ -40,8 +40,8 @@ SHORTEST_H = (2.0, 4.0)
 LONGEST_H, POLICY_NO_GOOD = (8.0, 16.0), (2, 4)
 SPARSE, LEAST_CALIBRATION = (2, 3, 6), 24
 """Of calibrations measured less often than each 10 min: steps between measurements; the fewest a training takes."""
-SPARSE_INTERVAL_H, SPARSE_NO_GOOD = (2.0, 4.0, 8.0), (2, 4)
-"""Fixed intervals after such a calibration."""
+SPARSE_INTERVAL_H, SPARSE_NO_GOOD = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0), (2, 4, 8, 12)
+"""Fixed intervals after such a calibration: as many sets as there are policies."""
 _SMALL = ("uncertainty 2, 0.5 to 16 h, 4", "each 4 h, 4")
 """What the small version has of each kind."""
 TRAINING = TrainingSettings(static_inputs=True, max_nb=1)

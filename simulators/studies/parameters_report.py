@@ -74,7 +74,7 @@ def report(runs: list[Run]) -> Report:
             "Measuring when it is needed",
             (
                 _policy_table(cases, fixed, adaptive),
-                _policy_table(cases, fixed, sparse[_SPARSE["sparse_adaptive"]]),
+                _policy_table(cases, *sparse.values()),
                 _after_table(cases, fixed, adaptive),
                 _best_policies(cases, adaptive),
             ),
@@ -83,7 +83,7 @@ def report(runs: list[Run]) -> Report:
     return Report(
         _ASKED,
         _summary(runs, cases, fixed, adaptive, sparse),
-        _claims(cases, fixed, adaptive, sparse[_SPARSE["sparse_adaptive"]], common),
+        _claims(cases, fixed, adaptive, sparse, common),
         sections,
         _figures(runs),
     )
@@ -273,15 +273,18 @@ def _claims(
     cases: list[str],
     fixed: ByCase,
     adaptive: ByCase,
-    sparse: ByCase,
+    sparse: Mapping[str, ByCase],
     common: Key | None,
 ) -> tuple[Claim, ...]:
     best = [p for c in cases if (p := _at(fixed[c], BEST)) is not None]
     kept = sum(p["P99"] < TARGET_UM for p in best)
     short, long = (_mean_over(fixed, "calibration_h", "SMAPE", end) for end in (min, max))
     soon, late = (_mean_over(fixed, "interval_h", "RMSE", end) for end in (min, max))
-    middle, thinned = _fewest_ratio(cases, fixed, adaptive), _fewest_ratio(cases, fixed, sparse)
-    plain, own, few = _made(fixed, common), _made(adaptive, _common(adaptive)), _made(sparse, _common(sparse))
+    by_interval, by_policy = (sparse[title] for title in _SPARSE.values())
+    middle, thinned = _fewest_ratio(cases, fixed, adaptive), _fewest_ratio(cases, fixed, by_policy)
+    thinned_fixed, among = _fewest_ratio(cases, fixed, by_interval), _fewest_ratio(cases, by_interval, by_policy)
+    plain, own = _made(fixed, common), _made(adaptive, _common(adaptive))
+    few_fixed, few = _made(by_interval, _common(by_interval)), _made(by_policy, _common(by_policy))
     after = float(np.mean([_share(_same_calibration(fixed[c], adaptive[c])) for c in cases]))
     return (
         Claim(
@@ -322,12 +325,21 @@ def _claims(
             "calibration the fixed sets as the best of 169, the policies as the best of 24.",
         ),
         Claim(
-            "With sparse calibrations the policies need half of the measurements at equal P99 (our goal)",
+            "After sparse calibrations, measuring when it is needed saves measurements at equal P99",
             "not asked",
-            f"best common {few:.0f} against {plain:.0f} measurements; best of each load case {thinned:.2f}",
+            f"best common policy {few:.0f}, best common fixed interval {few_fixed:.0f} measurements; best of each load "
+            f"case {among:.2f}",
+            few < few_fixed,
+            "Both sides are the best in hindsight of 24 for each calibration.",
+        ),
+        Claim(
+            "Sparse calibrations with policies do with half of the paper's way's measurements at equal P99 (our goal)",
+            "not asked",
+            f"best common {few:.0f} against {plain:.0f} measurements; best of each load case {thinned:.2f}; with a "
+            f"fixed interval {few_fixed:.0f} and {thinned_fixed:.2f}",
             few <= plain / 2,
-            "A calibration is worth what the machine does in it, not how often it is measured; the fixed interval "
-            "gains by that as well.",
+            "A calibration is worth what the machine does in it, not how often it is measured. What a fixed interval "
+            "reaches as well is the sparse calibration's doing, not the policies'.",
         ),
     )
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
-from talc.arx import Regression, guarded_fit, least_squares_fit, refine, simulate
+from talc.arx import Regression, followed, guarded_fit, least_squares_fit, refine, simulate
 from talc.output_error import Design, fit
 from talc.window import Parameters, Structure, Window
 
@@ -105,6 +105,15 @@ def test_refining_uses_rows_whose_past_was_not_measured() -> None:
     refined = refine(sparse, BOTH, Parameters(np.array([-0.8]), (np.array([0.1]), np.array([-0.1])), 0.0))
     assert -refined.a[0] == pytest.approx(0.95, abs=0.02)
     assert np.nanstd(simulate(sparse, BOTH, refined) - truth) < 0.03
+
+
+def test_an_unmeasured_output_is_the_models_own_and_a_measurement_moves_its_history() -> None:
+    u = np.zeros((6, 1))
+    y = np.array([np.nan, 4.0, np.nan, np.nan, 5.0, np.nan])
+    p = Parameters(np.array([-0.5, -0.25]), (np.array([1.0]),), 0.0)  # y = 0.5 y[k-1] + 0.25 y[k-2]
+    known = followed(window(u, y), Structure(2, (0,), (0,)), p)
+    # From 4, 4: 3 in row 2, then 0.5 · 3 + 0.25 · 4 = 2.5; measured 5 where 2.0 was expected: 5, 5.5 and 3.875.
+    np.testing.assert_allclose(known, [np.nan, 4.0, 3.0, 2.5, 5.0, 0.5 * 5.0 + 0.25 * (2.5 + 3.0)])
 
 
 def test_the_output_error_fit_agrees_with_the_refined_free_run() -> None:

@@ -105,6 +105,29 @@ def test_calibrations_too_sparse_to_learn_from_are_refused() -> None:
         ControlSettings(calibration_interval_steps=0)
 
 
+def test_an_error_without_a_model_chooses_its_inputs_at_the_next_training() -> None:
+    training = TrainingSettings(static_inputs=True)
+    control = ControlSettings(calibration_steps=CALIBRATION, measurement_interval_steps=4, no_good_measurements=3)
+    c = Controller(INPUTS, TalcSettings(control=control, training=training))
+    calibrate(c, THERMAL_ERRORS[:2])
+    job = next(
+        d.training for k in range(CALIBRATION, 60) if (d := c.step(frame(k, measured=90.0))).training is not None
+    )
+    assert job.static_inputs is not None
+    assert job.static_inputs[0] is not None
+    assert job.static_inputs[2:] == (None,) * 7
+
+
+def test_settings_that_could_never_work_are_refused() -> None:
+    control = ControlSettings(calibration_steps=100)
+    with pytest.raises(ValueError, match="window_steps = 99: expected calibration_steps = 100 or more"):
+        TalcSettings(control=control, training=TrainingSettings(window_steps=99))
+    with pytest.raises(ValueError, match="policy = 'novelty': expected 'fixed' with selector 'pso'"):
+        TalcSettings(control=ControlSettings(policy="novelty"), training=TrainingSettings(selector="pso"))
+    with pytest.raises(ValueError, match="calibration_interval_steps = 2: expected 1 with selector 'tck'"):
+        TalcSettings(control=ControlSettings(calibration_interval_steps=2), training=TrainingSettings(selector="tck"))
+
+
 def test_too_few_measurements_prolong_calibration() -> None:
     c = controller()
     jobs = [c.step(frame(k, measured=2.0 if k % 2 else None)).training for k in range(2 * CALIBRATION)]

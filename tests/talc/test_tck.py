@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from talc.arx import Regression
 from talc.tck import select, tck
@@ -48,12 +49,23 @@ def test_an_input_that_makes_the_output_is_chosen_and_its_cluster_dropped() -> N
     assert len({4, 12} & set(structure.inputs)) == 1
 
 
-def test_a_mirrored_series_is_found_only_when_either_sign_is_offered() -> None:
+def test_a_mirrored_series_is_found_when_either_sign_is_offered_and_only_then() -> None:
     s = series(300, seed=5, sensors=12)
     u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)
     y = -u[:, 7]
-    found = select(Regression(Window(u, y, y.copy(), 1.0), 0, 0), seed=1, either_sign=True)
-    assert found.inputs == (7,)
+    regression = Regression(Window(u, y, y.copy(), 1.0), 0, 0)
+    assert select(regression, seed=1).inputs == (7,)
+    assert select(regression, seed=1, either_sign=False, most=1).inputs != (7,)
+
+
+@pytest.mark.parametrize("column", [2, 9])
+def test_a_model_with_memory_finds_the_input_that_drives_it(column: int) -> None:
+    """What its one-step fit leaves without any input is nearly white: like no input at all."""
+    s = series(300, seed=4, sensors=12)
+    u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)
+    y = lfilter([0.1], [1.0, -0.9], u[:, column]) + 0.02 * np.random.default_rng(1).normal(size=300)
+    y = (y - y.mean()) / y.std()
+    assert column in select(Regression(Window(u, y, y.copy(), 1.0), 1, 1), seed=1).inputs
 
 
 def test_too_little_is_refused() -> None:
