@@ -68,9 +68,14 @@ class CanDbcProfile:
         return ("can",)
 
 
+def dbc_path(table: Table) -> Path:
+    """The DBC file's path counts from the profile's. Raises SetupError."""
+    return Path(table.file).parent / table.text("dbc")
+
+
 def can_dbc_profile(name: str, table: Table) -> CanDbcProfile:
-    """Read a profile of `protocol = "can_dbc"`; the DBC file's path counts from the profile's. Raises SetupError."""
-    path = Path(table.file).parent / table.text("dbc")
+    """Read a profile of `protocol = "can_dbc"`. Raises SetupError."""
+    path = dbc_path(table)
     try:
         database = cantools.database.load_file(path, database_format="dbc", encoding="cp1252")
     except (OSError, DbcError, ValueError) as error:

@@ -2,11 +2,12 @@
 
 import tomllib
 from collections.abc import Callable, Mapping
+from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
 from drivers.base import SetupError
-from drivers.can_dbc import CanDbcProfile, can_dbc_profile
+from drivers.can_dbc import CanDbcProfile, can_dbc_profile, dbc_path
 from drivers.canopen_profile import Cia404Profile, cia404_profile
 from drivers.displacement_profile import (
     MeEthernetProfile,
@@ -39,24 +40,47 @@ def load_profile(name: str) -> Profile:
 
     Raises SetupError naming file, field and value, or listing the profiles that exist.
     """
-    if name.endswith(".toml"):
-        path = Path(name)
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise SetupError(f"profile {name}: cannot be read: {error}", hint="give the path of a TOML file") from error
-        return _parse(path.stem, text, file=name)
+    if is_users(name):
+        return _parse(Path(name).stem, _users_table(name))
     if name not in profile_names():
         raise SetupError(
             f"profile {name!r} does not exist",
             hint=f"there are {', '.join(profile_names())}, or give a path to a .toml file",
         )
-    return _parse(name, (_SUPPLIED / f"{name}.toml").read_text(encoding="utf-8"), file=f"{name}.toml")
+    return _parse(name, _table((_SUPPLIED / f"{name}.toml").read_text(encoding="utf-8"), file=f"{name}.toml"))
 
 
-def _parse(name: str, text: str, *, file: str) -> Profile:
+def is_users(name: str) -> bool:
+    """Whether that names a file of the user's own, not a supplied profile."""
+    return name.endswith(".toml")
+
+
+def content_hash(name: str) -> str:
+    """SHA-256 of the user's profile in that file and of the DBC file that it names, in hexadecimal. Raises SetupError."""
+    path, table = Path(name), _users_table(name)
     try:
-        table = Table(tomllib.loads(text), file=file)
+        parts = [path.read_bytes()]
+        if table.text("protocol", choices=_READERS) == "can_dbc":
+            parts.append(dbc_path(table).read_bytes())
+    except OSError as error:
+        raise SetupError(f"profile {name}: cannot be read: {error}") from error
+    return sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest()
+
+
+def _users_table(name: str) -> Table:
+    try:
+        text = Path(name).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SetupError(f"profile {name}: cannot be read: {error}", hint="give the path of a TOML file") from error
+    return _table(text, file=name)
+
+
+def _table(text: str, *, file: str) -> Table:
+    try:
+        return Table(tomllib.loads(text), file=file)
     except tomllib.TOMLDecodeError as error:
         raise SetupError(f"{file}: is not TOML: {error}") from error
+
+
+def _parse(name: str, table: Table) -> Profile:
     return _READERS[table.text("protocol", choices=_READERS)](name, table)

@@ -40,7 +40,7 @@ class Difference:
 
 
 def difference(old: GatewayConfig, new: GatewayConfig) -> Difference:
-    """Which buses must be stopped and started. A bus is kept when it, its devices and their limits are the same.
+    """Which buses must be stopped and started. A bus is kept when it, its devices, their limits and profiles are the same.
 
     Raises ReloadError when something else changed that only a restart can change.
     """
@@ -98,7 +98,7 @@ def _parts(config: GatewayConfig) -> dict[str, object]:
         bus.name: (
             bus,
             [
-                (d, list(d.channels), {c: limits[c] for c in d.channels if c in limits})
+                (d, config.profiles.get(d.profile), list(d.channels), {c: limits[c] for c in d.channels if c in limits})
                 for d in config.devices_of(bus.name)
             ],
         )

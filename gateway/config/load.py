@@ -6,6 +6,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from drivers.base import SetupError
+from drivers.profiles import content_hash, is_users
 from gateway.config.model import GatewayConfig, validate
 from gateway.config.problems import ConfigError, Problem, problems_of
 from gateway.config.rules import problems_between
@@ -47,4 +49,7 @@ def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
         raise ConfigError(path, problems_of(error, data, GatewayConfig)) from None
     if problems := problems_between(config):
         raise ConfigError(path, problems)
-    return config
+    try:
+        return config.with_profiles({d.profile: content_hash(d.profile) for d in config.devices if is_users(d.profile)})
+    except SetupError as error:  # gone since it was checked
+        raise ConfigError(path, [Problem("", str(error))]) from None

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from typing import Self
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from gateway.config.buses import Bus
 from gateway.config.controls import Nc
@@ -53,6 +54,19 @@ class GatewayConfig(Section):
     compensation: Compensation = Compensation()
     talc: TalcSettings = TalcSettings()
     sensor_check: SensorCheckSettings = SensorCheckSettings()
+    _profiles: Mapping[str, str] = PrivateAttr(default_factory=dict)
+    """Not a key of the file, nor in `canonical()`: an earlier program must still read what the database holds."""
+
+    @property
+    def profiles(self) -> Mapping[str, str]:
+        """Hash of what the user's own profiles held when this configuration was loaded, by `profile` of a device."""
+        return self._profiles
+
+    def with_profiles(self, profiles: Mapping[str, str]) -> Self:
+        """The same with these hashes of the user's own profiles."""
+        config = self.model_copy()
+        config._profiles = dict(profiles)
+        return config
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -75,12 +89,19 @@ class GatewayConfig(Section):
         return tuple(device for device in self.devices if device.bus == bus)
 
     def canonical(self) -> str:
-        """The configuration with every default written out, as JSON: the same text for the same behaviour."""
+        """The configuration with every default written out, as JSON: the same text for the same behaviour.
+
+        As far as the file says it; what a user's own profiles hold is in the fingerprint only.
+        """
         return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=False, separators=(",", ":"))
 
     def fingerprint(self) -> str:
-        """SHA-256 of `canonical()` in hexadecimal: what runs, not how its file is laid out."""
-        return sha256(self.canonical().encode()).hexdigest()
+        """SHA-256 of `canonical()`, and of the hashes of the user's own profiles where there are any, in hexadecimal.
+
+        It tells what runs, not how its file is laid out.
+        """
+        profiles = (f"\n{name} {content}" for name, content in sorted(self._profiles.items()))
+        return sha256((self.canonical() + "".join(profiles)).encode()).hexdigest()
 
 
 def validate(data: Mapping[str, object] | str, folder: Path | None = None) -> GatewayConfig:

@@ -15,14 +15,15 @@ the folder of the file. `talc-gateway check FILE` reads it, builds every device 
 every mistake with file, field, value and what would be right.
 
 What runs is identified by a fingerprint: SHA-256 of the configuration with all defaults written out, so remarks and
-layout do not matter and a changed default does. The key `status` publishes it as `config`, at the start and again after
-every reload that took effect; the database keeps each with its time.
+layout do not matter and a changed default does; where devices have profiles of your own, these files and the DBC files
+that they name count too. The key `status` publishes it as `config`, at the start and again after every reload that took
+effect; the database keeps each with its time.
 
 **Reload.** On SIGHUP `talc-gateway run` reads its file again. The whole file is checked first; then only the buses that
-changed (themselves, their devices, or the limits of their channels) are closed and opened anew, and the others keep
-their period. What the models and the NC rest on (`[machine]`, `[grid]`, `[storage]`, `[telemetry]`, `[[state]]`,
-`[nc]`, `[probing]`, `[compensation]`, `[talc]`, `[sensor_check]`, and the names and order of the channels) needs a
-restart. A file that cannot be applied changes nothing, and the log says why.
+changed (themselves, their devices, the files of your own profiles, or the limits of their channels) are closed and
+opened anew, and the others keep their period. What the models and the NC rest on (`[machine]`, `[grid]`, `[storage]`,
+`[telemetry]`, `[[state]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]`, `[sensor_check]`, and the names and order of
+the channels) needs a restart. A file that cannot be applied changes nothing, and the log says why.
 """
 
 

@@ -1,6 +1,7 @@
 """The configuration: golden cases of every mistake, and what a good file becomes."""
 
 import tomllib
+from hashlib import sha256
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,19 @@ def test_fingerprint_tells_behaviour_not_layout() -> None:
     assert parse(text.replace("unit = 1", "unit = 2"), path).fingerprint() != plain
     swapped = text.replace("bed_front = 0\nbed_rear = 1\n", "bed_rear = 1\nbed_front = 0\n")
     assert parse(swapped, path).fingerprint() != plain, "the order of channels is the order of inputs"
+
+
+def test_fingerprints_of_supplied_profiles_are_of_the_canonical_text_alone() -> None:
+    """Databases of earlier programs hold such fingerprints."""
+    assert bench().fingerprint() == sha256(bench().canonical().encode()).hexdigest()
+
+
+def test_stored_text_with_a_profile_of_the_user_needs_no_file(tmp_path: Path) -> None:
+    supplied = Path(__file__).parents[2] / "drivers" / "profiles" / "icpdas_m7015.toml"
+    (tmp_path / "mine.toml").write_bytes(supplied.read_bytes())
+    config = parse(valid_text().replace("icpdas_m7015", "mine.toml"), tmp_path / "gateway.toml")
+    (tmp_path / "mine.toml").unlink()
+    assert validate(config.canonical()).canonical() == config.canonical()
 
 
 def test_configuration_cannot_be_changed() -> None:

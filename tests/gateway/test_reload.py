@@ -10,6 +10,7 @@ from gateway.board import Board
 from gateway.config import GatewayConfig, parse
 from gateway.reload import Difference, ReloadError, apply, difference
 from gateway.wiring import lines_of
+from tests.drivers.logger_files import logger_dbc, logger_profile
 from tests.gateway.stepped_clock import SteppedClock
 
 FILE = Path(__file__).parent / "cases" / "valid" / "gateway.toml"
@@ -88,6 +89,32 @@ async def test_a_profile_may_be_renamed_together_with_the_configuration(tmp_path
         change = await apply(acquisition, running.board, running.clock, old, new)
         assert set(acquisition.runners) == {"rtu1", "tcp1"}
     assert change == Difference(("rtu1",), ("rtu1",), ("tcp1",))
+
+
+def test_the_bus_of_an_edited_profile_is_exchanged(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    text = (PROFILES / "icpdas_m7015.toml").read_text(encoding="utf-8")
+    mine.write_text(text, encoding="utf-8")
+    old, again = with_profile(tmp_path), with_profile(tmp_path)
+    assert difference(old, again) == Difference((), (), ("rtu1", "tcp1"))
+    assert old.fingerprint() == again.fingerprint()
+    mine.write_text(text.replace("title = ", "title = 'x' # "), encoding="utf-8")
+    new = with_profile(tmp_path)
+    assert difference(old, new) == Difference(("rtu1",), ("rtu1",), ("tcp1",))
+    assert old.fingerprint() != new.fingerprint()
+
+
+def test_the_bus_of_an_edited_dbc_file_is_exchanged(tmp_path: Path) -> None:
+    text = (
+        '[machine]\nname = "mill"\n[[bus]]\nname = "can1"\nkind = "can"\nchannel = "can0"\n[[device]]\nname = "logger"\n'
+        'bus = "can1"\nprofile = "logger.toml"\n[device.channels]\nbed = 0\n'
+    )
+    logger_profile(tmp_path)
+    old = parse(text, tmp_path / "gateway.toml")
+    (tmp_path / "logger.dbc").write_text(logger_dbc().replace("(0.1,0)", "(0.01,0)"))
+    new = parse(text, tmp_path / "gateway.toml")
+    assert difference(old, new) == Difference(("can1",), ("can1",), ())
+    assert old.fingerprint() != new.fingerprint()
 
 
 async def test_applied_to_a_running_acquisition() -> None:
