@@ -56,7 +56,7 @@ def is_users(name: str) -> bool:
 
 
 def content_hash(name: str) -> str:
-    """SHA-256 of the user's profile in that file and of the DBC file that it names, in hexadecimal. Raises SetupError."""
+    """SHA-256, in hexadecimal, of the user's profile in that file and the DBC file that it names. Raises SetupError."""
     path, table = Path(name), _users_table(name)
     try:
         parts = [path.read_bytes()]

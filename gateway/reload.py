@@ -40,7 +40,7 @@ class Difference:
 
 
 def difference(old: GatewayConfig, new: GatewayConfig) -> Difference:
-    """Which buses must be stopped and started. A bus is kept when it, its devices, their limits and profiles are the same.
+    """Which buses must be stopped and started. One is kept when it, its devices, profiles and limits are as before.
 
     Raises ReloadError when something else changed that only a restart can change.
     """

@@ -1,8 +1,8 @@
 """The configuration: golden cases of every mistake, and what a good file becomes."""
 
 import tomllib
-from hashlib import sha256
 from contextlib import suppress
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 

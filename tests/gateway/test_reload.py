@@ -106,8 +106,8 @@ def test_the_bus_of_an_edited_profile_is_exchanged(tmp_path: Path) -> None:
 
 def test_the_bus_of_an_edited_dbc_file_is_exchanged(tmp_path: Path) -> None:
     text = (
-        '[machine]\nname = "mill"\n[[bus]]\nname = "can1"\nkind = "can"\nchannel = "can0"\n[[device]]\nname = "logger"\n'
-        'bus = "can1"\nprofile = "logger.toml"\n[device.channels]\nbed = 0\n'
+        '[machine]\nname = "mill"\n[[bus]]\nname = "can1"\nkind = "can"\nchannel = "can0"\n[[device]]\n'
+        'name = "logger"\nbus = "can1"\nprofile = "logger.toml"\n[device.channels]\nbed = 0\n'
     )
     logger_profile(tmp_path)
     old = parse(text, tmp_path / "gateway.toml")
