@@ -32,6 +32,8 @@ class SinumerikWithSlopes(Sinumerik):
         low_high = zip(comp.travel_mm, comp.reference_mm, strict=True)
         x, y, z = (max(abs(low - p0), abs(high - p0)) for (low, high), p0 in low_high)
         self._reach: Triple = (x, y, z)
+        self._found: tuple[list[float], list[float]] | None = None
+        """P0 and slopes as they were read last; not None while connected."""
 
     @property
     def pairs(self) -> frozenset[tuple[int, int]]:
@@ -45,14 +47,33 @@ class SinumerikWithSlopes(Sinumerik):
     def reach_mm(self) -> Triple:
         return self._reach
 
+    async def connect(self) -> None:
+        await super().connect()
+        try:
+            await self.read_linear()  # a write looks at the P0 that was read last
+        except BaseException:
+            await self.close()
+            raise
+
+    async def claim(self, owner: int, watch: Watch) -> None:
+        """As Sinumerik's; also sets each P0 to ours. Raises Refused when another one is in use under a slope."""
+        await super().claim(owner, watch)
+        await self.read_linear()
+        wrong = {path: wanted for path, wanted, _, slope in self._wrong_references() if not slope}
+        if wrong:
+            await self._session.write(wrong)
+            await self.read_linear()
+        self._check_references()
+
     async def write_linear(self, offsets: LinearOffsets) -> None:
         """Raises ValueError, before anything is sent, for what is not finite, beyond `largest_um` somewhere in the
-        travel, about another reference, or over a pair without a table; Refused when another P0 is in use.
+        travel, about another reference, or over a pair without a table; Refused when another P0 was read last.
 
-        K0, slopes and weights go in one request. On Refused some may have been set: read back.
+        K0, slopes and weights go in one request, and nothing is asked before it: who calls has just looked whether it
+        may still be sent. On Refused some may have been set: read back.
         """
         self._check(offsets)
-        await self._set_references()
+        self._check_references()
         comp = self._settings.compensation
         values = {}
         for axis in range(3):
@@ -88,9 +109,10 @@ class SinumerikWithSlopes(Sinumerik):
         return {r(lease.silence): watch.silence_s, r(lease.ramp): half, r(lease.slope_ramp): half / sum(self._reach)}
 
     def _offsets_from(self, values: list[float]) -> LinearOffsets:
-        """From the values of `_form`, about our reference whichever the control has."""
+        """From the values of `_form`, about our reference whichever the control has; that one is kept."""
         comp = self._settings.compensation
         k0, slope, p0 = values[0:3], values[3:6], values[6:9]
+        self._found = p0, slope
         rows = [[0.0] * 3 for _ in range(3)]
         at_reference = [0.0] * 3
         for axis in range(3):
@@ -119,22 +141,22 @@ class SinumerikWithSlopes(Sinumerik):
                     "nothing was sent"
                 )
 
-    async def _set_references(self) -> None:
+    def _wrong_references(self) -> list[tuple[str, float, float, float]]:
+        """Of each axis whose P0 is not ours: its path, ours, what was found, and the slope in force."""
+        if self._found is None:
+            return []
+        found = zip(self._references, self._settings.compensation.reference_mm, *self._found, strict=True)
+        return [(path, wanted, p0, slope) for path, wanted, p0, slope in found if abs(p0 - wanted) > _SAME_MM]
+
+    def _check_references(self) -> None:
         """A reference can be moved without a step only while its slope is zero."""
-        paths = (*self._references, *self._slopes)
-        values = self._numbers(paths, await self._session.read(paths))
-        wrong = {}
-        for axis, name in enumerate(LINEAR_AXES):
-            p0, slope = values[axis], values[3 + axis]
-            wanted = self._settings.compensation.reference_mm[axis]
-            if abs(p0 - wanted) <= _SAME_MM:
-                continue
-            if slope:
-                raise Refused(
-                    f"P0 of {name} (SD43920) is {p0:g} with a slope in force, expected {wanted:g}",
-                    device=self._settings.device,
-                    hint="set its slope (SD43910) to 0 on the control, or reference_mm to what stands there",
-                )
-            wrong[self._references[axis]] = wanted
-        if wrong:
-            await self._session.write(wrong)
+        for path, wanted, p0, slope in self._wrong_references():
+            name = LINEAR_AXES[self._references.index(path)]
+            raise Refused(
+                f"P0 of {name} (SD43920) is {p0:g} {'with a' if slope else 'without a'} slope in force, "
+                f"expected {wanted:g}",
+                device=self._settings.device,
+                hint="set its slope (SD43910) to 0 on the control, or reference_mm to what stands there"
+                if slope
+                else "claim the control again: that sets it",
+            )

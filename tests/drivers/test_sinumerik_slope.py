@@ -2,8 +2,9 @@
 
 import itertools
 import math
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from drivers.sinumerik_slope import SinumerikWithSlopes
 from simulators.nc.nck import CEC_TABLES
 from tests.drivers.emulated_bench import Bench, sinumerik_bench
 
+T = TypeVar("T")
 TRAVEL = ((-300.0, 300.0), (-200.0, 200.0), (0.0, 400.0))
 NAMES = {pair: name for name, pair in PAIRS.items()}
 TABLES = {NAMES[pair]: number for number, pair in enumerate(CEC_TABLES)}
@@ -109,19 +111,46 @@ async def test_signs_of_tables_may_differ_from_those_of_the_axes() -> None:
         assert (await nc.read_linear()).slope_um_per_mm[0][1] == pytest.approx(0.05)
 
 
-async def test_a_reference_is_set_while_no_slope_is_in_force_and_refused_otherwise() -> None:
-    reference = (100.0, 0.0, 200.0)
+async def test_a_claim_sets_a_reference_while_no_slope_is_in_force_and_is_refused_otherwise() -> None:
+    reference, watch = (100.0, 0.0, 200.0), Watch(silence_s=5.0, ramp_um_per_s=2.0)
     async with with_slopes(reference_mm=reference, tables={}) as (bench, nc):
         nck = bench.control.nck
         asked = LinearOffsets((1.0, 2.0, 3.0), OWN_AXES.slope_um_per_mm, reference)
-        await nc.write_linear(asked)
+        await nc.read_linear()
+        assert nck.reference_mm == [0.0, 0.0, 0.0]  # to read sets nothing: monitoring does no more than that
+        with pytest.raises(Refused, match=r"P0 of X \(SD43920\) is 0 without a slope in force, expected 100 .*claim"):
+            await nc.write_linear(asked)
+        await nc.claim(7, watch)
         assert nck.reference_mm == list(reference)
+        await nc.write_linear(asked)
         assert nck.shift_um((300.0, -200.0, 0.0)) == pytest.approx(asked.at((300.0, -200.0, 0.0)))
         nck.reference_mm[2] = 50.0
-        with pytest.raises(Refused, match=r"P0 of Z \(SD43920\) is 50 with a slope in force, expected 200 .*SD43910"):
-            await nc.write_linear(asked)
+        before = nck.shift_um((0.0, 0.0, 10.0))
         # What is read is told about our reference, whichever the control has.
-        assert (await nc.read_linear()).at((0.0, 0.0, 10.0)) == pytest.approx(nck.shift_um((0.0, 0.0, 10.0)))
+        assert (await nc.read_linear()).at((0.0, 0.0, 10.0)) == pytest.approx(before)
+        refused = r"P0 of Z \(SD43920\) is 50 with a slope in force, expected 200 .*SD43910"
+        with pytest.raises(Refused, match=refused):
+            await nc.write_linear(asked)
+        with pytest.raises(Refused, match=refused):
+            await nc.claim(7, watch)
+        assert nck.shift_um((0.0, 0.0, 10.0)) == before
+
+
+async def test_a_write_is_the_only_request_of_a_write() -> None:
+    """Anything asked before it is time in which the control's watchdog may take the offsets, after the last look."""
+    async with with_slopes() as (bench, nc):
+        await nc.claim(7, Watch(silence_s=5.0, ramp_um_per_s=2.0))
+        asked: list[str] = []
+        state, wake = bench.control.state, bench.control.wake
+
+        def noted(what: str, then: Callable[[], T]) -> T:
+            asked.append(what)
+            return then()
+
+        bench.control.state = lambda: noted("read", state)  # type: ignore[method-assign]
+        bench.control.wake = lambda: noted("write", wake)  # type: ignore[method-assign]
+        await nc.write_linear(OFFSETS)
+        assert asked == ["write"]
 
 
 BAD = [

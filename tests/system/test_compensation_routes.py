@@ -20,7 +20,7 @@ from gateway.config.model import validate
 from gateway.measurement import Probe, poses_in_radians
 from gateway.nc_link import NcLink
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
-from simulators.nc.nck import CEC_TABLES
+from simulators.nc.nck import CEC_TABLES, MachineState, MachineUnderControl
 from simulators.plant import Environment, MachineDrive, Plant, load
 from simulators.plant.plant import RADIUS_MM
 from talc.frame import Decision, FloatArray, Phase, Why
@@ -72,12 +72,53 @@ def perfect(machine: WarmMachine) -> Decision:
     return Decision(1, Phase.COMPENSATION, errors, errors, sigma, limits, None, None, ())
 
 
+class Recording(EmulatedControl):
+    """Notes the shift in every corner of the travel whenever it is asked, told or looks; it can hang who asks."""
+
+    hang_in: int | None = None
+    """The asking gateway stands still for 14 s within so many reads from now; its watchdog_s is 10."""
+    hung = 0
+
+    def __init__(self, machine: MachineUnderControl, clock: WireClock, program: LoadCase, cycle: CycleSettings) -> None:
+        self.corners: list[tuple[float, FloatArray]] = []
+        self._stepped = clock
+        super().__init__(machine, clock, program, cycle=cycle)
+
+    def now(self) -> float:
+        now = super().now()
+        self.note()
+        return now
+
+    def state(self) -> MachineState:
+        now = super().state()
+        if self.hang_in is not None:
+            self.hang_in -= 1
+            if self.hang_in < 0:
+                self._stepped.spend(14.0)
+                self.hang_in, self.hung = None, self.hung + 1
+        return now
+
+    def wake(self) -> None:
+        self.note()
+        super().wake()
+
+    def note(self) -> None:
+        shifts = np.array([self.nck.shift_um(corner) for corner in itertools.product(*TRAVEL)])
+        self.corners.append((self._stepped.monotonic(), shifts))
+
+    def largest_step_um(self) -> float:
+        """What changed anywhere within one moment: between moments only the control's own ramp moves."""
+        moments = itertools.groupby(self.corners, key=lambda noted: noted[0])
+        found = [[shifts for _, shifts in moment] for _, moment in moments]
+        return max(float(np.abs(shifts[-1] - shifts[0]).max()) for shifts in found)
+
+
 @asynccontextmanager
-async def moving(machine: WarmMachine) -> AsyncIterator[tuple[EmulatedControl, WireClock, str]]:
+async def moving(machine: WarmMachine) -> AsyncIterator[tuple[Recording, WireClock, str]]:
     clock = WireClock()
     loads = Loads(x=1500.0, y=1100.0, z=700.0, a=0.1, c=20.0, spindle=6000.0)
     cycle = CycleSettings(radius_mm=RADIUS_MM, noise_um=0.0)
-    control = EmulatedControl(machine, clock, LoadCase([Block(0.0, 1e6, Kind.FINISHING, loads)]), cycle=cycle)
+    control = Recording(machine, clock, LoadCase([Block(0.0, 1e6, Kind.FINISHING, loads)]), cycle)
     url = await control.start()
     try:
         yield control, clock, url
@@ -177,6 +218,23 @@ async def test_nowhere_in_the_travel_does_a_write_make_a_step_or_pass_the_bound(
             assert np.abs(after).max() <= BOUND_UM + 1e-6
             before = after
     assert np.abs(before).max() > 0.5 * BOUND_UM
+
+
+@pytest.mark.parametrize("compensation", [PLAIN, EVERY_PAIR], ids=["k0", "k0_slope"])
+async def test_a_process_that_stands_still_within_any_request_leaves_no_step_behind(
+    machine: WarmMachine, compensation: Compensation
+) -> None:
+    reads_of_a_cycle = 6
+    async with moving(machine) as (control, clock, url), linked(machine, clock, url, compensation) as (link, problems):
+        for number in range(reads_of_a_cycle):
+            link.follow(perfect(machine))
+            await clock.run_until(clock.monotonic() + 30.5)
+            control.hang_in = number
+            await clock.run_until(clock.monotonic() + 30.0)
+        assert control.hung == reads_of_a_cycle
+        assert link.armed, problems
+        assert control.largest_step_um() <= SLEW_UM_PER_S * 1.0 + 1e-6
+        assert np.abs(control.corners[-1][1]).max() > 10.0, "what stands at zero cannot step"
 
 
 @pytest.mark.parametrize("what", ["slope", "table_weight", "k0_mm"])
