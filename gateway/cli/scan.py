@@ -15,10 +15,12 @@ from rich.table import Table
 from drivers.bus_settings import CAN_BITRATES, CAN_INTERFACES, CanOpenSettings
 from drivers.recognition import describe
 from gateway.cli.signals import stop_on_signals
+from gateway.config import ConfigError, Problem
+from gateway.config.load import read
 from gateway.scan import can, serial, tcp
 from gateway.scan.found import Progress as Told
 from gateway.scan.found import Report, Stopped
-from gateway.scan.fragment import merged
+from gateway.scan.fragment import check, merged
 from gateway.scan.ports import ports
 
 Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
@@ -198,7 +200,8 @@ def can_command(
 
 
 def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path | None, yes: bool, run: Run) -> None:
-    """Say how long it may take, scan with a progress bar, print the table, write the configuration."""
+    """Check the file, say how long it may take, scan with a progress bar, print the table, write the configuration."""
+    _existing(toml)
     said = Console(stderr=True)
     said.print(f"{intro}; at most {_duration(longest_s)} when nobody answers", soft_wrap=True, highlight=False)
     if longest_s > limit_s:
@@ -216,6 +219,17 @@ def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path |
         else:
             click.echo(f"nothing was recognised: {toml} is not written", err=True)
     sys.exit(0 if report.found else _EXIT_NOTHING)
+
+
+def _existing(toml: Path | None) -> None:
+    """A scan may take long: know before that what it finds can be added. Raises ConfigError."""
+    if toml is None or str(toml) == "-" or not toml.exists():
+        return
+    try:
+        check(read(toml), toml)
+    except ConfigError as error:
+        advice = Problem("", "nothing was scanned: correct this file, or give another one with --toml")
+        raise ConfigError(toml, [*error.problems, advice]) from None
 
 
 async def _run(
@@ -267,7 +281,7 @@ def _write(path: Path, report: Report, yes: bool) -> None:
     if str(path) == "-":
         click.echo(merged("", report.places, Path("found.toml")), nl=False)
         return
-    existing = path.read_text(encoding="utf-8") if path.exists() else ""
+    existing = read(path) if path.exists() else ""
     text = merged(existing, report.places, path)
     if text == existing:
         click.echo(f"{path} has all of it already", err=True)

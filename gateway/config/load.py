@@ -18,15 +18,19 @@ def load(path: Path) -> GatewayConfig:
 
     Raises ConfigError with every problem found.
     """
+    return parse(read(path), path)
+
+
+def read(path: Path) -> str:
+    """The text of a file. Raises ConfigError."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError(path, [Problem("", f"cannot be read: {error.strerror or error}")]) from None
     except UnicodeDecodeError as error:
         raise ConfigError(
             path, [Problem("", f"is not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}")]
         ) from None
-    return parse(text, path)
 
 
 def parse(text: str, path: Path) -> GatewayConfig:
@@ -34,22 +38,34 @@ def parse(text: str, path: Path) -> GatewayConfig:
 
     Raises ConfigError with every problem found.
     """
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
-    return from_data(data, path)
+    return from_data(_data(text, path), path)
+
+
+def draft(text: str, path: Path) -> GatewayConfig:
+    """What a text holds so far: every field is right by itself, but they need not fit together. Raises ConfigError."""
+    return _validated(_data(text, path), path)
 
 
 def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
     """The checked configuration of TOML's data. Raises ConfigError with every problem found."""
-    try:
-        config = validate(data, path.resolve().parent)
-    except ValidationError as error:
-        raise ConfigError(path, problems_of(error, data, GatewayConfig)) from None
+    config = _validated(data, path)
     if problems := problems_between(config):
         raise ConfigError(path, problems)
     try:
         return config.with_profiles({d.profile: content_hash(d.profile) for d in config.devices if is_users(d.profile)})
     except SetupError as error:  # gone since it was checked
         raise ConfigError(path, [Problem("", str(error))]) from None
+
+
+def _data(text: str, path: Path) -> Mapping[str, object]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
+
+
+def _validated(data: Mapping[str, object], path: Path) -> GatewayConfig:
+    try:
+        return validate(data, path.resolve().parent)
+    except ValidationError as error:
+        raise ConfigError(path, problems_of(error, data, GatewayConfig)) from None

@@ -1,14 +1,14 @@
 """From what a scan found to configuration text that validates: `[[bus]]` and `[[device]]` sections."""
 
-import json
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
 
 from drivers.profiles import load_profile
-from gateway.config.load import parse
+from gateway.config import GatewayConfig, parse
+from gateway.config.buses import Bus
+from gateway.config.load import draft
 from gateway.config.wires import toml_value
 from gateway.scan.found import Found, Place
 
@@ -22,17 +22,23 @@ _BUS_NAMES = {
 _UNIT_NAMES = {"degC": "rtd", "µm": "growth"}
 
 
+def check(existing: str, path: Path) -> None:
+    """Raises ConfigError when nothing could be added to `existing`, whatever is found: to be known before a scan."""
+    if existing.strip() and draft(existing, path).devices:  # without devices it may be right later
+        parse(existing, path)
+
+
 def merged(existing: str, places: Sequence[Place], path: Path) -> str:
     """`existing` (which may be empty) with a section for every recognised device that it does not have yet.
 
     Every name is new, so several scans can go into one file. `path` names the file in messages. The text is checked
     before it is returned: raises ConfigError with every problem, such as those that `existing` has.
     """
-    data = tomllib.loads(existing) if existing else {}
-    names = _Names(data)
     parts = [existing.rstrip("\n")] if existing.strip() else ['[machine]\nname = "machine"']
+    config = draft(parts[0], path)
+    names = _Names(config)
     for group in _by_port(places):
-        parts += _sections(group, data, names)
+        parts += _sections(group, config, names)
     text = "\n\n".join(parts) + "\n"
     parse(text, path)
     return text
@@ -41,8 +47,8 @@ def merged(existing: str, places: Sequence[Place], path: Path) -> str:
 class _Names:
     """Names of buses, devices and channels that are free."""
 
-    def __init__(self, data: dict[str, object]) -> None:
-        self._used = set(re.findall(r"\w+", json.dumps(data, default=str)))
+    def __init__(self, config: GatewayConfig) -> None:
+        self._used = set(re.findall(r"\w+", config.canonical()))
 
     def free(self, stem: str) -> str:
         name = next(name for i in count(1) if (name := f"{stem}{i}") not in self._used)
@@ -64,7 +70,7 @@ def _wire(place: Place) -> str:
     return str(options.get("host") or options.get("channel")) + f" {options.get('port', '')}"
 
 
-def _sections(group: list[Place], data: dict[str, object], names: _Names) -> list[str]:
+def _sections(group: list[Place], config: GatewayConfig, names: _Names) -> list[str]:
     """The sections of one wire; what cannot be on the same bus stands there as comments."""
     first, *others = group
     lines = _comments(
@@ -73,33 +79,29 @@ def _sections(group: list[Place], data: dict[str, object], names: _Names) -> lis
     )  # fmt: skip
     usable = [device for device in first.devices if device.what.profile]
     lines += _comments(f"unit {d.unit}: {d.what.evidence}" for d in first.devices if not d.what.profile)
-    known = _existing_bus(data, first)
+    known = _existing_bus(config, first)
     if known is None and usable:
         bus = names.free(_BUS_NAMES[first.kind])
         lines += ["[[bus]]", f"name = {toml_value(bus)}", f"kind = {toml_value(first.kind)}"]
         lines += [f"{key} = {toml_value(value)}" for key, value in first.options.items()]
     else:
-        bus = known or ""
+        bus = "" if known is None else known.name
     sections = ["\n".join(lines)] if lines else []
-    return sections + [_device(bus, device, names) for device in usable if not _has(data, bus, device)]
+    return sections + [_device(bus, device, names) for device in usable if not _has(config, bus, device)]
 
 
-def _existing_bus(data: dict[str, object], place: Place) -> str | None:
-    for bus in _tables(data, "bus"):
-        if bus.get("kind") == place.kind and all(
-            bus.get(key, value) == value for key, value in place.options.items() if key in ("port", "host", "channel")
+def _existing_bus(config: GatewayConfig, place: Place) -> Bus | None:
+    for bus in config.buses:
+        options = bus.options()
+        if bus.kind == place.kind and all(
+            options[key] == value for key, value in place.options.items() if key in ("port", "host", "channel")
         ):
-            return str(bus["name"])
+            return bus
     return None
 
 
-def _has(data: dict[str, object], bus: str, device: Found) -> bool:
-    return any(d.get("bus") == bus and d.get("unit", 1) == device.unit for d in _tables(data, "device"))
-
-
-def _tables(data: dict[str, object], key: str) -> list[dict[str, object]]:
-    entries = data.get(key)
-    return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
+def _has(config: GatewayConfig, bus: str, device: Found) -> bool:
+    return any(d.unit == device.unit for d in config.devices_of(bus))
 
 
 def _device(bus: str, device: Found, names: _Names) -> str:

@@ -248,6 +248,31 @@ async def test_file_that_exists_is_added_to_only_after_a_yes(tmp_path: Path) -> 
     assert config.machine.name == "mill"
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b'[machine]\nname = "mill\n', "is not valid TOML: Illegal character '\\n' (at line 2, column 13)"),
+        (b'[machine]\nname = "M\xfchle"\n', "is not UTF-8 text: byte 19 is 0xfc"),
+        (b'[machine]\nnames = "mill"\n', "unknown key; did you mean 'name'?"),
+        (
+            b'[machine]\nname = "mill"\n[[device]]\nname = "a"\nbus = "x"\nprofile = "icpdas_m7015"\n'
+            b"[device.channels]\nbed = 0\n",
+            "unknown bus 'x'",
+        ),
+    ],
+)
+async def test_file_that_cannot_be_added_to_is_told_before_the_scan(tmp_path: Path, content: bytes, said: str) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_bytes(content)
+    done = await talc_gateway("scan", "serial", "/dev/does-not-exist", "--toml", str(file))
+    assert done.code == 2, done.err
+    assert f"error: {file}: " in done.err
+    assert said in done.err
+    assert "nothing was scanned: correct this file, or give another one with --toml" in done.err
+    assert "Traceback" not in done.err
+    assert file.read_bytes() == content
+
+
 async def test_ctrl_c_shows_what_was_found_and_frees_the_port(tmp_path: Path) -> None:
     answered = asyncio.Event()
 
