@@ -11,12 +11,10 @@ from simulators.cases import SEASONS, random_axes
 from simulators.nc import LoadCase
 from simulators.plant import MACHINES, MachineDrive, Parameters, Plant, load, record
 from simulators.plant.parameters import assemble, reduced, tables
-from talc.probing import design_matrix
+from simulators.studies.loop import days
 
 Array = NDArray[np.float64]
 
-POSES = np.deg2rad(np.array([[0.0, 0.0], [0.0, 90.0], [0.0, 180.0], [0.0, 270.0], [90.0, 0.0], [-90.0, 0.0]]))
-RADIUS_M, HEIGHT_M, TOUCH_UM = 0.2, 0.08, 1.0
 _IDLE_S = 12 * 3600.0
 
 
@@ -83,15 +81,12 @@ def machine(
     if off is not None:
         drives = [MachineDrive(powered=False) if off(k) else drive for k, drive in enumerate(drives)]
     series = record(plant, drives)
-    draw = np.random.default_rng([noise, 9])
     inputs = series.inputs
     if noise_seed is not None:
+        draw = np.random.default_rng([noise, 9])
         inputs = inputs + np.concatenate([np.full(29, 0.05), [0.2], np.zeros(6)]) * draw.normal(size=inputs.shape)
-    inputs = np.column_stack([np.round(inputs[:, :29], 1), np.round(inputs[:, 29:], 2)])
-    design = design_matrix(POSES, RADIUS_M, HEIGHT_M)
-    covariance = np.linalg.inv(design.T @ design) * TOUCH_UM**2
-    measured = series.errors + draw.multivariate_normal(np.zeros(9), covariance, steps)
-    return Machine(series.input_names, inputs, series.errors, measured, np.sqrt(np.diag(covariance)))
+    seen = days(replace(series, inputs=inputs), noise)
+    return Machine(seen.names, seen.inputs, seen.truth, seen.measured, seen.sigma)
 
 
 def _day(seed: int, steps: int) -> list[MachineDrive]:

@@ -14,13 +14,15 @@ from talc.control import Controller
 from talc.criteria import adapted_bic
 from talc.frame import Frame, Measurement, TrainingJob, Why
 from talc.models import ModelSet
-from talc.pso import ITERATIONS, SWARM
+from talc.pso import select
 from talc.settings import TalcSettings, TrainingSettings
 from talc.training import train
 from talc.window import Structure, Window
 
 _TRIALS = 12
-"""Candidates of the textbook route that are timed; all 2,440 would take hours."""
+"""Candidates of the textbook route that are timed."""
+_PLACED = 240
+"""Of ours: enough that what a swarm prepares once does not count."""
 
 
 def _job(m: Machine, settings: TrainingSettings) -> TrainingJob:
@@ -29,7 +31,8 @@ def _job(m: Machine, settings: TrainingSettings) -> TrainingJob:
 
 
 def _textbook_candidate(regression: Regression, draw: np.random.Generator, loop: bool) -> float:
-    """One candidate as the papers' code has it: ADMM on its own Gram, then the free run in a loop or by lfilter."""
+    """One random candidate as the papers' code has it: ADMM on its own Gram, then the free run in a loop or by
+    lfilter. Drawn as a swarm places its first particles."""
     w = regression.window
     n_inputs = w.u.shape[1]
     na, orders = int(draw.integers(0, 6)), tuple(int(draw.integers(0, 6)) for _ in range(n_inputs))
@@ -79,27 +82,26 @@ def rows() -> list[Row]:
     y = (day.measured[:, 1] - day.measured[:, 1].mean()) / day.measured[:, 1].std()
     scaled = (u - u.mean(axis=0)) / u.std(axis=0)
     regression = Regression(Window(scaled, y, y, float(day.measured[:, 1].std())), 5, 5)
-    whole = 9 * SWARM * (ITERATIONS + 1)
+    # A swarm converges to candidates that are cheaper than random ones: only like is compared with like.
+    ours = median_s(partial(select, regression, seed=0, swarm=_PLACED, iterations=0), 3) / _PLACED
     textbook = {}
     for loop in (True, False):
         draw = np.random.default_rng(0)
         start = time.perf_counter()
         for _ in range(_TRIALS):
             _textbook_candidate(regression, draw, loop)
-        textbook[loop] = (time.perf_counter() - start) / _TRIALS * whole
+        textbook[loop] = (time.perf_counter() - start) / _TRIALS
     replayed = sorted(_replayed(weeks, train(_job(day, search))) for _ in range(3))[1]
     return [
         Row("`search`, nine errors, 24 h", f"{short:.2f} s", goal="≤ 2 s"),
         Row("`search`, nine errors, 340 h", f"{long:.2f} s", goal="≤ 5 s"),
         Row("`pso` 40 × 60, nine errors, 24 h", f"{pso:.2f} s", goal="≤ 3 s"),
         Row(
-            "the same by ADMM and a Python loop",
-            f"{textbook[True] / pso:.0f} × ours",
-            f"{textbook[True]:.0f} s, from {_TRIALS} candidates",
+            "a random candidate of such a swarm by ADMM and a Python loop",
+            f"{textbook[True] / ours:.0f} × ours",
+            f"{textbook[True] * 1e3:.0f} ms, mean of {_TRIALS}; ours {ours * 1e3:.2f} ms",
             "≥ 100 ×",
         ),
-        Row(
-            "the same by ADMM and lfilter", f"{textbook[False] / pso:.0f} × ours", f"{textbook[False]:.0f} s, likewise"
-        ),
+        Row("the same by ADMM and lfilter", f"{textbook[False] / ours:.0f} × ours", f"{textbook[False] * 1e3:.0f} ms"),
         Row("replay of 340 h without training", f"{replayed:.2f} s", goal="≤ 0.5 s"),
     ]

@@ -70,5 +70,6 @@ class MulticastBus:
             sender.sendto(data, (self._group, self._port))
 
     def _on_message(self, message: can.Message) -> None:
+        identifier = message.arbitration_id | message.is_extended_id << 31
         for node in self._nodes:
-            self.send(node.on_frame(message.arbitration_id, bytes(message.data)))
+            self.send(node.on_frame(identifier, bytes(message.data)))

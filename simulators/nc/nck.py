@@ -9,7 +9,7 @@ import numpy as np
 
 from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, Reason
 from simulators.nc.program import Block, Kind, LoadCase, Loads
-from simulators.nc.watchdog import R_BEAT, R_SLOPE_RAMP, R_WATCH, Logged, Watchdog
+from simulators.nc.watchdog import R_BEAT, R_OWNER, R_SLOPE_RAMP, R_WATCH, Logged, Watchdog
 
 AXES = ("X", "Y", "Z", "A", "C")
 
@@ -178,7 +178,9 @@ class Nck:
         if number == R_WATCH:
             return  # the watchdog's own: it writes it again in its next cycle
         other, self.r[number] = value != self.r[number], value
-        if number == R_BEAT and other:
+        if number == R_OWNER:
+            self.watchdog.advance(now_s)  # a gateway that leaves is silent from now on
+        elif number == R_BEAT and other:
             self.watchdog.beat(now_s)
         elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
             valid_for = self.r[R_VALID_FOR]

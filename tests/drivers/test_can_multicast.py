@@ -2,6 +2,7 @@
 
 import socket
 from collections.abc import Iterator
+from queue import Queue
 
 import pytest
 
@@ -50,3 +51,27 @@ async def test_node_is_read_until_it_leaves_and_again_when_it_is_back(
     finally:
         await driver.close()
         await bus.close()
+
+
+class _Ear:
+    """Notes what it hears."""
+
+    def __init__(self) -> None:
+        self.heard: Queue[int] = Queue()
+
+    def on_frame(self, identifier: int, data: bytes) -> tuple[()]:
+        del data
+        self.heard.put(identifier)
+        return ()
+
+
+def test_an_identifier_of_29_bits_is_heard_as_it_was_sent(free_port: int) -> None:
+    """As an emulated device writes it, with bit 31: who plays a recording back must know its own frames again."""
+    ear, extended = _Ear(), 1 << 31 | 0x18FEDF00
+    bus = MulticastBus([ear], GROUP, free_port)
+    bus.start()
+    try:
+        bus.send([(extended, b"\x01"), (0x123, b"\x02")])
+        assert {ear.heard.get(timeout=5.0) for _ in range(2)} == {extended, 0x123}
+    finally:
+        bus.stop()

@@ -101,6 +101,16 @@ async def test_giving_back_takes_what_is_left_to_zero() -> None:
         assert await bench.nc.read_compensation() == pytest.approx((1.0, 0.0, 0.0))
 
 
+async def test_a_gateway_that_leaves_is_silent_from_that_moment_whenever_somebody_looks() -> None:
+    async with sinumerik_bench() as bench:
+        await bench.nc.claim(7, WATCH)
+        await bench.nc.write_compensation((3.0, 0.0, 0.0))
+        bench.clock.move_to(0.5)
+        await bench.nc.release(7)
+        bench.clock.move_to(2.5)
+        assert await bench.nc.read_compensation() == pytest.approx((1.0, 0.0, 0.0))
+
+
 async def test_power_off_and_on_leaves_no_offset_and_no_owner() -> None:
     async with sinumerik_bench() as bench:
         await bench.nc.claim(7, WATCH)

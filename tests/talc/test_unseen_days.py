@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.unseen_days import WAYS, Outcome, run
+from benchmarks.unseen_days import WAYS, Outcome, Way, run
+from talc.settings import ControlSettings
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +26,9 @@ def test_95_percent_intervals_hold_the_truth_on_90_to_99_percent_of_rows(outcome
 
 def test_measuring_by_uncertainty_trades_measurements_for_error() -> None:
     """Wider limits on uncertainty: fewer measurements, larger errors; both ends of the same front."""
-    often, seldom = (run(way, "day", 0) for way in (WAYS[5], WAYS[7]))
+    often, seldom = (
+        run(Way("", control=ControlSettings(policy="uncertainty", uncertainty_share=share)), "day", 0)
+        for share in (0.5, 2.0)
+    )
     assert often.measurements > seldom.measurements
     assert np.log(often.rms).mean() < np.log(seldom.rms).mean()
