@@ -1,7 +1,7 @@
 """From what a scan found to configuration text that validates: `[[bus]]` and `[[device]]` sections."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
 
@@ -37,8 +37,9 @@ def merged(existing: str, places: Sequence[Place], path: Path) -> str:
     parts = [existing.rstrip("\n")] if existing.strip() else ['[machine]\nname = "machine"']
     config = draft(parts[0], path)
     names = _Names(config)
+    said = frozenset(existing.splitlines())
     for group in _by_port(places):
-        parts += _sections(group, config, names)
+        parts += _sections(group, config, names, said)
     text = "\n\n".join(parts) + "\n"
     parse(text, path)
     return text
@@ -70,16 +71,18 @@ def _wire(place: Place) -> str:
     return str(options.get("host") or options.get("channel")) + f" {options.get('port', '')}"
 
 
-def _sections(group: list[Place], config: GatewayConfig, names: _Names) -> list[str]:
-    """The sections of one wire; what cannot be on the same bus stands there as comments."""
-    first, *others = group
+def _sections(group: list[Place], config: GatewayConfig, names: _Names, said: Collection[str]) -> list[str]:
+    """The sections of one wire; what cannot be on the same bus stands there as comments, unless `said` has them."""
+    known = _existing_bus(config, group[0])
+    first = next((place for place in group if known is None or _fits(known, place)), Place(group[0].kind, {}))
+    as_what = "the others" if known is None else f"bus {known.name}, which is {_as_place(known, group[0]).title}"
     lines = _comments(
-        f"{device.what.profile or 'a unit'} at unit {device.unit} answers as {other.title}: set it as the others"
-        for other in others for device in other.devices
+        f"{device.what.profile or 'a unit'} at unit {device.unit} answers as {other.title}: set it as {as_what}"
+        for other in group if other is not first for device in other.devices
     )  # fmt: skip
     usable = [device for device in first.devices if device.what.profile]
     lines += _comments(f"unit {d.unit}: {d.what.evidence}" for d in first.devices if not d.what.profile)
-    known = _existing_bus(config, first)
+    lines = [line for line in lines if line not in said]
     if known is None and usable:
         bus = names.free(_BUS_NAMES[first.kind])
         lines += ["[[bus]]", f"name = {toml_value(bus)}", f"kind = {toml_value(first.kind)}"]
@@ -91,13 +94,23 @@ def _sections(group: list[Place], config: GatewayConfig, names: _Names) -> list[
 
 
 def _existing_bus(config: GatewayConfig, place: Place) -> Bus | None:
-    for bus in config.buses:
-        options = bus.options()
-        if bus.kind == place.kind and all(
-            options[key] == value for key, value in place.options.items() if key in ("port", "host", "channel")
-        ):
-            return bus
-    return None
+    """The one on the same wire, whatever its protocol and speed."""
+    where = {key: value for key, value in place.options.items() if key in ("port", "host", "channel")}
+    return next((bus for bus in config.buses if _as_place(bus, place).options.items() >= where.items()), None)
+
+
+def _fits(bus: Bus, place: Place) -> bool:
+    """Whether what answers at the place would answer to the bus too."""
+    there = dict(_as_place(bus, place).options)
+    if there.get("interface") == "socketcan":  # the system sets the bit rate, not the file
+        there["bitrate"] = place.options["bitrate"]
+    return bus.kind == place.kind and there == dict(place.options)
+
+
+def _as_place(bus: Bus, place: Place) -> Place:
+    """The bus, by the fields that a scan knows of the place."""
+    options = bus.options()
+    return Place(bus.kind, {key: options[key] for key in place.options if key in options})
 
 
 def _has(config: GatewayConfig, bus: str, device: Found) -> bool:

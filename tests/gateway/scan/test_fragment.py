@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.config import ConfigError
+from drivers.recognition import Recognition
+from gateway.config import ConfigError, parse
+from gateway.scan.found import Found, Place
 from gateway.scan.fragment import check, merged
 
 FILE = Path("gateway.toml")
@@ -19,3 +21,74 @@ def test_file_that_was_broken_during_the_scan_is_told() -> None:
 @pytest.mark.parametrize("text", ["", "\n", BEGUN])
 def test_file_that_is_only_begun_can_be_added_to(text: str) -> None:
     check(text, FILE)
+
+
+MODULE = Recognition("icpdas_m7015", (0,), "type code 0x20")
+NODE = Recognition("cia404", (0,), "vendor 0x17", {"vendor": "esd"})
+LINE = '[[bus]]\nname = "rtu1"\nkind = "modbus_rtu"\nport = "/dev/rs485"\n'
+UNIT_1 = (
+    '[[device]]\nname = "old"\nbus = "rtu1"\nprofile = "icpdas_m7015"\nunit = 1\n[device.channels]\nbed_front = 0\n'
+)
+
+
+def rtu(baud: int, parity: str, *units: int) -> Place:
+    options = {"port": "/dev/rs485", "baud": baud, "parity": parity}
+    return Place("modbus_rtu", options, tuple(Found(unit, MODULE) for unit in units))
+
+
+def can(interface: str, channel: str, bitrate: int) -> Place:
+    options = {"interface": interface, "channel": channel, "bitrate": bitrate}
+    return Place("canopen", options, (Found(5, NODE),))
+
+
+def devices(text: str) -> list[tuple[str, int]]:
+    return [(device.bus, device.unit) for device in parse(text, FILE).devices]
+
+
+@pytest.mark.parametrize("speed", ["", "baud = 9600\n", 'parity = "N"\n'])
+def test_unit_at_the_speed_of_the_file_joins_its_bus(speed: str) -> None:
+    """What the file leaves out has its default."""
+    text = merged(BEGUN + LINE + speed + UNIT_1, [rtu(9600, "N", 1, 2)], FILE)
+    assert devices(text) == [("rtu1", 1), ("rtu1", 2)]
+    assert "set it as" not in text
+
+
+@pytest.mark.parametrize(("baud", "parity"), [(19200, "E"), (19200, "N"), (9600, "E")])
+def test_unit_at_another_speed_than_the_file_s_bus_is_a_comment(baud: int, parity: str) -> None:
+    text = merged(BEGUN + LINE + UNIT_1, [rtu(baud, parity, 2)], FILE)
+    assert devices(text) == [("rtu1", 1)]
+    told = f"# icpdas_m7015 at unit 2 answers as modbus_rtu /dev/rs485, {baud}, {parity}: "
+    assert told + "set it as bus rtu1, which is modbus_rtu /dev/rs485, 9600, N\n" in text
+    assert merged(text, [rtu(baud, parity, 2)], FILE) == text, "told once"
+
+
+def test_units_at_the_speed_of_the_file_join_it_though_more_have_another() -> None:
+    text = merged(BEGUN + LINE + UNIT_1, [rtu(19200, "N", 3, 4, 5), rtu(9600, "N", 2)], FILE)
+    assert devices(text) == [("rtu1", 1), ("rtu1", 2)]
+    assert [f"at unit {unit} answers as modbus_rtu /dev/rs485, 19200, N" in text for unit in (3, 4, 5)] == [True] * 3
+
+
+def test_sensor_of_another_protocol_on_the_file_s_wire_is_a_comment() -> None:
+    sensor = Recognition("me_rs485", (0,), "answers", {"range_um": 500.0})
+    place = Place("me_rs485", {"port": "/dev/rs485", "baud": 230_400, "parity": "N"}, (Found(126, sensor),))
+    text = merged(BEGUN + LINE + UNIT_1, [place], FILE)
+    assert devices(text) == [("rtu1", 1)]
+    assert "# me_rs485 at unit 126 answers as me_rs485 /dev/rs485, 230400, N: set it as bus rtu1" in text
+
+
+@pytest.mark.parametrize(("interface", "channel", "joins"), [("slcan", "/dev/can", False), ("socketcan", "can0", True)])
+def test_bit_rate_counts_where_the_file_sets_it(interface: str, channel: str, joins: bool) -> None:
+    bus = f'[[bus]]\nname = "can1"\nkind = "canopen"\ninterface = "{interface}"\nchannel = "{channel}"\n'
+    before = BEGUN + LINE + UNIT_1 + bus + "bitrate = 500000\n"
+    text = merged(before, [can(interface, channel, 125_000)], FILE)
+    assert devices(text) == [("rtu1", 1), *([("can1", 5)] if joins else [])]
+    assert (f"answers as canopen {interface}, {channel}, 125000: set it as bus can1" in text) is not joins
+
+
+def test_hosts_of_two_ports_are_two_buses() -> None:
+    """The file's has the default port, which it does not say."""
+    before = BEGUN + '[[bus]]\nname = "tcp1"\nkind = "modbus_tcp"\nhost = "10.0.0.9"\n' + LINE + UNIT_1
+    adam = Found(1, Recognition("advantech_adam6015", (0,), "type code"))
+    for port, bus in ((502, "tcp1"), (5020, "tcp2")):
+        text = merged(before, [Place("modbus_tcp", {"host": "10.0.0.9", "port": port}, (adam,))], FILE)
+        assert devices(text) == [("rtu1", 1), (bus, 1)]
