@@ -127,7 +127,7 @@ class LinearOffsets:
 
 
 class NumericalControl(Protocol):
-    """Any control. Raises drivers.base.DriverError; never retries."""
+    """Any control. Raises drivers.base.DriverError; never retries. Every number is finite, but results of a cycle."""
 
     async def connect(self) -> None: ...
 

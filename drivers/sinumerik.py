@@ -117,7 +117,8 @@ class Sinumerik:
         await self._session.close()
 
     async def snapshot(self) -> NcSnapshot:
-        """One request, or none while the control tells of changes. Raises BadAnswer when an axis has no position."""
+        """One request, or none while the control tells of changes. Raises BadAnswer for an axis without a position that
+        is a finite number; states that are none are missing."""
         values = await self._session.latest(self._snapshot)
         time, monotonic_s = self._clock.utc(), self._clock.monotonic()
         x, y, z, *rotary = self._numbers(self._positions, values[: len(AXES)])
@@ -125,13 +126,13 @@ class Sinumerik:
         states = {
             name: float(value) / source.divisor
             for (name, source), value in zip(self._states.items(), values, strict=False)
-            if value is not None
+            if value is not None and math.isfinite(value)
         }
         values = values[len(self._states) :]
         named = dict(zip(self._named, values, strict=False))
         values = values[len(self._named) :]
         referenced, values = values[: len(self._referenced)], values[len(self._referenced) :]
-        alarms = tuple(int(alarm) for alarm in values if alarm)
+        alarms = tuple(_code(alarm) for alarm in values if alarm)
         tool, probe = named.get("tool"), named.get("probe_in_spindle")
         return NcSnapshot(
             time=time,
@@ -140,10 +141,10 @@ class Sinumerik:
             states=states,
             mode=MODES.get(_code(named.get("mode")), OperatingMode.UNKNOWN),
             program=PROGRAM_STATES.get(_code(named.get("program")), ProgramState.UNKNOWN),
-            tool=None if tool is None else int(tool),
-            probe_in_spindle=None if probe is None else bool(probe),
+            tool=None if tool is None or not math.isfinite(tool) else int(tool),
+            probe_in_spindle=None if probe is None or not math.isfinite(probe) else bool(probe),
             alarms=alarms,
-            ready=EMERGENCY_STOP not in alarms and all(_code(value) % 2 for value in referenced),
+            ready=EMERGENCY_STOP not in alarms and all(map(_is_odd, referenced)),
             quality=Quality.GOOD,
         )
 
@@ -172,7 +173,7 @@ class Sinumerik:
         if known not in FINAL:
             return ProbingStatus(number, known)
         # The four parameters need not stem from one moment. What is final stands still: read it again with the results.
-        again = self._numbers(self._result, await self._session.read(self._result))
+        again = self._given(self._result, await self._session.read(self._result))
         _, answers_again, state_again, reason, result_of, *values, spread = again
         if answers_again != answers or state_again != state:
             return ProbingStatus(number, ProbingState.REQUESTED)
@@ -278,6 +279,14 @@ class Sinumerik:
         return state
 
     def _numbers(self, paths: tuple[str, ...], values: list[Number | None]) -> list[float]:
+        numbers = self._given(paths, values)
+        for path, value in zip(paths, numbers, strict=True):
+            if not math.isfinite(value):
+                raise BadAnswer(f"{path} = {value:g}: not a finite number", device=self._settings.device)
+        return numbers
+
+    def _given(self, paths: tuple[str, ...], values: list[Number | None]) -> list[float]:
+        """Also what is not finite: results of a cycle are judged by who asked for it."""
         for path, value in zip(paths, values, strict=True):
             if value is None:
                 raise BadAnswer(f"{path} has no value", device=self._settings.device)
@@ -287,6 +296,11 @@ class Sinumerik:
 def _next_beat(beat: float) -> float:
     """Another number than the last: the watchdog looks for a change."""
     return float((_code(beat) + 1) % 1_000_000)
+
+
+def _is_odd(value: Number | None) -> bool:
+    code = _code(value)
+    return code > 0 and code % 2 == 1  # no value is no yes
 
 
 def _code(value: Number | None) -> int:

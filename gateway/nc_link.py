@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivers.base import DriverError, NoAnswer, Quality
+from drivers.base import BadAnswer, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl, Watch
 from gateway.breaker import Breaker, Change
 from gateway.clock import ServiceClock
@@ -193,7 +193,7 @@ class NcLink:
             await self._nc.connect()
             if self.armed:
                 await self._nc.claim(self._owner, self._watch)
-            in_force = await self._form.read()
+            self._begin_from(await self._form.read())
         except DriverError as error:
             await self._close()
             self._lost(error, due)
@@ -201,11 +201,15 @@ class NcLink:
         self._connected = True
         if self._breaker.succeeded() is Change.HEALED:
             self._notify("NC: connected again", True)
-        self._begin_from(in_force)
         return True
 
     def _begin_from(self, in_force: FloatArray) -> None:
-        """Whatever stands on the control is where the ramp begins: no step at start and none after a reconnect."""
+        """Whatever stands on the control is where the ramp begins: no step at start and none after a reconnect.
+
+        Raises BadAnswer for what is no number: nothing could begin there.
+        """
+        if not np.all(np.isfinite(in_force)):
+            raise BadAnswer(f"offsets {_shown(in_force)} µm are in force: expected finite numbers", device="nc")
         self._slew = Slew(
             self._settings.bound_um,
             self._settings.slew_um_per_s,
@@ -309,7 +313,8 @@ class NcLink:
 
     def _differ(self, found: FloatArray, wanted: FloatArray) -> bool:
         """Disarm unless the control has in force what was written. Compared where the difference is largest."""
-        differs = bool(np.abs(found - wanted).sum(axis=1).max() > _READ_BACK_TOLERANCE_UM)
+        # Asked the other way round, what is no number would agree with everything.
+        differs = not np.abs(found - wanted).sum(axis=1).max() <= _READ_BACK_TOLERANCE_UM
         if differs:
             self._disarm(
                 f"NC: wrote offsets {_shown(wanted)} µm but {_shown(found)} are in force; compensation is disarmed "

@@ -1,5 +1,6 @@
 """The driver and the emulated control in detail: what the contract of all controls (test_contract_nc) leaves open."""
 
+import math
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import ConnectError, DriverError, Refused
+from drivers.base import BadAnswer, ConnectError, DriverError, Refused
 from drivers.nc import OperatingMode, ProbingState
 from drivers.sinumerik import Sinumerik
 from drivers.sinumerik_settings import Handshake, SinumerikSettings
@@ -257,4 +258,41 @@ async def test_a_request_that_finds_no_safe_point_in_its_time_is_refused_and_nev
     status = await nc.probing_status(5)
     assert (status.state, status.reason) == (ProbingState.REFUSED, "no safe point before the request expired")
     assert bench.plant.asked_at_s == []
+    await nc.close()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+async def test_a_position_or_an_offset_that_is_no_number_is_no_answer_and_names_its_node(
+    bench: Bench, value: float
+) -> None:
+    state = bench.control.state
+    bench.control.state = lambda: replace(state(), positions=state().positions | {"Y": value})  # type: ignore[method-assign]
+    with pytest.raises(BadAnswer, match=r"actToolBasePos\[u1,2\] = (nan|inf): not a finite number"):
+        await bench.nc.snapshot()
+    bench.control.state = state  # type: ignore[method-assign]
+    bench.control.nck.k0_mm[2] = value
+    with pytest.raises(BadAnswer, match=r"TEMP_COMP_ABS_VALUE\[u3\] = (nan|inf): not a finite number"):
+        await bench.nc.read_compensation()
+
+
+async def test_a_state_or_a_tool_that_is_no_number_is_one_that_the_control_does_not_tell(bench: Bench) -> None:
+    state = bench.control.state
+    spoiled = replace(state(), tool=math.nan, probing=math.nan, loads=replace(state().loads, spindle=math.nan))  # type: ignore[arg-type]
+    bench.control.state = lambda: spoiled  # type: ignore[method-assign]
+    snapshot = await bench.nc.snapshot()
+    assert (snapshot.tool, snapshot.probe_in_spindle) == (None, None)
+    assert "spindle_speed" not in snapshot.states
+    assert "speed_X" in snapshot.states
+    bench.control.state = lambda: replace(state(), alarms=(math.nan,))  # type: ignore[method-assign, arg-type]
+    assert len((await bench.nc.snapshot()).alarms) == 1, "something is shown"
+
+
+@pytest.mark.parametrize(("value", "ready"), [(3.0, True), (2.0, False), (math.nan, False)])
+async def test_an_axis_is_referenced_only_when_the_control_says_so(bench: Bench, value: float, ready: bool) -> None:
+    plain = SinumerikSettings(url=bench.url)
+    settings = replace(plain, paths=replace(plain.paths, referenced="/Channel/Parameter/R[u1,{n}]"))
+    bench.control.nck.r[1:4] = [3.0, value, 3.0]
+    nc = Sinumerik(settings, bench.clock)
+    await nc.connect()
+    assert (await nc.snapshot()).ready is ready
     await nc.close()

@@ -34,6 +34,8 @@ class Control:
     absent: bool = False
     deaf: bool = False
     """Takes a write and does not apply it."""
+    spoils: bool = False
+    """Takes a write and has no number in force afterwards."""
     answer: ProbingStatus | None = None
     answers: dict[int, ProbingStatus] = field(default_factory=dict)
     """By request number; the others get `answer`."""
@@ -85,7 +87,7 @@ class Control:
             self.in_force = offsets_um
             raise NoAnswer("nothing within 2 s", device="nc")
         if not self.deaf:
-            self.in_force = offsets_um
+            self.in_force = (math.nan, 0.0, 0.0) if self.spoils else offsets_um
 
     async def claim(self, owner: int, watch: Watch) -> None:
         if self.owner not in (0, owner):
@@ -380,3 +382,26 @@ async def test_offsets_in_force_beyond_what_is_ever_sent_disarm_and_do_not_end_t
         assert bench.link.present.monotonic_s >= 4.0, "reads go on"
     assert bench.control.writes == []
     assert [notice for notice in bench.notices if "beyond largest_um" in notice and "disarmed" in notice]
+
+
+async def test_a_read_back_that_is_no_number_agrees_with_nothing() -> None:
+    bench = Bench("compensate")
+    bench.control.spoils = True
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(20.0)
+    assert not bench.link.armed
+    assert len(bench.control.writes) == 1
+    assert [notice for notice in bench.notices if "nan" in notice and "disarmed" in notice]
+
+
+async def test_what_is_no_number_when_it_connects_is_told_and_does_not_end_the_link() -> None:
+    bench = Bench("compensate", in_force=(0.0, math.nan, 0.0))
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        assert bench.control.writes == []
+        assert [notice for notice in bench.notices if "nan" in notice and "finite" in notice]
+        bench.control.in_force = (0.0, 0.0, 0.0)
+        await bench.clock.run_until(40.0)
+    assert bench.control.in_force == (0.0, 0.0, 4.0)

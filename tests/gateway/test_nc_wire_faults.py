@@ -7,7 +7,7 @@ import asyncio
 import math
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -264,6 +264,35 @@ async def test_positions_that_freeze_while_the_axes_report_speed_are_used_no_lon
         await at.clock.run_until(230.0)
         assert at.told(ended=True) == ["NC: the axes move again"]
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 10.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("what", ["K0 when it connects", "K0 after a write", "a position"])
+async def test_what_is_no_number_is_told_and_nothing_is_written_on_it(what: str) -> None:
+    async with bench() as at:
+        nck = at.control.nck
+        if what == "K0 when it connects":
+            nck.k0_mm[0] = math.nan
+        at.link.follow(wants(40.0))
+        await at.clock.run_until(10.0)
+        write = nck.write_k0
+        if what == "a position":
+            state = at.control.state()
+            at.control.frozen = replace(state, positions=state.positions | {"Y": math.nan})
+        elif what == "K0 after a write":
+
+            def spoil(axis: int, value_mm: float, now_s: float) -> None:
+                write(axis, value_mm + math.nan, now_s)
+
+            nck.write_k0 = spoil  # type: ignore[method-assign]
+        await at.clock.run_until(12.0)
+        wrote = len(nck.log)
+        await at.clock.run_until(14.0)
+        assert len(nck.log) == wrote
+        assert [text for text in at.told(ended=False) if "nan: not a finite number" in text]
+        at.control.frozen, nck.write_k0 = None, write  # type: ignore[method-assign]
+        nck.k0_mm[:] = [0.0, 0.0, nck.k0_mm[2] if math.isfinite(nck.k0_mm[2]) else 0.0]
+        await at.clock.run_until(100.0)
+        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 40.0], atol=1e-9)
 
 
 @pytest.mark.parametrize("subscribe_s", [0.0, 0.05])
