@@ -10,10 +10,14 @@ from typing import Protocol
 import numpy as np
 
 from drivers.nc import FollowsPosition, LinearOffsets, NumericalControl, Triple
+from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, as_offsets
-from gateway.measurement import InForce
+from gateway.measurement import InForce, Rejected
 from talc import kinematics
 from talc.frame import FloatArray
+
+_SAME_UM = 0.05
+"""What is closer than that is the same: rounding on the way to the control and back."""
 
 
 class Form(Protocol):
@@ -104,3 +108,38 @@ class OverTravel:
         rows: list[Triple] = [as_offsets(row) for row in coefficients[:, 1:] / self._reach]
         slopes = rows[0], rows[1], rows[2]
         await self._nc.write_linear(LinearOffsets(as_offsets(coefficients[:, 0]), slopes, as_offsets(self._reference)))
+
+
+class HeldOffsets:
+    """What was in force when it was made to stand still. Implements gateway.measurement.Held."""
+
+    def __init__(self, form: Form, clock: ServiceClock, coefficients: FloatArray) -> None:
+        self._form, self._clock, self.coefficients = form, clock, coefficients
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is in force."""
+        return differ(self.coefficients, np.zeros_like(self.coefficients))
+
+    def at(self, centres_mm: FloatArray | None) -> InForce:
+        return self._form.during(self.coefficients, centres_mm)
+
+    async def still(self) -> None:
+        with self._clock.hold():
+            now = await self._form.read()
+        if differ(now, self.coefficients):
+            raise Rejected(
+                f"the offsets moved while the control probed: {shown(self.coefficients)} µm were in force when it was "
+                f"asked, {shown(now)} are now"
+            )
+
+
+def differ(found: FloatArray, wanted: FloatArray) -> bool:
+    """Whether two matrices (3, n) are not the same somewhere in the travel."""
+    # Asked the other way round, what is no number would agree with everything.
+    return not np.abs(found - wanted).sum(axis=1).max() <= _SAME_UM
+
+
+def shown(coefficients: FloatArray) -> str:
+    """Rows X, Y, Z; several columns as K0 and the most that each slope adds."""
+    return " ".join("/".join(f"{v:.2f}" for v in row) for row in coefficients)

@@ -1,14 +1,15 @@
 """One probing cycle from the wish to the nine errors: ask the NC, wait, check, solve."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import assert_never
+from typing import Protocol, assert_never
 
 import numpy as np
 
+from drivers.base import Refused
 from drivers.nc import NumericalControl, ProbingState, ProbingStatus
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets
@@ -28,8 +29,18 @@ class End(StrEnum):
 
 InForce = Offsets | tuple[Offsets, ...]
 """Compensation in force during a cycle, µm: the same at all poses, or one for each."""
-InForceAt = Callable[[FloatArray | None], InForce]
-"""What stood frozen, by where the sphere's centres (poses, 3), mm, were found; None: nowhere."""
+
+
+class Held(Protocol):
+    """Offsets that were made to stand still."""
+
+    def at(self, centres_mm: FloatArray | None) -> InForce:
+        """In force where the sphere's centres (poses, 3), mm, were found; None: nowhere."""
+        ...
+
+    async def still(self) -> None:
+        """Raises Rejected when something else is in force by now, DriverError."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +93,8 @@ class Probe:
         )
 
 
-class Refused(Exception):
-    """The control did not begin the cycle; the message says why."""
+class NotBegun(Exception):
+    """No cycle was begun; the message says why."""
 
 
 class Rejected(Exception):
@@ -95,12 +106,15 @@ async def run_cycle(
 ) -> ProbingStatus:
     """Ask for cycle `number` and wait for its end.
 
-    Raises Refused when it is refused or has not begun within `timeout_s` (the request is then withdrawn), Rejected when
-    it fails or has not ended then, DriverError when the control cannot be reached.
+    Raises NotBegun when it is refused or has not begun within `timeout_s` (the request is then withdrawn), Rejected
+    when it fails or has not ended then, DriverError when the control cannot be reached.
     """
     deadline = clock.monotonic() + timeout_s
     with clock.hold():
-        await nc.request_probing(number)
+        try:
+            await nc.request_probing(number)
+        except Refused as error:
+            raise NotBegun(f"the control did not take the request: {error}") from error
     while True:
         await clock.sleep_until(clock.monotonic() + poll_s)
         with clock.hold():
@@ -109,7 +123,7 @@ async def run_cycle(
             case ProbingState.DONE:
                 return status
             case ProbingState.REFUSED:
-                raise Refused(f"the control refused the cycle: {status.reason or 'no reason given'}")
+                raise NotBegun(f"the control refused the cycle: {status.reason or 'no reason given'}")
             case ProbingState.FAILED:
                 raise Rejected(f"the cycle failed: {status.reason or 'no reason given'}")
             case ProbingState.IDLE | ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
@@ -121,7 +135,7 @@ async def run_cycle(
                 await nc.withdraw_probing(number)
             begun = status.state in (ProbingState.ACCEPTED, ProbingState.RUNNING)
             text = f"the cycle did not {'end' if begun else 'begin'} within {timeout_s:g} s"
-            raise Rejected(text) if begun else Refused(text)
+            raise Rejected(text) if begun else NotBegun(text)
 
 
 def centres(status: ProbingStatus, poses: int) -> FloatArray:

@@ -5,7 +5,6 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -16,15 +15,14 @@ from gateway.breaker import Breaker, Change
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, Slew, Source, Step, Write, as_offsets
 from gateway.config import GatewayConfig
-from gateway.form import form_of
-from gateway.measurement import InForceAt, Outcome, Probe
+from gateway.form import HeldOffsets, differ, form_of, shown
+from gateway.measurement import Held, NotBegun, Outcome, Probe
 from gateway.motion import Motion
 from gateway.prober import Prober
 from talc.frame import Decision, FloatArray, Why
 
 log = logging.getLogger(__name__)
 
-_READ_BACK_TOLERANCE_UM = 0.05
 _LONGEST_RETRY_PERIODS = 30
 
 States = Callable[[Mapping[str, float], float], None]
@@ -156,15 +154,18 @@ class NcLink:
     async def measure(self, why: Why) -> Outcome:
         """One probing cycle, or those of the reference; see Prober. Offsets stand still until it has ended."""
         try:
-            return await self._prober.measure(why, self._stand, None if self._decision is None else self._decision[0])
+            return await self._prober.measure(why, self._hold, None if self._decision is None else self._decision[0])
         finally:
             self._frozen = False
 
-    async def _stand(self) -> InForceAt:
+    async def _hold(self) -> Held:
         async with self._writing:  # a write under way ends first, or what is read were not what stands
             self._frozen = True
             with self._clock.hold():
-                return partial(self._form.during, await self._form.read())
+                held = HeldOffsets(self._form, self._clock, await self._form.read())
+        if self._disarmed and self._watch.ramp_um_per_s > 0 and held.any:
+            raise NotBegun("compensation is disarmed and its offsets still go to zero")
+        return held
 
     async def _cycle(self, due: float) -> None:
         if not self._connected and not await self._connect(due):
@@ -209,7 +210,7 @@ class NcLink:
         Raises BadAnswer for what is no number: nothing could begin there.
         """
         if not np.all(np.isfinite(in_force)):
-            raise BadAnswer(f"offsets {_shown(in_force)} µm are in force: expected finite numbers", device="nc")
+            raise BadAnswer(f"offsets {shown(in_force)} µm are in force: expected finite numbers", device="nc")
         self._slew = Slew(
             self._settings.bound_um,
             self._settings.slew_um_per_s,
@@ -299,7 +300,7 @@ class NcLink:
         except ValueError as error:
             # What stood there at the start lies beyond what the driver ever sends: no ramp leads out of it.
             self._attempted = False
-            self._disarm(f"NC: {error}; {_shown(wanted)} µm were to be sent; compensation is disarmed until a restart")
+            self._disarm(f"NC: {error}; {shown(wanted)} µm were to be sent; compensation is disarmed until a restart")
             return None
         found = self._left = await self._form.read()
         self._check_beat()
@@ -313,11 +314,10 @@ class NcLink:
 
     def _differ(self, found: FloatArray, wanted: FloatArray) -> bool:
         """Disarm unless the control has in force what was written. Compared where the difference is largest."""
-        # Asked the other way round, what is no number would agree with everything.
-        differs = not np.abs(found - wanted).sum(axis=1).max() <= _READ_BACK_TOLERANCE_UM
+        differs = differ(found, wanted)
         if differs:
             self._disarm(
-                f"NC: wrote offsets {_shown(wanted)} µm but {_shown(found)} are in force; compensation is disarmed "
+                f"NC: wrote offsets {shown(wanted)} µm but {shown(found)} are in force; compensation is disarmed "
                 "until a restart. Does something else write there?"
             )
         return differs
@@ -344,8 +344,3 @@ def positions(snapshot: NcSnapshot) -> FloatArray:
     """(5,) X Y Z in mm, A C in radians."""
     at = snapshot.positions
     return np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])
-
-
-def _shown(coefficients: FloatArray) -> str:
-    """Rows X, Y, Z; several columns as K0 and the most that each slope adds."""
-    return " ".join("/".join(f"{v:.2f}" for v in row) for row in coefficients)

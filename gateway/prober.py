@@ -10,7 +10,18 @@ from drivers.nc import NumericalControl
 from gateway.clock import ServiceClock
 from gateway.compensation import ZERO
 from gateway.config.sections import Probing
-from gateway.measurement import End, InForce, InForceAt, Outcome, Probe, Refused, Rejected, at_rest, centres, run_cycle
+from gateway.measurement import (
+    End,
+    Held,
+    InForce,
+    NotBegun,
+    Outcome,
+    Probe,
+    Rejected,
+    at_rest,
+    centres,
+    run_cycle,
+)
 from gateway.measurement_checks import Expected, MeasurementChecks
 from talc.frame import Decision, FloatArray, Measurement, Why
 
@@ -44,13 +55,11 @@ class Prober:
         self._last: tuple[Measurement, float] | None = None
         self._waiting_for: int | None = None
 
-    async def measure(
-        self, why: Why, standing: Callable[[], Awaitable[InForceAt]], decision: Decision | None
-    ) -> Outcome:
+    async def measure(self, why: Why, hold: Callable[[], Awaitable[Held]], decision: Decision | None) -> Outcome:
         """One cycle, or those of the reference. Never raises for what the control does: the outcome says why there is
         no result.
 
-        standing: makes the offsets stand still and tells them; decision: the latest, None before the first
+        hold: makes the offsets stand still, or raises NotBegun; decision: the latest, None before the first
         """
         asked = self._clock.utc()
         in_force: InForce = ZERO
@@ -58,13 +67,14 @@ class Prober:
         measurement: Measurement | None = None
         residual, reason, end = math.nan, "", End.MEASURED
         try:
-            in_force_at = await standing()
-            in_force = in_force_at(None)
+            held = await hold()
+            in_force = held.at(None)
             # Noise of the reference would stand in every later measurement, so it is a mean of several cycles.
             count = self._settings.reference_cycles if self._reference is None else 1
             cycles = [await self._probed() for _ in range(count)]
             found = np.mean(cycles, axis=0)
-            in_force = in_force_at(found)
+            in_force = held.at(found)
+            await held.still()
             at_rest(cycles, self._settings.max_repeat_um)
             if self._reference is None:
                 self._reference = found + np.asarray(in_force) * 1e-3
@@ -77,7 +87,7 @@ class Prober:
             self._last = candidate, self._clock.monotonic()
         except Rejected as error:
             reason, end = str(error), End.REJECTED
-        except Refused as error:
+        except NotBegun as error:
             reason, end = str(error), End.REFUSED
         except DriverError as error:
             reason, end = f"the control could not be asked: {error}", End.REFUSED
@@ -99,7 +109,7 @@ class Prober:
             status = await run_cycle(
                 self._nc, number, self._clock, poll_s=self._settings.poll_s, timeout_s=self._settings.timeout_s
             )
-        except (Refused, Rejected):
+        except (NotBegun, Rejected):
             self._waiting_for = None
             raise
         self._waiting_for = None

@@ -31,6 +31,8 @@ class Control:
     writes: list[tuple[float, Offsets]] = field(default_factory=list)
     requests: list[int] = field(default_factory=list)
     withdrawn: list[int] = field(default_factory=list)
+    busy: bool = False
+    """Takes no request for probing."""
     absent: bool = False
     deaf: bool = False
     """Takes a write and does not apply it."""
@@ -68,6 +70,8 @@ class Control:
         return NcSnapshot(self.clock.utc(), self.clock.monotonic(), positions, states, self.mode, self.program)
 
     async def request_probing(self, number: int) -> None:
+        if self.busy:
+            raise Refused("another cycle is under way", device="nc")
         self.requests.append(number)
 
     async def probing_status(self, number: int) -> ProbingStatus:

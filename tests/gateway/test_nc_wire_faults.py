@@ -179,6 +179,23 @@ async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_
     assert found.number == lost.number + 1
 
 
+async def test_a_gateway_that_hangs_while_the_control_probes_makes_no_measurement_of_it() -> None:
+    async with bench() as at:
+        at.link.follow(wants(20.0))
+        await at.clock.run_until(40.0)
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(90.0)
+        assert at.control.nck.cycle.started_s is not None
+        at.clock.spend(22.0)  # watchdog_s is 10: it takes 12 µm away
+        await at.clock.run_until(113.0)
+        assert at.shift()[2] == pytest.approx(8.0, abs=1.5)
+        await at.clock.run_until(400.0)
+        hung = await cycle
+        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 20.0], atol=1e-9)
+    assert (hung.measurement, hung.end) == (None, End.REJECTED)
+    assert "the offsets moved while the control probed" in hung.reason
+
+
 async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_one() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)

@@ -192,3 +192,63 @@ async def test_what_has_ended_is_not_taken_back() -> None:
         await cycle
     await bench.link.stop()
     assert bench.control.withdrawn == []
+
+
+async def test_a_request_that_the_control_does_not_take_is_refused_and_not_taken_back() -> None:
+    bench = Bench("monitor")
+    bench.control.busy = True
+    async with bench.running():
+        await bench.clock.run_until(3.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(6.0)
+        outcome = await cycle
+    assert outcome.end is End.REFUSED
+    assert "did not take the request: device nc: another cycle is under way" in outcome.reason
+    await bench.link.stop()
+    assert bench.control.withdrawn == []
+
+
+async def test_offsets_that_moved_while_the_control_probed_make_no_measurement() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(20.0))
+        await bench.clock.run_until(30.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(32.0)
+        bench.control.watching, bench.control.in_force = False, (0.0, 0.0, 8.0)  # ramped while this process hung
+        await bench.clock.run_until(34.0)
+        bench.control.watching = True
+        bench.control.answer = ProbingStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.012),) * 6)
+        await bench.clock.run_until(45.0)
+        moved = await cycle
+        again = asyncio.create_task(bench.link.measure(Why.RETRY))
+        await bench.clock.run_until(60.0)
+        reference = await again
+    assert (moved.measurement, moved.end) == (None, End.REJECTED)
+    assert "the offsets moved while the control probed: 0.00 0.00 20.00 µm were in force" in moved.reason
+    assert reference.measurement is not None, "what was rejected is no reference either"
+
+
+@pytest.mark.parametrize("when_stale", ["zero", "hold"])
+async def test_disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets_to_zero(when_stale: str) -> None:
+    bench = Bench("compensate", when_stale=when_stale)
+    bench.control.answer = ProbingStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
+    ends, asked = [], []
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        for in_force in ((0.0, 30.0, 4.0), (0.0, 0.0, 0.0)):
+            bench.control.in_force = in_force  # first by somebody else's hand, then the watchdog has done its work
+            await bench.clock.run_until(bench.clock.monotonic() + 5.0)
+            assert not bench.link.armed
+            cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+            await bench.clock.run_until(bench.clock.monotonic() + 15.0)
+            outcome = await cycle
+            ends.append(outcome.end)
+            asked.append(len(bench.control.requests))
+            assert outcome.end is End.MEASURED or "its offsets still go to zero" in outcome.reason
+    if when_stale == "zero":
+        assert ends == [End.REFUSED, End.MEASURED]
+        assert asked[0] == 0
+    else:  # what the watchdog holds stands still
+        assert ends == [End.MEASURED, End.MEASURED]
