@@ -13,6 +13,7 @@ from drivers.nc import FollowsPosition, LinearOffsets, NumericalControl, Triple
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, as_offsets
 from gateway.measurement import InForce, Rejected
+from gateway.whole import to_its_end
 from talc import kinematics
 from talc.frame import FloatArray
 
@@ -126,7 +127,7 @@ class HeldOffsets:
 
     async def still(self) -> None:
         with self._clock.hold():
-            now = await self._form.read()
+            now = await to_its_end(self._form.read())
         if differ(now, self.coefficients):
             raise Rejected(
                 f"the offsets moved while the control probed: {shown(self.coefficients)} µm were in force when it was "

@@ -13,6 +13,7 @@ from drivers.base import Refused
 from drivers.nc import NumericalControl, ProbingState, ProbingStatus
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets
+from gateway.whole import to_its_end
 from talc import probing
 from talc.frame import FloatArray, Measurement, Why
 
@@ -112,13 +113,13 @@ async def run_cycle(
     deadline = clock.monotonic() + timeout_s
     with clock.hold():
         try:
-            await nc.request_probing(number)
+            await to_its_end(nc.request_probing(number))
         except Refused as error:
             raise NotBegun(f"the control did not take the request: {error}") from error
     while True:
         await clock.sleep_until(clock.monotonic() + poll_s)
         with clock.hold():
-            status = await nc.probing_status(number)
+            status = await to_its_end(nc.probing_status(number))
         match status.state:
             case ProbingState.DONE:
                 return status
@@ -132,7 +133,7 @@ async def run_cycle(
                 assert_never(status.state)
         if clock.monotonic() > deadline:
             with clock.hold():
-                await nc.withdraw_probing(number)
+                await to_its_end(nc.withdraw_probing(number))
             begun = status.state in (ProbingState.ACCEPTED, ProbingState.RUNNING)
             text = f"the cycle did not {'end' if begun else 'begin'} within {timeout_s:g} s"
             raise Rejected(text) if begun else NotBegun(text)

@@ -3,7 +3,8 @@
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import AsyncExitStack
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -19,6 +20,7 @@ from gateway.form import HeldOffsets, differ, form_of, shown
 from gateway.measurement import Held, NotBegun, Outcome, Probe
 from gateway.motion import Motion
 from gateway.prober import Prober
+from gateway.whole import to_its_end
 from talc.frame import Decision, FloatArray, Why
 
 log = logging.getLogger(__name__)
@@ -85,6 +87,7 @@ class NcLink:
         self._motion = Motion(settings.frozen_after_s)
         self._frozen = False
         self._ready = True
+        self._stopping = False
         self._missing = dict(missing)
         self._decision: tuple[Decision, float] | None = None
         self._last_step: Step | None = None
@@ -123,33 +126,49 @@ class NcLink:
         while True:
             await self._clock.sleep_until(due)
             with self._clock.hold():
-                await self._cycle(due)
+                await to_its_end(self._cycle(due))
             late = max(0, math.ceil((self._clock.monotonic() - due) / self._period) - 1)
             due += self._period * (1 + late)
 
     async def stop(self) -> None:
-        """Bring the compensation to its declared state, then let go of the control."""
-        if self._connected:
-            try:
-                await self._prober.withdraw()
-                if self.armed and self._ready and self._settings.when_stale == "zero":
-                    await self._take_back()
-                if self.armed:
-                    await self._nc.release(self._owner)
-            except DriverError as error:
-                log.warning("the NC could not be left as declared, its watchdog has it: %s", error)
-        await self._close()
+        """Bring the compensation to its declared state, then let go of the control.
+
+        Each part is tried, whatever became of the one before.
+        """
+        self._stopping = True
+        async with AsyncExitStack() as stack:
+            stack.push_async_callback(self._close)
+            if self._connected:
+                for part in (self._release, self._take_back, self._prober.withdraw):  # the last one first
+                    stack.push_async_callback(self._try, part)
+
+    async def _try(self, part: Callable[[], Awaitable[None]]) -> None:
+        try:
+            await part()
+        except DriverError as error:
+            log.warning("the NC could not be left as declared, its watchdog has it: %s", error)
 
     async def _take_back(self) -> None:
+        if not self.armed or self._settings.when_stale != "zero":
+            return
+        if self._left is None or not self._ready:
+            self._begin_from(await self._form.read())
         due = self._clock.monotonic()
-        while self._slew is not None and self.armed and self._slew.largest_um > 0:
+        while self._slew is not None and self._slew.largest_um > 0 and not self._disarmed:
             due += self._period
             await self._clock.sleep_until(due)
+            snapshot = self.snapshot = self._judged(await self._nc.snapshot())
             if not await self._alive():
                 return  # the control's watchdog has it
-            step = self._slew.follow(self._clock.monotonic(), None, Source.STOPPED)
-            if self.snapshot is not None:
-                await self._apply(step, self.snapshot, send=True)
+            here, now = self._form.basis(positions(snapshot)[:3]), self._clock.monotonic()
+            if snapshot.ready is False:
+                await self._apply(self._slew.freeze(now, here, Source.NOT_READY), snapshot, send=False)
+                return  # no offset is written now; it is the watchdog's, too
+            await self._apply(self._slew.follow(now, None, Source.STOPPED, here), snapshot, send=True)
+
+    async def _release(self) -> None:
+        if self.armed:
+            await self._nc.release(self._owner)
 
     async def measure(self, why: Why) -> Outcome:
         """One probing cycle, or those of the reference; see Prober. Offsets stand still until it has ended."""
@@ -162,7 +181,7 @@ class NcLink:
         async with self._writing:  # a write under way ends first, or what is read were not what stands
             self._frozen = True
             with self._clock.hold():
-                held = HeldOffsets(self._form, self._clock, await self._form.read())
+                held = HeldOffsets(self._form, self._clock, await to_its_end(self._form.read()))
         if self._disarmed and self._watch.ramp_um_per_s > 0 and held.any:
             raise NotBegun("compensation is disarmed and its offsets still go to zero")
         return held
@@ -267,8 +286,17 @@ class NcLink:
             if step != self._last_step or (self._attempted and read_back is None):
                 k = self._decision[0].k if self._decision else None
                 mode, at = self._settings.mode, snapshot.positions
-                self._written(Write(snapshot.time, mode, step, k, at, self._attempted, read_back))
+                self._tell(Write(snapshot.time, mode, step, k, at, self._attempted, read_back))
             self._last_step = step
+
+    def _tell(self, write: Write) -> None:
+        try:
+            self._written(write)
+        except Exception:
+            if not self._stopping:
+                raise
+            # A full disk ends the gateway; it shall not leave the offsets where they are.
+            log.exception("a step of the compensation was not stored while stopping")
 
     def _wanted(self, snapshot: NcSnapshot, now: float) -> tuple[FloatArray | None, Source]:
         if self._decision is None:
@@ -295,6 +323,7 @@ class NcLink:
             if self._differ(found, self._left):
                 return None
         self._attempted = True
+        self._left = None  # not known until it is read back
         try:
             await self._form.write(wanted)
         except ValueError as error:

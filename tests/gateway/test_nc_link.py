@@ -16,7 +16,7 @@ from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.measurement import Probe, poses_in_radians
 from gateway.nc_link import NcLink
-from talc.frame import Decision, Phase
+from talc.frame import Decision, Phase, Why
 from tests.gateway.stepped_clock import SteppedClock
 
 POSES = ((0.0, 0.0), (0.0, 90.0), (0.0, 180.0), (0.0, 270.0), (90.0, 0.0), (-90.0, 0.0))
@@ -50,21 +50,28 @@ class Control:
     slow: asyncio.Event | None = None
     """A write lasts until it is set."""
     in_write: bool = False
+    """One has been asked for whose answer has not come."""
+    late: asyncio.Event | None = None
+    """A write acts at once, and is answered when it is set."""
     swallows: bool = False
     """Takes a write and does not answer."""
+    closed: int = 0
     looks: int = 0
     hangs: str = ""
     """Within its next "beat", "look" or "read back" the gateway stands still, and the watchdog has acted meanwhile."""
 
-    async def connect(self) -> None:
+    def _here(self) -> None:
         if self.absent:
             raise ConnectError("no answer", device="nc")
 
-    async def close(self) -> None: ...
+    async def connect(self) -> None:
+        self._here()
+
+    async def close(self) -> None:
+        self.closed += 1
 
     async def snapshot(self) -> NcSnapshot:
-        if self.absent:
-            raise ConnectError("no answer", device="nc")
+        self._here()
         positions = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": 0.0, "C": 0.0}
         states = {"coolant": 1.0, "spindle_speed": self.speed}
         return NcSnapshot(self.clock.utc(), self.clock.monotonic(), positions, states, self.mode, self.program)
@@ -75,9 +82,15 @@ class Control:
         self.requests.append(number)
 
     async def probing_status(self, number: int) -> ProbingStatus:
+        if self.late is not None:
+            self.in_write = True
+            await self._answer(self.late)
         return self.answers.get(number, self.answer) or ProbingStatus(number, ProbingState.RUNNING)
 
     async def withdraw_probing(self, number: int) -> None:
+        self._here()
+        if self.busy:
+            raise Refused("not now", device="nc")
         self.withdrawn.append(number)
 
     async def write_compensation(self, offsets_um: Offsets) -> None:
@@ -92,6 +105,17 @@ class Control:
             raise NoAnswer("nothing within 2 s", device="nc")
         if not self.deaf:
             self.in_force = (math.nan, 0.0, 0.0) if self.spoils else offsets_um
+        if self.late is not None:
+            self.in_write = True
+            await self._answer(self.late)
+
+    async def _answer(self, when: asyncio.Event) -> None:
+        """As on a line whose answers come in turn: who does not wait for his own has no line any more."""
+        try:
+            await when.wait()
+        except asyncio.CancelledError:
+            self.absent = True
+            raise
 
     async def claim(self, owner: int, watch: Watch) -> None:
         if self.owner not in (0, owner):
@@ -106,6 +130,7 @@ class Control:
         return self.watching
 
     async def release(self, owner: int) -> None:
+        self._here()
         if self.owner == owner:
             self.owner = 0
 
@@ -150,6 +175,7 @@ class Bench:
         self.clock = SteppedClock()
         self.control = Control(self.clock, in_force)
         self.steps: list[Write] = []
+        self.disk_full = False
         self.notices: list[str] = []
         self.link = NcLink(
             self.control,
@@ -157,11 +183,16 @@ class Bench:
             self.clock,
             Probe(poses_in_radians(POSES), 0.12, 0.08, 1.0),
             states=lambda *_: None,
-            written=self.steps.append,
+            written=self.store,
             notify=lambda text, _: self.notices.append(text),
             reference_mm=None,
             first_number=41,
         )
+
+    def store(self, write: Write) -> None:
+        if self.disk_full:
+            raise OSError("no space left on device")
+        self.steps.append(write)
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -409,3 +440,62 @@ async def test_what_is_no_number_when_it_connects_is_told_and_does_not_end_the_l
         bench.control.in_force = (0.0, 0.0, 0.0)
         await bench.clock.run_until(40.0)
     assert bench.control.in_force == (0.0, 0.0, 4.0)
+
+
+async def test_stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_accuses_nobody() -> None:
+    bench = Bench("compensate")
+    task = asyncio.create_task(bench.link.run())
+    bench.link.follow(decision(8.0))
+    await bench.clock.run_until(5.0)
+    bench.control.late = asyncio.Event()
+    await bench.clock.run_until(6.0)
+    assert bench.control.in_write
+    task.cancel()
+    await bench.clock.run_until(6.1)
+    bench.control.late.set()
+    await asyncio.gather(task, return_exceptions=True)
+    assert task.cancelled()
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert bench.link.armed
+    assert bench.notices == []
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
+    assert bench.control.owner == 0
+    heights = [offsets[2] for _, offsets in bench.control.writes]
+    assert np.abs(np.diff(heights)).max() <= 1.0 + 1e-9
+
+
+async def test_a_step_that_cannot_be_stored_ends_the_link_and_the_offsets_are_taken_back_all_the_same() -> None:
+    bench = Bench("compensate")
+    task = asyncio.create_task(bench.link.run())
+    bench.link.follow(decision(8.0))
+    await bench.clock.run_until(5.0)
+    bench.disk_full = True
+    await bench.clock.run_until(7.0)
+    with pytest.raises(OSError, match="no space left"):
+        await task
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
+    assert bench.control.owner == 0
+    assert bench.control.closed == 1
+
+
+async def test_a_request_that_cannot_be_withdrawn_keeps_nothing_from_being_taken_back() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(12.0)
+        cycle.cancel()
+        await asyncio.gather(cycle, return_exceptions=True)
+    bench.control.busy = True
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert bench.control.withdrawn == []
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
+    assert (bench.control.owner, bench.control.closed) == (0, 1)

@@ -252,3 +252,21 @@ async def test_disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets
         assert asked[0] == 0
     else:  # what the watchdog holds stands still
         assert ends == [End.MEASURED, End.MEASURED]
+
+
+async def test_stopped_while_the_control_is_asked_for_the_result_the_request_is_still_taken_back() -> None:
+    bench = Bench("monitor")
+    async with bench.running():
+        await bench.clock.run_until(3.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(3.5)
+        bench.control.late = asyncio.Event()
+        await bench.clock.run_until(5.0)
+        assert bench.control.in_write
+        cycle.cancel()
+        await bench.clock.run_until(5.1)
+        bench.control.late.set()
+        await asyncio.gather(cycle, return_exceptions=True)
+        assert cycle.cancelled()
+    await bench.link.stop()
+    assert bench.control.withdrawn == bench.control.requests == [41]

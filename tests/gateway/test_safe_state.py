@@ -1,5 +1,6 @@
 """The safe-state contract of docs/safety.md, on the wire to an emulated control, by the control's own record."""
 
+import asyncio
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from gateway.compensation import Source
 from gateway.config.sections import Compensation, Probing
 from gateway.reload import ReloadError, difference
 from gateway.store import History, Store
-from simulators.nc.watchdog import Logged
+from simulators.nc.watchdog import R_OWNER, Logged
 from talc import kinematics
 from talc.frame import Decision
 from tests.gateway.test_nc_link import decision
@@ -205,6 +206,28 @@ async def test_in_an_emergency_stop_the_offsets_stand_and_nothing_is_saved_up(tm
         assert bench.in_force_um[2] <= 4.0 + 4.0  # no stride for the time that stood still
         await bench.clock.run_until(42.0)
         assert bench.in_force_um == pytest.approx((0.0, 0.0, 12.0))
+        bench.assert_never_stepped()
+
+
+async def test_in_an_emergency_stop_while_it_stops_nothing_more_is_written(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        link = bench.link()
+        running = asyncio.create_task(link.run())
+        link.follow(decision(10.0))
+        await bench.clock.run_until(12.0)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        stopping = asyncio.create_task(link.stop())
+        await bench.clock.run_until(15.5)
+        assert 5.0 < bench.in_force_um[2] < 9.0
+        bench.control.nck.emergency_stop(bench.clock.monotonic())
+        before = [entry for entry in bench.control.nck.log if not entry.ramped]
+        await bench.clock.run_until(60.0)
+        await stopping
+        assert [entry for entry in bench.control.nck.log if not entry.ramped] == before
+        assert bench.writes[-1].step.source is Source.NOT_READY
+        assert not bench.writes[-1].written
+        assert bench.control.nck.r[R_OWNER] == 0.0
         bench.assert_never_stepped()
 
 

@@ -1,0 +1,25 @@
+"""Requests that are never cut in half."""
+
+import asyncio
+from collections.abc import Coroutine
+from contextlib import suppress
+from typing import TypeVar
+
+from drivers.base import DriverError
+
+T = TypeVar("T")
+
+
+async def to_its_end(work: Coroutine[object, object, T]) -> T:
+    """Await `work`; who is cancelled meanwhile ends with it, not within it.
+
+    After half a request nobody knows what is in force, and a line whose answers come in turn must be closed. A second
+    cancel does reach the work.
+    """
+    task = asyncio.create_task(work)
+    try:
+        return await asyncio.shield(task)
+    except asyncio.CancelledError:
+        with suppress(DriverError):  # who asked is no longer there to hear it
+            await task
+        raise
