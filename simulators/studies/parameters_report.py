@@ -1,21 +1,30 @@
 """Report of the study parameters: the paper's figures and tables, then the policies on the same front."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 
 from simulators.studies.frame import Run
 from simulators.studies.page import Claim, Picture, Report, Row, Section, Table, figure, number, style, svg
+from simulators.studies.parameters_points import (
+    BEST,
+    TARGET_UM,
+    ByCase,
+    Key,
+    Point,
+    after_equal_calibrations,
+    best_common,
+    fewest_for,
+    fewest_ratio,
+    key_of,
+    mean_made,
+    median_share,
+    name_of,
+    point_at,
+    points_of,
+    rivals,
+)
 
-Point = Mapping[str, Any]
-ByCase = Mapping[str, list[Point]]
-Key = tuple[Any, ...]
-"""Calibration h, interval h, no-good measurements; or calibration h and policy."""
-
-TARGET_UM = 5.0
-BEST = (6.5, 2.0, 12)
-"""Calibration h, interval h, no-good measurements: the paper's best common set."""
 PAPER = {"A": (4.46, 96.42), "B": (4.62, 96.17), "C": (4.91, 95.87), "D": (5.29, 96.29)}
 """The paper's P99, µm, and Pd, %, of that set on its four load cases."""
 _SPARSE = {
@@ -47,10 +56,10 @@ measurements."""
 def report(runs: list[Run]) -> Report:
     """Everything by load case."""
     cases = list(dict.fromkeys(str(run.parameters["case"]) for run in runs))
-    fixed = {c: _points(runs, c, "fixed") for c in cases}
-    adaptive = {c: _points(runs, c, "adaptive") for c in cases}
-    sparse = {title: {c: _points(runs, c, kind) for c in cases} for kind, title in _SPARSE.items()}
-    common = _common(fixed)
+    fixed = {c: points_of(runs, c, "fixed") for c in cases}
+    adaptive = {c: points_of(runs, c, "adaptive") for c in cases}
+    sparse = {title: {c: points_of(runs, c, kind) for c in cases} for kind, title in _SPARSE.items()}
+    common = best_common(fixed)
     count = sum(len(points) for kind in (fixed, adaptive, *sparse.values()) for points in kind.values())
     sections = (
         Section(
@@ -89,74 +98,28 @@ def report(runs: list[Run]) -> Report:
     )
 
 
-def _points(runs: list[Run], case: str, kind: str) -> list[Point]:
-    found: list[Point] = []
-    for run in runs:
-        if run.parameters["case"] == case:
-            found += [{"calibration_h": run.parameters["calibration_h"], **point} for point in run.result[kind]]
-    return found
-
-
-def _key(point: Point) -> Key:
-    if "policy" in point:
-        return point["calibration_h"], point["policy"]
-    return point["calibration_h"], point["interval_h"], point["no_good"]
-
-
-def _name(key: Key) -> str:
-    if len(key) == 2:
-        return f"{key[0]:g} h, then {key[1]}"
-    return f"{key[0]:g} h, then {key[1]:g} h, no good {key[2]} × 10 min"
-
-
-def _at(points: list[Point], key: Key) -> Point | None:
-    return next((p for p in points if _key(p) == key), None)
-
-
-def _fewest(points: list[Point], p99: float) -> Point | None:
-    """The least measurements with a P99 of at most `p99`."""
-    good = [p for p in points if p["P99"] <= p99]
-    return min(good, key=lambda p: (p["measurements"], p["P99"])) if good else None
-
-
-def _common(fixed: ByCase) -> Key | None:
-    """Largest mean Pd of the sets whose P99 is below the target on every load case."""
-    by_key: dict[Key, list[Point]] = {}
-    for points in fixed.values():
-        for point in points:
-            by_key.setdefault(_key(point), []).append(point)
-    good = {k: p for k, p in by_key.items() if all(x["P99"] < TARGET_UM for x in p) and len(p) == len(fixed)}
-    return max(good, key=lambda k: float(np.mean([p["Pd"] for p in good[k]]))) if good else None
-
-
 def _best_table(cases: list[str], fixed: ByCase) -> Table:
     rows = []
     for case in cases:
-        best = _fewest(fixed[case], TARGET_UM)
+        best = fewest_for(fixed[case], TARGET_UM)
         if best is None:
             rows.append(Row((case, "none below 5 µm", "", "", "", "")))
             continue
         cells = (number(best["P99"]), f"{best['Pd']:.2f}", str(best["measurements"]), str(best["updates"]))
-        rows.append(Row((case, _name(_key(best)), *cells)))
+        rows.append(Row((case, name_of(key_of(best)), *cells)))
     return Table(("load case", "best set of its own", "P99, µm", "Pd, %", "measurements", "updates"), tuple(rows))
 
 
 def _common_table(cases: list[str], fixed: ByCase, adaptive: ByCase, sparse: Mapping[str, ByCase]) -> Table:
     rows = [
         Row(("paper: its best common set", *(f"{PAPER[c][0]:g} / {PAPER[c][1]:g}" for c in cases)), paper=True),
-        Row((f"the same set here: {_name(BEST)}", *(_pair(_at(fixed[c], BEST)) for c in cases))),
+        Row((f"the same set here: {name_of(BEST)}", *(_pair(point_at(fixed[c], BEST)) for c in cases))),
     ]
     for title, points in {"set": fixed, "policy": adaptive, **sparse}.items():
-        if (common := _common(points)) is not None:
-            cells = (_pair(_at(points[c], common)) for c in cases)
-            rows.append(Row((f"best common {title} here: {_name(common)}", *cells)))
+        if (common := best_common(points)) is not None:
+            cells = (_pair(point_at(points[c], common)) for c in cases)
+            rows.append(Row((f"best common {title} here: {name_of(common)}", *cells)))
     return Table(("P99, µm / Pd, %", *cases), tuple(rows))
-
-
-def _made(points: ByCase, key: Key | None) -> float:
-    """Mean number of measurements over the load cases; NaN without a common set."""
-    found = [_at(at, key) for at in points.values()] if key is not None else []
-    return float(np.mean([p["measurements"] for p in found if p is not None])) if found else float("nan")
 
 
 def _pair(point: Point | None) -> str:
@@ -165,7 +128,7 @@ def _pair(point: Point | None) -> str:
 
 def _peers(runs: list[Run], cases: list[str], fixed: ByCase) -> Table:
     none = {str(r.parameters["case"]): r.result["none"]["P99"] for r in runs if _calibration(r) == BEST[0]}
-    here = {c: _at(fixed[c], BEST) for c in cases}
+    here = {c: point_at(fixed[c], BEST) for c in cases}
 
     def line(title: str, value: Callable[[str], float]) -> Row:
         return Row((title, *(number(value(c)) for c in cases)))
@@ -187,19 +150,10 @@ def _calibration(run: Run) -> float:
     return float(run.parameters["calibration_h"])
 
 
-def _rivals(fixed: list[Point], adaptive: list[Point]) -> list[tuple[str, float, Point | None, Point | None]]:
-    """At the target, and at what the paper's best set reaches: fewest measurements by a fixed interval, by a policy."""
-    targets = [("P99 of at most 5 µm", TARGET_UM)]
-    best = _at(fixed, BEST)
-    if best is not None:
-        targets.append((f"the paper's set's own P99, {best['P99']:.2f} µm", float(best["P99"])))
-    return [(title, value, _fewest(fixed, value), _fewest(adaptive, value)) for title, value in targets]
-
-
 def _policy_table(cases: list[str], fixed: ByCase, adaptive: ByCase) -> Table:
     rows = []
     for case in cases:
-        for title, _, plain, own in _rivals(fixed[case], adaptive[case]):
+        for title, _, plain, own in rivals(fixed[case], adaptive[case]):
             cells = [
                 _fixed(plain),
                 "–" if own is None else f"{own['measurements']}: {own['calibration_h']:g} h, {own['policy']}",
@@ -210,37 +164,19 @@ def _policy_table(cases: list[str], fixed: ByCase, adaptive: ByCase) -> Table:
     return Table(head, tuple(rows))
 
 
-def _same_calibration(fixed: list[Point], adaptive: list[Point]) -> list[tuple[float, int, int]]:
-    """Per calibration length: fewest measurements after it for the target, by a fixed interval and by a policy."""
-    found = []
-    for length in sorted({float(p["calibration_h"]) for p in fixed}):
-        plain, own = (
-            _fewest([p for p in points if p["calibration_h"] == length], TARGET_UM) for points in (fixed, adaptive)
-        )
-        if plain is not None and own is not None:
-            before = round(length * 6)
-            found.append((length, plain["measurements"] - before, own["measurements"] - before))
-    return found
-
-
-def _share(pairs: list[tuple[float, int, int]]) -> float:
-    """Median ratio, policy to fixed; NaN without pairs."""
-    return float(np.median([own / plain for _, plain, own in pairs])) if pairs else float("nan")
-
-
 def _after_table(cases: list[str], fixed: ByCase, adaptive: ByCase) -> Table:
-    pairs = {c: _same_calibration(fixed[c], adaptive[c]) for c in cases}
+    pairs = {c: after_equal_calibrations(fixed[c], adaptive[c]) for c in cases}
     lengths = sorted({length for found in pairs.values() for length, _, _ in found})
     rows = []
     for length in lengths:
         cells = [next((f"{own} / {plain}" for x, plain, own in pairs[c] if x == length), "–") for c in cases]
         rows.append(Row((f"{length:g} h", *cells)))
-    rows.append(Row(("median ratio", *(number(_share(pairs[c]), 2) for c in cases))))
+    rows.append(Row(("median ratio", *(number(median_share(pairs[c]), 2) for c in cases))))
     return Table(("fewest after the calibration for P99 ≤ 5 µm, policy / fixed", *cases), tuple(rows))
 
 
 def _fixed(point: Point | None) -> str:
-    return "–" if point is None else f"{point['measurements']}: {_name(_key(point))}"
+    return "–" if point is None else f"{point['measurements']}: {name_of(key_of(point))}"
 
 
 def _best_policies(cases: list[str], adaptive: ByCase) -> Table:
@@ -261,10 +197,10 @@ def _summary(runs: list[Run], cases: list[str], fixed: ByCase, adaptive: ByCase,
     rows = [*same.rows]
     rows += [Row((f"P99: {row.cells[0]}", *row.cells[1:])) for row in peers.rows[:3]]
     for title, points in {"fixed interval": fixed, "policy": adaptive, **sparse}.items():
-        fewest = [_fewest(points[c], TARGET_UM) for c in cases]
+        fewest = [fewest_for(points[c], TARGET_UM) for c in cases]
         cells = ("–" if p is None else str(p["measurements"]) for p in fewest)
         rows.append(Row((f"fewest measurements for P99 ≤ 5 µm: {title}", *cells)))
-    shares = [number(_share(_same_calibration(fixed[c], adaptive[c])), 2) for c in cases]
+    shares = [number(median_share(after_equal_calibrations(fixed[c], adaptive[c])), 2) for c in cases]
     rows.append(Row(("after equal calibrations, policy to fixed, median ratio", *shares)))
     return Table(same.head, tuple(rows))
 
@@ -276,16 +212,16 @@ def _claims(
     sparse: Mapping[str, ByCase],
     common: Key | None,
 ) -> tuple[Claim, ...]:
-    best = [p for c in cases if (p := _at(fixed[c], BEST)) is not None]
+    best = [p for c in cases if (p := point_at(fixed[c], BEST)) is not None]
     kept = sum(p["P99"] < TARGET_UM for p in best)
     short, long = (_mean_over(fixed, "calibration_h", "SMAPE", end) for end in (min, max))
     soon, late = (_mean_over(fixed, "interval_h", "RMSE", end) for end in (min, max))
     by_interval, by_policy = (sparse[title] for title in _SPARSE.values())
-    middle, thinned = _fewest_ratio(cases, fixed, adaptive), _fewest_ratio(cases, fixed, by_policy)
-    thinned_fixed, among = _fewest_ratio(cases, fixed, by_interval), _fewest_ratio(cases, by_interval, by_policy)
-    plain, own = _made(fixed, common), _made(adaptive, _common(adaptive))
-    few_fixed, few = _made(by_interval, _common(by_interval)), _made(by_policy, _common(by_policy))
-    after = float(np.mean([_share(_same_calibration(fixed[c], adaptive[c])) for c in cases]))
+    middle, thinned = fewest_ratio(cases, fixed, adaptive), fewest_ratio(cases, fixed, by_policy)
+    thinned_fixed, among = fewest_ratio(cases, fixed, by_interval), fewest_ratio(cases, by_interval, by_policy)
+    plain, own = mean_made(fixed, common), mean_made(adaptive, best_common(adaptive))
+    few_fixed, few = mean_made(by_interval, best_common(by_interval)), mean_made(by_policy, best_common(by_policy))
+    after = float(np.mean([median_share(after_equal_calibrations(fixed[c], adaptive[c])) for c in cases]))
     return (
         Claim(
             "6.5 h, then 2 h, no good 12 × 10 min keeps P99 near 5 µm",
@@ -297,7 +233,7 @@ def _claims(
         Claim(
             "It is the best common set",
             "yes",
-            "no set is below 5 µm on all" if common is None else f"here {_name(common)}",
+            "no set is below 5 µm on all" if common is None else f"here {name_of(common)}",
             common == BEST,
             "Which lengths pay depends on the machine's time constants and on how much a load case repeats itself.",
         ),
@@ -344,13 +280,6 @@ def _claims(
     )
 
 
-def _fewest_ratio(cases: list[str], fixed: ByCase, other: ByCase) -> float:
-    """Mean over the load cases of the fewest measurements for the target, other to fixed; NaN without any."""
-    pairs = [(_fewest(fixed[c], TARGET_UM), _fewest(other[c], TARGET_UM)) for c in cases]
-    ratios = [own["measurements"] / plain["measurements"] for plain, own in pairs if plain and own]
-    return float(np.mean(ratios)) if ratios else float("nan")
-
-
 def _mean_over(fixed: ByCase, axis: str, name: str, end: Callable[[set[float]], float]) -> float:
     everything = [p for points in fixed.values() for p in points]
     at = end({p[axis] for p in everything})
@@ -382,7 +311,7 @@ def _front_picture(cases: list[str], groups: Mapping[str, ByCase]) -> Picture:
                 pairs = [(p["Pd"], p["P99"]) for p in points[case]]
                 if pairs:
                     ax.plot(*zip(*pairs, strict=True), ".", ms=size, color=colour, label=label)
-            best = _fewest(groups["fixed interval"][case], TARGET_UM)
+            best = fewest_for(groups["fixed interval"][case], TARGET_UM)
             if best is not None:
                 ax.plot(best["Pd"], best["P99"], "o", ms=7, mfc="none", color="#111111", label="best below 5 µm")
             ax.plot(PAPER[case][1], PAPER[case][0], "*", ms=9, color="#b08900", label="the paper's best common set")
