@@ -10,9 +10,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivers.base import BadAnswer, DriverError, NoAnswer, Quality
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl, Watch
-from gateway.breaker import Breaker, Change
+from gateway.breaker import Breaker
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, Slew, Source, Step, Write, as_offsets
 from gateway.config import GatewayConfig
@@ -20,12 +20,16 @@ from gateway.form import HeldOffsets, differ, form_of, shown
 from gateway.measurement import Held, NotBegun, Outcome, Probe
 from gateway.motion import Motion
 from gateway.prober import Prober
+from gateway.steadiness import Steadiness, Word
 from gateway.whole import to_its_end
 from talc.frame import Decision, FloatArray, Why
 
 log = logging.getLogger(__name__)
 
 _LONGEST_RETRY_PERIODS = 30
+_STEADY_S, _STEADY_PERIODS = 60.0, 10
+"""What has not changed for so long, and so many periods, is steady."""
+_SUBJECT = "NC"
 
 States = Callable[[Mapping[str, float], float], None]
 """Takes machine states and the monotonic time they were read at."""
@@ -75,6 +79,7 @@ class NcLink:
         self._prober = Prober(nc, config.probing, clock, probe, reference_mm, first_number)
         self._writing = asyncio.Lock()
         self._breaker = Breaker(self._period, self._period * _LONGEST_RETRY_PERIODS)
+        self._steadiness = Steadiness(max(_STEADY_S, _STEADY_PERIODS * self._period))
         self._connected = False
         self._disarmed = False
         self._owner = owner
@@ -197,6 +202,11 @@ class NcLink:
         except DriverError as error:
             await self._close()
             self._lost(error, due)
+            return
+        # Not as soon as it is connected: what is refused each time after that would be asked each period for ever.
+        self._breaker.succeeded()
+        if self._steadiness.well(_SUBJECT, self._clock.monotonic()):
+            self._notify("NC: connected again", True)
 
     def _judged(self, snapshot: NcSnapshot) -> NcSnapshot:
         frozen = self._motion.frozen(snapshot)
@@ -219,8 +229,6 @@ class NcLink:
             self._lost(error, due)
             return False
         self._connected = True
-        if self._breaker.succeeded() is Change.HEALED:
-            self._notify("NC: connected again", True)
         return True
 
     def _begin_from(self, in_force: FloatArray) -> None:
@@ -255,9 +263,16 @@ class NcLink:
 
     def _lost(self, error: DriverError, due: float) -> None:
         self._connected, self.snapshot = False, None
-        if self._breaker.failed(due) is Change.BROKE:
-            log.warning("NC: %s", error)
-            self._notify(f"NC: {error}", False)
+        self._breaker.failed(due)
+        # Whether the line is cut or silent, it is the same trouble.
+        kind = "line" if isinstance(error, ConnectError | NoAnswer) else type(error).__name__
+        word = self._steadiness.bad(_SUBJECT, kind, self._clock.monotonic())
+        if word is not Word.NOTHING:
+            text = f"NC: {error}"
+            if word is Word.LAST:
+                text += f"; it comes and goes: told again when it has been steady for {self._steadiness.window_s:g} s"
+            log.warning("%s", text)
+            self._notify(text, False)
 
     async def _compensate(self, snapshot: NcSnapshot) -> None:
         if self._slew is None:

@@ -499,3 +499,33 @@ async def test_a_request_that_cannot_be_withdrawn_keeps_nothing_from_being_taken
     assert bench.control.withdrawn == []
     assert bench.control.in_force == (0.0, 0.0, 0.0)
     assert (bench.control.owner, bench.control.closed) == (0, 1)
+
+
+async def test_a_new_cause_while_it_is_not_connected_is_told_and_each_once() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(5.0)
+        bench.control.absent = True
+        await bench.clock.run_until(15.0)
+        bench.control.absent, bench.control.owner = False, 99  # another gateway has come meanwhile
+        await bench.clock.run_until(200.0)
+        assert [notice for notice in bench.notices if "no answer" in notice] == bench.notices[:1]
+        assert [notice for notice in bench.notices if "gateway 99" in notice] == bench.notices[1:]
+        assert len(bench.notices) == 2
+        bench.control.owner = 0
+        await bench.clock.run_until(300.0)
+    assert bench.notices[2:] == ["NC: connected again"]
+
+
+async def test_a_line_that_comes_and_goes_is_not_told_for_ever() -> None:
+    bench = Bench("monitor")
+    async with bench.running():
+        for turn in range(200):
+            bench.control.absent = turn % 2 == 1
+            await bench.clock.run_until(5.0 * (turn + 1))
+        assert len(bench.notices) == 7, "three with their ends, then that it comes and goes"
+        assert "comes and goes" in bench.notices[-1]
+        bench.control.absent = False
+        await bench.clock.run_until(1200.0)
+    assert bench.notices[7:] == ["NC: connected again"]

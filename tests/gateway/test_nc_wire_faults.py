@@ -39,8 +39,10 @@ class Control(EmulatedControl):
     frozen: MachineState | None = None
     """Shown instead of what the machine does."""
     clock_wrong_by = timedelta()
+    looks = 0
 
     def state(self) -> MachineState:
+        self.looks += 1
         now = super().state()
         return now if self.frozen is None else self.frozen
 
@@ -337,6 +339,24 @@ async def test_a_user_who_may_not_write_is_told_which_right_is_missing_and_the_r
         await at.clock.run_until(30.0)
         assert [text for text in at.told(ended=False) if "'gateway' the right SeaWrite" in text]
         np.testing.assert_allclose(at.shift(), 0.0)
+        looks = at.control.looks
+        await at.clock.run_until(330.0)
+        assert len(at.notices) == 1, "it lasts, so it is told once, and not as connected each time"
+        assert 8 <= (at.control.looks - looks) / 10.0 <= 15, "every 30 s a connection, with some reads each"
+
+
+async def test_an_axis_without_a_position_is_told_once_and_its_end_once() -> None:
+    async with bench(mode="monitor") as at:
+        await at.clock.run_until(10.0)
+        state = at.control.state()
+        at.control.frozen = replace(state, positions=state.positions | {"Y": math.nan})
+        await at.clock.run_until(200.0)
+        assert len(at.notices) == 1
+        assert "actToolBasePos[u1,2]" in at.told(ended=False)[0]
+        at.control.frozen = None
+        await at.clock.run_until(300.0)
+        assert at.told(ended=True) == ["NC: connected again"]
+        assert len(at.notices) == 2
 
 
 async def test_monitoring_goes_on_while_another_gateway_has_the_control_and_nothing_is_written() -> None:
