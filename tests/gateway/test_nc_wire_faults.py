@@ -349,10 +349,10 @@ async def test_an_axis_without_a_position_is_told_once_and_its_end_once() -> Non
     async with bench(mode="monitor") as at:
         await at.clock.run_until(10.0)
         state = at.control.state()
-        at.control.frozen = replace(state, positions=state.positions | {"Y": math.nan})
+        at.control.frozen = replace(state, positions=state.positions | {"A": math.nan})
         await at.clock.run_until(200.0)
-        assert len(at.notices) == 1
-        assert "actToolBasePos[u1,2]" in at.told(ended=False)[0]
+        assert len(at.notices) == 1  # although all that is read when it connects, offsets in force too, is there
+        assert "actToolBasePos[u1,4]" in at.told(ended=False)[0]
         at.control.frozen = None
         await at.clock.run_until(300.0)
         assert at.told(ended=True) == ["NC: connected again"]
