@@ -116,6 +116,8 @@ class ProbingSchedule:
         if why is None or self._why is None:
             self._since = now_s
             self._refused = self._operator = ""
+        if why is None and not self._asked and self._paused_until is None:
+            self._rejected = 0  # the next wish is another one, and no repeat of what was rejected
         self._why = why
 
     def look(self, snapshot: NcSnapshot | None, now_s: float) -> Outlook:
@@ -174,9 +176,18 @@ class ProbingSchedule:
                         f"{self._rejected} measurements in a row could not be used; the last: {reason}. "
                         "Clean the sphere and the probe and see that both are fixed"
                     )
-                    return self._outlook(Standing.BLOCKED, self._blocked_by_rejects())
-                return self._outlook(Standing.WAITING, f"is asked for again: {reason}")
-        return self._outlook(Standing.BLOCKED, reason)
+                    # What makes results fail outlasts the wish.
+                    return self._without_result(Standing.BLOCKED, self._blocked_by_rejects())
+                return self._without_result(Standing.WAITING, f"is asked for again: {reason}")
+        return self._without_result(Standing.BLOCKED, reason)
+
+    def _without_result(self, standing: Standing, reason: str) -> Outlook:
+        """Where the wish stands after a request without a result; it may have been dropped meanwhile."""
+        if self._why is not None:
+            return self._outlook(standing, reason)
+        if self._paused_until is None:
+            self._rejected, self._refused = 0, ""
+        return self._outlook(Standing.NOT_WANTED)
 
     def _blocked(self, snapshot: NcSnapshot | None, now_s: float) -> str:
         if snapshot is None:

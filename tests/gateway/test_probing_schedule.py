@@ -175,6 +175,49 @@ def test_a_good_result_forgets_the_rejected_ones() -> None:
     assert not plan.wanted
 
 
+@pytest.mark.parametrize("end", [End.REJECTED, End.REFUSED])
+def test_a_wish_that_ends_while_it_is_asked_for_leaves_nothing_to_be_asked_again(end: End) -> None:
+    plan, bulletin = schedule(), Bulletin()
+    plan.wish(Why.NO_GOOD, 0.0)
+    plan.look(CUTTING, 0.0)
+    plan.asked()
+    plan.wish(None, 100.0)  # a training has begun meanwhile
+    outlook = plan.ended(end, "dirt", 120.0)
+    assert outlook == Outlook(Standing.NOT_WANTED, None)
+    assert bulletin.of(outlook) == ()
+    plan.wish(Why.UNCERTAINTY, 86400.0)
+    assert plan.look(CUTTING, 86400.0).standing is Standing.WAITING, "it is no repeat: the cut is not disturbed"
+    plan.look(IDLE, 86500.0)
+    assert plan.asked() is Why.UNCERTAINTY
+
+
+def test_a_wish_that_ends_between_two_repeats_ends_them() -> None:
+    plan = schedule()
+    plan.wish(Why.NO_GOOD, 0.0)
+    plan.look(CUTTING, 0.0)
+    plan.asked()
+    assert plan.ended(End.REJECTED, "dirt", 120.0).standing is Standing.WAITING
+    plan.wish(None, 300.0)
+    assert plan.look(CUTTING, 300.0) == Outlook(Standing.NOT_WANTED, None)
+    plan.wish(Why.UNCERTAINTY, 86400.0)
+    assert plan.look(CUTTING, 86400.0).standing is Standing.WAITING
+
+
+def test_the_pause_after_rejected_results_outlasts_the_wish() -> None:
+    plan, bulletin = schedule(retries=0), Bulletin()
+    plan.wish(Why.NO_GOOD, 0.0)
+    plan.look(CUTTING, 0.0)
+    plan.asked()
+    plan.wish(None, 100.0)
+    outlook = plan.ended(End.REJECTED, "dirt", 120.0)
+    assert outlook.standing is Standing.NOT_WANTED
+    assert [event.kind for event in bulletin.of(outlook)] == [EventKind.OPERATOR]  # the sphere is dirty all the same
+    plan.wish(None, 300.0)
+    plan.wish(Why.INTERVAL, 600.0)
+    assert plan.look(IDLE, 600.0).standing is Standing.BLOCKED
+    assert plan.look(IDLE, 3720.0) == Outlook(Standing.DUE, Why.INTERVAL)
+
+
 @pytest.mark.parametrize(
     ("prefer", "insist", "retries", "pause"),
     [(700.0, 600.0, 1, 1.0), (-1.0, 600.0, 1, 1.0), (1.0, 2.0, -1, 1.0), (1.0, 2.0, 1, math.nan)],
