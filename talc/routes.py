@@ -91,7 +91,12 @@ def by_search(
 
 
 def by_arx(
-    window: Window, fixed: tuple[int, ...] | None, error: str, settings: TrainingSettings, within: Progress | None
+    window: Window,
+    fixed: tuple[int, ...] | None,
+    error: str,
+    settings: TrainingSettings,
+    within: Progress | None,
+    sensors: Callable[[], tck.Ensemble],
 ) -> Found:
     """An ARX model as in the papers; a measurement replaces its past outputs.
 
@@ -111,7 +116,7 @@ def by_arx(
     regression = Regression(window, settings.max_na, settings.max_nb)
     criterion = np.nan
     if settings.selector == "tck" and fixed is None:
-        structure = tck.select(regression, seed=seed, most=settings.max_inputs)
+        structure = tck.select(regression, sensors(), most=settings.max_inputs)
     elif fixed is not None and (settings.selector == "tck" or not fixed):
         structure = _orders(regression, fixed)
     elif fixed is not None:

@@ -5,6 +5,7 @@ Similarity is the Time Series Cluster Kernel (Mikalsen, Bianchi, Soguero-Ruiz, J
 random subsets of the series; two series are similar when the mixtures assign them alike. Missing values do not count.
 """
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -26,27 +27,61 @@ _ALIKE: Final = 0.7
 MOST_INPUTS: Final = 8
 
 
-def tck(series: FloatArray, *, seed: int, initialisations: int = _INITIALISATIONS) -> FloatArray:
-    """(N, N) kernel of N series (N, T), z-scored; NaN: missing. Normalised so that a series has 1 with itself.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mixture:
+    """A diagonal Gaussian mixture over one segment of the steps."""
+
+    begin: int
+    share: FloatArray
+    """(components,)"""
+    mean: FloatArray
+    """(components, length)"""
+    std: FloatArray
+    """(components,)"""
+    assigned: FloatArray
+    """(N, components) posteriors of the series that the ensemble was fitted to."""
+
+    def posterior(self, series: FloatArray) -> FloatArray:
+        """(n, components) of series (n, T), whether it was fitted to them or not."""
+        values = series[:, self.begin : self.begin + self.mean.shape[1]]
+        known = np.isfinite(values)
+        return _posterior(np.where(known, values, 0.0), known.astype(np.float64), self.share, self.mean, self.std)
+
+
+class Ensemble:
+    """Mixtures fitted to N series (N, T), z-scored; NaN: missing.
 
     ValueError: fewer than two series or fewer than seven steps.
     """
-    n, steps = series.shape
-    if n < 2 or steps < 7:
-        raise ValueError(f"series has shape {series.shape}: expected at least (2, 7)")
-    draw = np.random.default_rng(seed)
-    largest = _SMALL_ENSEMBLE if n < 100 else _LARGE_ENSEMBLE
-    kernel = np.zeros((n, n))
-    for _ in range(initialisations):
-        for components in range(2, largest + 1):
-            assigned = _mixture(series, components, draw)
-            kernel += assigned @ assigned.T
-    length = np.sqrt(np.diag(kernel))
-    return np.asarray(kernel / np.outer(length, length), dtype=np.float64)
+
+    def __init__(self, series: FloatArray, *, seed: int, initialisations: int = _INITIALISATIONS) -> None:
+        n, steps = series.shape
+        if n < 2 or steps < 7:
+            raise ValueError(f"series has shape {series.shape}: expected at least (2, 7)")
+        draw = np.random.default_rng(seed)
+        largest = _SMALL_ENSEMBLE if n < 100 else _LARGE_ENSEMBLE
+        self._mixtures = [
+            _mixture(series, components, draw) for _ in range(initialisations) for components in range(2, largest + 1)
+        ]
+        self._length: FloatArray = np.sqrt(sum((m.assigned**2).sum(axis=1) for m in self._mixtures))
+
+    def kernel(self) -> FloatArray:
+        """(N, N), normalised so that a series has 1 with itself."""
+        total = sum(m.assigned @ m.assigned.T for m in self._mixtures)
+        return np.asarray(total / np.outer(self._length, self._length), dtype=np.float64)
+
+    def likeness(self, series: FloatArray) -> FloatArray:
+        """(N,) of one further series (T,) to each of them: 1 for one of them itself.
+
+        The mixtures stay as they are (section 3.3 of the paper, test data).
+        """
+        own = [(m, m.posterior(series[None])[0]) for m in self._mixtures]
+        length = np.sqrt(sum(float(p @ p) for _, p in own))
+        return np.asarray(sum(m.assigned @ p for m, p in own) / (self._length * length), dtype=np.float64)
 
 
-def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> FloatArray:
-    """(N, components) posteriors of one mixture, fitted to a part of the series on one segment."""
+def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> _Mixture:
+    """Fitted to a part of the series on one segment."""
     n, steps = series.shape
     a0, b0, n0 = draw.uniform(0.001, 1.0), draw.uniform(0.005, 0.2), draw.uniform(0.001, 0.2)
     longest = min(int(0.8 * steps), 25)
@@ -77,7 +112,7 @@ def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> 
         mean = np.linalg.solve(system, (precision @ prior_mean + first / variance[:, None])[:, :, None])[:, :, 0]
         std = np.sqrt(variance)
         assigned = _posterior(x, r, share, mean, std)
-    return _posterior(values, known.astype(np.float64), share, mean, std)
+    return _Mixture(begin, share, mean, std, _posterior(values, known.astype(np.float64), share, mean, std))
 
 
 def _posterior(x: FloatArray, r: FloatArray, share: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
@@ -91,13 +126,18 @@ def _posterior(x: FloatArray, r: FloatArray, share: FloatArray, mean: FloatArray
     return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float64)
 
 
-def select(regression: Regression, *, seed: int, either_sign: bool = True, most: int = MOST_INPUTS) -> Structure:
+def offered(u: FloatArray) -> FloatArray:
+    """(2 n, T) of inputs (T, n): as they are, and mirrored, since anticorrelated ones count as dissimilar."""
+    return np.vstack([u.T, -u.T])
+
+
+def select(regression: Regression, sensors: Ensemble, *, most: int = MOST_INPUTS) -> Structure:
     """Inputs one by one, at the regression's largest orders, while the BIC of the free run falls.
 
     The first input is the most similar one to the output itself, each further one to what the model's free run leaves:
     one-step residuals of a model with memory are nearly white, and like nothing.
-    either_sign: also offer each series mirrored, since the kernel takes anticorrelated ones for dissimilar; most:
-    largest number of inputs. Clusters are those of average linkage on 1 - |correlation|.
+    sensors: fitted to the offered inputs of the regression's window, `offered`; most: largest number of inputs.
+    Clusters are those of average linkage on 1 - |correlation|.
     """
     window, order = regression.window, regression.nb
     open_inputs = [s for s in range(window.u.shape[1]) if window.u[:, s].std() > 1e-9]
@@ -111,12 +151,8 @@ def select(regression: Regression, *, seed: int, either_sign: bool = True, most:
         target = np.full(len(window.y), np.nan)
         target[regression.steps] = left
         target = (target - np.nanmean(target)) / max(float(np.nanstd(target)), 1e-12)
-        offered = window.u[:, open_inputs].T
-        rows = np.vstack([target, offered, -offered]) if either_sign else np.vstack([target, offered])
-        likeness = tck(rows, seed=seed + len(chosen))[0, 1:]
-        if either_sign:
-            likeness = np.maximum(likeness[: len(open_inputs)], likeness[len(open_inputs) :])
-        nearest = open_inputs[int(np.argmax(likeness))]
+        likeness = sensors.likeness(target).reshape(2, -1).max(axis=0)
+        nearest = max(open_inputs, key=lambda i: float(likeness[i]))
         candidate = tuple(sorted([*chosen, nearest]))
         structure = Structure(regression.na, candidate, (order,) * len(candidate))
         parameters = least_squares_fit(regression, structure).parameters

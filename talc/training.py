@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 
 import numpy as np
 
+from talc import tck
 from talc._kernel import Progress
 from talc.disturbance import Disturbance, disturbance_of
 from talc.frame import BoolArray, FloatArray, TrainingJob
@@ -52,6 +54,8 @@ def train(
     for error, record in records.items():
         by_rows.setdefault(record.rows.tobytes(), {})[error] = record.scaled
     shared: dict[bytes, Shared] = {}
+    # All errors ask the same sensors, and only when inputs are to be chosen.
+    sensors = cache(lambda: tck.Ensemble(tck.offered(offer.scaled), seed=job.settings.seed))
     models: list[ErrorModel | None] = []
     for e, (error, record) in enumerate(records.items()):
         if cancelled is not None and cancelled():
@@ -72,9 +76,8 @@ def train(
             found: Found = by_search(shared[key], error, fixed, job.settings, within)
         else:
             try:
-                found = by_arx(
-                    Window(offer.scaled, record.scaled, record.scaled, record.std), fixed, error, job.settings, within
-                )
+                window = Window(offer.scaled, record.scaled, record.scaled, record.std)
+                found = by_arx(window, fixed, error, job.settings, within, sensors)
             except (ValueError, RuntimeError) as problem:
                 if within is not None and within.cancelled:
                     raise Cancelled from problem

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from talc.arx import Regression
-from talc.tck import select, tck
-from talc.window import Window
+from talc.tck import Ensemble, offered, select
+from talc.window import Structure, Window
 from tests.talc.thermal_series import series
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ def two_kinds(missing: float = 0.0) -> Array:
 
 @pytest.mark.parametrize("missing", [0.0, 0.3])
 def test_series_of_one_kind_are_more_alike_than_of_two(missing: float) -> None:
-    kernel = tck(two_kinds(missing), seed=2)
+    kernel = Ensemble(two_kinds(missing), seed=2).kernel()
     own = np.concatenate([kernel[:10, :10][~np.eye(10, dtype=bool)], kernel[10:, 10:][~np.eye(10, dtype=bool)]])
     other = kernel[:10, 10:]
     assert np.median(own) > np.median(other) + 0.1
@@ -33,11 +33,24 @@ def test_series_of_one_kind_are_more_alike_than_of_two(missing: float) -> None:
 
 
 def test_it_is_a_kernel() -> None:
-    kernel = tck(two_kinds(), seed=3)
+    kernel = Ensemble(two_kinds(), seed=3).kernel()
     np.testing.assert_allclose(kernel, kernel.T)
     np.testing.assert_allclose(np.diag(kernel), 1.0)
     assert np.linalg.eigvalsh(kernel).min() > -1e-9
-    np.testing.assert_array_equal(kernel, tck(two_kinds(), seed=3))
+    np.testing.assert_array_equal(kernel, Ensemble(two_kinds(), seed=3).kernel())
+
+
+def chosen(u: Array, y: Array, na: int = 0, nb: int = 0) -> Structure:
+    return select(Regression(Window(u, y, y.copy(), 1.0), na, nb), Ensemble(offered(u), seed=1))
+
+
+def test_a_further_series_is_as_like_as_if_it_were_one_of_them() -> None:
+    ensemble = Ensemble(two_kinds(), seed=3)
+    np.testing.assert_allclose(ensemble.likeness(two_kinds()[4]), ensemble.kernel()[4], atol=1e-12)
+    other = np.sin(np.arange(60) / 8.0) + 0.2 * np.random.default_rng(9).normal(size=60)
+    other[::3] = np.nan
+    likeness = ensemble.likeness(other)
+    assert likeness[:10].min() > likeness[10:].max()
 
 
 def test_an_input_that_makes_the_output_is_chosen_and_its_cluster_dropped() -> None:
@@ -45,17 +58,17 @@ def test_an_input_that_makes_the_output_is_chosen_and_its_cluster_dropped() -> N
     u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)
     twin = np.column_stack([u, u[:, 4] + 0.01 * np.random.default_rng(0).normal(size=300)])
     y = u[:, 4] + 0.1 * np.random.default_rng(1).normal(size=300)
-    structure = select(Regression(Window(twin, y, y.copy(), 1.0), 0, 0), seed=1)
+    structure = chosen(twin, y)
     assert len({4, 12} & set(structure.inputs)) == 1
 
 
-def test_a_mirrored_series_is_found_when_either_sign_is_offered_and_only_then() -> None:
+def test_a_mirrored_series_is_found() -> None:
     s = series(300, seed=5, sensors=12)
     u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)
-    y = -u[:, 7]
-    regression = Regression(Window(u, y, y.copy(), 1.0), 0, 0)
-    assert select(regression, seed=1).inputs == (7,)
-    assert select(regression, seed=1, either_sign=False, most=1).inputs != (7,)
+    y = -u[:, 7] + 0.1 * np.random.default_rng(1).normal(size=300)
+    assert chosen(u, y).inputs == (7,)
+    alone = Ensemble(u.T, seed=1).likeness(-u[:, 7])
+    assert alone[7] < np.median(alone), "as it is it would be among the least similar"
 
 
 @pytest.mark.parametrize("column", [2, 9])
@@ -65,9 +78,9 @@ def test_a_model_with_memory_finds_the_input_that_drives_it(column: int) -> None
     u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)
     y = lfilter([0.1], [1.0, -0.9], u[:, column]) + 0.02 * np.random.default_rng(1).normal(size=300)
     y = (y - y.mean()) / y.std()
-    assert column in select(Regression(Window(u, y, y.copy(), 1.0), 1, 1), seed=1).inputs
+    assert column in chosen(u, y, 1, 1).inputs
 
 
 def test_too_little_is_refused() -> None:
     with pytest.raises(ValueError, match="expected at least"):
-        tck(np.zeros((1, 50)), seed=1)
+        Ensemble(np.zeros((1, 50)), seed=1)
