@@ -1,8 +1,10 @@
 """The safe-state contract of docs/safety.md, on the wire to an emulated control, by the control's own record."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from talc import kinematics
 from talc.frame import Decision
 from tests.gateway.test_nc_link import decision
 from tests.gateway.wire_bench import BOUND_UM, STALE_S, assert_never_stepped, config, wire_bench
+
+T = TypeVar("T")
 
 
 def lacking(found: Decision, *names: str) -> Decision:
@@ -164,6 +168,45 @@ async def test_stopped_or_killed_the_end_is_the_declared_one(when_stale: str, le
                 await bench.clock.run_until(bench.clock.monotonic() + 14.0)
             await bench.clock.run_until(bench.clock.monotonic() + 20.0)
             assert bench.in_force_um == pytest.approx((0.0, 0.0, left))
+        bench.assert_never_stepped()
+
+
+def cancelled_with(task: asyncio.Task[None], left: list[int], request: Callable[[], T]) -> Callable[[], T]:
+    """The control's own answer to a request, during which the task is cancelled when none is left before it."""
+
+    def answered() -> T:
+        if left[0] == 0:
+            task.cancel()
+        left[0] -= 1
+        return request()
+
+    return answered
+
+
+async def test_stopped_within_any_request_it_takes_the_offsets_back_and_lets_go(tmp_path: Path) -> None:
+    requests_of_a_cycle = 6
+    async with wire_bench(tmp_path) as bench:
+        control = bench.control
+        state, wake = control.state, control.wake
+        for number in range(requests_of_a_cycle):
+            left = [number]
+            link = bench.link()
+            running = asyncio.create_task(link.run())
+            link.follow(decision(10.0))
+            await bench.clock.run_until(bench.clock.monotonic() + 4.5)
+
+            control.state = cancelled_with(running, left, state)  # type: ignore[method-assign]
+            control.wake = cancelled_with(running, left, wake)  # type: ignore[method-assign]
+            await bench.clock.run_until(bench.clock.monotonic() + 1.0)
+            assert running.cancelled()
+            control.state, control.wake = state, wake  # type: ignore[method-assign]
+            stopping = asyncio.create_task(link.stop())
+            await bench.clock.run_until(bench.clock.monotonic() + 30.0)
+            await stopping
+            assert bench.writes[-1].step.source is Source.STOPPED
+            assert bench.in_force_um == pytest.approx((0.0, 0.0, 0.0))
+            assert control.nck.r[R_OWNER] == 0.0
+        assert bench.notices == []
         bench.assert_never_stepped()
 
 
