@@ -135,18 +135,20 @@ def test_output_error_fit_recovers_a_transfer_function() -> None:
 @pytest.mark.parametrize("estimator", ["least_squares", "guarded", "refined"])
 def test_the_papers_ways_predict_and_stay_stable(selector: str, estimator: str) -> None:
     s = series(864, seed=3)
-    s.measured[:, 1:] = np.nan  # one error is enough here
+    s.measured[:, 4:] = np.nan  # four errors are enough here
     settings = TrainingSettings(selector=selector, estimator=estimator, max_na=2, max_nb=1)  # type: ignore[arg-type]
     models = train(job(s, slice(0, 288), settings=settings))
-    model = models.models[0]
-    assert model is not None
-    assert model.resets_history
-    assert (np.abs(model.poles()) < 0.999).all()
     assert models.fingerprint() == train(job(s, slice(0, 288), settings=settings)).fingerprint()
-    columns = [s.names.index(n) for n in model.inputs]
-    measured = np.where(np.arange(864) % 24 == 0, s.measured[:, 0], np.nan)
-    error = model.free_run(s.inputs[:, columns], measured)[288:] - s.truth[288:, 0]
-    assert np.sqrt(np.mean(error**2)) < 0.6 * s.truth[288:, 0].std()
+    left = []
+    for e, model in enumerate(models.models[:4]):
+        assert model is not None
+        assert model.resets_history
+        assert (np.abs(model.poles()) < 0.999).all()
+        columns = [s.names.index(n) for n in model.inputs]
+        measured = np.where(np.arange(864) % 24 == 0, s.measured[:, e], np.nan)
+        error = model.free_run(s.inputs[:, columns], measured)[288:] - s.truth[288:, e]
+        left.append(np.sqrt(np.mean(error**2)) / s.truth[288:, e].std())
+    assert np.median(left) < 0.6, left
 
 
 def test_without_measured_predecessors_the_papers_ways_say_what_they_lack() -> None:
