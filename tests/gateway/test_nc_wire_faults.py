@@ -198,6 +198,17 @@ async def test_a_gateway_that_hangs_while_the_control_probes_makes_no_measuremen
     assert "the offsets moved while the control probed" in hung.reason
 
 
+async def test_a_slope_that_the_gateway_does_not_know_makes_no_measurement() -> None:
+    async with bench(mode="monitor") as at:
+        at.control.nck.slope[0] = 1e-3  # 1 µm per mm of X, and the poses differ in X
+        await at.clock.run_until(2.0)
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(400.0)
+        found = await cycle
+    assert (found.measurement, found.end) == (None, End.REJECTED)
+    assert "the offsets moved while the control probed" in found.reason
+
+
 async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_one() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
