@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -9,8 +10,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import simulators
@@ -87,7 +90,8 @@ def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) 
     missing = [(file, p) for file, p in zip(files, wanted, strict=True) if file not in results]
     if missing:
         # Spawned, not forked: the caller's progress bar has threads.
-        pool = ProcessPoolExecutor(min(workers, len(missing)), mp_context=get_context("spawn"))
+        context = get_context("spawn")
+        pool = ProcessPoolExecutor(min(workers, len(missing)), mp_context=context, initializer=_end_with_parent)
         try:
             futures = {pool.submit(study.run, p): (file, p) for file, p in missing}
             for future in as_completed(futures):
@@ -99,6 +103,18 @@ def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) 
             pool.shutdown(cancel_futures=True)
     runs = [Run(p, results[file]) for file, p in zip(files, wanted, strict=True)]
     write(folder, study.summary, study.report(runs), _origin(study, len(runs), seed, small))
+
+
+def _end_with_parent() -> None:
+    """A worker whose study was terminated would else go on with its run, for a minute or two."""
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_exit_after, args=[parent], daemon=True).start()
+
+
+def _exit_after(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
 
 
 def _stored(file: Path) -> Mapping[str, Any] | None:

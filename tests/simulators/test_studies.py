@@ -2,6 +2,13 @@
 
 import csv
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -114,3 +121,34 @@ def test_unknown_study_is_named_and_the_list_is_shown() -> None:
 def test_no_worker_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="workers = 0"):
         list(carry_out(STUDY, tmp_path, 1, True, 0))
+
+
+def test_a_terminated_study_leaves_no_worker_behind(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "gateway", "study", "parameters", "--workers", "2", "--out", str(tmp_path)]
+    study = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        wait_until(lambda: len(_group(study.pid)) >= 4)  # the study, its two workers, and who cleans up after them
+        study.terminate()
+        study.wait(10.0)
+        wait_until(lambda: not _group(study.pid))
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(study.pid, signal.SIGKILL)
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60.0
+    while not true():
+        assert time.monotonic() < deadline, "60 s have passed"
+        time.sleep(0.1)
+
+
+def _group(number: int) -> list[str]:
+    """Living processes of a process group, by their entries in /proc."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, group = entry.read_text().rpartition(")")[2].split()[:3]
+            if int(group) == number and state != "Z":
+                found.append(entry.parent.name)
+    return found
