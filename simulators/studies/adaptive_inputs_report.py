@@ -70,7 +70,9 @@ def _mean_pv(runs: list[Run], what: str = "models", name: str = "E_PV") -> Float
 def _spread(values: FloatArray) -> str:
     """Mean, and twice the standard deviation over the repetitions."""
     middle = float(values.mean())
-    return number(middle) if values.size < 2 else f"{number(middle)} ± {number(2 * float(values.std(ddof=1)), 2)}"
+    if np.ptp(values) <= 1e-9 * abs(middle):  # one run, or the same in all
+        return number(middle)
+    return f"{number(middle)} ± {number(2 * float(values.std(ddof=1)), 2)}"
 
 
 def _regression(groups: Mapping[Way, list[Run]]) -> list[Run]:
