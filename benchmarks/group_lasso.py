@@ -20,6 +20,7 @@ from talc.group_lasso import GroupLasso
 
 Array = NDArray[np.float64]
 _LAGS, _INPUTS = 6, 30
+_TIGHT = 1e-11
 _SHARES = np.geomspace(0.5, 1e-4, 12)
 
 
@@ -50,8 +51,9 @@ def _gap(x: Array, y: Array, penalty: float, theta: Array) -> float:
     return (primal - float(2.0 * point @ y - point @ point)) / primal
 
 
-def _ours(x: Array, y: Array, penalty: float) -> Array:
-    solution = GroupLasso(x.T @ x, [_LAGS] * _INPUTS).solve(x.T @ y, float(y @ y), penalty)
+def _ours(x: Array, y: Array, penalty: float, tolerance: float = 1e-8) -> Array:
+    solver = GroupLasso(x.T @ x, [_LAGS] * _INPUTS)
+    solution = solver.solve(x.T @ y, float(y @ y), penalty, tolerance=tolerance)
     return np.concatenate(solution.coefficients)
 
 
@@ -132,6 +134,18 @@ def rows() -> list[Row]:
         table.append(
             Row(f"{name}, from the design (ours with the Gram)", f"{mean / whole:.0f} × ours", text, "≥ 100 ×")
         )
-    away = [float(np.abs(a - _clarabel(*p)).max()) for a, p in zip(ours[1::3], some, strict=True)]
-    table.append(Row("coefficients against Clarabel", f"{max(away):.0e} apart at most", goal="≤ 1e-5"))
+    # On such designs a gap of 1e-8 leaves more of a coefficient open than 1e-5.
+    exact = [_clarabel(*problem) for problem in some]
+    loose, tight = (
+        max(float(np.abs(_ours(*problem, tolerance) - e).max()) for problem, e in zip(some, exact, strict=True))
+        for tolerance in (1e-8, _TIGHT)
+    )
+    table.append(
+        Row(
+            f"coefficients against Clarabel, solved to {_TIGHT:.0e}",
+            f"{tight:.0e} apart at most",
+            f"{loose:.0e} when solved to 1e-8",
+            "≤ 1e-5",
+        )
+    )
     return table
