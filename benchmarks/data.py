@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,26 +11,11 @@ from simulators.cases import SEASONS, random_axes
 from simulators.nc import LoadCase
 from simulators.plant import MACHINES, MachineDrive, Parameters, Plant, load, record
 from simulators.plant.parameters import assemble, reduced, tables
-from simulators.studies.loop import days
+from simulators.studies.loop import Days, days
 
 Array = NDArray[np.float64]
 
 _IDLE_S = 12 * 3600.0
-
-
-@dataclass(frozen=True, slots=True)
-class Machine:
-    """One machine over a stretch of days, 5 min a row."""
-
-    names: tuple[str, ...]
-    inputs: Array
-    """(T, n)"""
-    errors: Array
-    """(T, 9) true, relative to the first row's state."""
-    measured: Array
-    """(T, 9) what a cycle in that row would tell."""
-    sigma: Array
-    """(9,) of a measurement."""
 
 
 def varied(seed: int) -> Parameters:
@@ -67,7 +52,7 @@ def _scatter(draw: np.random.Generator, sigma: float) -> float:
 
 def machine(
     kind: str, seed: int, hours: int, *, noise_seed: int | None = None, off: Callable[[int], bool] | None = None
-) -> Machine:
+) -> Days:
     """`day`: a shop's day of operations (simulators.nc.LoadCase); `axes`: Z22's random loads. The seed chooses machine,
     loads, weather and noise; noise_seed: other sensor and probing noise on the same physics; off: the rows in which the
     machine is switched off."""
@@ -85,8 +70,7 @@ def machine(
     if noise_seed is not None:
         draw = np.random.default_rng([noise, 9])
         inputs = inputs + np.concatenate([np.full(29, 0.05), [0.2], np.zeros(6)]) * draw.normal(size=inputs.shape)
-    seen = days(replace(series, inputs=inputs), noise)
-    return Machine(seen.names, seen.inputs, seen.truth, seen.measured, seen.sigma)
+    return days(replace(series, inputs=inputs), noise)
 
 
 def _day(seed: int, steps: int) -> list[MachineDrive]:

@@ -6,8 +6,9 @@ from functools import partial
 import numpy as np
 from scipy.signal import lfilter
 
-from benchmarks.data import Machine, machine
+from benchmarks.data import machine
 from benchmarks.rows import Row, median_s
+from simulators.studies.loop import Days
 from talc.admm import admm
 from talc.arx import Regression
 from talc.control import Controller
@@ -25,7 +26,7 @@ _PLACED = 240
 """Of ours: enough that what a swarm prepares once does not count."""
 
 
-def _job(m: Machine, settings: TrainingSettings) -> TrainingJob:
+def _job(m: Days, settings: TrainingSettings) -> TrainingJob:
     valid = np.ones(m.inputs.shape, dtype=np.bool_)
     return TrainingJob(0, Why.CALIBRATION, m.names, m.inputs, valid, m.measured, settings)
 
@@ -59,7 +60,7 @@ def _textbook_candidate(regression: Regression, draw: np.random.Generator, loop:
     return adapted_bic(residual * w.y_std, na + sum(orders), n_inputs, 5.0, 0.75)
 
 
-def _replayed(m: Machine, models: ModelSet) -> float:
+def _replayed(m: Days, models: ModelSet) -> float:
     """Seconds for all rows through a controller that has its models."""
     controller = Controller(m.names, TalcSettings())
     valid = np.ones(len(m.names), dtype=np.bool_)

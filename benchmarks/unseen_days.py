@@ -13,11 +13,9 @@ import numpy as np
 
 from benchmarks.data import Array, machine
 from benchmarks.rows import Row
-from talc.control import Controller
-from talc.frame import Frame, Measurement, Why
+from simulators.studies.loop import control, held
 from talc.indicators import peak_to_peak, rms
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
-from talc.training import train
 
 _DAY, _HOURS = 288, 96
 _SEEDS = range(8)
@@ -67,40 +65,24 @@ WAYS = (
 def run(way: Way, kind: str, seed: int, noise_seed: int | None = None) -> Outcome:
     """One machine through calibration and three days."""
     m = machine(kind, seed, _HOURS, noise_seed=noise_seed)
-    controller = Controller(m.names, TalcSettings(control=way.control, training=way.training))
-    valid = np.ones(len(m.names), dtype=np.bool_)
-    want: Why | None = Why.CALIBRATION
-    predicted, sigma, hold = (np.full(m.errors.shape, np.nan) for _ in range(3))
-    last, count, updates = np.full(9, np.nan), 0, 0
-    for k in range(len(m.errors)):
-        hold[k] = last
-        measurement = Measurement(m.measured[k], m.sigma) if want else None
-        decision = controller.step(Frame(k, m.inputs[k], valid, measurement))
-        predicted[k] = np.where(np.isfinite(decision.predicted), decision.predicted, last)
-        if measurement is None:
-            sigma[k] = decision.sigma
-        else:
-            last, count = m.measured[k], count + (k >= _DAY)
-        want = decision.measure
-        if decision.training is not None:
-            controller.adopt(train(decision.training))
-            updates += k > _DAY
+    course = control(m, TalcSettings(control=way.control, training=way.training))
     after = slice(_DAY + 1, None)
-    left = (m.errors - predicted)[after]
+    left, hold = m.truth - course.estimate, m.truth - held(m, course.used)
+    sigma = np.where(course.used[:, None], np.nan, course.sigma)
     inside = np.array(
         [
             np.mean(np.abs(e[known]) <= 1.96 * s[known])
-            for e, s in zip(left.T, sigma[after].T, strict=True)
+            for e, s in zip(left[after].T, sigma[after].T, strict=True)
             if (known := np.isfinite(s)).any()
         ]
     )
     return Outcome(
-        np.array([rms(e) for e in left.T]),
-        np.array([rms(e) for e in (m.errors - hold)[after].T]),
+        np.array([rms(e) for e in left[after].T]),
+        np.array([rms(e) for e in hold[after].T]),
         inside,
-        np.array([peak_to_peak(e) for e in left.T]),
-        count,
-        updates,
+        np.array([peak_to_peak(e) for e in left[after].T]),
+        int(course.used[_DAY:].sum()),
+        sum(row > _DAY for row, _ in course.updates),
     )
 
 

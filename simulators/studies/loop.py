@@ -48,6 +48,8 @@ class Course:
 
     estimate: FloatArray
     """(T, 9) in force when a row's measurement is made, or would be; NaN before the first models."""
+    sigma: FloatArray
+    """(T, 9) the standard deviation that the controller states, after a row's measurement; NaN without a model."""
     limits: FloatArray
     """(T, 9) action control limits."""
     used: BoolArray
@@ -72,7 +74,7 @@ def control(series: Days, settings: TalcSettings, learn: Callable[[TrainingJob],
     """Run the controller over the days; a training (`learn`) ends within its step."""
     controller = Controller(series.names, settings)
     rows, errors = series.truth.shape
-    estimate, limits = np.full((rows, errors), np.nan), np.full((rows, errors), np.nan)
+    estimate, sigma, limits = (np.full((rows, errors), np.nan) for _ in range(3))
     used, in_force = np.zeros(rows, dtype=np.bool_), np.full(errors, np.nan)
     valid = np.ones(len(series.names), dtype=np.bool_)
     phases, updates, asked = [], [], True
@@ -84,14 +86,14 @@ def control(series: Days, settings: TalcSettings, learn: Callable[[TrainingJob],
         decision = controller.step(Frame(k + pauses, series.inputs[k], valid, measurement))
         # An error without a model is corrected by what was measured last.
         estimate[k] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
-        limits[k], used[k], in_force = decision.limits, asked, decision.corrected
+        sigma[k], limits[k], used[k], in_force = decision.sigma, decision.limits, asked, decision.corrected
         phases.append(decision.phase)
         asked = decision.measure is not None
         if decision.training is not None:
             models = learn(decision.training)
             controller.adopt(models)
             updates.append((k, models))
-    return Course(estimate, limits, used, tuple(phases), tuple(updates))
+    return Course(estimate, sigma, limits, used, tuple(phases), tuple(updates))
 
 
 def held(series: Days, used: BoolArray) -> FloatArray:
