@@ -15,6 +15,8 @@ from drivers.faults import CodeRule, Fault, code_rule, first_fault
 from drivers.readings import ReadingMaker
 from drivers.toml_table import Table
 
+DBC_ENCODING = "cp1252"
+
 
 @dataclass(frozen=True, slots=True)
 class DbcSignal:
@@ -77,7 +79,7 @@ def can_dbc_profile(name: str, table: Table) -> CanDbcProfile:
     """Read a profile of `protocol = "can_dbc"`. Raises SetupError."""
     path = dbc_path(table)
     try:
-        database = cantools.database.load_file(path, database_format="dbc", encoding="cp1252")
+        database = cantools.database.load_file(path, database_format="dbc", encoding=DBC_ENCODING)
     except (OSError, DbcError, ValueError) as error:
         raise table.error("dbc", f"{path} cannot be read: {error}") from error
     if not isinstance(database, Database):

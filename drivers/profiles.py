@@ -2,12 +2,13 @@
 
 import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
 from drivers.base import SetupError
-from drivers.can_dbc import CanDbcProfile, can_dbc_profile, dbc_path
+from drivers.can_dbc import DBC_ENCODING, CanDbcProfile, can_dbc_profile, dbc_path
 from drivers.canopen_profile import Cia404Profile, cia404_profile
 from drivers.displacement_profile import (
     MeEthernetProfile,
@@ -55,16 +56,34 @@ def is_users(name: str) -> bool:
     return name.endswith(".toml")
 
 
-def content_hash(name: str) -> str:
-    """SHA-256, in hexadecimal, of the user's profile in that file and the DBC file that it names. Raises SetupError."""
+@dataclass(frozen=True, slots=True)
+class UserProfile:
+    """A user's own profile as its files held it at one moment."""
+
+    text: str
+    dbc: str | None
+    """Of the DBC file that it names, if it does."""
+    content_hash: str
+    """SHA-256 of the files' bytes, in hexadecimal."""
+
+
+def user_profile(name: str) -> UserProfile:
+    """What the user's profile in that file holds now, with the DBC file that it names. Raises SetupError."""
     path, table = Path(name), _users_table(name)
     try:
-        parts = [path.read_bytes()]
-        if table.text("protocol", choices=_READERS) == "can_dbc":
-            parts.append(dbc_path(table).read_bytes())
-    except OSError as error:
+        own = path.read_bytes()
+        named = dbc_path(table).read_bytes() if table.text("protocol", choices=_READERS) == "can_dbc" else None
+        text = _one_line_end(own.decode("utf-8"))
+        dbc = None if named is None else _one_line_end(named.decode(DBC_ENCODING))
+    except (OSError, UnicodeDecodeError) as error:
         raise SetupError(f"profile {name}: cannot be read: {error}") from error
-    return sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest()
+    parts = [own] if named is None else [own, named]
+    return UserProfile(text, dbc, sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest())
+
+
+def _one_line_end(text: str) -> str:
+    """As every reader of these files takes it."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _users_table(name: str) -> Table:

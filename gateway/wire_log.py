@@ -133,7 +133,7 @@ class WireLogWriter:
         self._file = self._path.open("w", encoding="utf-8")
         began = datetime.fromtimestamp(monotonic() + self._offset_s, UTC)
         header = f"{_FIRST_LINE}\n# began {began.isoformat(timespec='milliseconds')}\n"
-        header += "".join(f"{_CONFIG}{line}\n" for line in self._config.splitlines())
+        header += "".join(f"{_CONFIG}{line}\n" for line in self._config.removesuffix("\n").split("\n"))
         self._written = len(header)
         self._guarded(lambda: self._file and self._file.write(header))
 

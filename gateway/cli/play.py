@@ -13,8 +13,8 @@ from rich.console import Console
 
 from gateway.cli.signals import stop_on_signals
 from gateway.config.buses import Bus, CanBus, CanopenBus, MeEthernetBus, ModbusTcpBus
-from gateway.config.load import parse
 from gateway.config.model import GatewayConfig
+from gateway.config.packed import unpacked
 from gateway.config.wires import toml_value, wires_toml
 from gateway.wire_log import Event, WireLogError, is_wire_log, read_wire_log
 from simulators.devices.playback import PlayedAdapter, PlayedGroup, PlayedHost, PlayedLine
@@ -99,7 +99,7 @@ def play(path: Path, folder: Path, seconds: float | None, group: tuple[str, int]
 
     group: multicast group and port for CAN; a second CAN bus has the port above
     """
-    config, events = read_recording(path)
+    config, events = read_recording(path, folder)
     folder.mkdir(parents=True, exist_ok=True)
     asyncio.run(_play(config, events, folder, seconds, group))
 
@@ -172,14 +172,16 @@ def _fields(one: Played) -> dict[str, object]:
     return {"name": one.bus, "kind": one.kind, **one.place}
 
 
-def read_recording(path: Path) -> tuple[GatewayConfig | None, Sequence[Event]]:
+def read_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None, Sequence[Event]]:
     """The configuration, which a file of another program has not (None), and what passed.
 
-    Raises WireLogError or ConfigError.
+    folder: the user's own profiles in the recording are written into its sub-folder `profiles`
+
+    Raises WireLogError, ConfigError, or OSError.
     """
     if is_wire_log(path) or path.suffix.lower() not in _CAN_LOGS:
         log = read_wire_log(path)
-        return parse(log.config, path), log.events
+        return unpacked(log.config, path, folder), log.events
     try:
         with can.LogReader(path) as messages:
             events = [_event(m) for m in messages if not (m.is_error_frame or m.is_remote_frame)]

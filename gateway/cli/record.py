@@ -14,7 +14,7 @@ from gateway.acquisition import Acquisition, Notice
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
-from gateway.config.wires import wires_toml
+from gateway.config.packed import packed_toml
 from gateway.wire_log import WireLogWriter
 from gateway.wiring import lines_of
 
@@ -47,7 +47,7 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
 
     end_s = None if seconds is None else monotonic() + seconds
     most_bytes = round(most_mb * 1e6)
-    with WireLogWriter(path, wires_toml(config), clock.utc(), most_bytes=most_bytes) as log:
+    with WireLogWriter(path, packed_toml(config), clock.utc(), most_bytes=most_bytes) as log:
         lines = lines_of(config, clock, log.tap)
         console.print(f"recording {len(lines)} buses to {path}; Ctrl-C ends", highlight=False, soft_wrap=True)
         async with Acquisition(lines, clock, take, noticed):

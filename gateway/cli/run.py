@@ -13,7 +13,7 @@ from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, load
-from gateway.config.wires import wires_toml
+from gateway.config.packed import packed_toml
 from gateway.reload import ReloadError
 from gateway.service import Service
 from gateway.wire_log import WireLogWriter
@@ -55,7 +55,7 @@ def _wire_log(config: GatewayConfig, path: Path | None, most_mb: float) -> Itera
     if path.exists():
         path.replace(path.with_name(path.name + ".1"))
     with WireLogWriter(
-        path, wires_toml(config), datetime.now(UTC), most_bytes=round(most_mb * 1e6), rotate=True
+        path, packed_toml(config), datetime.now(UTC), most_bytes=round(most_mb * 1e6), rotate=True
     ) as writer:
         yield writer
     if writer.dropped:

@@ -8,7 +8,7 @@ from importlib.metadata import version
 
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
-from gateway.config.wires import wires_toml
+from gateway.config.packed import packed_toml
 from gateway.outlet import Fanout, Outlet
 from gateway.replay import past_of
 from gateway.service import Service
@@ -64,14 +64,14 @@ async def serve(
             )
             outlets.append(await stack.enter_async_context(telemetry))
             told.append(telemetry.runs)
-        recorded = wires_toml(config)
+        recorded = packed_toml(config)
 
         def configured(running: GatewayConfig) -> None:
             nonlocal recorded
             store.runs(running.canonical(), running.fingerprint())
             for tell in told:
                 tell(running.fingerprint())
-            if wire_log is not None and (wires := wires_toml(running)) != recorded:
+            if wire_log is not None and (wires := packed_toml(running)) != recorded:
                 recorded = wires
                 wire_log.reconfigure(wires)
 

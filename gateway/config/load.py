@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from drivers.base import SetupError
-from drivers.profiles import content_hash, is_users
+from drivers.profiles import is_users, user_profile
 from gateway.config.model import GatewayConfig, validate
 from gateway.config.problems import ConfigError, Problem, problems_of
 from gateway.config.rules import problems_between
@@ -38,12 +38,12 @@ def parse(text: str, path: Path) -> GatewayConfig:
 
     Raises ConfigError with every problem found.
     """
-    return from_data(_data(text, path), path)
+    return from_data(data_of(text, path), path)
 
 
 def draft(text: str, path: Path) -> GatewayConfig:
     """What a text holds so far: every field is right by itself, but they need not fit together. Raises ConfigError."""
-    return _validated(_data(text, path), path)
+    return _validated(data_of(text, path), path)
 
 
 def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
@@ -52,12 +52,13 @@ def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
     if problems := problems_between(config):
         raise ConfigError(path, problems)
     try:
-        return config.with_profiles({d.profile: content_hash(d.profile) for d in config.devices if is_users(d.profile)})
+        return config.with_profiles({d.profile: user_profile(d.profile) for d in config.devices if is_users(d.profile)})
     except SetupError as error:  # gone since it was checked
         raise ConfigError(path, [Problem("", str(error))]) from None
 
 
-def _data(text: str, path: Path) -> Mapping[str, object]:
+def data_of(text: str, path: Path) -> dict[str, object]:
+    """What the text says, not checked yet. Raises ConfigError."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -9,6 +9,7 @@ from typing import Self
 
 from pydantic import Field, PrivateAttr
 
+from drivers.profiles import UserProfile
 from gateway.config.buses import Bus
 from gateway.config.controls import Nc
 from gateway.config.fields import Section
@@ -54,16 +55,16 @@ class GatewayConfig(Section):
     compensation: Compensation = Compensation()
     talc: TalcSettings = TalcSettings()
     sensor_check: SensorCheckSettings = SensorCheckSettings()
-    _profiles: Mapping[str, str] = PrivateAttr(default_factory=dict)
+    _profiles: Mapping[str, UserProfile] = PrivateAttr(default_factory=dict)
     """Not a key of the file, nor in `canonical()`: an earlier program must still read what the database holds."""
 
     @property
-    def profiles(self) -> Mapping[str, str]:
-        """Hash of what the user's own profiles held when this configuration was loaded, by `profile` of a device."""
+    def profiles(self) -> Mapping[str, UserProfile]:
+        """What the user's own profiles held when this configuration was loaded, by `profile` of a device."""
         return self._profiles
 
-    def with_profiles(self, profiles: Mapping[str, str]) -> Self:
-        """The same with these hashes of the user's own profiles."""
+    def with_profiles(self, profiles: Mapping[str, UserProfile]) -> Self:
+        """The same with these user's own profiles."""
         config = self.model_copy()
         config._profiles = dict(profiles)
         return config
@@ -100,7 +101,7 @@ class GatewayConfig(Section):
 
         It tells what runs, not how its file is laid out.
         """
-        profiles = (f"\n{name} {content}" for name, content in sorted(self._profiles.items()))
+        profiles = (f"\n{name} {self._profiles[name].content_hash}" for name in sorted(self._profiles))
         return sha256((self.canonical() + "".join(profiles)).encode()).hexdigest()
 
 

@@ -6,18 +6,24 @@ from collections.abc import Mapping
 from gateway.config.model import GatewayConfig
 
 
-def wires_toml(config: GatewayConfig, places: Mapping[str, dict[str, object]] | None = None) -> str:
+def wires_toml(
+    config: GatewayConfig,
+    places: Mapping[str, dict[str, object]] | None = None,
+    profiles: Mapping[str, str] | None = None,
+) -> str:
     """A complete small configuration without NC, storage and control.
 
     places: bus to fields that are to be different, such as another port
+    profiles: profile to what is to be said instead, such as another path
     """
-    places = places or {}
+    places, profiles = places or {}, profiles or {}
     parts = [f"[machine]\nname = {toml_value(config.machine.name)}"]
     for bus in config.buses:
         fields = bus.model_dump(mode="json", exclude_defaults=True) | places.get(bus.name, {})
         parts.append("[[bus]]\n" + _pairs(fields))
     for device in config.devices:
         fields = device.model_dump(mode="json", exclude={"options", "channels"})
+        fields["profile"] = profiles.get(device.profile, device.profile)
         text = "[[device]]\n" + _pairs(fields)
         if device.options:
             text += "\n[device.options]\n" + _pairs(device.options)
@@ -32,5 +38,5 @@ def _pairs(fields: Mapping[str, object]) -> str:
 
 
 def toml_value(value: object) -> str:
-    """A text, number or truth value; JSON's form of these is TOML's too."""
-    return json.dumps(value, ensure_ascii=False)
+    """A text, number or truth value; JSON's form of these is TOML's too, but for one character."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -35,7 +35,7 @@ def write_trace(file: Path) -> None:
 @pytest.mark.parametrize("name", ["trace.log", "trace.asc", "trace.blf", "trace.trc"])
 def test_can_logs_of_other_programs_are_read(name: str, tmp_path: Path) -> None:
     write_trace(tmp_path / name)
-    config, events = read_recording(tmp_path / name)
+    config, events = read_recording(tmp_path / name, tmp_path)
     assert config is None
     assert [(event.identifier, event.data) for event in events] == FRAMES * 3
 

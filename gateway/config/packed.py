@@ -1,0 +1,109 @@
+"""The wires of a configuration with the user's own profiles in them: what a recording must hold to be played elsewhere.
+
+It is TOML as `wires_toml` gives it, and a table `[files]`: name of a file to its text. Profiles are named by these.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from drivers.can_dbc import DBC_ENCODING
+from drivers.profiles import UserProfile
+from gateway.config.load import data_of, from_data
+from gateway.config.model import GatewayConfig
+from gateway.config.problems import ConfigError, Problem, shown
+from gateway.config.wires import toml_value, wires_toml
+
+_FILES = "files"
+_FOLDER = "profiles"
+_ENCODINGS = {".toml": "utf-8", ".dbc": DBC_ENCODING}
+_DBC_LINE = re.compile(r"""(?m)^[ \t]*["']?dbc["']?[ \t]*=.*$""")
+
+
+def packed_toml(config: GatewayConfig) -> str:
+    """The wires, and the profiles as they were when the configuration was loaded."""
+    names: dict[str, str] = {}
+    files: dict[str, str] = {}
+    for path, profile in config.profiles.items():
+        stem, count = Path(path).stem, 1
+        while (name := stem if count == 1 else f"{stem}_{count}") + ".toml" in files:
+            count += 1
+        names[path] = f"{name}.toml"
+        files |= _files(name, profile)
+    text = wires_toml(config, profiles=names)
+    if files:
+        text += f"\n[{_FILES}]\n" + "".join(f"{toml_value(name)} = {_text(files[name])}\n" for name in files)
+    return text
+
+
+def unpacked(text: str, path: Path, folder: Path) -> GatewayConfig:
+    """The checked configuration of what `packed_toml` gave; its files are written into `folder`/profiles.
+
+    path: named in messages, and where other relative paths start
+
+    Raises ConfigError, or OSError when the files cannot be written.
+    """
+    data = data_of(text, path)
+    contents = {name: _content(name, value, path) for name, value in _table(data.pop(_FILES, {}), path).items()}
+    folder = folder.resolve() / _FOLDER
+    if contents:
+        folder.mkdir(parents=True, exist_ok=True)
+    for name, content in contents.items():
+        (folder / name).write_bytes(content)
+    devices = data.get("device")
+    for device in devices if isinstance(devices, list) else ():
+        if isinstance(device, dict) and device.get("profile") in contents:
+            device["profile"] = str(folder / device["profile"])
+    return from_data(data, path)
+
+
+def _files(name: str, profile: UserProfile) -> dict[str, str]:
+    """The profile, and the DBC file beside it wherever it was."""
+    if profile.dbc is None:
+        return {f"{name}.toml": profile.text}
+    return {f"{name}.toml": _naming(profile.text, f"{name}.dbc"), f"{name}.dbc": profile.dbc}
+
+
+def _naming(text: str, dbc: str) -> str:
+    """The profile's text with another DBC file; what else looks like that key, inside a longer text, stays."""
+    wanted = tomllib.loads(text) | {"dbc": dbc}
+    for found in _DBC_LINE.finditer(text):
+        changed = f"{text[: found.start()]}dbc = {toml_value(dbc)}{text[found.end() :]}"
+        try:
+            if tomllib.loads(changed) == wanted:
+                return changed
+        except tomllib.TOMLDecodeError:
+            continue
+    return text
+
+
+def _text(text: str) -> str:
+    """As lines where TOML can say it so."""
+    lines = f"'''\n{text}'''"
+    try:
+        if tomllib.loads(f"text = {lines}") == {"text": text}:
+            return lines
+    except tomllib.TOMLDecodeError:
+        pass
+    return toml_value(text)
+
+
+def _table(files: object, path: Path) -> Mapping[str, object]:
+    if not isinstance(files, dict):
+        raise ConfigError(path, [Problem(_FILES, f"{shown(files)}: expected a table")])
+    return files
+
+
+def _content(name: str, text: object, path: Path) -> bytes:
+    """The bytes of one file. A recording comes from elsewhere: its files stay in their folder."""
+    where = f"[{_FILES}] {name}"
+    encoding = _ENCODINGS.get(Path(name).suffix)
+    if encoding is None or Path(name).name != name:
+        raise ConfigError(path, [Problem(where, "expected the name of a .toml or .dbc file, without a folder")])
+    if not isinstance(text, str):
+        raise ConfigError(path, [Problem(where, f"{shown(text)}: expected a text in quotes")])
+    try:
+        return text.encode(encoding)
+    except UnicodeEncodeError as error:
+        raise ConfigError(path, [Problem(where, f"holds {error.object[error.start]!r}, not {encoding}")]) from None
