@@ -283,6 +283,10 @@ class Acquisition:
         """By the name of the bus."""
         return dict(self._runners)
 
+    def number(self) -> int:
+        """The sequence number of a reading that somebody else makes: none occurs twice in a run."""
+        return self._sequence()
+
     async def __aenter__(self) -> Self:
         self._group = await self._stack.enter_async_context(asyncio.TaskGroup())
         for runner in self._runners.values():

@@ -1,5 +1,6 @@
 """The latest reading of each channel, with its age: a stale value never looks fresh."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -13,7 +14,7 @@ class Aged:
     """A reading as it stands now."""
 
     reading: Reading
-    """Its quality is `stale` when it was good once and no newer one has come for three periods."""
+    """It is `stale` and without a number when it was good and no newer one has come for three periods."""
     age_s: float
 
 
@@ -28,6 +29,8 @@ class Board:
     def __init__(self, periods_s: Mapping[str, float]) -> None:
         self._periods = dict(periods_s)
         self._latest: dict[str, Reading] = {}
+        self._expired: set[str] = set()
+        """Channels whose latest reading `expire` has given as stale."""
 
     def put(self, readings: Iterable[Reading]) -> None:
         """Take newer readings. KeyError: a channel that is not in the configuration."""
@@ -35,27 +38,56 @@ class Board:
             if reading.channel not in self._periods:
                 raise KeyError(f"channel {reading.channel!r} is not in the configuration")
             self._latest[reading.channel] = reading
+            self._expired.discard(reading.channel)
 
     def configure(self, periods_s: Mapping[str, float]) -> None:
         """Another set of channels; the readings of those that remain are kept."""
         self._periods = dict(periods_s)
         self._latest = {channel: reading for channel, reading in self._latest.items() if channel in periods_s}
+        self._expired &= self._latest.keys()
 
     def latest(self, channel: str, now_s: float) -> Aged | None:
         """The channel as it stands at monotonic `now_s`; None before its first reading.
 
         KeyError: a channel that is not in the configuration.
         """
-        period_s = self._periods[channel]
+        stale_after_s = STALE_AFTER_PERIODS * self._periods[channel]
         reading = self._latest.get(channel)
         if reading is None:
             return None
-        age_s = max(0.0, now_s - reading.monotonic_s)
-        if age_s > STALE_AFTER_PERIODS * period_s and reading.quality in (Quality.GOOD, Quality.SIMULATED):
-            reading = replace(reading, quality=Quality.STALE, detail=f"no new value for {age_s:.0f} s")
-        return Aged(reading, age_s)
+        if _ages(reading) and now_s >= reading.monotonic_s + stale_after_s:
+            reading = _stale(reading, now_s)
+        return Aged(reading, max(0.0, now_s - reading.monotonic_s))
+
+    def expire(self, now_s: float) -> tuple[list[Reading], float]:
+        """The channels that have gone stale since the last call, as readings, and when to call again at the latest, s.
+
+        What comes after this call cannot go stale before that moment.
+        """
+        gone: list[Reading] = []
+        again_s = now_s + STALE_AFTER_PERIODS * min(self._periods.values(), default=1.0)
+        for channel, reading in self._latest.items():
+            if channel in self._expired or not _ages(reading):
+                continue
+            stale_s = reading.monotonic_s + STALE_AFTER_PERIODS * self._periods[channel]
+            if now_s < stale_s:
+                again_s = min(again_s, stale_s)
+            else:
+                self._expired.add(channel)
+                gone.append(_stale(reading, now_s))
+        return gone, again_s
 
     def snapshot(self, now_s: float) -> dict[str, Aged]:
         """Every channel that has been read, in the order of the configuration."""
         found = ((channel, self.latest(channel, now_s)) for channel in self._periods)
         return {channel: aged for channel, aged in found if aged is not None}
+
+
+def _ages(reading: Reading) -> bool:
+    """Whether the reading claims to be true now: what says that it is bad does not go stale."""
+    return reading.quality in (Quality.GOOD, Quality.SIMULATED)
+
+
+def _stale(reading: Reading, now_s: float) -> Reading:
+    detail = f"no new value for {now_s - reading.monotonic_s:.1f} s"
+    return replace(reading, value=math.nan, quality=Quality.STALE, detail=detail)

@@ -53,14 +53,15 @@ def decode(data: bytes) -> Payload:
     return found
 
 
-def reading(r: Reading) -> Payload:
-    """`reading/<channel>`"""
+def reading(r: Reading, now_s: float) -> Payload:
+    """`reading/<channel>`: `age_s` is how long ago `source_time` was, at monotonic `now_s`, whatever UTC does."""
     return {
         "channel": r.channel,
         "value": _number(r.value),
         "unit": r.unit,
         "quality": r.quality.value,
         "source_time": r.source_time.isoformat(),
+        "age_s": round(max(0.0, now_s - r.monotonic_s), 3),
         "sequence": r.sequence,
         "detail": r.detail,
     }

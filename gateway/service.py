@@ -23,6 +23,7 @@ from gateway.outlet import Outlet
 from gateway.probing_schedule import ProbingSchedule
 from gateway.reload import Difference, ReloadError, apply
 from gateway.sensor_watch import SeenBefore, SensorWatch
+from gateway.stale_watch import StaleWatch
 from gateway.wiring import control_of, lines_of
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
@@ -112,15 +113,18 @@ class Service:
         async with AsyncExitStack() as stack:
             if self.link is not None:
                 stack.push_async_callback(self.link.stop)
-            self._acquisition = await stack.enter_async_context(
+            acquisition = await stack.enter_async_context(
                 Acquisition(self._lines, self._clock, publish=self._take, notify=self._noticed)
             )
+            self._acquisition = acquisition
+            stale = StaleWatch(self.board, self._clock, acquisition.number, self._outlet.readings)
             stack.callback(self._forget_acquisition)
             self._configured(self._config)
             async with asyncio.TaskGroup() as tasks:
                 running = [
                     tasks.create_task(self._loop().run(), name="grid"),
                     tasks.create_task(self._sensors.run(), name="sensors"),
+                    tasks.create_task(stale.run(), name="stale"),
                 ]
                 if self.link is not None:
                     running.append(tasks.create_task(self.link.run(), name="nc"))

@@ -61,7 +61,7 @@ class Telemetry:
     settings: the [telemetry] section
     machine: second part of every key
     input_names: order of a frame's inputs
-    clock: for the time in each payload
+    clock: for the time in each payload and the age of readings
     boot: identifies this run of the process
     simulated: whether the clock is a simulated one
 
@@ -128,8 +128,9 @@ class Telemetry:
         if self._queue.qsize() > _QUEUE:
             self._dropped += len(readings)
             return
+        now_s = self._clock.monotonic()
         for r in readings:
-            self._put(f"{keys.READING}/{r.channel}", keys.reading(r))
+            self._put(f"{keys.READING}/{r.channel}", keys.reading(r, now_s))
 
     def frame(self, frame: Frame) -> None:
         self._put(keys.FRAME, keys.frame(frame, self._names))

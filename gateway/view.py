@@ -213,8 +213,9 @@ class ViewOutlet:
         self._state.apply(suffix, {"time": self._clock.utc().isoformat(), "clock": self._clock_state} | payload)
 
     def readings(self, readings: Sequence[Reading]) -> None:
+        now_s = self._clock.monotonic()
         for r in readings:
-            self._apply(f"{keys.READING}/{r.channel}", keys.reading(r))
+            self._apply(f"{keys.READING}/{r.channel}", keys.reading(r, now_s))
 
     def frame(self, frame: Frame) -> None:
         self._apply(keys.FRAME, keys.frame(frame, self._names))

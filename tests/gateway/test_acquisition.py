@@ -10,10 +10,8 @@ import pytest
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, Reading, WrongDevice
 from gateway.acquisition import Acquisition
-from gateway.board import Board
 from gateway.plausibility import Plausible
 from tests.gateway.scripted_bus import Plant, ScriptedDevice
-from tests.gateway.stepped_clock import SteppedClock
 
 
 async def test_every_device_is_read_once_a_period_without_drift() -> None:
@@ -312,17 +310,3 @@ async def test_one_bus_is_exchanged_and_the_other_notices_nothing() -> None:
     numbers = [r.sequence for r in plant.of("a")]
     assert numbers == sorted(set(numbers)), "the sequence goes on"
     assert plant.notices == []
-
-
-def test_the_board_lets_values_age() -> None:
-    clock = SteppedClock()
-    board = Board({"a_t": 2.0})
-    assert board.latest("a_t", 0.0) is None
-    board.put([Reading("a_t", 20.0, "degC", Quality.GOOD, clock.utc(), 10.0, 1)])
-    fresh, old = board.latest("a_t", 16.0), board.latest("a_t", 16.1)
-    assert fresh is not None
-    assert old is not None
-    assert (fresh.age_s, fresh.reading.quality) == (6.0, Quality.GOOD)
-    assert (old.reading.quality, old.reading.value) == (Quality.STALE, 20.0)
-    with pytest.raises(KeyError, match="stranger"):
-        board.put([Reading("stranger", 1.0, "", Quality.GOOD, clock.utc(), 0.0, 1)])

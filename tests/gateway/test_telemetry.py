@@ -1,7 +1,6 @@
 """Telemetry over real Zenoh sessions on loopback."""
 
 import asyncio
-import json
 import math
 import socket
 import threading
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from drivers.base import Quality, Reading, SystemClock
+from drivers.base import Clock, Quality, Reading, SystemClock
 from gateway import keys
 from gateway.compensation import Source, Step, Write
 from gateway.config.sections import Telemetry as Settings
@@ -20,8 +19,10 @@ from gateway.probing_schedule import Outlook, Standing
 from gateway.telemetry import Telemetry, TelemetryError
 from gateway.view import ViewState, render
 from talc.frame import Decision, Event, EventKind, Frame, Phase, Why
+from tests.gateway.stepped_clock import SteppedClock
 
 NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
+ROOT = "talc/mill"
 NAMES = ("t0", "t1")
 
 
@@ -39,9 +40,9 @@ def client(port: int) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def telemetry(port: int) -> Telemetry:
+def telemetry(port: int, clock: Clock | None = None) -> Telemetry:
     settings = Settings(listen=(f"tcp/127.0.0.1:{port}",))
-    return Telemetry(settings, "mill", NAMES, SystemClock(), "boot-1", simulated=False)
+    return Telemetry(settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False)
 
 
 def reading(value: float, quality: Quality = Quality.GOOD) -> Reading:
@@ -51,6 +52,16 @@ def reading(value: float, quality: Quality = Quality.GOOD) -> Reading:
 def decision(k: int) -> Decision:
     nan = np.full(9, math.nan)
     return Decision(k, Phase.CALIBRATION, np.arange(9.0), nan, nan, nan, None, None, ())
+
+
+def last_values(port: int) -> dict[str, keys.Payload]:
+    """What a query gives of each key, once the event is there that the test published last."""
+    found: dict[str, keys.Payload] = {}
+    with client(port) as session:
+        while f"{ROOT}/event" not in found:  # the publishing thread may still be at it
+            replies = session.get(f"{ROOT}/**", timeout=5.0)
+            found = {str(r.ok.key_expr): keys.decode(r.ok.payload.to_bytes()) for r in replies if r.ok is not None}
+    return found
 
 
 class Inbox:
@@ -97,21 +108,24 @@ async def test_who_comes_late_gets_the_last_value_of_every_key() -> None:
         t.decision(decision(7))
         t.runs("second")
         t.event(Event(EventKind.PROBLEM, "device rtd1: silent"), 7)
-        with client(port) as session:
-            while True:  # the publishing thread may still be at it
-                found = {
-                    str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes())
-                    for r in session.get("talc/mill/**", timeout=5.0)
-                    if r.ok is not None
-                }
-                if "talc/mill/event" in found:
-                    break
+        found = last_values(port)
     assert found["talc/mill/reading/t0"]["value"] is None
     assert found["talc/mill/reading/t0"]["quality"] == "comm_fault"
     status = found["talc/mill/status"]
     assert (status["config"], status["phase"], status["k"]) == ("second", "calibration", 7)
     assert found["talc/mill/decision"]["predicted"]["EZ0A"] == 1.0
     assert found["talc/mill/decision"]["limits"]["EZ0A"] is None
+
+
+async def test_a_reading_is_published_with_its_age_whatever_its_time_of_day() -> None:
+    port, clock = free_port(), SteppedClock()
+    clock.spend(10.0)
+    async with telemetry(port, clock) as t:
+        t.readings([reading(20.0), Reading("t1", 20.0, "degC", Quality.GOOD, NOW, 7.5, 2)])
+        t.event(Event(EventKind.PROBLEM, "after it"), 7)
+        found = last_values(port)
+    assert found["talc/mill/reading/t0"]["age_s"] == 10.0
+    assert found["talc/mill/reading/t1"]["age_s"] == 2.5
 
 
 async def test_the_token_lives_as_long_as_the_gateway() -> None:
@@ -155,7 +169,7 @@ def test_the_view_fits_eighty_columns_and_shows_what_came() -> None:
     state = ViewState("mill", progress_until_s=3600.0)
     common = {"time": NOW.isoformat(), "clock": "simulated"}
     state.apply("decision", common | keys.decision(decision(7)))
-    state.apply("reading/t0", common | keys.reading(reading(20.0, Quality.SENSOR_FAULT)))
+    state.apply("reading/t0", common | keys.reading(reading(20.0, Quality.SENSOR_FAULT), 0.0))
     state.apply("event", common | keys.event(Event(EventKind.PROBLEM, "channel t0: sensor_fault"), None))
     state.apply("of_the_future", common | {"unknown": 1})
     console = Console(width=80, record=True, force_terminal=False, file=open("/dev/null", "w"))  # noqa: SIM115, PTH123
@@ -176,11 +190,7 @@ async def test_offsets_are_published_in_every_mode_but_monitor(
     async with telemetry(port) as t:
         t.compensation(Write(NOW, mode, step, 7, {"X": 1.0}, False, None))
         t.event(Event(EventKind.PROBLEM, "after it"), 7)
-        with client(port) as session:
-            found: dict[str, keys.Payload] = {}
-            while "talc/mill/event" not in found:  # the publishing thread may still be at it
-                replies = session.get("talc/mill/**", timeout=5.0)
-                found = {str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok is not None}
+        found = last_values(port)
     assert ("talc/mill/compensation" in found) is published
     if published:
         assert found["talc/mill/compensation"]["offsets_um"] == [0.0, 0.0, 3.0]
@@ -191,11 +201,7 @@ async def test_where_probing_stands_is_in_its_own_key_and_in_the_status() -> Non
     async with telemetry(port) as t:
         t.probing(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 700016", 2, "clean the sphere"))
         t.event(Event(EventKind.PROBLEM, "after it"), 7)
-        with client(port) as session:
-            found: dict[str, keys.Payload] = {}
-            while "talc/mill/event" not in found:
-                replies = session.get("talc/mill/**", timeout=5.0)
-                found = {str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok is not None}
+        found = last_values(port)
     expected = {
         "standing": "blocked",
         "why": "interval",

@@ -19,7 +19,9 @@ with the gateway's acquisition on the other end, and in each it is checked that
 - log and events tell it once when it begins and once when it ends, not each second.
 
 `comm_fault`: no valid answer. `sensor_fault`, `out_of_range`: the device answers, this channel is broken or beyond.
-`stale`: the number may be an old one. Channels that are not good carry no number, or are not used.
+`stale`: the number may be an old one. Channels that are not good carry no number, or are not used. While a read hangs
+(it may, up to `read_limit_s`), the service publishes its bus's channels as `stale`, without a number and with the age
+of the last one, as soon as that is three periods old.
 """
 
 MEANING: Mapping[str, str] = {
