@@ -38,7 +38,12 @@ class DeviceWatch:
     bus: str
     channels: tuple[str, ...]
     answers: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW))
-    """Monotonic seconds of the last reads that were answered."""
+    """Monotonic seconds of the last reads that were answered; not of the very first read, which is made at once,
+    outside the bus's schedule, and opens the connection."""
+    answered_at: float | None = None
+    """Monotonic seconds of the last one, the first read included."""
+    periods: int = 0
+    """Since the start."""
     lost: int = 0
     """Periods without an answer since the start."""
     error: str = ""
@@ -50,6 +55,7 @@ class DeviceWatch:
 
     def take(self, readings: Sequence[Reading]) -> None:
         """The readings of one period."""
+        self.periods += 1
         self.latest |= {reading.channel: reading for reading in readings}
         self.good_at |= {r.channel: r.monotonic_s for r in readings if r.quality is Quality.GOOD}
         first = readings[0]
@@ -57,7 +63,9 @@ class DeviceWatch:
             self.lost += 1
             self._fails(first.detail, first.monotonic_s)
         else:
-            self.answers.append(first.monotonic_s)
+            self.answered_at = first.monotonic_s
+            if self.periods > 1:
+                self.answers.append(first.monotonic_s)
             for reading in readings:
                 if reading.detail:
                     self._fails(f"{reading.channel}: {reading.detail}", reading.monotonic_s)
@@ -130,11 +138,11 @@ class Watch:
             values = " ".join(f"{channel}={_value(device.latest.get(channel))}" for channel in device.channels)
             rate, jitter = _rate(device.rate_hz), _milliseconds(device.jitter_s)
             counted = f"{device.good}/{len(device.channels)} good, {rate}, jitter {jitter}, {device.lost} lost"
-            age = f", age {_seconds(now_s - device.answers[-1])}" if device.answers else ""
+            age = "" if device.answered_at is None else f", age {_seconds(now_s - device.answered_at)}"
             yield f"{device.bus} {device.name}: {counted}{age}: {values}"
 
     def _device(self, device: DeviceWatch, now_s: float) -> str:
-        age = _seconds(now_s - device.answers[-1]) if device.answers else "never"
+        age = "never" if device.answered_at is None else _seconds(now_s - device.answered_at)
         count = f"{device.good}/{len(device.channels)}"
         rate, jitter = _rate(device.rate_hz), _milliseconds(device.jitter_s)
         return _columns(device.name, device.bus, count, rate, jitter, str(device.lost), age)

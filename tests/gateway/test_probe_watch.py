@@ -17,12 +17,14 @@ import pytest
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
-from gateway.acquisition import Line
+from gateway.acquisition import Acquisition, Line
 from gateway.cli.probe_watch import DeviceWatch, Watch
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.modbus_servers import TcpHost
 from simulators.devices.source import Fault
 from tests.gateway.command import talc_gateway
+from tests.gateway.scripted_bus import ScriptedBus, ScriptedDevice
+from tests.gateway.stepped_clock import SteppedClock
 
 NOW = datetime(2026, 1, 5, tzinfo=UTC)
 
@@ -47,13 +49,28 @@ def test_rate_and_jitter_are_those_of_the_answers() -> None:
     assert (device.lost, device.good, device.complete) == (0, 2, True)
 
 
+async def test_healthy_devices_on_several_buses_have_no_jitter() -> None:
+    """Each bus reads at once and then on its own share of the period: the step between is none of the wire's."""
+    clock, lines = SteppedClock(), []
+    for number in range(4):
+        bus = ScriptedBus(f"bus{number}")
+        lines.append(Line(bus, (ScriptedDevice(f"device{number}", clock, bus),), phase_s=number / 4))
+    watch = Watch("mill", lines, 0.0)
+    async with Acquisition(lines, clock, watch.take, lambda _: None):
+        await clock.run_until(0.1)
+        assert [device.answered_at for device in watch.devices] == [0.0] * 4
+        await clock.run_until(3.0)
+    assert [device.jitter_s for device in watch.devices] == pytest.approx([0.0] * 4)
+    assert [device.rate_hz for device in watch.devices] == pytest.approx([1.0] * 4)
+
+
 def test_silent_device_counts_lost_periods_and_keeps_the_age_of_its_last_value() -> None:
     device = watched()
     device.take(readings(device.channels, 1.0))
     for at_s in (2.0, 3.0):
         device.take(readings(device.channels, at_s, Quality.COMM_FAULT, "unit 1 did not answer"))
     assert (device.lost, device.error, device.error_at) == (2, "unit 1 did not answer", 3.0)
-    assert device.answers == type(device.answers)([1.0])
+    assert device.answered_at == 1.0
     assert device.good_at == {"a": 1.0, "b": 1.0}
 
 
