@@ -1,44 +1,30 @@
 """A user's own recording, CSV or Parquet, checked and put on the grid: time, input columns, error columns with gaps."""
 
-import csv
-import math
-from collections.abc import Iterable, Mapping, Sequence
+import hashlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from gateway.config.problems import Problem, shown, suggestion
-from talc.frame import FloatArray
-from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from gateway.config.problems import Problem
+from gateway.recording_cells import Times, numbers
+from gateway.recording_columns import Columns, Roles, roles_of
+from gateway.recording_files import Chunk, Table, open_table
+from gateway.recording_problems import Problems, RecordingError
+from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
+from talc.names import THERMAL_ERRORS
 
-_SHOWN = 10
-"""Problems that are told one by one."""
+IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
+
 _LEAST_STEPS = 12
-_PARQUET = b"PAR1"
-_SQLITE = b"SQLite format 3\0"
-
-
-class RecordingError(Exception):
-    """The recording cannot be used. The text has one line per problem, each beginning with the file's name."""
-
-    def __init__(self, file: Path, problems: Sequence[Problem]) -> None:
-        told = [f"{file}: {problem}" for problem in problems[:_SHOWN]]
-        if len(problems) > _SHOWN:
-            told.append(f"{file}: and {len(problems) - _SHOWN} more")
-        super().__init__("\n".join(told))
-
-
-@dataclass(frozen=True, slots=True)
-class Columns:
-    """What the file's columns are. An error's own name, or with its unit (`EX0C_um`), is found without being told."""
-
-    time: str = "time"
-    errors: Mapping[str, str] | None = None
-    """Thermal error to column."""
-    ignored: tuple[str, ...] = ()
+_ABOUT = 0.9
+"""Rows that come this share of a step apart, or more, are a step each."""
+_SAME = 0.005
+"""Spacings that differ from the step by less are the step, and clocks that are not exact."""
+_FOLLOWED = 0.1
+"""Share of a row's lateness by which the next ones are expected later: jitter averages out, drift is followed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,64 +33,110 @@ class Recording:
 
     name: str
     step_s: float
-    k: np.ndarray[tuple[int], np.dtype[np.int64]]
-    """(T,) grid index, as a gateway counts: the step that ends at UTC = k · step_s; ascending."""
+    start_utc_s: float
+    """UTC seconds at which the first step ends."""
+    k: IntArray
+    """(T,) grid index, as a gateway counts: the step that ends at about UTC = k · step_s; ascending."""
     input_names: tuple[str, ...]
     inputs: FloatArray
     """(T, n) means over each step; NaN without a value."""
     errors: FloatArray
     """(T, 9) the last measured value in each step, µm and µm/m; NaN without one."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Raw:
-    """Columns as the file has them."""
-
-    columns: dict[str, list[object]]
-    places: list[int]
-    """Line, or row, of each entry."""
-    word: str
-    """`line` or `row`."""
-
-
-def is_database(path: Path) -> bool:
-    """Whether the file is a gateway's store."""
-    with path.open("rb") as file:
-        return file.read(len(_SQLITE)) == _SQLITE
+    error_columns: Mapping[str, str]
+    """Thermal error to the file's column."""
+    ignored: tuple[str, ...]
+    """Columns that were left out."""
+    sha256: str
+    """Of the file."""
 
 
 def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
-    """The recording on a grid of `step_s`, or of its own median spacing where that is longer.
+    """The recording on a grid of `step_s`, or of its own median spacing where that is about as long or longer.
 
     RecordingError tells every problem with line (row in Parquet), column and value.
     """
-    with path.open("rb") as file:
-        parquet = file.read(len(_PARQUET)) == _PARQUET
-    raw = _read_parquet(path) if parquet else _read_csv(path)
-    errors, inputs = _roles(path, list(raw.columns), columns)
-    problems: list[Problem] = []
-    time_s = _times(raw, columns.time, problems)
-    chosen = [_numbers(raw, name, problems) for name in (*inputs, *errors.values())]
-    if problems:
-        raise RecordingError(path, problems)
-    step_s = max(step_s, float(np.median(np.diff(time_s)))) if len(time_s) > 1 else step_s
-    values = np.column_stack(chosen)
-    index = np.ceil(time_s / step_s - 1e-9).astype(np.int64)
+    table = open_table(path)
+    problems = Problems(path)
+    roles = roles_of(table.head, columns, problems)
+    problems.refuse()
+    time_s, values = _read(table, roles, problems)
+    problems.refuse()
+    step_s, start_s, index = _on_grid(time_s, step_s)
     k, first = np.unique(index, return_index=True)
     if len(k) < _LEAST_STEPS:
-        what = f"{len(time_s)} {raw.word}s fill {len(k)} steps of {step_s:g} s; expected {_LEAST_STEPS} or more"
+        what = f"{len(time_s)} {table.word}s fill {len(k)} steps of {step_s:g} s; expected {_LEAST_STEPS} or more"
+        what += "; are the times in seconds?" if len(time_s) >= _LEAST_STEPS else ""
         raise RecordingError(path, [Problem("", what)])
     bounds = [*first.tolist(), len(index)]
-    n = len(inputs)
+    n = len(roles.inputs)
     on_grid = np.array([_mean(values[a:b, :n]) for a, b in pairwise(bounds)])
     measured = np.full((len(k), len(THERMAL_ERRORS)), np.nan)
-    for column, error in enumerate(errors):
+    for column, error in enumerate(roles.errors):
         e = THERMAL_ERRORS.index(error)
         for row, (a, b) in enumerate(pairwise(bounds)):
             known = values[a:b, n + column]
             known = known[~np.isnan(known)]
             measured[row, e] = known[-1] if known.size else np.nan
-    return Recording(path.stem, step_s, k, tuple(inputs), on_grid, measured)
+    with path.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    return Recording(
+        name=path.stem,
+        step_s=step_s,
+        start_utc_s=start_s,
+        k=k,
+        input_names=roles.inputs,
+        inputs=on_grid,
+        errors=measured,
+        error_columns=roles.errors,
+        ignored=roles.ignored,
+        sha256=sha256,
+    )
+
+
+def _read(table: Table, roles: Roles, problems: Problems) -> tuple[FloatArray, FloatArray]:
+    """(rows,) s, and (rows, inputs and errors)."""
+    names = (*roles.inputs, *roles.errors.values())
+    largest = [LARGEST_INPUT] * len(roles.inputs) + [LARGEST_ERROR] * len(roles.errors)
+    times = Times(problems)
+    time_s: list[FloatArray] = []
+    values: list[FloatArray] = []
+    for chunk in table.chunks(roles.time, names, problems):
+
+        def where(name: str, chunk: Chunk = chunk) -> Callable[[int], str]:
+            return lambda i: f"{table.word} {chunk.places[i]}, column {name!r}"
+
+        time_s.append(times.take(chunk.time, where(roles.time)))
+        read = zip(names, largest, chunk.columns, strict=True)
+        values.append(np.column_stack([numbers(cells, most, where(name), problems) for name, most, cells in read]))
+    problems.refuse()
+    if not time_s:
+        problems.add("", "holds a heading and nothing else")
+        return np.empty(0), np.empty((0, len(names)))
+    return np.concatenate(time_s), np.concatenate(values)
+
+
+def _on_grid(time_s: FloatArray, step_s: float) -> tuple[float, float, IntArray]:
+    """The grid's step, s, when the first one ends, s, and (rows,) the step that each row belongs to.
+
+    Rows that are denser than the grid fall into the steps that end at multiples of `step_s`. Rows about a step apart
+    come at any moment of theirs, late or early: boundaries at multiples of the step would put two into one and none
+    into the next. So each is a step, and steps are missing where rows are.
+    """
+    spacing_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    if spacing_s < _ABOUT * step_s:
+        index: IntArray = np.ceil(time_s / step_s - 1e-9).astype(np.int64)
+        return step_s, float(index[0]) * step_s, index
+    if abs(spacing_s / step_s - 1.0) > _SAME:
+        step_s = spacing_s
+    due_s, k = float(time_s[0]), round(float(time_s[0]) / step_s)
+    index = np.empty(len(time_s), dtype=np.int64)
+    for row, at_s in enumerate(time_s.tolist()):
+        passed = round((at_s - due_s) / step_s)
+        k += passed
+        due_s += passed * step_s
+        due_s += _FOLLOWED * (at_s - due_s)
+        index[row] = k
+    return step_s, float(time_s[0]), index
 
 
 def _mean(rows: FloatArray) -> FloatArray:
@@ -113,141 +145,3 @@ def _mean(rows: FloatArray) -> FloatArray:
     total = np.where(known, rows, 0.0).sum(axis=0)
     mean: FloatArray = np.divide(total, count, out=np.full(rows.shape[1], np.nan), where=count > 0)
     return mean
-
-
-def _read_csv(path: Path) -> _Raw:
-    """Comma, semicolon (then with a decimal comma too) or tab, whichever the heading holds most of."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        what = f"is neither Parquet nor UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}"
-        raise RecordingError(path, [Problem("", what)]) from None
-    heading = text.split("\n", 1)[0]
-    delimiter = max(",;\t", key=heading.count)
-    reader = csv.reader(text.splitlines(keepends=True), delimiter=delimiter)
-    head = [name.strip() for name in next(reader, [])]
-    if not any(head):
-        raise RecordingError(path, [Problem("", "is empty; expected a heading and lines below it")])
-    problems = [
-        Problem(f"column {number + 1}", "has no name" if not name else f"{name!r} occurs twice")
-        for number, name in enumerate(head)
-        if not name or name in head[:number]
-    ]
-    rows, places = [], []
-    for row in reader:
-        if not any(cell.strip() for cell in row):
-            continue
-        if len(row) != len(head):
-            problems.append(Problem(f"line {reader.line_num}", f"{len(row)} cells; the heading has {len(head)}"))
-        rows.append([cell.strip() for cell in row])
-        places.append(reader.line_num)
-    if problems:
-        raise RecordingError(path, problems)
-    comma = delimiter == ";"
-    columns: dict[str, list[object]] = {
-        name: [row[i].replace(",", ".") if comma else row[i] for row in rows] for i, name in enumerate(head)
-    }
-    return _Raw(columns, places, "line")
-
-
-def _read_parquet(path: Path) -> _Raw:
-    try:
-        from pyarrow import ArrowException, parquet
-    except ImportError:
-        what = "Parquet needs pyarrow: install talc-gateway with the extra `parquet`, or save the table as CSV"
-        raise RecordingError(path, [Problem("", what)]) from None
-    try:
-        table = parquet.read_table(path)
-    except (ArrowException, OSError) as error:
-        raise RecordingError(path, [Problem("", f"is not a Parquet file that can be read: {error}")]) from None
-    columns = {name: table.column(i).to_pylist() for i, name in enumerate(table.column_names)}
-    if len(columns) != len(table.column_names):
-        raise RecordingError(path, [Problem("", "a column's name occurs twice")])
-    return _Raw(columns, list(range(1, table.num_rows + 1)), "row")
-
-
-def _roles(path: Path, head: list[str], columns: Columns) -> tuple[dict[str, str], list[str]]:
-    """Thermal error to its column, and the input columns."""
-    errors = dict(columns.errors or {})
-    problems = []
-    if columns.time not in head:
-        problems.append(Problem(f"column {columns.time!r}", f"is missing (time); {suggestion(columns.time, head)}"))
-    problems += [
-        Problem(f"column {name!r}", f"is missing; {suggestion(name, head)}")
-        for name in (*errors.values(), *columns.ignored)
-        if name not in head
-    ]
-    for error in THERMAL_ERRORS:
-        suffix = "_um" if ERROR_UNITS[error] == MICROMETRE else "_um_per_m"
-        found = [name for name in (error, error + suffix) if name in head and name not in columns.ignored]
-        if found:
-            errors.setdefault(error, found[0])
-    taken = {columns.time, *errors.values(), *columns.ignored}
-    inputs = [name for name in head if name not in taken]
-    if not errors:
-        what = f"no column of a thermal error; expected one or more of {', '.join(THERMAL_ERRORS)}, or say which it is"
-        problems.append(Problem("", what))
-    if not inputs:
-        problems.append(Problem("", "no column is left as an input"))
-    if problems:
-        raise RecordingError(path, problems)
-    return errors, inputs
-
-
-def _times(raw: _Raw, name: str, problems: list[Problem]) -> FloatArray:
-    """(rows,) s."""
-    found = np.full(len(raw.places), np.nan)
-    before: tuple[float, object] | None = None
-    for i, (place, cell) in enumerate(zip(raw.places, raw.columns[name], strict=True)):
-        second = _second(cell)
-        where = f"{raw.word} {place}, column {name!r}"
-        if second is None:
-            problems.append(Problem(where, f"{shown(cell)} is no time; expected ISO 8601 or seconds"))
-            continue
-        if before is not None and second <= before[0]:
-            problems.append(Problem(where, f"{shown(cell)} does not come after {shown(before[1])} before it"))
-        before = second, cell
-        found[i] = second
-    if not raw.places:
-        problems.append(Problem("", "holds a heading and nothing else"))
-    return found
-
-
-def _second(cell: object) -> float | None:
-    """UTC seconds; a time without a zone is UTC."""
-    if isinstance(cell, str):
-        try:
-            cell = float(cell)
-        except ValueError:
-            cell = _iso(str(cell))
-    if isinstance(cell, datetime):
-        return (cell if cell.tzinfo else cell.replace(tzinfo=UTC)).timestamp()
-    if isinstance(cell, int | float) and not isinstance(cell, bool) and math.isfinite(cell):
-        return float(cell)
-    return None
-
-
-def _iso(text: str) -> datetime | None:
-    try:
-        return datetime.fromisoformat(text)
-    except ValueError:
-        return None
-
-
-def _numbers(raw: _Raw, name: str, problems: list[Problem]) -> FloatArray:
-    """(rows,) NaN where the cell is empty or says `nan`."""
-    return np.array(list(_each_number(raw, name, problems)), dtype=np.float64)
-
-
-def _each_number(raw: _Raw, name: str, problems: list[Problem]) -> Iterable[float]:
-    for place, cell in zip(raw.places, raw.columns[name], strict=True):
-        value = math.nan
-        if cell is not None and cell != "":
-            try:
-                value = float(cell) if isinstance(cell, int | float | str) else math.inf
-            except ValueError:
-                value = math.inf
-        if math.isinf(value):
-            where = f"{raw.word} {place}, column {name!r}"
-            problems.append(Problem(where, f"{shown(cell)} is no finite number; an unknown value is left empty"))
-        yield value

@@ -61,7 +61,7 @@ def rehearse(
         fingerprint="",
         versions=f"talc-gateway {version('talc-gateway')}, numpy {np.__version__}",
         step_s=recording.step_s,
-        start_utc_s=float(recording.k[0]) * recording.step_s,
+        start_utc_s=recording.start_utc_s,
         k=recording.k,
         phases=tuple(d.phase for d in decisions),
         predicted=estimate,

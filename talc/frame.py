@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,11 @@ from talc.settings import TrainingSettings
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+LARGEST_INPUT: Final = 1e12
+"""Magnitude of an input, in whatever unit. What is beyond is no value: squares and sums of it would be none either."""
+LARGEST_ERROR: Final = 1e6
+"""Magnitude of a thermal error: a metre, or a metre per metre."""
 
 
 class Phase(StrEnum):

@@ -9,7 +9,7 @@ import click
 
 from drivers.base import DriverError, SetupError
 from gateway.config import ConfigError, GatewayConfig, cautions, load
-from gateway.recording import RecordingError
+from gateway.recording_problems import RecordingError
 from gateway.store import StoreError
 from gateway.wire_log import WireLogError
 
@@ -250,7 +250,8 @@ def replay(
     gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), every other column an input. The controller runs over it as if it
     were live, and the report is written. The options are for recordings.
     """
-    from gateway.recording import Columns, is_database
+    from gateway.recording_columns import Columns
+    from gateway.recording_files import is_database
 
     if is_database(file):
         from gateway.cli.replay import show
@@ -259,21 +260,32 @@ def replay(
     from gateway.cli.replay import run_recording
 
     columns = Columns(time_column, _named_errors(errors), ignore)
-    run_recording(file, columns, output or file.with_suffix(".html"), config, every_measurement=every_measurement)
+    run_recording(file, columns, _page(output, file, config), config, every_measurement=every_measurement)
 
 
 def _named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
     """Thermal error to column, from NAME=COLUMN."""
     from talc.names import THERMAL_ERRORS
 
-    found = {}
+    found: dict[str, str] = {}
     for pair in pairs:
         name, equals, column = pair.partition("=")
         if name not in THERMAL_ERRORS or not equals:
             expected = f"expected NAME=COLUMN with one of {', '.join(THERMAL_ERRORS)}"
             raise click.BadParameter(f"{pair!r}: {expected}", param_hint="--error")
+        if name in found:
+            raise click.BadParameter(f"{name} is told twice: {found[name]!r} and {column!r}", param_hint="--error")
         found[name] = column
     return found
+
+
+def _page(wanted: Path | None, source: Path, *others: Path | None) -> Path:
+    """Where a page goes: not onto what it is made from."""
+    page = wanted or source.with_suffix(".html")
+    for used in (source, *others):
+        if used is not None and page.exists() and page.samefile(used):
+            raise click.UsageError(f"the page would overwrite {used}; give it another name with -o")
+    return page
 
 
 @main.command()
@@ -283,7 +295,7 @@ def report(database: Path, output: Path | None) -> None:
     """Write the HTML report of DATABASE and print its table."""
     from gateway.cli.report import write
 
-    write(database, output or database.with_suffix(".html"))
+    write(database, _page(output, database))
 
 
 @main.command()

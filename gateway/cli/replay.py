@@ -6,7 +6,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from gateway.config.talc_only import TalcOnly, load_talc_only
-from gateway.recording import Columns, read_recording
+from gateway.recording import read_recording
+from gateway.recording_columns import Columns
 from gateway.replay import replay
 from gateway.store import History
 

@@ -13,7 +13,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.cli import main
-from gateway.recording import Columns, RecordingError, read_recording
+from gateway.recording import read_recording
+from gateway.recording_columns import Columns
+from gateway.recording_problems import RecordingError
 from gateway.rehearsal import rehearse
 from talc.frame import Phase
 from talc.settings import ControlSettings, TalcSettings
@@ -130,6 +132,35 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
         (lambda g: ["Time,t1,EX0C", *g[1:]], "column 'time': is missing (time); did you mean 'Time'?"),
         (lambda g: ["time,t1,t2", *g[1:]], "no column of a thermal error; expected one or more of EY0A"),
         (lambda g: ["time,EY0A,EX0C", *g[1:]], "no column is left as an input"),
+        (lambda g: [*g[:3], "900,2_0,1", *g[4:]], "line 4, column 't1': '2_0' is no finite number"),
+        (
+            lambda g: [*g[:3], "900,20,1e200", *g[4:]],
+            "line 4, column 'EX0C': '1e200' is beyond 1e+06, the largest that",
+        ),
+        (lambda g: [*g[:3], "900,1e308,1", *g[4:]], "line 4, column 't1': '1e308' is beyond 1e+12, the largest that"),
+        (lambda g: [*g, "1e300,20,1"], "line 21, column 'time': '1e300' is not within the years 1900 to 2200"),
+        (
+            lambda g: [g[0], "1772431500000,20,1", *g[1:]],
+            "line 2, column 'time': '1772431500000' is not within the years 1900 to 2200; are these milliseconds?",
+        ),
+        (
+            lambda g: [*g, "1e18,20,1"],
+            "line 21, column 'time': '1e18' is not within the years 1900 to 2200; are these nano",
+        ),
+        (
+            lambda g: [g[0], "0001-01-01T00:00:00+05:00,20,1", *g[1:]],
+            "line 2, column 'time': '0001-01-01T00:00:00+05:00' is not within the years 1900 to 2200",
+        ),
+        (lambda g: [*g[:3], '900,"20,1', *g[4:]], "line 4: cannot be told apart into cells: is a quote"),
+        (lambda g: [*g[:3], '900,20,"1', *g[4:9], '1,2,"', *g[9:]], "line 4, column 'EX0C': '1\\n1200"),
+        (
+            lambda g: [*g[:3], '900,"20,1', *(f"{300 * i},{'2' * 60},1" for i in range(6, 4000))],
+            "line 4: cannot be told apart into cells: is a quote",
+        ),
+        (
+            lambda g: [g[0], *(f"{46083 + i / 288},20,{i}" for i in range(20))],
+            "20 lines fill 1 steps of 300 s; expected 12 or more; are the times in seconds?",
+        ),
         (lambda g: g[:6], "5 lines fill 5 steps of 300 s; expected 12 or more"),
         (lambda g: g[:1], "holds a heading and nothing else"),
         (lambda g: g[:0], "is empty; expected a heading"),
@@ -151,7 +182,7 @@ def test_many_mistakes_are_counted_and_other_files_named(tmp_path: Path) -> None
     with pytest.raises(RecordingError, match="and 28 more"):
         read_recording(path, Columns(), 300.0)
     path.write_bytes(b"\x89PNG\r\n\xff")
-    with pytest.raises(RecordingError, match="is neither Parquet nor UTF-8 text: byte 0 is 0x89"):
+    with pytest.raises(RecordingError, match="line 1: is neither Parquet nor UTF-8 text: byte 1 of the line is 0x89"):
         read_recording(path, Columns(), 300.0)
     path.write_bytes(b"PAR1 cut")
     with pytest.raises(RecordingError, match="is not a Parquet file that can be read"):
@@ -159,6 +190,45 @@ def test_many_mistakes_are_counted_and_other_files_named(tmp_path: Path) -> None
     answer = run(path, "--error", "EX=drift")
     assert answer.exit_code == 2
     assert "expected NAME=COLUMN" in answer.output
+
+
+def test_text_that_is_not_utf8_is_told_by_line(tmp_path: Path) -> None:
+    path = tmp_path / "latin.csv"
+    path.write_text("\n".join([*GOOD[:4], "1500,20,1 \xb5m"]), encoding="latin-1")
+    with pytest.raises(RecordingError, match=r"line 5: is neither .*: byte 11 of the line is 0xb5; save the table as"):
+        read_recording(path, Columns(), 300.0)
+    path.write_text("\n".join(GOOD), encoding="utf-16")
+    with pytest.raises(RecordingError, match="is UTF-16 text; save it as UTF-8"):
+        read_recording(path, Columns(), 300.0)
+
+
+def test_a_page_overwrites_nothing_that_it_is_made_from(tmp_path: Path) -> None:
+    path, config = tmp_path / "table.html", tmp_path / "talc.toml"
+    path.write_text("\n".join(GOOD), encoding="utf-8")
+    config.write_text("[grid]\nstep_s = 300\n", encoding="utf-8")
+    for options in ([], ["-o", tmp_path / "." / "table.html"], ["--config", config, "-o", config]):
+        answer = run(path, *options)
+        assert answer.exit_code == 2
+        assert "give it another name with -o" in answer.output
+    assert path.read_text(encoding="utf-8") == "\n".join(GOOD)
+    assert run(path, "-o", tmp_path / "page.html").exit_code == 0
+
+
+def test_timestamps_of_parquet_need_neither_pandas_nor_their_zone(tmp_path: Path) -> None:
+    begin = int(START.timestamp())
+    for unit, parts, more in (("s", 1, 0), ("ms", 10**3, 1), ("us", 10**6, 1), ("ns", 10**9, 123)):
+        times = pyarrow.array(
+            [(begin + 300 * i) * parts + more for i in range(20)], pyarrow.timestamp(unit, "No/Where")
+        )
+        path = tmp_path / f"{unit}.parquet"
+        columns = {"time": times, "t1": [float(i) for i in range(20)], "EX0C": [1.0] * 20}
+        pyarrow.parquet.write_table(pyarrow.table(columns), path)
+        recording = read_recording(path, Columns(), 300.0)
+        assert recording.k.tolist() == [begin // 300 + i for i in range(20)]
+        assert recording.start_utc_s == pytest.approx(begin, abs=0.01)
+    pyarrow.parquet.write_table(pyarrow.table(columns | {"stamp": times}), path)
+    with pytest.raises(RecordingError, match=r"column 'stamp': holds .*, no numbers; --ignore 'stamp' leaves it out"):
+        read_recording(path, Columns(), 300.0)
 
 
 def test_text_in_parquet_is_told_by_row(tmp_path: Path) -> None:
