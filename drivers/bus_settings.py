@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
+from math import isfinite
 from typing import TypeVar
 
 from drivers.base import SetupError
@@ -164,6 +165,8 @@ def settings_from(kind: type[S], options: Mapping[str, object], *, bus: str = ""
         accepted: tuple[type, ...] = (int, float) if wanted is float else (wanted,)  # type: ignore[assignment]
         if not isinstance(value, accepted) or isinstance(value, bool):
             raise SetupError(f"{name} = {value!r}: expected {_WORDS[wanted]}", bus=bus, device=device)  # type: ignore[index]
+        if isinstance(value, float) and not isfinite(value):
+            raise SetupError(f"{name} = {value}: expected a finite number", bus=bus, device=device)
         values[name] = value
     missing = [n for n, f in known.items() if n not in values and f.default is MISSING and f.default_factory is MISSING]
     if missing:

@@ -30,6 +30,11 @@ class DbcSignal:
     def frame(self) -> FrameId:
         return self.message.frame_id, self.message.is_extended_frame
 
+    @property
+    def bits(self) -> int:
+        """Every bit of the raw number."""
+        return _bits(self.signal)
+
     def decode(self, data: bytes) -> float | Fault:
         """The scaled value; a fault for a frame too short, a stated raw number, or a value beyond the DBC's range."""
         try:
@@ -40,7 +45,7 @@ class DbcSignal:
         if not isinstance(decoded, dict):
             return Fault(Quality.COMM_FAULT, f"message {self.message.name} holds other messages")
         raw = decoded[self.signal.name]
-        if isinstance(raw, int) and (fault := first_fault(self.rules, raw & 0xFFFFFFFF)) is not None:
+        if isinstance(raw, int) and (fault := first_fault(self.rules, raw & self.bits)) is not None:
             return fault
         value = float(self.signal.conversion.raw_to_scaled(raw, decode_choices=False))  # type: ignore[arg-type]
         if not isfinite(value):
@@ -104,9 +109,13 @@ def _signal(table: Table, messages: Mapping[str, Message]) -> DbcSignal:
         raise table.error("message", f"{message.name} is multiplexed or a container, which is not supported")
     signals = {signal.name: signal for signal in message.signals}
     signal = signals[table.text("name", choices=signals)]
-    rules = tuple(code_rule(rule) for rule in table.tables("invalid"))
+    rules = tuple(code_rule(rule, _bits(signal)) for rule in table.tables("invalid"))
     table.finish()
     return DbcSignal(message, signal, rules)
+
+
+def _bits(signal: Signal) -> int:
+    return (1 << signal.length) - 1
 
 
 class CanDbcDevice:

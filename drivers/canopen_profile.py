@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from drivers.faults import CodeRule, code_rule
 from drivers.toml_table import Table
 
+_STATUS_BITS = 0xFF
+"""Object 6150 is an UNSIGNED8."""
+
 
 @dataclass(frozen=True, slots=True)
 class Cia404Profile:
@@ -52,6 +55,6 @@ def _vendors(table: Table) -> dict[str, tuple[CodeRule, ...]]:
     vendors = {}
     for vendor in table.names():
         entry = table.table(vendor)
-        vendors[vendor] = tuple(code_rule(rule) for rule in entry.tables("status"))
+        vendors[vendor] = tuple(code_rule(rule, _STATUS_BITS) for rule in entry.tables("status"))
         entry.finish()
     return vendors

@@ -34,13 +34,21 @@ def first_fault(rules: Sequence[CodeRule], number: int) -> Fault | None:
     return next((rule.fault for rule in rules if rule.matches(number)), None)
 
 
-def code_rule(table: Table) -> CodeRule:
-    """Read `{mask, equals, quality, detail}`; `bit = n` is short for mask and equals of that one bit."""
+def code_rule(table: Table, within: int = 0xFFFFFFFF) -> CodeRule:
+    """Read `{mask, equals, quality, detail}`; `bit = n` is short for mask and equals of that one bit.
+
+    within: the bits that a number can have; SetupError for a rule that could never match
+    """
     if table.has("bit"):
-        mask = equals = 1 << table.integer("bit", low=0, high=31)
+        bit = table.integer("bit", low=0, high=within.bit_length() - 1)
+        mask = equals = 1 << bit
+        if not within & mask:
+            raise table.error("bit", f"{bit} is never set; only bits within 0x{within:X} are looked at")
     else:
-        mask = table.integer("mask", 0xFFFFFFFF, low=1, high=0xFFFFFFFF)
-        equals = table.integer("equals", low=0, high=0xFFFFFFFF)
+        mask = table.integer("mask", within, low=1, high=0xFFFFFFFFFFFFFFFF)
+        equals = table.integer("equals", low=0, high=0xFFFFFFFFFFFFFFFF)
+        if equals & ~(mask & within):
+            raise table.error("equals", f"0x{equals:X} never comes; only bits within 0x{mask & within:X} are looked at")
     rule = CodeRule(mask, equals, fault(table))
     table.finish()
     return rule

@@ -7,7 +7,7 @@ from math import isfinite
 from drivers.base import Clock, DriverError, Quality, Reading, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus_bus import ModbusBus
-from drivers.modbus_profile import BIT_FUNCTIONS, Block, ModbusProfile, Plausibility, Span
+from drivers.modbus_profile import BIT_FUNCTIONS, Block, ModbusProfile, Plausibility, Span, TypeCodes
 from drivers.readings import ReadingMaker
 
 _MOST_BITS = 2000
@@ -51,7 +51,11 @@ class ModbusDevice:
         )
         self._fault_blocks = plan_blocks(self._apart(), profile.max_registers, profile.max_gap)
         self._code_blocks = plan_blocks(self._type_code_places(), profile.max_registers, profile.max_gap)
+        settings = [(setting.function, setting.address + self._offset, 1) for setting in profile.settings]
+        self._setting_blocks = plan_blocks(settings, profile.max_registers, profile.max_gap)
         self._spans: dict[int, Span] = {}
+        self._checked = False
+        """Whether the unit is known to be what the profile says."""
 
     @property
     def device(self) -> str:
@@ -64,17 +68,39 @@ class ModbusDevice:
     @property
     def last_address(self) -> int:
         """Highest register or bit address that is read."""
-        return max(block.address + block.count - 1 for block in self._value_blocks + self._code_blocks)
+        return max(block.address + block.count - 1 for block in self._blocks)
+
+    @property
+    def _blocks(self) -> tuple[Block, ...]:
+        return self._value_blocks + self._code_blocks + self._setting_blocks
 
     async def connect(self) -> None:
-        """Check the type codes of the channels in use, or just that the unit answers. Raises WrongDevice and what
-        the bus raises."""
-        codes = self._profile.type_codes
-        if codes is None:
+        """Check the settings and the type codes of the channels in use, or just that the unit answers.
+
+        Raises WrongDevice and what the bus raises.
+        """
+        self._forget()
+        if self._profile.settings:
+            self._check_settings(await self._fetch(self._setting_blocks))
+        if self._profile.type_codes is not None:
+            self._spans = self._spans_of(self._profile.type_codes, await self._fetch(self._code_blocks))
+        elif not self._profile.settings:
             await self._fetch(self._value_blocks[:1])
-            return
-        self._spans.clear()
-        words = await self._fetch(self._code_blocks)
+        self._checked = True
+
+    def _check_settings(self, words: Mapping[tuple[int, int], int]) -> None:
+        for setting in self._profile.settings:
+            found = words[setting.function, setting.address + self._offset]
+            if found != setting.equals:
+                raise WrongDevice(
+                    f"{setting.name} is {found}, which profile {self._profile.name} cannot read",
+                    bus=self._bus.name,
+                    device=self._device,
+                    hint=setting.hint,
+                )
+
+    def _spans_of(self, codes: TypeCodes, words: Mapping[tuple[int, int], int]) -> dict[int, Span]:
+        """The scaling of each channel in use."""
         spans: dict[int, Span] = {}
         for channel, index in self._channels.items():
             code = words[codes.function, codes.address + self._offset + index]
@@ -88,17 +114,17 @@ class ModbusDevice:
                     hint=f"set the input to one of {known}, or check the unit id",
                 )
             spans[index] = codes.spans[code]
-        self._spans = spans
+        return spans
 
     async def read(self) -> Sequence[Reading]:
-        """One reading per channel. Type codes are checked again after the unit was silent: another may stand there."""
-        if self._profile.type_codes is not None and not self._spans:
+        """One reading per channel. The unit is checked again after it was silent: another may stand there."""
+        if not self._checked and (self._code_blocks or self._setting_blocks):
             await self.connect()
         try:
             words = await self._fetch(self._value_blocks)
             later = words | await self._fetch(self._fault_blocks)
         except DriverError:
-            self._spans.clear()
+            self._forget()
             raise
         values = {name: self._value(index, words) for name, index in self._channels.items()}
         for name, index in self._channels.items():
@@ -108,7 +134,10 @@ class ModbusDevice:
 
     async def close(self) -> None:
         """Forget what was learnt about the unit; another one may stand there next time."""
-        self._spans.clear()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._spans, self._checked = {}, False
 
     async def _fetch(self, blocks: Iterable[Block]) -> dict[tuple[int, int], int]:
         words: dict[tuple[int, int], int] = {}
@@ -127,7 +156,7 @@ class ModbusDevice:
                 bits.fault if sentinel is None else Fault(bits.fault.quality, f"{bits.fault.detail}; {sentinel.detail}")
             )
         if (status := profile.status) is not None:
-            code = words[status.function, status.address + self._offset + index * status.stride] & status.mask
+            code = status.code(index, words[status.function, status.register(index) + self._offset])
             if code not in status.good:
                 unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{code:X}, which the profile does not explain")
                 return first_fault(status.rules, code) or unknown
@@ -151,7 +180,7 @@ class ModbusDevice:
         if (bits := profile.fault_bits) is not None:
             places.append((bits.function, bits.address + self._offset + index, 1))
         if (status := profile.status) is not None:
-            places.append((status.function, status.address + self._offset + index * status.stride, 1))
+            places.append((status.function, status.register(index) + self._offset, 1))
         return places
 
     def _apart(self) -> list[Place]:

@@ -12,6 +12,7 @@ Order = Literal["big", "little"]
 
 REGISTER_FUNCTIONS = (3, 4)
 BIT_FUNCTIONS = (1, 2)
+_REGISTER_BITS = 16
 
 _FORMATS = {"int16": ("h", 1), "uint16": ("H", 1), "int32": ("i", 2), "uint32": ("I", 2), "float32": ("f", 2)}
 
@@ -45,6 +46,19 @@ class NumberFormat:
         raw = b"".join(word.to_bytes(2, self.byte_order) for word in words)
         number: int | float = struct.unpack(">" + _FORMATS[self.type][0], raw)[0]
         return number
+
+    def nearest(self, number: float) -> int | float | None:
+        """What a device sends for this number; None when it cannot be sent: too large, or a fraction of an integer."""
+        form = ">" + _FORMATS[self.type][0]
+        if self.type != "float32" and not float(number).is_integer():
+            return None
+        try:
+            sent: int | float = struct.unpack(
+                form, struct.pack(form, number if self.type == "float32" else int(number))
+            )[0]
+        except (struct.error, OverflowError):
+            return None
+        return sent
 
 
 _SPAN_MARGIN = 0.01
@@ -93,6 +107,21 @@ class TypeCodes:
 
 
 @dataclass(frozen=True, slots=True)
+class Setting:
+    """A bit or register of the device that must hold one number, or its values mean something else.
+
+    Checked whenever the device is connected.
+    """
+
+    function: int
+    address: int
+    equals: int
+    name: str
+    hint: str
+    """What to do when it is otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
 class FaultBits:
     """One bit a channel, from `address` on, set when the device finds its sensor broken."""
 
@@ -103,22 +132,34 @@ class FaultBits:
 
 @dataclass(frozen=True, slots=True)
 class StatusRegister:
-    """One register a channel that tells the sensor's state by number or bits; channel i at `address + i * stride`."""
+    """Registers that tell each sensor's state by number or bits, one for a channel or one for several."""
 
     function: int
     address: int
     stride: int
+    """From one status register to the next."""
+    channels_per_register: int
+    bit_stride: int
+    """By how many bits a channel's status is higher than that of the channel before, in the same register."""
     mask: int
-    """The bits of the register that are status; the others are not looked at."""
+    """The bits that are the first channel's status; others are not looked at."""
     good: frozenset[int]
     rules: tuple[CodeRule, ...]
+
+    def register(self, channel: int) -> int:
+        """Address of the register that holds the channel's status."""
+        return self.address + channel // self.channels_per_register * self.stride
+
+    def code(self, channel: int, register: int) -> int:
+        """The channel's status out of that register, as if the channel were the register's first."""
+        return register >> channel % self.channels_per_register * self.bit_stride & self.mask
 
 
 @dataclass(frozen=True, slots=True)
 class Sentinel:
     """A raw number that the device sends instead of a value."""
 
-    raw: int
+    raw: float
     fault: Fault
 
 
@@ -151,6 +192,7 @@ class ModbusProfile:
     max_gap: int
     """Most addresses read for nothing rather than asking twice; 0 for a device that refuses addresses between."""
     values: Values
+    settings: tuple[Setting, ...]
     type_codes: TypeCodes | None
     fault_bits: FaultBits | None
     status: StatusRegister | None
@@ -160,24 +202,31 @@ class ModbusProfile:
 
 def modbus_profile(name: str, table: Table) -> ModbusProfile:
     """Read a profile of `protocol = "modbus"`. Raises SetupError."""
+    values = _values(table.table("value"))
+    channels = table.integer("channels", low=1, high=1000)
     profile = ModbusProfile(
         name=name,
         title=table.text("title"),
         buses=table.texts("buses"),
-        channels=table.integer("channels", low=1, high=1000),
+        channels=channels,
         unit=table.text("unit"),
         confirm=table.texts("confirm", ()),
         max_registers=table.integer("max_registers", 125, low=1, high=125),
         max_gap=table.integer("max_gap", 8, low=0, high=125),
-        values=_values(table.table("value")),
+        values=values,
+        settings=tuple(_setting(entry) for entry in table.tables("setting")),
         type_codes=_type_codes(table.table("type_code")) if table.has("type_code") else None,
         fault_bits=_fault_bits(table.table("fault_bits")) if table.has("fault_bits") else None,
-        status=_status(table.table("status")) if table.has("status") else None,
-        sentinels=tuple(_sentinel(entry) for entry in table.tables("sentinel")),
+        status=_status(table.table("status"), channels) if table.has("status") else None,
+        sentinels=tuple(_sentinel(entry, values.format) for entry in table.tables("sentinel")),
         plausibility=_plausibility(table.table("plausibility")) if table.has("plausibility") else None,
     )
     if profile.values.scaled_by_type_code and profile.type_codes is None:
         raise table.error("type_code", 'value.scaled_by = "type_code" needs this table')
+    if (least := values.format.registers) > profile.max_registers:
+        raise table.error(
+            "max_registers", f"{profile.max_registers}, but a {values.format.type} takes {least} registers"
+        )
     for bus in profile.buses:
         if bus not in ("modbus_rtu", "modbus_tcp"):
             raise table.error("buses", f"{bus!r} is none of modbus_rtu, modbus_tcp")
@@ -225,17 +274,35 @@ def _type_codes(table: Table) -> TypeCodes:
     spans: dict[int, Span] = {}
     for entry in table.tables("code"):
         code = entry.integer("code", low=0, high=65535)
-        spans[code] = Span(
+        span = Span(
             entry.number("raw_low", raw_low),
             entry.number("raw_high", raw_high),
             entry.number("low"),
             entry.number("high"),
         )
+        if span.low >= span.high:
+            raise entry.error("low", f"{span.low} is not below high = {span.high}")
+        if span.raw_low == span.raw_high:
+            raise entry.error("raw_low", f"{span.raw_low} is raw_high, too: every value would be equal")
         entry.finish()
+        spans[code] = span
     if not spans:
         raise table.error("code", "at least one type code is needed")
     table.finish()
     return TypeCodes(function, address, spans)
+
+
+def _setting(table: Table) -> Setting:
+    function = table.integer("function", low=1, high=4)
+    setting = Setting(
+        function=function,
+        address=_address(table),
+        equals=table.integer("equals", low=0, high=1 if function in BIT_FUNCTIONS else 65535),
+        name=table.text("name"),
+        hint=table.text("hint"),
+    )
+    table.finish()
+    return setting
 
 
 def _fault_bits(table: Table) -> FaultBits:
@@ -244,21 +311,34 @@ def _fault_bits(table: Table) -> FaultBits:
     return bits
 
 
-def _status(table: Table) -> StatusRegister:
+def _status(table: Table, channels: int) -> StatusRegister:
+    function, address = _function(table, REGISTER_FUNCTIONS), _address(table)
+    stride = table.integer("stride", 1, low=1, high=1000)
+    together = table.integer("channels_per_register", 1, low=1, high=_REGISTER_BITS)
+    bit_stride = table.integer("bit_stride", low=1, high=_REGISTER_BITS - 1) if together > 1 else 0
+    mask = table.integer("mask", (1 << bit_stride) - 1 if together > 1 else 0xFFFF, low=1, high=0xFFFF)
     status = StatusRegister(
-        function=_function(table, REGISTER_FUNCTIONS),
-        address=_address(table),
-        stride=table.integer("stride", 1, low=1, high=1000),
-        mask=table.integer("mask", 0xFFFF, low=1, high=0xFFFF),
+        function, address, stride, together, bit_stride, mask,
         good=frozenset(table.integers("good", (0,))),
-        rules=tuple(code_rule(entry) for entry in table.tables("rule")),
-    )
+        rules=tuple(code_rule(entry, mask) for entry in table.tables("rule")),
+    )  # fmt: skip
+    last = min(together, channels) - 1
+    if (highest := mask.bit_length() - 1 + last * bit_stride) >= _REGISTER_BITS:
+        raise table.error(
+            "bit_stride", f"{bit_stride} puts the status of channel {last} at bit {highest}; a register ends at 15"
+        )
+    if wrong := [code for code in status.good if code & ~mask]:
+        raise table.error("good", f"{wrong[0]} never comes; only bits within mask = 0x{mask:X} are looked at")
     table.finish()
     return status
 
 
-def _sentinel(table: Table) -> Sentinel:
-    sentinel = Sentinel(table.integer("raw", low=-(2**31), high=2**32 - 1), fault(table))
+def _sentinel(table: Table, form: NumberFormat) -> Sentinel:
+    number = table.number("raw")
+    raw = form.nearest(number)
+    if raw is None:
+        raise table.error("raw", f"{number:g} never comes as {form.type}")
+    sentinel = Sentinel(raw, fault(table))
     table.finish()
     return sentinel
 
@@ -268,7 +348,9 @@ def _plausibility(table: Table) -> Plausibility:
     if low >= high:
         raise table.error("low", f"{low} is not below high = {high}")
     suspicious = None
-    if table.has("open_input_low"):
+    if table.has("open_input_low") or table.has("open_input_high"):
         suspicious = (table.number("open_input_low"), table.number("open_input_high"))
+        if suspicious[0] > suspicious[1]:
+            raise table.error("open_input_low", f"{suspicious[0]} is above open_input_high = {suspicious[1]}")
     table.finish()
     return Plausibility(low, high, suspicious)

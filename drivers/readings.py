@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import nan
+from math import isfinite, nan
 
 from drivers.base import Clock, Quality, Reading
 from drivers.faults import Fault
@@ -17,11 +17,16 @@ class ReadingMaker:
     _sequence: int = field(default=0, init=False)
 
     def make(self, values: Mapping[str, float | Fault]) -> list[Reading]:
-        """One reading per channel, in the order of `values`; a fault becomes NaN with the fault's quality."""
+        """One reading per channel, in the order of `values`; a fault becomes NaN with the fault's quality.
+
+        So does what is no number, however it came about: nothing but a number is ever good.
+        """
         self._sequence += 1
         utc, monotonic_s = self.clock.utc(), self.clock.monotonic()
         readings = []
         for channel, value in values.items():
+            if not isinstance(value, Fault) and not isfinite(value):
+                value = Fault(Quality.SENSOR_FAULT, f"what was read gives {value}, which is no value")
             number, quality, detail = (
                 (nan, value.quality, value.detail) if isinstance(value, Fault) else (value, Quality.GOOD, "")
             )

@@ -90,11 +90,15 @@ async def _by_type_codes(registers: _Registers, profile: ModbusProfile) -> Recog
     if not inputs:
         return None
     listed = ", ".join(dict.fromkeys(f"0x{words[i]:X}" for i in inputs))
-    doubts = tuple(
+    doubts = [
         f"input {i} has type code 0x{word:04X}, which the profile cannot read" for i, word in enumerate(words)
         if word not in codes.spans
-    )  # fmt: skip
-    return Recognition(profile.name, inputs, f"type code {listed}", doubts=doubts)
+    ]  # fmt: skip
+    for setting in profile.settings:
+        held = await registers.read(setting.function, setting.address, 1)
+        if held is None or held[0] != setting.equals:
+            doubts.append(f"{setting.name} is {'not told' if held is None else held[0]}: {setting.hint}")
+    return Recognition(profile.name, inputs, f"type code {listed}", doubts=tuple(doubts))
 
 
 async def _pta8d08(registers: _Registers, profile: ModbusProfile) -> Recognition | None:

@@ -1,6 +1,8 @@
 """Reading a TOML table strictly: every key is asked for with its type, and what nobody asked for is an error."""
 
 from collections.abc import Collection, Mapping
+from difflib import get_close_matches
+from math import isfinite
 
 from drivers.base import SetupError
 
@@ -48,6 +50,8 @@ class Table:
         value = self._take(key, default)
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise self.error(key, f"{value!r} is not a number")
+        if not isfinite(value):
+            raise self.error(key, f"{value} is not a finite number")
         return float(value)
 
     def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
@@ -88,5 +92,7 @@ class Table:
         if key in self._values:
             return self._values[key]
         if default is None:
-            raise self.error(key, "missing")
+            unasked = [name for name in self._values if name not in self._asked | self._possible]
+            close = get_close_matches(key, unasked, n=1)
+            raise self.error(key, f"missing; is {close[0]!r} meant to be it?" if close else "missing")
         return default

@@ -1,4 +1,4 @@
-"""An emulated ICP DAS M-7015: six RTD inputs, engineering format in 0.1 degC."""
+"""An emulated ICP DAS M-7015: six RTD inputs, engineering format in 0.1 degC, or hexadecimal: parts of the range."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,11 +13,16 @@ _OVER, _UNDER = 0x7FFF, 0x8000
 
 
 class M7015:
-    """A unit for an RtuLine. Bits 128.. (function 2): inputs out of range; registers 256.. (function 3): type codes."""
+    """A unit for an RtuLine. Bits 128.. (function 2): inputs out of range; registers 256.. (function 3): type codes.
+
+    Coil 268 (function 1): data format, set when it is engineering.
+    """
 
     def __init__(self, source: ValueSource, *, type_codes: Sequence[int] = (PT100_200,) * INPUTS) -> None:
         self._source, self._type_codes = source, list(type_codes)
         self.faults = Faults()
+        self.engineering = True
+        """Data format; what a service man sets with the maker's tool."""
 
     @property
     def silent(self) -> bool:
@@ -32,6 +37,8 @@ class M7015:
             return dict(enumerate(self._registers()))
         if function == 2:
             return {128 + i: int(word in (_OVER, _UNDER)) for i, word in enumerate(self._registers())}
+        if function == 1:
+            return {268: int(self.engineering)}
         if function == 3:
             return {256 + i: code for i, code in enumerate(self._type_codes)}
         return {}
@@ -49,4 +56,7 @@ class M7015:
             case None:
                 if value > high:
                     return _OVER
-                return _UNDER if value < low else round(value * 10) & 0xFFFF
+                if value < low:
+                    return _UNDER
+                raw = value * 10 if self.engineering else value / max(-low, high) * _OVER
+                return round(raw) & 0xFFFF

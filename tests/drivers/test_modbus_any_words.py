@@ -37,7 +37,7 @@ WORD = st.one_of(st.integers(0, 65535), st.sampled_from([0, 1, 0x7FFF, 0x8000, 0
 
 
 class AnyMemory:
-    """A unit whose memory the test fills; type codes are right ones."""
+    """A unit whose memory the test fills; settings and type codes are right ones."""
 
     silent = False
 
@@ -69,9 +69,10 @@ def modbus_profiles() -> list[str]:
 def test_any_memory_gives_numbers_within_the_range_or_faults(name: str, tmp_path: Path) -> None:
     profile, unit, stack = modbus_profile(name, tmp_path), AnyMemory(), AsyncExitStack()
     low, high = -3276.8, 3276.7
+    unit.codes = {(setting.function, setting.address): setting.equals for setting in profile.settings}
     if (codes := profile.type_codes) is not None:
         code, span = next(iter(codes.spans.items()))
-        unit.codes = {(codes.function, codes.address + i): code for i in range(profile.channels)}
+        unit.codes |= {(codes.function, codes.address + i): code for i in range(profile.channels)}
         low, high = 1.01 * span.low - 0.01 * span.high, 1.01 * span.high - 0.01 * span.low
     if profile.plausibility is not None:
         low, high = profile.plausibility.low, profile.plausibility.high

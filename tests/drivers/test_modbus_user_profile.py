@@ -3,7 +3,7 @@
 import struct
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
-from math import inf, nan
+from math import inf, isnan, nan
 from pathlib import Path
 
 import pytest
@@ -11,6 +11,7 @@ import pytest
 from drivers.base import Driver, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
 from simulators.devices.modbus_servers import TcpHost
+from simulators.devices.modbus_unit import ModbusUnit
 
 PROFILE = """
 protocol = "modbus"
@@ -79,7 +80,7 @@ class Module:
 
 @asynccontextmanager
 async def reading(
-    module: Module, folder: Path, channels: Mapping[str, int], profile: str = PROFILE
+    module: ModbusUnit, folder: Path, channels: Mapping[str, int], profile: str = PROFILE
 ) -> AsyncIterator[Driver]:
     path = folder / "module.toml"
     path.write_text(profile, encoding="utf-8")
@@ -148,3 +149,90 @@ async def test_sensor_that_recovers_while_it_is_read_gives_no_value(tmp_path: Pa
         module.breaks = False
         assert told(await driver.read()) == [("sensor_fault", "open"), ("good", "")]
         assert [r.value for r in await driver.read()] == pytest.approx([20.0, 21.0])
+
+
+PACKED = """
+protocol = "modbus"
+title = "Real numbers, and one register of status bits for all"
+buses = ["modbus_tcp"]
+channels = 6
+unit = "degC"
+
+[value]
+function = 3
+address = 0
+type = "float32"
+scale = 1e30
+
+[status]
+function = 4
+address = 40
+channels_per_register = 4
+bit_stride = 1
+mask = 0x0101
+rule = [
+    { bit = 0, quality = "sensor_fault", detail = "open" },
+    { bit = 8, quality = "out_of_range", detail = "too hot" },
+]
+
+[[sentinel]]
+raw = -9999.9
+quality = "sensor_fault"
+detail = "not connected"
+"""
+
+
+class Packed:
+    """Six channels, float32 from register 0; bits 0 to 3 of a status register: open, bits 8 to 11: too hot."""
+
+    silent = False
+
+    def __init__(self) -> None:
+        self.raw = [20e-30 + i * 1e-30 for i in range(6)]
+        self.status = [0, 0]
+
+    def memory(self, function: int) -> Mapping[int, int]:
+        if function == 4:
+            return {40 + i: word for i, word in enumerate(self.status)}
+        return dict(enumerate(struct.unpack(">12H", struct.pack(">6f", *self.raw))))
+
+
+CHANNELS = {f"c{i}": i for i in range(6)}
+
+
+async def test_status_bits_of_several_channels_in_one_register(tmp_path: Path) -> None:
+    module = Packed()
+    async with reading(module, tmp_path, CHANNELS, PACKED) as driver:
+        readings = await driver.read()
+        assert [r.value for r in readings] == pytest.approx([20.0, 21.0, 22.0, 23.0, 24.0, 25.0])
+        module.status = [0b0010_0000_0100, 0b1100_0001_1100_0001]  # what belongs to no channel counts for nothing
+        assert told(await driver.read()) == [
+            ("good", ""),
+            ("out_of_range", "too hot"),
+            ("sensor_fault", "open"),
+            ("good", ""),
+            ("sensor_fault", "open"),
+            ("good", ""),
+        ]
+        module.status = [0, 0x0002]
+        assert told(await driver.read())[4:] == [("good", ""), ("sensor_fault", "open")]
+    async with reading(module, tmp_path, {"last": 5}, PACKED) as driver:
+        assert told(await driver.read()) == [("sensor_fault", "open")]
+
+
+async def test_sentinel_that_is_no_whole_number(tmp_path: Path) -> None:
+    """As the device sends it: the nearest that its four bytes can hold."""
+    module = Packed()
+    async with reading(module, tmp_path, CHANNELS, PACKED) as driver:
+        module.raw[3] = -9999.9
+        assert told(await driver.read())[2:4] == [("good", ""), ("sensor_fault", "not connected")]
+
+
+async def test_value_too_large_to_be_computed_is_not_good(tmp_path: Path) -> None:
+    module = Packed()
+    async with reading(module, tmp_path, CHANNELS, PACKED.replace("1e30", "1e300")) as driver:
+        module.raw[1] = -1e30
+        (first, second, *_) = await driver.read()
+    assert first.quality is Quality.GOOD
+    assert told([second]) == [("sensor_fault", "what was read gives -inf, which is no value")]
+    assert isnan(second.value)

@@ -1,6 +1,7 @@
 """Profiles: those supplied are right, those of users are checked key by key."""
 
 from dataclasses import FrozenInstanceError
+from math import inf, nan
 from pathlib import Path
 
 import pytest
@@ -51,12 +52,15 @@ def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
     dbc = 'VERSION ""\nBU_: L\nBO_ 768 Temperatures1: 8 L\n SG_ T1 : 0|16@1- (0.1,0) [-200|850] "degC" L\n'
     (tmp_path / "logger.dbc").write_text(dbc, encoding="ascii")
     path = tmp_path / "own.toml"
-    channels = {}
+    channels, whole = {}, ""
     for example in text.split("```toml\n")[1:]:
         content = example.split("```")[0]
         if "[[at]]" in content:
             assert Scenario.parse(content).values(0.0)[0] == 21.0
             continue
+        if content.startswith("[status]"):  # instead of the one in the example before
+            content = whole[: whole.index("[status]")] + content
+        whole = content
         path.write_text(content, encoding="utf-8")
         profile = load_profile(str(path))
         channels[profile.title] = profile.channels
@@ -133,6 +137,14 @@ def test_wrong_devices_name_bus_device_and_channel(
     with pytest.raises(SetupError) as caught:
         make_device("d", make_bus("b", "modbus_rtu", RTU), profile, unit, channels, options, SystemClock())
     assert str(caught.value) == message
+
+
+@pytest.mark.parametrize("zero_um", [nan, inf])
+def test_options_that_are_no_finite_number_are_refused(zero_um: float) -> None:
+    bus = make_bus("b", "me_rs485", RTU)
+    options = {"range_um": 500.0, "zero_um": zero_um}
+    with pytest.raises(SetupError, match=f"bus b, device d: zero_um = {zero_um}: expected a finite number"):
+        make_device("d", bus, "me_rs485", 126, {"a": 0}, options, SystemClock())
 
 
 def test_unknown_vendor_lists_those_known() -> None:

@@ -88,6 +88,18 @@ async def test_input_set_to_something_else_is_left_out_and_told() -> None:
     assert device.what.doubts == ("input 3 has type code 0x0005, which the profile cannot read",)
 
 
+async def test_module_in_another_data_format_is_told() -> None:
+    module = M7015(lambda: SIX)
+    module.engineering = False
+    async with line({1: module}) as path:
+        (device,) = (await scan(line_plan(path, units=(1,)))).found
+    assert device.what.profile == "icpdas_m7015"
+    assert device.what.doubts == (
+        "data format (coil 00269) is 0: set the module to engineering format, 1; 0 is hexadecimal",
+    )
+    assert device.reads.startswith("WrongDevice: data format (coil 00269) is 0")
+
+
 async def test_resistances_that_do_not_agree_are_no_pta8d08() -> None:
     class Meter(Pta8d08):
         def memory(self, function: int) -> dict[int, int]:

@@ -31,8 +31,10 @@ const units = {
   getInputRegister: (address, unit, done) => answer(unit, { 2: INPUT[address], 3: M7015[address] }[unit], done),
   getDiscreteInput: (address, unit, done) =>
     answer(unit, unit === 3 && address >= 128 && address < 134 ? address === 132 : undefined, done),
-  getCoil: (address, unit, done) =>
-    answer(unit, unit === 1 && address >= 120 && address < 127 ? address === 126 : undefined, done),
+  getCoil: (address, unit, done) => answer(unit, {
+    1: address >= 120 && address < 127 ? address === 126 : undefined,
+    3: address === 268 ? true : undefined,
+  }[unit], done),
 };
 
 const path = process.argv[2];
