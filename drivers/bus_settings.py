@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
+from ipaddress import ip_address
 from math import isfinite
 from typing import TypeVar
 
@@ -15,6 +16,14 @@ CAN_BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_00
 def _require(condition: bool, name: str, value: object, expected: str) -> None:
     if not condition:
         raise ValueError(f"{name} = {value!r}: expected {expected}")
+
+
+def is_multicast_group(text: str) -> bool:
+    """Whether that is an address many can listen at: 224.0.0.0 to 239.255.255.255, or IPv6 beginning with ff."""
+    try:
+        return ip_address(text).is_multicast
+    except ValueError:
+        return False
 
 
 def _check_serial(port: str, baud: int, parity: str, stopbits: int) -> None:
@@ -79,6 +88,8 @@ class CanInterfaceSettings:
     def __post_init__(self) -> None:
         _require(self.interface in CAN_INTERFACES, "interface", self.interface, f"one of {', '.join(CAN_INTERFACES)}")
         _require(bool(self.channel), "channel", self.channel, "a port, interface or group")
+        group = self.interface != "udp_multicast" or is_multicast_group(self.channel)
+        _require(group, "channel", self.channel, "a multicast group, such as 239.74.163.2, on udp_multicast")
         _require(self.bitrate in CAN_BITRATES, "bitrate", self.bitrate, f"one of {', '.join(map(str, CAN_BITRATES))}")
         _require(1 <= self.port <= 65535, "port", self.port, "1 to 65535")
         _check_timeout(self.timeout_s)

@@ -1,7 +1,9 @@
 """Bytes to and from one peer: a serial port or a TCP connection, with a deadline on every wait."""
 
 import asyncio
+import errno
 import os
+import re
 import socket
 import termios
 from collections.abc import Callable
@@ -17,6 +19,9 @@ from drivers.tap import Tap
 _READ_SIZE = 4096
 _MOST_UNREAD = 65536
 _CLOSED = "not connected"
+_TAKEN = "another program has it open"
+_ERROR_NUMBER = re.compile(r"(?:Errno |\()(\d+)")
+"""As it stands in the texts of pyserial and termios."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +149,9 @@ class SerialStream:
             )
         except (OSError, ValueError, termios.error) as error:
             raise ConnectError(
-                f"cannot open serial port {s.port}: {_reason(error)}", bus=self._bus, hint=self._hint(error)
+                f"cannot open serial port {s.port}: {_reason(error)}",
+                bus=self._bus,
+                hint=serial_port_hint(error, s.parity) or "check port, baud, parity and stopbits",
             ) from error
         self._inbox.opened()
         asyncio.get_running_loop().add_reader(self._port.fileno(), self._on_readable, self._port.fileno())
@@ -194,17 +201,23 @@ class SerialStream:
             asyncio.get_running_loop().remove_reader(descriptor)
             self._inbox.lose(f"serial port {self._settings.port} is gone: {reason}")
 
-    def _hint(self, error: Exception) -> str:
-        text = str(error)
-        if "xclusive" in text or "Errno 11" in text:
-            return "another program has it open"
-        if "Errno 2" in text:
+
+def serial_port_hint(error: Exception, parity: str = "N") -> str:
+    """What to do when a serial port does not open with this; empty when that is not known."""
+    text = str(error)
+    found = _ERROR_NUMBER.search(text)
+    match int(found[1]) if found else 0:
+        case errno.EAGAIN:
+            return _TAKEN
+        case errno.ENOENT:
             return "is the adapter plugged in? ls -l /dev/serial/by-id shows what there is"
-        if "Errno 13" in text:
+        case errno.EACCES:
             return "add the user to the group dialout"
-        if self._settings.parity != "N" and ("Invalid argument" in text or "Errno 22" in text):
+        case errno.ENOTTY | errno.EISDIR | errno.ENXIO:
+            return "this is not a serial port; ls -l /dev/serial/by-id shows what there is"
+        case errno.EINVAL if parity != "N":
             return "this port cannot do parity (pseudo-terminals cannot); set parity = 'N'"
-        return "check port, baud, parity and stopbits"
+    return _TAKEN if "xclusive" in text else ""
 
 
 def _reason(error: Exception) -> str:

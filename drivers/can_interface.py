@@ -17,6 +17,7 @@ from can.interfaces.udp_multicast.utils import unpack_message
 
 from drivers.base import ConnectError
 from drivers.bus_settings import CanInterfaceSettings
+from drivers.byte_stream import serial_port_hint
 from drivers.tap import Tap, TappedInterface
 
 _SERIAL_WAIT_S = 0.1
@@ -39,10 +40,11 @@ def open_interface(
     try:
         interface = _open(settings, listen_only)
     except (can.CanError, OSError, ValueError, ImportError) as error:
+        hint = serial_port_hint(error) if settings.interface == "slcan" else ""
         raise ConnectError(
             f"cannot open {settings.interface} {settings.channel}: {error}",
             bus=bus,
-            hint="is the adapter plugged in, or the interface up? another program may have it open",
+            hint=hint or "is the adapter plugged in, or the interface up? another program may have it open",
         ) from error
     if tap is None:
         return interface

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from drivers.base import DriverError, SetupError
+from drivers.bus_settings import is_multicast_group
 from gateway.config import ConfigError, GatewayConfig, cautions, load
 from gateway.recording_problems import RecordingError
 from gateway.store import StoreError
@@ -156,8 +157,8 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
 
     group = None
     if multicast is not None:
-        address, _, port = multicast.partition(":")
-        if not port.isdecimal() or not 0 < int(port) < 65535:
+        address, _, port = multicast.rpartition(":")
+        if not port.isdecimal() or not 0 < int(port) < 65535 or not is_multicast_group(address):
             raise click.UsageError(f"--multicast {multicast}: expected GROUP:PORT, such as 239.74.163.2:43113")
         group = address, int(port)
     be_devices(file, folder or file.with_name(file.name + ".play"), seconds, group)

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from drivers.bus_settings import CAN_BITRATES, CAN_INTERFACES, CanOpenSettings
+from drivers.bus_settings import CAN_BITRATES, CAN_INTERFACES, CanOpenSettings, settings_from
 from drivers.recognition import describe
 from gateway.cli.signals import stop_on_signals
 from gateway.config import ConfigError, Problem
@@ -48,8 +48,10 @@ class Numbers(click.ParamType[tuple[int, ...]]):
             first, _, last = part.strip().partition("-")
             if not first.isdecimal() or not (last or first).isdecimal():
                 self.fail(f"{value!r}: expected numbers such as 1-8,12", param, ctx)
+            if int(last or first) < int(first):
+                self.fail(f"{value!r}: expected the smaller number first, {last}-{first}", param, ctx)
             found |= set(range(int(first), int(last or first) + 1))
-        if not found or min(found) < self._low or max(found) > self._high:
+        if min(found) < self._low or max(found) > self._high:
             self.fail(f"{value!r}: expected {self._low} to {self._high}", param, ctx)
         return tuple(sorted(found))
 
@@ -186,7 +188,8 @@ def can_command(
     if len(bitrates) > 1 and interface != "slcan":
         raise click.UsageError(f"--bitrate: the rate of {interface} cannot be switched here; give one, or none")
     rates = bitrates or (_BITRATES if interface == "slcan" else (125_000,))
-    settings = CanOpenSettings(interface=interface, channel=channel, bitrate=rates[0], port=udp_port)
+    place: dict[str, object] = {"interface": interface, "channel": channel, "bitrate": rates[0], "port": udp_port}
+    settings = settings_from(CanOpenSettings, place)
     what = can.CanScan(settings, rates, nodes, listen_s, timeout_s)
     rate = (
         "bit rate as the system has set it" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"

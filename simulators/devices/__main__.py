@@ -9,8 +9,10 @@ import signal
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
+from simulators.devices import adam6015, m7015, pta8d08, wago464
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node
@@ -24,6 +26,7 @@ from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import Faults, ValueSource
 from simulators.devices.voltage_input import VoltageInput
 from simulators.devices.wago464 import Wago464
+from simulators.devices.wago_coupler import WagoCoupler
 
 RANGE_UM = 500.0
 """Measuring range of the displacement sensors."""
@@ -50,7 +53,7 @@ def _modbus(device: Callable[[ValueSource], Module], *, tcp: bool = False) -> St
     async def start(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
         module = device(source)
         if tcp:
-            host = TcpHost({unit: module})
+            host = TcpHost({unit: WagoCoupler([module]) if isinstance(module, Wago464) else module})
             reached = f'kind = "modbus_tcp", host = "{_HOST}", port = {await host.start()}'
             stack.push_async_callback(host.stop)
         else:
@@ -99,25 +102,42 @@ async def _controller(source: ValueSource, _: int, stack: AsyncExitStack) -> Sta
     return f'kind = "me_ethernet", host = "{_HOST}", port = {port}', controller.faults
 
 
-DEVICES: Mapping[str, Start] = {
-    "m7015": _modbus(M7015),
-    "pta8d08": _modbus(Pta8d08),
-    "voltage_input": _modbus(lambda source: VoltageInput(source, range_um=RANGE_UM)),
-    "adam6015": _modbus(Adam6015, tcp=True),
-    "wago464": _modbus(Wago464, tcp=True),
-    "cia404": _node,
-    "can_logger": _logger,
-    "me_rs485": _sensor(counted=False),
-    "me_dt6120": _sensor(counted=True),
-    "me_ethernet": _controller,
+@dataclass(frozen=True, slots=True)
+class Device:
+    """What can be emulated."""
+
+    start: Start
+    least: int
+    """Inputs; a scenario has a value for each."""
+    most: int
+
+    def check(self, name: str, scenario: Scenario) -> None:
+        """Raises ValueError when the scenario has not as many values as the device can have inputs."""
+        if not self.least <= scenario.channels <= self.most:
+            possible = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
+            raise ValueError(f"`values` has {scenario.channels} entries, but {name} has {possible} inputs")
+
+
+DEVICES: Mapping[str, Device] = {
+    "m7015": Device(_modbus(M7015), m7015.INPUTS, m7015.INPUTS),
+    "pta8d08": Device(_modbus(Pta8d08), pta8d08.INPUTS, pta8d08.INPUTS),
+    "voltage_input": Device(_modbus(lambda source: VoltageInput(source, range_um=RANGE_UM)), 1, 8),
+    "adam6015": Device(_modbus(Adam6015, tcp=True), adam6015.INPUTS, adam6015.INPUTS),
+    "wago464": Device(_modbus(Wago464, tcp=True), wago464.INPUTS, wago464.INPUTS),
+    "cia404": Device(_node, 1, 8),
+    "can_logger": Device(_logger, 1, 64),
+    "me_rs485": Device(_sensor(counted=False), 1, 1),
+    "me_dt6120": Device(_sensor(counted=True), 1, 1),
+    "me_ethernet": Device(_controller, 1, 32),
 }
 
 
 async def emulate(device: str, scenario: Scenario, unit: int, told: Callable[[str], None], stop: asyncio.Event) -> None:
-    """Run the device until `stop`; `told` gets its bus settings."""
+    """Run the device until `stop`; `told` gets its bus settings. Raises ValueError for too many or too few values."""
+    DEVICES[device].check(device, scenario)
     clock = RealClock()
     async with AsyncExitStack() as stack:
-        settings, faults = await DEVICES[device](scenario.source(clock), unit, stack)
+        settings, faults = await DEVICES[device].start(scenario.source(clock), unit, stack)
         playing = asyncio.create_task(scenario.play(faults, clock), name="scenario")
         stack.callback(playing.cancel)
         told(settings)
@@ -139,6 +159,7 @@ def main() -> None:
     chosen = parser.parse_args()
     try:
         scenario = Scenario.parse(chosen.scenario.read_text(encoding="utf-8"))
+        DEVICES[chosen.device].check(chosen.device, scenario)
     except (OSError, ValueError) as error:
         parser.error(f"{chosen.scenario}: {error}")
     asyncio.run(_until_interrupted(chosen.device, scenario, chosen.unit))

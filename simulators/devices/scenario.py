@@ -13,6 +13,7 @@ import bisect
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import inf, isfinite
 from typing import Protocol
 
 from simulators.devices.source import Fault, Faults, ValueSource
@@ -41,6 +42,8 @@ class Scenario:
     _times: list[float] = field(default_factory=list)
     _values: list[Sequence[float]] = field(default_factory=list)
     _changes: list[_Change] = field(default_factory=list)
+    _named: list[tuple[str, int]] = field(default_factory=list)
+    """Channels that break or are mended, and where that stands."""
 
     @classmethod
     def parse(cls, text: str) -> "Scenario":
@@ -51,13 +54,21 @@ class Scenario:
             if unknown := set(entry) - _KEYS:
                 raise ValueError(f"{where}: unknown key {min(unknown)!r}; known: {', '.join(sorted(_KEYS))}")
             at_s = entry.get("s")
-            if not isinstance(at_s, int | float) or at_s < before:
+            if not isinstance(at_s, int | float) or not before <= at_s < inf:
                 raise ValueError(f"{where}.s = {at_s!r}: expected seconds, not before {before:g}")
             before = float(at_s)
             scenario._add(where, before, entry)
         if not scenario._times:
             raise ValueError("no entry with `values`: at least one is needed")
+        for where, channel in scenario._named:
+            if channel >= scenario.channels:
+                raise ValueError(f"{where} = {channel}: `values` has channels 0 to {scenario.channels - 1}")
         return scenario
+
+    @property
+    def channels(self) -> int:
+        """How many values there are."""
+        return len(self._values[0])
 
     def values(self, time_s: float) -> list[float]:
         """Of all channels at this time."""
@@ -85,7 +96,7 @@ class Scenario:
     def _add(self, where: str, at_s: float, entry: dict[str, object]) -> None:
         if (values := entry.get("values")) is not None:
             expected = len(self._values[0]) if self._values else None
-            if not isinstance(values, list) or not all(isinstance(v, int | float) for v in values) or not values:
+            if not isinstance(values, list) or not all(_is_number(v) for v in values) or not values:
                 raise ValueError(f"{where}.values = {values!r}: expected numbers")
             if expected not in (None, len(values)):
                 raise ValueError(f"{where}.values = {values!r}: expected {expected} of them as before")
@@ -96,14 +107,20 @@ class Scenario:
             if str(kind) not in set(Fault):
                 raise ValueError(f"{where}.fault = {kind!r}: expected one of {', '.join(Fault)}")
             self._changes.append(_Change(at_s, lambda faults: faults.set(channel, Fault(str(kind)))))
+            self._named.append((f"{where}.channel", channel))
         if "mend" in entry:
             mended = _channel(where, "mend", entry["mend"])
             self._changes.append(_Change(at_s, lambda faults: faults.set(mended, None)))
+            self._named.append((f"{where}.mend", mended))
         if "silent" in entry:
             silent = entry["silent"]
             if not isinstance(silent, bool):
                 raise ValueError(f"{where}.silent = {silent!r}: expected true or false")
             self._changes.append(_Change(at_s, lambda faults: setattr(faults, "silent", silent)))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
 def _channel(where: str, key: str, value: object) -> int:

@@ -16,7 +16,11 @@ class WagoCoupler:
 
     def __init__(self, image: Sequence[ModbusUnit], *, item: int = 352, modules: Sequence[int] = (464,)) -> None:
         self._image, self._item, self._modules = tuple(image), item, tuple(modules)
-        self.silent = False
+
+    @property
+    def silent(self) -> bool:
+        """A coupler answers for all its modules."""
+        return any(module.silent for module in self._image)
 
     def memory(self, function: int) -> Mapping[int, int]:
         """Functions 3 and 4 both read the input image; the nameplate is read by either."""

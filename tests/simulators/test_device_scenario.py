@@ -76,6 +76,13 @@ async def test_device_answers_what_the_script_says_at_that_time() -> None:
         ('[[at]]\ns = 0\nfault = "broken"\nchannel = 0', "fault = 'broken': expected one of open, short, over, under"),
         ('[[at]]\ns = 0\nfault = "open"', r"at\[0\].channel = None: expected a channel's number"),
         ("[[at]]\ns = 0\nmend = -1", r"at\[0\].mend = -1"),
+        ("[[at]]\ns = nan\nvalues = [1]", r"at\[0\].s = nan: expected seconds"),
+        ("[[at]]\ns = 0\nvalues = [1, inf]", r"at\[0\].values = \[1, inf\]: expected numbers"),
+        (
+            '[[at]]\ns = 0\nvalues = [1, 2]\n[[at]]\ns = 1\nfault = "open"\nchannel = 2',
+            r"at\[1\].channel = 2: `values` has channels 0 to 1",
+        ),
+        ("[[at]]\ns = 0\nvalues = [1, 2]\n[[at]]\ns = 1\nmend = 7", r"at\[1\].mend = 7: `values` has channels 0 to 1"),
         ("[[at]]\ns = 0\nsilent = 1", r"at\[0\].silent = 1: expected true or false"),
         ("[[at]]\ns = 0\nvalue = [1]", "unknown key 'value'; known: channel, fault, mend, s, silent, values"),
     ],

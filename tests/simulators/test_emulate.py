@@ -11,6 +11,9 @@ import pytest
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
+from drivers.modbus_bus import ModbusBus
+from drivers.profiles import load_profile
+from drivers.recognition import recognise_modbus
 from simulators.devices.__main__ import DEVICES, emulate
 from simulators.devices.scenario import Scenario
 from tests.drivers.logger_files import logger_profile
@@ -42,6 +45,9 @@ channel = 0
 s = 1.3
 mend = 0
 """
+
+
+STEADY = "[[at]]\ns = 0\nvalues = {}\n"
 
 
 def options(device: str) -> dict[str, object]:
@@ -80,8 +86,53 @@ async def test_device_plays_its_scenario(device: str, tmp_path: Path) -> None:
     assert [seen[0].value, seen[2].value] == pytest.approx([42.0, 42.0], abs=0.06)
 
 
+@pytest.mark.parametrize("device", ["m7015", "pta8d08", "adam6015", "wago464"])
+async def test_scan_recognises_it(device: str) -> None:
+    profile, inputs = PROFILES[device]
+    scenario = Scenario.parse(SCENARIO.format([42.0] * inputs))
+    stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
+    running = asyncio.create_task(emulate(device, scenario, 1, started.set_result, stop))
+    settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
+    bus = make_bus("bus", settings.pop("kind"), settings)
+    try:
+        await bus.connect()
+        assert isinstance(bus, ModbusBus)
+        what = await recognise_modbus(bus, 1)
+    finally:
+        await bus.close()
+        stop.set()
+        await running
+    assert (what.profile, what.doubts) == (profile, ())
+
+
+@pytest.mark.parametrize("device", DEVICES)
+async def test_every_possible_number_of_inputs_is_answered_and_no_other_begins(device: str) -> None:
+    profile, what = PROFILES[device][0], DEVICES[device]
+    for inputs in {what.least, what.most} if profile else ():  # how many a logger sends is up to its DBC file
+        scenario = Scenario.parse(STEADY.format([42.0] * inputs))
+        unit = 126 if device in ("me_rs485", "me_dt6120") else 1
+        stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
+        running = asyncio.create_task(emulate(device, scenario, unit, started.set_result, stop))
+        settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
+        bus = make_bus("bus", settings.pop("kind"), settings)
+        last = min(inputs, load_profile(profile).channels) - 1
+        driver = make_device("device", bus, profile, unit, {"last": last}, options(device), SystemClock())
+        try:
+            await bus.connect()
+            await driver.connect()
+            assert [r.quality for r in await driver.read()] == [Quality.GOOD]
+        finally:
+            await bus.close()
+            stop.set()
+            await running
+    for inputs in {what.least - 1, what.most + 1} - {0}:
+        scenario = Scenario.parse(STEADY.format([42.0] * inputs))
+        with pytest.raises(ValueError, match=f"has {inputs} entries, but {device} has {what.least}.* inputs"):
+            await emulate(device, scenario, 1, lambda _: None, asyncio.Event())
+
+
 def test_program_says_where_it_listens_and_ends_when_interrupted(tmp_path: Path) -> None:
-    (tmp_path / "scenario.toml").write_text("[[at]]\ns = 0\nvalues = [20.0]\n")
+    (tmp_path / "scenario.toml").write_text(f"[[at]]\ns = 0\nvalues = {[20.0] * 6}\n")
     command = [sys.executable, "-m", "simulators.devices", "m7015", str(tmp_path / "scenario.toml")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -90,9 +141,16 @@ def test_program_says_where_it_listens_and_ends_when_interrupted(tmp_path: Path)
         assert process.wait(10) == 0
 
 
-def test_program_names_a_mistake_in_the_scenario(tmp_path: Path) -> None:
-    (tmp_path / "scenario.toml").write_text("[[at]]\ns = 0\nvalues = []\n")
-    command = [sys.executable, "-m", "simulators.devices", "m7015", str(tmp_path / "scenario.toml")]
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ([], "at[0].values = []: expected numbers"),
+        ([20.0] * 8, "scenario.toml: `values` has 8 entries, but adam6015 has 7 inputs"),
+    ],
+)
+def test_program_names_a_mistake_in_the_scenario(values: list[float], says: str, tmp_path: Path) -> None:
+    (tmp_path / "scenario.toml").write_text(f"[[at]]\ns = 0\nvalues = {values}\n")
+    command = [sys.executable, "-m", "simulators.devices", "adam6015", str(tmp_path / "scenario.toml")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
     assert done.returncode == 2
-    assert "at[0].values = []: expected numbers" in done.stderr
+    assert says in done.stderr

@@ -193,3 +193,17 @@ def test_frames_of_a_known_node_are_explained(identifier: int, data: int, extend
     heard.take(python_can.Message(arbitration_id=0x705, data=b"\x05", is_extended_id=False))
     heard.take(python_can.Message(arbitration_id=identifier, data=bytes(data), is_extended_id=extended))
     assert (heard.unexplained() == {}) == explained
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("10.0.0.1",), "channel = '10.0.0.1': expected a multicast group, such as 239.74.163.2, on udp_multicast"),
+        (("can0",), "channel = 'can0': expected a multicast group"),
+        (("239.74.163.2", "--udp-port", "0"), "port = 0: expected 1 to 65535"),
+    ],
+)
+async def test_group_that_cannot_be_is_refused(options: tuple[str, ...], says: str) -> None:
+    done = await talc_gateway("scan", "can", *options, "--interface", "udp_multicast")
+    assert done.code == 2
+    assert done.err.startswith(f"error: {says}")

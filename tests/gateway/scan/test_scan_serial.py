@@ -312,8 +312,26 @@ async def test_limit_ends_a_scan_that_would_last_for_hours() -> None:
     assert done.code == 3
 
 
-@pytest.mark.parametrize("units", ["0", "1-248", "a", "", "3-1"])
-async def test_units_that_cannot_be_are_refused(units: str) -> None:
+@pytest.mark.parametrize(
+    ("units", "says"),
+    [
+        ("0", "'0': expected 1 to 247"),
+        ("1-248", "'1-248': expected 1 to 247"),
+        ("a", "'a': expected numbers such as 1-8,12"),
+        ("", "'': expected numbers such as 1-8,12"),
+        ("1,5-3", "'1,5-3': expected the smaller number first, 3-5"),
+    ],
+)
+async def test_units_that_cannot_be_are_refused(units: str, says: str) -> None:
     done = await talc_gateway("scan", "serial", "/dev/null", "--units", units)
     assert done.code == 2
-    assert "expected" in done.err
+    assert says in done.err
+
+
+@pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd", "/tmp"])
+@pytest.mark.parametrize("what", [("serial",), ("can", "--interface", "slcan", "--bitrate", "125000")])
+async def test_what_is_no_serial_port_is_called_so(what: tuple[str, ...], path: str) -> None:
+    done = await talc_gateway("scan", what[0], path, *what[1:])
+    assert done.code == 3
+    assert f"{path}: " in done.err
+    assert "(this is not a serial port; ls -l /dev/serial/by-id shows what there is)" in done.err
