@@ -5,7 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Phase, TrainingJob, Why
+from talc.frame import (
+    LARGEST_ERROR,
+    BoolArray,
+    Decision,
+    Event,
+    EventKind,
+    FloatArray,
+    Frame,
+    Measurement,
+    Phase,
+    TrainingJob,
+    Why,
+)
 from talc.free_running import FreeRunningModel, State
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -52,7 +64,8 @@ class Controller:
     then `compensation` again. While a training is under way predictions go on with the models there are.
 
     Inputs without a good value are replaced by their last good one, or by the training's mean if there never was one;
-    a decision tells when that begins and ends for an input that a model uses. A thermal error without a model is
+    a decision tells when that begins and ends for an input that a model uses. Numbers beyond LARGEST_INPUT and
+    LARGEST_ERROR (talc.frame) are no values; a decision tells of a measured one. A thermal error without a model is
     corrected by its last measurement once other models are live.
 
     Parameters
@@ -131,6 +144,8 @@ class Controller:
             self._bridge(frame.k)
         self._record.append(frame)
         events: list[Event] = []
+        if frame.measurement is not None:
+            _note_impossible(frame.measurement, events)
         self._note_substitutes(events)
         measured = self._record.measured[-1]
         predicted, corrected, sigma, novel = self._predict(measured, events)
@@ -312,3 +327,10 @@ class Controller:
         if phase is not self._phase:
             events.append(Event(EventKind.PHASE_CHANGED, f"{self._phase.value} -> {phase.value}"))
         self._phase, self._measured = phase, 0
+
+
+def _note_impossible(measurement: Measurement, events: list[Event]) -> None:
+    for i in np.flatnonzero(np.abs(measurement.errors) > LARGEST_ERROR):
+        name = THERMAL_ERRORS[i]
+        text = f"{name}: {measurement.errors[i]:g} {ERROR_UNITS[name]} cannot be, it is not used"
+        events.append(Event(EventKind.MEASUREMENT_REJECTED, text, name, limit=LARGEST_ERROR))

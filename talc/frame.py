@@ -61,7 +61,7 @@ class EventKind(StrEnum):
     """Of the service: a bus, device, channel or the NC. The controller itself never reports one."""
     PROBLEM_ENDED = "problem_ended"
     MEASUREMENT_REJECTED = "measurement_rejected"
-    """Of the service: a probing cycle failed, or its result is not believed."""
+    """Of the service: a probing cycle failed, or its result is not believed. Of the controller: a number cannot be."""
     OPERATOR = "operator"
     """Of the service: somebody at the machine should know, or do something."""
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from talc.frame import BoolArray, FloatArray, Frame
+from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, Frame
 from talc.names import THERMAL_ERRORS
 
 _FIRST_CAPACITY = 512
@@ -10,7 +10,11 @@ _ERRORS = len(THERMAL_ERRORS)
 
 
 class Record:
-    """Rows of consecutive grid steps. A missing input is filled with its last good value, before that with NaN.
+    """Rows of consecutive grid steps.
+
+    A missing input is filled with its last good value; before its first one it is taken to have stood at that, as soon
+    as it comes: a sensor that is late is not lost for good. NaN: there was none yet. Numbers that no sensor and no
+    machine can show (talc.frame) are missing ones.
 
     Parameters
     ----------
@@ -50,12 +54,18 @@ class Record:
             raise ValueError(f"inputs {frame.inputs.shape}, valid {frame.valid.shape}: expected ({self._n},)")
         if self.last_k is not None and frame.k != self.last_k + 1:
             raise ValueError(f"k = {frame.k}: expected {self.last_k + 1}")
-        valid = frame.valid & np.isfinite(frame.inputs)
+        valid = frame.valid & (np.abs(frame.inputs) <= LARGEST_INPUT)  # NaN compares false
         before = self._inputs[self._rows - 1] if self._rows else np.full(self._n, np.nan)
         self._make_room()
         self._inputs[self._rows] = np.where(valid, frame.inputs, before)
         self._valid[self._rows] = valid
-        self._measured[self._rows] = np.nan if frame.measurement is None else frame.measurement.errors
+        self._measured[self._rows] = np.nan
+        if frame.measurement is not None:
+            errors = frame.measurement.errors
+            self._measured[self._rows] = np.where(np.abs(errors) <= LARGEST_ERROR, errors, np.nan)
+        late = valid & np.isnan(before)
+        if late.any():
+            self._inputs[: self._rows, late] = frame.inputs[late]
         self._rows += 1
         self.last_k = frame.k
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from talc.frame import BoolArray, FloatArray
+from talc.frame import LARGEST_INPUT, BoolArray, FloatArray
 from talc.settings import SensorCheckSettings
 
 CHANGE_STEPS: Final = 6
@@ -200,8 +200,8 @@ def leave_two_out(precision: FloatArray, x: FloatArray) -> tuple[FloatArray, Flo
 
 
 def masked(names: Sequence[str], inputs: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Values that are not valid as 0, and what is valid and finite. ValueError: shapes that do not fit together."""
+    """Values that are not valid as 0, and what is valid and can be. ValueError: shapes that do not fit together."""
     if inputs.ndim != 2 or inputs.shape[1] != len(names) or valid.shape != inputs.shape:
         raise ValueError(f"inputs {inputs.shape}, valid {valid.shape}: expected (T, {len(names)}), both")
-    finite: BoolArray = valid & np.isfinite(inputs)
-    return np.where(finite, inputs, 0.0), finite
+    good: BoolArray = valid & (np.abs(inputs) <= LARGEST_INPUT)  # NaN compares false
+    return np.where(good, inputs, 0.0), good

@@ -41,9 +41,10 @@ def train(
     """Models of the nine errors.
 
     Inputs with fewer than 80 % good rows, or that never changed, are not offered; missing values are the last good
-    ones. With the selector `search` each error gets an output-error model whose poles, inputs and orders predict blocks
-    of rows best that its fit did not see (talc.search); with `pso` or `tck` an ARX model as in the papers. An error
-    with fewer than 24 measured rows gets no model, nor does one whose model would be unstable.
+    ones, before the first good one that one (talc.record). With the selector `search` each error gets an output-error
+    model whose poles, inputs and orders predict blocks of rows best that its fit did not see (talc.search); with `pso`
+    or `tck` an ARX model as in the papers. An error with fewer than 24 measured rows gets no model, nor does one whose
+    model would be unstable.
 
     progress: told the share done, 0 to 1; cancelled: asked between errors; within: of the error under way, and
     its `cancel` ends the training from another thread. Raises Cancelled.
@@ -144,8 +145,10 @@ def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
         if name not in kept:
             continue
         share = float(job.valid[:, i].mean())
-        if share < _LEAST_VALID or not np.isfinite(job.inputs[:, i]).all():
-            notes.append(f"{name}: not offered, {share:.0%} of its values are good")
+        if share < _LEAST_VALID:
+            notes.append(f"{name}: not offered, {share:.1%} of its values are good, fewer than {_LEAST_VALID:.0%}")
+        elif not np.isfinite(job.inputs[:, i]).all():
+            notes.append(f"{name}: not offered, missing values were not filled")
         elif job.inputs[:, i].std() > _LEAST_SPREAD:
             columns.append(i)
     inputs = job.inputs[:, columns]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from talc.control import Controller
-from talc.frame import Frame, Measurement
+from talc.frame import LARGEST_ERROR, LARGEST_INPUT, Frame, Measurement
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 from talc.training import train
 
@@ -32,15 +32,15 @@ class Piece:
 
 PIECES = st.builds(
     Piece,
-    st.sampled_from(["step", "spike", "gap", "constant", "huge", "infinite", "ramp"]),
+    st.sampled_from(["step", "spike", "gap", "constant", "huge", "large", "infinite", "ramp"]),
     st.integers(0, STEPS - 1),
     st.integers(1, STEPS),
     st.floats(-1e3, 1e3),
 )
 
 
-def wild(seed: int, pieces: list[Piece]) -> Array:
-    """(STEPS,) A slow signal with noise, and what was done to it."""
+def wild(seed: int, pieces: list[Piece], large: float) -> Array:
+    """(STEPS,) A slow signal with noise, and what was done to it. large: the largest that is taken for a value."""
     draw = np.random.default_rng(seed)
     values = 20.0 + np.cumsum(draw.normal(0, 0.3, STEPS)) + draw.normal(0, 0.05, STEPS)
     for piece in pieces:
@@ -55,7 +55,9 @@ def wild(seed: int, pieces: list[Piece]) -> Array:
             case "constant":
                 values[at] = piece.size
             case "huge":
-                values[at] = piece.size * 1e150
+                values[at] = piece.size * 1e305
+            case "large":
+                values[at] = piece.size / 1e3 * large
             case "infinite":
                 values[at] = np.inf
             case "ramp":
@@ -82,18 +84,19 @@ def wild(seed: int, pieces: list[Piece]) -> Array:
 def test_estimates_stay_bounded(
     training: TrainingSettings, columns: list[list[Piece]], outputs: list[Piece], seed: int
 ) -> None:
-    inputs = np.column_stack([wild(seed + i, pieces) for i, pieces in enumerate(columns)])
-    drive = np.column_stack([wild(seed + i, []) for i in range(INPUTS)])
+    inputs = np.column_stack([wild(seed + i, pieces, LARGEST_INPUT) for i, pieces in enumerate(columns)])
+    drive = np.column_stack([wild(seed + i, [], LARGEST_INPUT) for i in range(INPUTS)])
     measured = np.array([np.full(STEPS, np.nan)] * 9).T
     measured[:, 0] = 3.0 * (drive[:, 0] - 20.0)
-    measured[:, 4] = wild(seed + 50, [p for p in outputs if p.kind != "infinite"])
+    measured[:, 4] = wild(seed + 50, outputs, LARGEST_ERROR)
     controller = Controller(NAMES, TalcSettings(control=CONTROL, training=training))
     low, high = np.full(9, np.inf), np.full(9, -np.inf)
     asked = True
     for k in range(STEPS):
         here = measured[k] if asked else np.full(9, np.nan)
         decision = controller.step(Frame(k, inputs[k], np.ones(INPUTS, dtype=np.bool_), Measurement(here, np.ones(9))))
-        low, high = np.fmin(low, here), np.fmax(high, here)
+        taken = np.where(np.abs(here) <= LARGEST_ERROR, here, np.nan)
+        low, high = np.fmin(low, taken), np.fmax(high, taken)
         swing = np.maximum(high - low, 1.0)
         for estimate in (decision.predicted, decision.corrected):
             known = ~np.isnan(estimate)
