@@ -10,6 +10,8 @@ class Connection(asyncio.Protocol):
     def __init__(self) -> None:
         self.transport: asyncio.Transport | None = None
         self.known: set[Connection] = set()
+        self.forgotten = False
+        """The device's end is gone without a word and never comes back: whatever comes is not answered."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         if isinstance(transport, asyncio.Transport):
@@ -31,6 +33,7 @@ class LoopbackServer:
         self._connect = connect
         self._server: asyncio.Server | None = None
         self.connections: set[Connection] = set()
+        self._forgets = False
 
     async def start(self, port: int = 0) -> int:
         """Port 0: one that is free. Raises OSError when the port is taken."""
@@ -48,7 +51,14 @@ class LoopbackServer:
         self._server = None
         await asyncio.sleep(0)
 
+    def forget(self, forgets: bool) -> None:
+        """Who is connected now, and who connects until this is called with False, is never answered any more."""
+        self._forgets = forgets
+        for connection in self.connections if forgets else ():
+            connection.forgotten = True
+
     def _made(self) -> Connection:
         connection = self._connect()
+        connection.forgotten = self._forgets
         connection.known = self.connections
         return connection

@@ -19,7 +19,7 @@ class MeController:
 
     def __init__(self, source: ValueSource, *, range_um: float, rate_hz: float = 100.0) -> None:
         self._source, self._range_um, self._interval_s = source, range_um, 1.0 / rate_hz
-        self._server = LoopbackServer(Connection)
+        self.server = LoopbackServer(Connection)
         self._timer: asyncio.TimerHandle | None = None
         self._counter = 0
         self.faults = Faults()
@@ -27,7 +27,7 @@ class MeController:
         """What happens to blocks on the wire; the sender is 1."""
 
     async def start(self, port: int = 0) -> int:
-        number = await self._server.start(port)
+        number = await self.server.start(port)
         self._timer = asyncio.get_running_loop().call_later(self._interval_s, self._tick)
         return number
 
@@ -35,15 +35,15 @@ class MeController:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        await self._server.stop()
+        await self.server.stop()
 
     def _tick(self) -> None:
         self._timer = asyncio.get_running_loop().call_later(self._interval_s, self._tick)
         self._counter = (self._counter + 1) & 0xFFFFFFFF
-        if self._server.connections and not self.faults.silent:
+        if self.server.connections and not self.faults.silent:
             frame = block([[self._raw(i, value) for i, value in enumerate(self._source())]], self._counter)
-            for client in self._server.connections:
-                if client.transport is not None:
+            for client in self.server.connections:
+                if client.transport is not None and not client.forgotten:
                     send(client.transport.write, self.spoil, 1, frame)
 
     def _raw(self, channel: int, distance_um: float) -> int:

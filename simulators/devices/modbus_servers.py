@@ -92,6 +92,8 @@ class _TcpConnection(Connection):
         self._heard = b""
 
     def data_received(self, data: bytes) -> None:
+        if self.forgotten:
+            return
         self._heard += data
         while len(self._heard) >= _MBAP.size:
             number, protocol, length, unit_id = _MBAP.unpack_from(self._heard)

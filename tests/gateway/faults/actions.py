@@ -9,8 +9,8 @@ from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 from simulators.devices.cia404_node import Nmt
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.source import Fault
-from simulators.devices.spoil import Spoil
-from tests.gateway.faults.plants import SENSORS, TIMEOUT_S, VICTIM, Plant
+from simulators.devices.spoil import Late, Spoil
+from tests.gateway.faults.plants import NEIGHBOUR, SENSORS, TIMEOUT_S, VICTIM, Plant
 
 PERIOD_S = 0.4
 
@@ -103,6 +103,35 @@ def late(frame: bytes) -> Heard:
     return ((1.5 * TIMEOUT_S, frame),)
 
 
+def behind(senders: Collection[int], before: Collection[int] | None = None) -> Do:
+    """Their answers come with other answers, after the request was given up: see `Late`."""
+
+    def do(plant: Plant) -> None:
+        assert plant.wire is not None
+        plant.wire.spoil = Late(senders, TIMEOUT_S / 4, before)
+
+    return do
+
+
+def let_go(plant: Plant) -> None:
+    """The answer that is still kept comes at the next request, before its own."""
+    assert plant.wire is not None
+    assert isinstance(plant.wire.spoil, Late)
+    plant.wire.spoil.let_go()
+
+
+def half_open(plant: Plant) -> None:
+    """The other end is gone without a word, and who connects anew finds it no better."""
+    assert plant.server is not None
+    plant.server.forget(True)
+
+
+def served_anew(plant: Plant) -> None:
+    """Only new connections are: those of before stay as they are, for ever."""
+    assert plant.server is not None
+    plant.server.forget(False)
+
+
 def lost(_: bytes) -> Heard:
     return ()
 
@@ -122,8 +151,9 @@ def tcp(header: bytes, body: bytes) -> bytes:
 # An adapter's line: t, three digits of the identifier, one of the length, two for each byte, carriage return.
 
 SDO, TPDO = (0x580 + VICTIM,), (0x180 + VICTIM, 0x280 + VICTIM)
+OTHERS_SDO = (0x580 + NEIGHBOUR,)
 LOGGER = (0x300,)
-SENSOR = SENSORS[:1]
+SENSOR, OTHER_SENSOR = SENSORS[:1], SENSORS[1:]
 
 
 def abort(line: bytes) -> bytes:

@@ -21,6 +21,8 @@ from tests.gateway.faults.plants import Plant
 
 FAULT_PERIODS = 6
 RETRY_MAX_PERIODS = 2
+RESOLUTION = 0.06
+"""Half of what any of the devices can tell, degC or µm."""
 _TIMER_S = 0.001
 """Every timer is late by that much; it is no sign of a busy computer."""
 
@@ -121,6 +123,19 @@ async def acquiring(
         for plant in plants:
             for stop in plant.stop:
                 await stop()
+
+
+def shows_what_was_said(plant: Plant, heard: Heard) -> None:
+    """No good reading shows what belongs to an older request, or to nobody."""
+    for driver, source in zip(plant.drivers, plant.said, strict=True):
+        for channel in driver.channels:
+            before_s = 0.0
+            for reading in heard.of(channel):
+                said = source.between(before_s, reading.monotonic_s)[-1 if plant.last_word else 0 :]
+                if reading.quality is Quality.GOOD:
+                    right = [value for value in said if abs(value - reading.value) <= RESOLUTION]
+                    assert right, f"{channel} shows {reading.value:.4g}; since the last reading, {said} was said"
+                before_s = reading.monotonic_s
 
 
 def keeps_period(readings: Sequence[Reading], allowed_s: float) -> None:

@@ -34,8 +34,8 @@ MEANING: Mapping[str, str] = {
         "multicast it cannot be told from one that is unplugged."
     ),
     "half-open connection": (
-        "The other end is gone without a word: power cut, network switched. When nobody on a connection answers, "
-        "it is closed and opened again."
+        "The other end is gone without a word: power cut, network switched. The connection of before never comes back "
+        "to life: when nobody on it answers, it is closed and opened again."
     ),
     "gateway to a dead device": (
         "The TCP gateway answers for the device behind it. Its neighbours share the connection and keep it."
@@ -44,9 +44,12 @@ MEANING: Mapping[str, str] = {
         "Two devices with one address, or a gateway that mixes them up. No foreign answer becomes a value."
     ),
     "late answer": (
-        "It comes after `timeout_s` and is not taken for the answer to the next request. If it is the rule, raise "
-        "`timeout_s`."
+        "It comes after `timeout_s`, when the next request waits for its own, and is not taken for that. If it is the "
+        "rule, raise `timeout_s`. Of Modbus and CANopen devices this holds though every answer be one behind. What a "
+        "Micro-Epsilon sensor on RS-485 sends carries no number: there it holds when answers come late for a while, "
+        "and one that lags behind for ever cannot be told."
     ),
+    "late answer, in another's time": "It comes while another device on the wire is asked, and is taken for nobody's.",
     "checksum error": (
         "Noise, missing termination, wrong baud rate. CAN frames with a wrong checksum never leave the controller; "
         "TCP has its own."

@@ -11,6 +11,7 @@ from drivers.build import make_bus, make_device
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node
+from simulators.devices.loopback import LoopbackServer
 from simulators.devices.m7015 import M7015
 from simulators.devices.me_controller import MeController
 from simulators.devices.me_sensor import MeLine, MeSensor, Payload
@@ -24,12 +25,13 @@ from simulators.devices.spoil import Spoil
 from simulators.devices.voltage_input import VoltageInput
 from simulators.devices.wago464 import Wago464
 from tests.drivers.logger_files import logger_profile
+from tests.gateway.faults.said import Said, distances, temperatures
 
 TIMEOUT_S = 0.045
 HEARTBEAT_MS, EVENT_MS = 80, 25
 VICTIM, NEIGHBOUR = 1, 2
 SENSORS = (0x7E, 0x7D)
-TEMPERATURE, DISTANCE_UM, RANGE_UM = 21.0, 250.0, 500.0
+RANGE_UM = 500.0
 CHANNELS = {"victim": 0, "beside": 1}
 """Channel 0 of the victim is broken; channel 1 sits on the same device."""
 
@@ -46,18 +48,22 @@ class Plant:
 
     bus: Bus
     drivers: tuple[Driver, ...]
+    said: Sequence[Said]
+    """What each device measures."""
     faults: Faults
     unplug: Do
     plug: Do
-    truth: float = TEMPERATURE
     wire: Spoilable | None = None
     adapter: SlcanAdapter | None = None
     node: Cia404Node | None = None
+    server: LoopbackServer | None = None
     send: Callable[[list[Frame]], None] = lambda _: None
     """Frames that somebody on a CAN bus sends."""
     retype: Callable[[int], None] = lambda _: None
     """Another type code at the victim's channel 0; 0 is the right one again."""
     stop: Sequence[Do] = ()
+    last_word: bool = True
+    """A reading comes of one request: it shows what the device said last, not just what it said since the last one."""
 
 
 def _pair(bus: Bus, profiles: tuple[str, str], options: Mapping[str, object]) -> tuple[Driver, Driver]:
@@ -92,37 +98,42 @@ class _Module(ModbusUnit, Protocol):
     faults: Faults
 
 
-async def _rtu(folder: Path, profile: str, victim: _Module, neighbour: _Module, timeout_s: float = TIMEOUT_S) -> Plant:
+async def _rtu(
+    folder: Path, profile: str, said: Sequence[Said], victim: _Module, neighbour: _Module, timeout_s: float
+) -> Plant:
     line = RtuLine({VICTIM: victim, NEIGHBOUR: neighbour})
     plug, unplug = _cable(folder / "rtu", line.start, line.stop)
     await plug()
     bus = make_bus("rtu", "modbus_rtu", {"port": str(folder / "rtu"), "baud": 115200, "timeout_s": timeout_s})
-    return Plant(bus, _pair(bus, (profile, profile), {}), victim.faults, unplug, plug, wire=line, stop=[line.stop])
+    drivers = _pair(bus, (profile, profile), {})
+    return Plant(bus, drivers, said, victim.faults, unplug, plug, wire=line, stop=[line.stop])
 
 
 async def rtu(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Modbus RTU on a pseudo-terminal."""
-    victim, neighbour = (M7015(lambda: [TEMPERATURE] * 6) for _ in range(2))
-    plant = await _rtu(folder, "icpdas_m7015", victim, neighbour, timeout_s)
+    said = temperatures(6)
+    victim, neighbour = map(M7015, said)
+    plant = await _rtu(folder, "icpdas_m7015", said, victim, neighbour, timeout_s)
     plant.retype = lambda code: victim.set_type_code(0, code or 0x2E)
+    plant.last_word = False  # values, then bits
     return plant
 
 
 async def pta(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Modbus RTU with modules that do not notice broken sensors."""
-    victim, neighbour = (Pta8d08(lambda: [TEMPERATURE] * 8) for _ in range(2))
-    return await _rtu(folder, "eletechsup_pta8d08", victim, neighbour, timeout_s)
+    said = temperatures(8)
+    victim, neighbour = map(Pta8d08, said)
+    return await _rtu(folder, "eletechsup_pta8d08", said, victim, neighbour, timeout_s)
 
 
 async def analogue(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Analogue displacement sensors on voltage input modules."""
-    victim, neighbour = (VoltageInput(lambda: [DISTANCE_UM] * 8, range_um=RANGE_UM) for _ in range(2))
-    plant = await _rtu(folder, "analogue_displacement", victim, neighbour, timeout_s)
-    plant.truth = DISTANCE_UM
-    return plant
+    said = distances(8)
+    victim, neighbour = (VoltageInput(source, range_um=RANGE_UM) for source in said)
+    return await _rtu(folder, "analogue_displacement", said, victim, neighbour, timeout_s)
 
 
-async def _tcp(profile: str, victim: _Module, neighbour: _Module, timeout_s: float = TIMEOUT_S) -> Plant:
+async def _tcp(profile: str, said: Sequence[Said], victim: _Module, neighbour: _Module, timeout_s: float) -> Plant:
     host = TcpHost({VICTIM: victim, NEIGHBOUR: neighbour})
     port = await host.start()
 
@@ -130,43 +141,46 @@ async def _tcp(profile: str, victim: _Module, neighbour: _Module, timeout_s: flo
         await host.start(port)
 
     bus = make_bus("tcp", "modbus_tcp", {"host": "127.0.0.1", "port": port, "timeout_s": timeout_s})
-    return Plant(bus, _pair(bus, (profile, profile), {}), victim.faults, host.stop, plug, wire=host, stop=[host.stop])
+    drivers = _pair(bus, (profile, profile), {})
+    return Plant(bus, drivers, said, victim.faults, host.stop, plug, wire=host, server=host.server, stop=[host.stop])
 
 
 async def tcp(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Modbus TCP on loopback, two units behind one host."""
-    victim, neighbour = (Adam6015(lambda: [TEMPERATURE] * 7) for _ in range(2))
-    plant = await _tcp("advantech_adam6015", victim, neighbour, timeout_s)
+    said = temperatures(7)
+    victim, neighbour = map(Adam6015, said)
+    plant = await _tcp("advantech_adam6015", said, victim, neighbour, timeout_s)
     plant.retype = lambda code: victim.set_type_code(0, code or 0x03A4)
     return plant
 
 
 async def wago(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Modules behind couplers: only the status byte tells."""
-    victim, neighbour = (Wago464(lambda: [TEMPERATURE] * 4) for _ in range(2))
-    return await _tcp("wago_750_464", victim, neighbour, timeout_s)
+    said = temperatures(4)
+    victim, neighbour = map(Wago464, said)
+    return await _tcp("wago_750_464", said, victim, neighbour, timeout_s)
 
 
 async def other() -> Plant:
     """A healthy bus of its own."""
-    device = Adam6015(lambda: [TEMPERATURE] * 7)
+    said, _ = temperatures(7)
+    device = Adam6015(said)
     host = TcpHost({1: device})
     bus = make_bus("other", "modbus_tcp", {"host": "127.0.0.1", "port": await host.start()})
     driver = make_device("other", bus, "advantech_adam6015", 1, {"other": 0}, {}, SystemClock())
-    return Plant(bus, (driver,), device.faults, host.stop, host.stop, stop=[host.stop])
+    return Plant(bus, (driver,), [said], device.faults, host.stop, host.stop, stop=[host.stop])
 
 
-def _nodes(heartbeat_ms: int = 0, event_ms: int = 0) -> tuple[Cia404Node, Cia404Node]:
-    def node(number: int) -> Cia404Node:
-        return Cia404Node(number, lambda: [TEMPERATURE] * 2, inputs=2, heartbeat_ms=heartbeat_ms, event_ms=event_ms)
+def _nodes(said: tuple[Said, Said], heartbeat_ms: int = 0, event_ms: int = 0) -> tuple[Cia404Node, Cia404Node]:
+    def node(number: int, source: Said) -> Cia404Node:
+        return Cia404Node(number, source, inputs=2, heartbeat_ms=heartbeat_ms, event_ms=event_ms)
 
-    return node(VICTIM), node(NEIGHBOUR)
+    return node(VICTIM, said[0]), node(NEIGHBOUR, said[1])
 
 
-def _canopen(bus: Bus, nodes: tuple[Cia404Node, Cia404Node], transfer: str, plug: Do, unplug: Do) -> Plant:
-    node = nodes[0]
+def _canopen(bus: Bus, said: Sequence[Said], node: Cia404Node, transfer: str, plug: Do, unplug: Do) -> Plant:
     drivers = _pair(bus, ("cia404", "cia404"), {"vendor": "jumo", "transfer": transfer})
-    plant = Plant(bus, drivers, node.faults, unplug, plug, node=node)
+    plant = Plant(bus, drivers, said, node.faults, unplug, plug, node=node, last_word=False)
     plant.retype = lambda code: node.set_sensor_type(0, code or 30)
     return plant
 
@@ -174,7 +188,8 @@ def _canopen(bus: Bus, nodes: tuple[Cia404Node, Cia404Node], transfer: str, plug
 async def _slcan(
     folder: Path, transfer: str, timeout_s: float = TIMEOUT_S, heartbeat_ms: int = 0, event_ms: int = 0
 ) -> Plant:
-    nodes = _nodes(heartbeat_ms, event_ms)
+    said = temperatures(2, high=800.0)  # a node is asked for its source often
+    nodes = _nodes(said, heartbeat_ms, event_ms)
     adapter = SlcanAdapter(nodes)
     for node in nodes:
         node.start(adapter.send)
@@ -187,7 +202,7 @@ async def _slcan(
         await adapter.stop()
 
     options = {"interface": "slcan", "channel": str(folder / "can"), "timeout_s": timeout_s}
-    plant = _canopen(make_bus("can", "canopen", options), nodes, transfer, plug, unplug)
+    plant = _canopen(make_bus("can", "canopen", options), said, nodes[0], transfer, plug, unplug)
     plant.adapter = plant.wire = adapter
     plant.send, plant.stop = adapter.send, [stop]
     return plant
@@ -218,7 +233,8 @@ async def multicast(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
         port = int(probe.getsockname()[1])
-    nodes, group = _nodes(), "239.74.163.4"
+    said, group = temperatures(2, high=800.0), "239.74.163.4"
+    nodes = _nodes(said)
     wire = MulticastBus(nodes, group, port)
     wire.start()
 
@@ -229,7 +245,7 @@ async def multicast(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
         wire.stop()
 
     options = {"interface": "udp_multicast", "channel": group, "port": port, "timeout_s": timeout_s}
-    plant = _canopen(make_bus("can", "canopen", options), nodes, "sdo", plug, unplug)
+    plant = _canopen(make_bus("can", "canopen", options), said, nodes[0], "sdo", plug, unplug)
     plant.wire = wire
     plant.send, plant.stop = wire.send, [unplug]
     return plant
@@ -238,7 +254,8 @@ async def multicast(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
 async def dbc(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """Loggers that send by themselves, read by their DBC files."""
     adapter = SlcanAdapter([])
-    loggers = [CanLogger(lambda: [TEMPERATURE] * 5, adapter.send, first=first) for first in (0x300, 0x310)]
+    said = temperatures(5)
+    loggers = [CanLogger(source, adapter.send, first=0x300 + 0x10 * i) for i, source in enumerate(said)]
     plug, unplug = _cable(folder / "can", adapter.start, adapter.stop)
     await plug()
     for logger in loggers:
@@ -252,13 +269,17 @@ async def dbc(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     bus = make_bus("can", "can", {"interface": "slcan", "channel": str(folder / "can"), "timeout_s": 2 * timeout_s})
     profiles = logger_profile(folder, "victim", 0x300), logger_profile(folder, "neighbour", 0x310)
     drivers = _pair(bus, profiles, {})
-    return Plant(bus, drivers, loggers[0].faults, unplug, plug, wire=adapter, adapter=adapter, stop=[stop])
+    plant = Plant(bus, drivers, said, loggers[0].faults, unplug, plug, wire=adapter, adapter=adapter, stop=[stop])
+    plant.last_word = False
+    return plant
 
 
 async def _sensors(folder: Path, profile: str, payload: Payload, timeout_s: float) -> Plant:
     """Two displacement sensors on one line."""
+    said = distances(1)
     victim, neighbour = (
-        MeSensor(lambda: [DISTANCE_UM], range_um=RANGE_UM, address=address, payload=payload) for address in SENSORS
+        MeSensor(source, range_um=RANGE_UM, address=address, payload=payload)
+        for source, address in zip(said, SENSORS, strict=True)
     )
     line = MeLine([victim, neighbour])
     plug, unplug = _cable(folder / "me", line.start, line.stop)
@@ -268,7 +289,7 @@ async def _sensors(folder: Path, profile: str, payload: Payload, timeout_s: floa
         make_device(name, bus, profile, address, {name: 0}, {"range_um": RANGE_UM}, SystemClock())
         for name, address in zip(("victim", "neighbour"), SENSORS, strict=True)
     )
-    return Plant(bus, drivers, victim.faults, unplug, plug, DISTANCE_UM, wire=line, stop=[line.stop])
+    return Plant(bus, drivers, said, victim.faults, unplug, plug, wire=line, stop=[line.stop])
 
 
 async def me_rs485(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
@@ -281,9 +302,10 @@ async def dt6120(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     return await _sensors(folder, "me_dt6120", "counted", timeout_s)
 
 
-async def me_ethernet(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def me_ethernet(_folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     """One displacement controller on loopback."""
-    controller = MeController(lambda: [DISTANCE_UM] * 2, range_um=RANGE_UM)
+    said, _ = distances(2)
+    controller = MeController(said, range_um=RANGE_UM)
     port = await controller.start()
 
     async def plug() -> None:
@@ -291,8 +313,9 @@ async def me_ethernet(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
 
     bus = make_bus("eddy", "me_ethernet", {"host": "127.0.0.1", "port": port, "timeout_s": 2 * timeout_s})
     driver = make_device("victim", bus, "me_ethernet", 1, CHANNELS, {"range_um": RANGE_UM}, SystemClock())
-    stop = [controller.stop]
-    return Plant(bus, (driver,), controller.faults, controller.stop, plug, DISTANCE_UM, wire=controller, stop=stop)
+    plant = Plant(bus, (driver,), [said], controller.faults, controller.stop, plug, wire=controller)
+    plant.server, plant.stop, plant.last_word = controller.server, [controller.stop], False
+    return plant
 
 
 class Make(Protocol):
