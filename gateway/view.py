@@ -20,6 +20,7 @@ from gateway import keys
 from gateway.compensation import Write
 from gateway.measurement import Outcome
 from gateway.probing_schedule import Outlook
+from gateway.terminal import terminal
 from talc.frame import Decision, Event, EventKind, Frame
 from talc.models import ModelSet
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
@@ -254,7 +255,7 @@ class LiveView:
     """
 
     def __init__(self, state: ViewState, *, plain: bool = False, console: Console | None = None) -> None:
-        self._state, self._console = state, console or Console()
+        self._state, self._console = state, console or terminal()
         self._live: Live | None = None
         if self._console.is_terminal and not plain:
             self._live = Live(

@@ -12,13 +12,13 @@ from pathlib import Path
 from sys import executable
 
 import click
-from rich.console import Console
 
 from drivers.base import DriverError
 from gateway.cli.report import write
 from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
 from gateway.config import GatewayConfig, load
+from gateway.terminal import terminal
 from gateway.view import LiveView, ViewOutlet, ViewState
 from simulators.clock import SharedClock
 
@@ -55,7 +55,7 @@ def run_demo(demo: Demo) -> None:
     for name in _LEAVINGS:
         (demo.folder / name).unlink(missing_ok=True)
     asyncio.run(_run(demo))
-    console = Console()
+    console = terminal()
     console.print()
     write(demo.folder / "gateway.sqlite", demo.folder / "report.html", truth=demo.folder / "truth.csv")
     console.print(f"replay: talc-gateway replay {demo.folder / 'gateway.sqlite'}")

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from drivers.base import DriverError
@@ -26,6 +25,7 @@ from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.measurement import Outcome, Probe, centres, poses_in_radians, run_cycle
 from gateway.nc_link import NcLink
+from gateway.terminal import terminal
 from simulators.linuxcnc.machine import HURRY, Machine, machine, missing
 from simulators.plant import Environment, MachineDrive, Plant, load
 from talc.frame import Decision, FloatArray, Measurement, Phase, Why
@@ -72,7 +72,7 @@ class Shown:
 
 def run_linuxcnc_demo(folder: Path) -> None:
     """Run it and print what it showed. Raises DriverError when LinuxCNC cannot be had here."""
-    console = Console()
+    console = terminal()
     shown = asyncio.run(show(folder, lambda line: console.print(line, highlight=False)))
     table = Table("error", "unit", "true", "measured", "difference", title="nine errors after the machine's work")
     for name, true, found in zip(THERMAL_ERRORS, shown.true, shown.measured.errors, strict=True):

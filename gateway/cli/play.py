@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Protocol
 
 import can
-from rich.console import Console
 
 from gateway.cli.signals import stop_on_signals
 from gateway.config.buses import Bus, CanBus, CanopenBus, MeEthernetBus, ModbusTcpBus
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import unpacked
 from gateway.config.wires import toml_value, wires_toml
+from gateway.terminal import terminal
 from gateway.wire_log import Event, WireLogError, is_wire_log, read_wire_log
 from simulators.devices.playback import PlayedAdapter, PlayedGroup, PlayedHost, PlayedLine
 from simulators.devices.script import EXTENDED, Passed, Script, can_script, stream_script, unnumbered
@@ -111,7 +111,7 @@ async def _play(
     seconds: float | None,
     group: tuple[str, int] | None,
 ) -> None:
-    console = Console()
+    console = terminal()
     kinds = _kinds(config, events)
     stop = asyncio.Event()
     stop_on_signals(stop)
@@ -135,7 +135,7 @@ async def _play(
                 f"{one.bus} ({one.kind}): {asked} different requests, {len(one.script.unasked)} messages unasked",
                 highlight=False, soft_wrap=True,
             )  # fmt: skip
-        console.print(_ready(config, played, folder), highlight=False, soft_wrap=True, markup=False)
+        console.print(_ready(config, played, folder), highlight=False, soft_wrap=True)
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await stop.wait()

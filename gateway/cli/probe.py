@@ -5,7 +5,6 @@ import time
 from dataclasses import dataclass
 from math import isnan
 
-from rich.console import Console
 from rich.table import Table
 
 from drivers.base import DriverError, Quality
@@ -13,6 +12,7 @@ from gateway.acquisition import Line
 from gateway.cli.numbers import shown
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
+from gateway.terminal import terminal
 from gateway.wiring import control_of, lines_of
 
 
@@ -40,7 +40,7 @@ def show(config: GatewayConfig) -> bool:
         table.add_row(
             row.bus, row.device, row.channel, row.value, row.quality, latency, style="" if row.good else "red"
         )
-    console = Console()
+    console = terminal()
     console.print(table)
     for detail in dict.fromkeys(row.detail for row in rows if row.detail):  # a silent device is one problem, not six
         console.print(f"- {detail}", style="red", highlight=False, soft_wrap=True)

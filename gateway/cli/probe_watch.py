@@ -21,6 +21,7 @@ from gateway.cli.numbers import shown
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
+from gateway.terminal import terminal
 from gateway.wiring import lines_of
 
 _WINDOW = 60
@@ -215,7 +216,7 @@ def watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -
 
 
 async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
-    console = Console()
+    console = terminal()
     lines = lines_of(config, RealClock())
     watch = Watch(config.machine.name, lines, monotonic())
     stop = asyncio.Event()
@@ -247,4 +248,4 @@ async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | 
 
 
 def _say(console: Console, text: str) -> None:
-    console.print(f"{RealClock().utc():%H:%M:%S} {text}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"{RealClock().utc():%H:%M:%S} {text}", highlight=False, soft_wrap=True)

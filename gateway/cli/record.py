@@ -7,14 +7,13 @@ from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 
-from rich.console import Console
-
 from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Notice
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
 from gateway.config.packed import packed_toml
+from gateway.terminal import terminal
 from gateway.wire_log import WireLogWriter
 from gateway.wiring import lines_of
 
@@ -28,7 +27,7 @@ def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: fl
 
 
 async def _record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> None:
-    console = Console(stderr=True)
+    console = terminal(stderr=True)
     clock = RealClock()
     stop = asyncio.Event()
     stop_on_signals(stop)
@@ -43,7 +42,7 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
 
     def noticed(notice: Notice) -> None:
         text = f"{notice.subject}: {notice.text}" if notice.ended else notice.text
-        console.print(f"{clock.utc():%H:%M:%S} {text}", highlight=False, soft_wrap=True, markup=False)
+        console.print(f"{clock.utc():%H:%M:%S} {text}", highlight=False, soft_wrap=True)
 
     end_s = None if seconds is None else monotonic() + seconds
     most_bytes = round(most_mb * 1e6)

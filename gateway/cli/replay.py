@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import Progress
 
 from gateway.config.talc_only import TalcOnly, load_talc_only
@@ -10,11 +9,12 @@ from gateway.recording import read_recording
 from gateway.recording_columns import Columns
 from gateway.replay import replay
 from gateway.store import History
+from gateway.terminal import terminal
 
 
 def show(database: Path) -> bool:
     """Replay with a progress bar and say what was found; True when everything was identical."""
-    console = Console()
+    console = terminal()
     with (
         History(database) as history,
         Progress(console=console, transient=True, disable=not console.is_terminal) as bar,
@@ -35,7 +35,7 @@ def run_recording(file: Path, columns: Columns, output: Path, config: Path | Non
 
     sections = TalcOnly() if config is None else load_talc_only(config)
     recording = read_recording(file, columns, sections.grid.step_s)
-    console = Console()
+    console = terminal()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("replaying", total=len(recording.k))
         data = rehearse(

@@ -4,11 +4,11 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from gateway.replay import stored_config
 from gateway.report import AdoptedModels, ReportData, Truth, build, summary, table
 from gateway.store import History, StoreError
+from gateway.terminal import terminal
 from talc.frame import FloatArray
 
 _TRUTH_COLUMNS = 17
@@ -18,10 +18,10 @@ _TRUTH_COLUMNS = 17
 def write(database: Path, output: Path, truth: Path | None = None) -> None:
     """Print the table and write the page. StoreError: nothing is stored yet."""
     data = collect(database, truth)
-    console = Console()
+    console = terminal()
     console.print(table(summary(data)))
     output.write_text(build(data), encoding="utf-8")
-    console.print(f"report: {output}")
+    console.print(f"report: {output}", soft_wrap=True)
 
 
 def collect(database: Path, truth: Path | None = None) -> ReportData:

@@ -22,6 +22,7 @@ from gateway.scan.found import Progress as Told
 from gateway.scan.found import Report, Stopped
 from gateway.scan.fragment import check, merged
 from gateway.scan.ports import ports
+from gateway.terminal import terminal
 
 Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
 """Takes also whether a report's question was answered with yes."""
@@ -205,14 +206,14 @@ def can_command(
 def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path | None, yes: bool, run: Run) -> None:
     """Check the file, say how long it may take, scan with a progress bar, print the table, write the configuration."""
     _existing(toml)
-    said = Console(stderr=True)
+    said = terminal(stderr=True)
     said.print(f"{intro}; at most {_duration(longest_s)} when nobody answers", soft_wrap=True, highlight=False)
     if longest_s > limit_s:
         said.print(f"it will be stopped after {_duration(limit_s)}; name fewer speeds or units, or raise --limit")
     report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, yes)))
     if report.question and click.confirm(report.question, err=True):
         report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, True)))
-    console = Console(stderr=str(toml) == "-")  # what is piped is the configuration alone
+    console = terminal(stderr=str(toml) == "-")  # what is piped is the configuration alone
     _print(console, report)
     if ended:
         console.print(f"{ended}: {report.asked} of {report.total} asked", style="yellow")
@@ -247,7 +248,7 @@ async def _run(
         BarColumn(20),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )
     with Progress(*columns, console=said, transient=True) if said.is_terminal else nullcontext() as bar:
         task = None if bar is None else bar.add_task("", total=total)
