@@ -131,15 +131,19 @@ class Cia404Device:
     async def read(self) -> Sequence[Reading]:
         """One reading per channel. The node's sensors are checked again after it was silent or has started anew.
 
-        A node that answers although its heartbeat stopped may repeat what it measured last: its values are stale.
+        A node that starts anew between two of our requests may be another one, or set up in another way: what it said
+        in this read is thrown away, and read again after the checks. A node that answers although its heartbeat
+        stopped may repeat what it measured last: its values are stale.
         """
-        if not self._scales or self._boots != self._bus.events(self._node).boots:
-            await self.connect()
-        try:
-            objects = await self._objects()
-        except DriverError:
+        objects = await self._objects_of_one_start() or await self._objects_of_one_start()
+        if objects is None:
             self._scales = {}
-            raise
+            raise BadAnswer(
+                f"node {self._node} started anew twice while it was read",
+                bus=self._bus.name,
+                device=self._device,
+                hint="check its power supply",
+            )
         values: dict[str, float | Fault] = {}
         lost = self._heartbeat.silent_s(monotonic()) is not None
         for channel, number in self._channels.items():
@@ -152,6 +156,19 @@ class Cia404Device:
     async def close(self) -> None:
         """Forget what was learnt about the node."""
         self._scales = {}
+
+    async def _objects_of_one_start(self) -> dict[CanObject, list[bytes]] | None:
+        """What the node says after it was checked; None when it started anew meanwhile."""
+        events = self._bus.events(self._node)
+        if not self._scales or self._boots != events.boots:
+            await self.connect()
+        try:
+            objects = await self._objects()
+        except DriverError:
+            self._scales = {}
+            raise
+        # The boot-up comes before all that the node says after it, and the thread that receives keeps the order.
+        return objects if self._boots == events.boots else None
 
     async def _heartbeat_limit_s(self) -> float:
         """Consumer time, s; 0: no heartbeat is expected. Raises WrongDevice when the node cannot keep it."""
@@ -189,7 +206,7 @@ class Cia404Device:
         for wanted in self._wanted:
             if wanted not in objects:
                 raise BadAnswer(f"object {wanted} is missing in its TPDO", bus=self._bus.name, device=self._device)
-        return objects
+        return objects if self._boots == events.boots else None
 
     async def _pdo_maps(self) -> tuple[PdoMap, ...]:
         """The TPDOs that hold what we want, each sent when the transfer needs it. Raises WrongDevice."""

@@ -14,7 +14,7 @@ from canopen.objectdictionary.datatypes import INTEGER32, UNSIGNED8, UNSIGNED16,
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.base import ConnectError, Driver, NoAnswer, Quality, Reading, Refused, SystemClock, WrongDevice
+from drivers.base import BadAnswer, ConnectError, Driver, NoAnswer, Quality, Reading, Refused, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.canopen_events import NodeEvents
 from simulators.devices.cia404_node import Cia404Node
@@ -75,6 +75,59 @@ async def test_sensors_are_checked_again_after_the_node_started_anew(node: Cia40
             await driver.read()
         node.set_sensor_type(1, 30)
         assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+class Restarting(Cia404Node):
+    """Starts anew after so many SDO requests, with other sensors at its inputs; `starts` times, each so many later."""
+
+    def __init__(self, after: int, starts: int, sensor_type: int) -> None:
+        super().__init__(5, lambda: [21.0 + self.booted] * 2, inputs=2)
+        self.after, self.starts, self.sensor_type, self.requests, self.booted = after, starts, sensor_type, 0, 0
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        frames = super().on_frame(identifier, data)
+        if identifier != 0x605 or self.booted == self.starts:
+            return frames
+        self.requests += 1
+        if self.requests < self.after:
+            return frames
+        self.requests, self.booted = 0, self.booted + 1
+        self.set_sensor_type(0, self.sensor_type)
+        return *frames, (0x705, b"\0")
+
+
+SDOS_OF_A_READ = 6
+"""Status, value, status of two inputs. A start after the last is one between two reads."""
+
+
+@pytest.mark.parametrize("after", range(1, SDOS_OF_A_READ))
+async def test_node_that_starts_anew_while_it_is_read_is_checked_before_anything_is_taken(after: int) -> None:
+    node = Restarting(after, 0, sensor_type=1)
+    async with bench(node) as (_, driver):
+        await driver.connect()
+        node.starts = 1
+        with pytest.raises(WrongDevice, match="sensor type 1 at input 0"):
+            await driver.read()
+
+
+@pytest.mark.parametrize("after", range(1, SDOS_OF_A_READ))
+async def test_node_that_started_anew_while_it_was_read_is_read_again(after: int) -> None:
+    node = Restarting(after, 0, sensor_type=30)
+    async with bench(node) as (_, driver):
+        await driver.connect()
+        node.starts = 1
+        assert [r.value for r in await driver.read()] == [22.0, 22.0]
+
+
+async def test_node_that_starts_anew_again_and_again_gives_no_value() -> None:
+    node = Restarting(SDOS_OF_A_READ - 1, 0, sensor_type=30)
+    async with bench(node) as (_, driver):
+        await driver.connect()
+        node.starts = 50
+        with pytest.raises(BadAnswer, match=r"node 5 started anew twice while it was read \(check its power supply"):
+            await driver.read()
+        node.starts = node.booted
+        assert (await driver.read())[0].quality is Quality.GOOD
 
 
 async def test_emergency_explains_a_fault_until_it_is_taken_back(node: Cia404Node) -> None:
