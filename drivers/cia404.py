@@ -206,7 +206,7 @@ class Cia404Device:
         for wanted in self._wanted:
             if wanted not in objects:
                 raise BadAnswer(f"object {wanted} is missing in its TPDO", bus=self._bus.name, device=self._device)
-        return objects if self._boots == events.boots else None
+        return objects
 
     async def _pdo_maps(self) -> tuple[PdoMap, ...]:
         """The TPDOs that hold what we want, each sent when the transfer needs it. Raises WrongDevice."""
