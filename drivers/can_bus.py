@@ -1,6 +1,6 @@
 """A CAN interface with devices that send by themselves: the latest frame of each identifier somebody wants.
 
-One thread of python-can's receives while connected; frames that nobody wants are dropped there.
+One thread receives while connected; frames that nobody wants are dropped there.
 """
 
 import asyncio
@@ -12,14 +12,12 @@ import can
 
 from drivers.base import ConnectError, NoAnswer
 from drivers.bus_settings import CanSettings
-from drivers.can_interface import open_interface, release
+from drivers.can_interface import failed, open_interface, shut
+from drivers.can_receiver import Receiver
 from drivers.tap import Tap
 
 FrameId = tuple[int, bool]
 """Identifier, and whether it has 29 bits."""
-
-_RECEIVE_WAIT_S = 0.1
-"""How long closing may have to wait for the receiving thread."""
 
 
 class CanBus:
@@ -31,7 +29,7 @@ class CanBus:
     def __init__(self, name: str, settings: CanSettings, tap: Tap | None = None) -> None:
         self._name, self._settings, self._tap = name, settings, tap
         self._wanted: set[FrameId] = set()
-        self._receiver: _Receiver | None = None
+        self._ears: _Ears | None = None
 
     @property
     def name(self) -> str:
@@ -43,17 +41,17 @@ class CanBus:
 
     async def connect(self) -> None:
         """Open the interface; an open one stays. Raises ConnectError."""
-        if self._receiver is not None:
-            if self._receiver.lost is None:
+        if self._ears is not None:
+            if self._ears.lost is None:
                 return
             await self.close()
         interface = await asyncio.to_thread(open_interface, self._name, self._settings, tap=self._tap)
-        self._receiver = _Receiver(interface, self._wanted)
+        self._ears = _Ears(interface, self._wanted)
 
     async def close(self) -> None:
-        receiver, self._receiver = self._receiver, None
-        if receiver is not None:
-            await asyncio.shield(asyncio.to_thread(receiver.end))
+        ears, self._ears = self._ears, None
+        if ears is not None:
+            await asyncio.shield(asyncio.to_thread(ears.end))
 
     async def latest(self, device: str, frames: Collection[FrameId]) -> dict[FrameId, bytes]:
         """The newest of these frames, none older than the timeout. Waits for those that are missing only until the
@@ -61,23 +59,18 @@ class CanBus:
 
         Raises NoAnswer when none came, or ConnectError.
         """
-        receiver = self._receiver
-        if receiver is None:
+        ears = self._ears
+        if ears is None:
             raise ConnectError("not connected", bus=self._name, device=device, hint="connect the bus first")
         now = monotonic()
         oldest = now - self._settings.timeout_s
         with suppress(TimeoutError):
-            async with asyncio.timeout(max(0.0, receiver.opened_s + self._settings.timeout_s - now)):
-                while receiver.lost is None and len(receiver.since(oldest, frames)) < len(set(frames)):
-                    await receiver.news()
-        if receiver.lost is not None:
-            raise ConnectError(
-                f"interface {self._settings.channel} is gone: {receiver.lost}",
-                bus=self._name,
-                device=device,
-                hint="connect the bus again",
-            )
-        found = receiver.since(oldest, frames)
+            async with asyncio.timeout(max(0.0, ears.opened_s + self._settings.timeout_s - now)):
+                while ears.lost is None and len(ears.since(oldest, frames)) < len(set(frames)):
+                    await ears.news()
+        if ears.lost is not None:
+            raise failed(self._name, device, self._settings, ears.lost)
+        found = ears.since(oldest, frames)
         if not found:
             listed = ", ".join(f"0x{identifier:X}" for identifier, _ in sorted(frames))
             raise NoAnswer(
@@ -89,31 +82,20 @@ class CanBus:
         return found
 
 
-class _Receiver(can.Listener):
+class _Ears:
     """Written by the receiving thread, read from the event loop; whole entries are replaced."""
 
     def __init__(self, interface: can.BusABC, wanted: set[FrameId]) -> None:
-        self.lost: Exception | None = None
         self.opened_s = monotonic()
         self._latest: dict[FrameId, tuple[float, bytes]] = {}
         self._interface, self._wanted = interface, wanted
         self._loop, self._arrived = asyncio.get_running_loop(), asyncio.Event()
-        self._notifier: can.Notifier | None = None
-        self._notifier = can.Notifier(interface, [self], timeout=_RECEIVE_WAIT_S)
+        self._receiver = Receiver(interface, self._hear, self._tell)
 
-    def on_message_received(self, msg: can.Message) -> None:
-        """In the receiving thread. Error and remote frames carry no value."""
-        key = msg.arbitration_id, bool(msg.is_extended_id)
-        if key in self._wanted and not (msg.is_error_frame or msg.is_remote_frame):
-            self._latest[key] = monotonic(), bytes(msg.data)
-            self._tell()
-
-    def on_error(self, exc: Exception) -> None:
-        """In the receiving thread: the interface failed; end it."""
-        self.lost = exc
-        if self._notifier is not None:
-            self._notifier.stop(0.0)
-        self._tell()
+    @property
+    def lost(self) -> Exception | None:
+        """Why the interface failed."""
+        return self._receiver.exception
 
     def since(self, oldest: float, frames: Collection[FrameId]) -> dict[FrameId, bytes]:
         """Those of the frames that came since then."""
@@ -127,12 +109,17 @@ class _Receiver(can.Listener):
 
     def end(self) -> None:
         """End the thread and close the interface. Blocks."""
-        with suppress(can.CanError, OSError):  # an unplugged adapter cannot be told anything any more
-            if self._notifier is not None:
-                self._notifier.stop(2.0)
-            self._interface.shutdown()
-        release(self._interface)
+        self._receiver.stop()
+        shut(self._interface)
+
+    def _hear(self, message: can.Message) -> None:
+        """In the receiving thread. Error and remote frames carry no value."""
+        key = message.arbitration_id, bool(message.is_extended_id)
+        if key in self._wanted and not (message.is_error_frame or message.is_remote_frame):
+            self._latest[key] = monotonic(), bytes(message.data)
+            self._tell()
 
     def _tell(self) -> None:
+        """In the receiving thread."""
         with suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(self._arrived.set)

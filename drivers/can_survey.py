@@ -5,7 +5,6 @@ Blocks: use it in a thread of its own. It sends SDO upload requests only, and no
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from time import monotonic, sleep
 from types import TracebackType
@@ -16,7 +15,7 @@ import can
 from drivers.base import ConnectError
 from drivers.bus_settings import CanInterfaceSettings
 from drivers.can_bus import FrameId
-from drivers.can_interface import open_interface, release
+from drivers.can_interface import failed, open_interface, shut
 
 _SLICE_S = 0.05
 """How long stopping may have to wait."""
@@ -100,9 +99,7 @@ class CanSurvey:
     ) -> None:
         interface, self._interface = self._interface, None
         if interface is not None:
-            with suppress(can.CanError, OSError):  # an unplugged adapter cannot be told anything any more
-                interface.shutdown()
-            release(interface)
+            shut(interface)
 
     def listen(self, seconds: float, heard: Heard, stopped: Stopped) -> None:
         """Note what comes within `seconds`, or until stopped."""
@@ -127,11 +124,8 @@ class CanSurvey:
         try:
             message = self._open().recv(wait_s)
         except (can.CanError, OSError, ValueError) as error:
-            raise ConnectError(
-                f"interface {self._settings.channel} failed while receiving: {error}",
-                bus=self._bus,
-                hint="is it a CAN adapter, and still plugged in?",
-            ) from error
+            hint = "is it a CAN adapter, and still plugged in?"
+            raise failed(self._bus, "", self._settings, error, hint) from error
         if message is not None:
             heard.take(message)
 
@@ -139,11 +133,8 @@ class CanSurvey:
         try:
             self._open().send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
         except (can.CanError, OSError) as error:
-            raise ConnectError(
-                f"cannot send on {self._settings.channel}: {error}",
-                bus=self._bus,
-                hint="nobody acknowledges? check bit rate, 60 ohm termination, CAN_H and CAN_L, power of the nodes",
-            ) from error
+            hint = "nobody acknowledges? check bit rate, 60 ohm termination, CAN_H and CAN_L, power of the nodes"
+            raise failed(self._bus, "", self._settings, error, hint) from error
 
     def _open(self) -> can.BusABC:
         if self._interface is None:

@@ -7,8 +7,8 @@ import asyncio
 import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from time import monotonic
 from typing import Any, TypeVar
 
@@ -18,9 +18,10 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.bus_settings import CanOpenSettings
-from drivers.can_interface import open_interface, release
+from drivers.can_interface import failed, open_interface, shut
+from drivers.can_receiver import Receiver
 from drivers.canopen_events import NodeEvents
-from drivers.canopen_frames import LatestFrames, NodeFrames
+from drivers.canopen_frames import LatestFrames, pass_on
 from drivers.tap import Tap
 
 R = TypeVar("R")
@@ -29,9 +30,6 @@ _SYNC = 0x080
 _NMT_START = 1
 _LONGEST_OBJECT = 8
 """Bytes of the widest number that a node may hold; one that never ends its transfer is stopped there."""
-
-_RECEIVE_WAIT_S = 0.1
-"""How long closing may have to wait for the receiving thread."""
 
 logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs, we raise
 
@@ -135,10 +133,10 @@ class CanOpenBus:
     def _open(self) -> None:
         interface = open_interface(self._name, self._settings, tap=self._tap)
         network = canopen.Network(interface)
-        network.NOTIFIER_CYCLE = _RECEIVE_WAIT_S
-        network.listeners[:] = [NodeFrames(network)]  # type: ignore[list-item]
         network.unsubscribe(network.lss.LSS_RX_COBID)  # it would keep those frames for ever
-        network.connect()
+        # In place of `connect`, whose python-can notifier waits by the wall clock; before it sends, the library asks
+        # this one for the exception that ended it.
+        network.notifier = Receiver(interface, partial(pass_on, network))  # type: ignore[assignment]
         self._network = network
         self._doubtful.clear()
         self._frames = LatestFrames()
@@ -146,13 +144,8 @@ class CanOpenBus:
     def _shut(self) -> None:
         network, self._network = self._network, None
         if network is not None:
-            interface = network.bus
-            with suppress(
-                Exception
-            ):  # an unplugged adapter cannot be told anything; and it raises what ended the thread
-                network.disconnect()
-            if interface is not None and network.bus is not None:
-                release(interface)
+            network.notifier.stop()
+            shut(network.bus)
 
     def _upload(self, device: str, node: int, objects: Sequence[CanObject]) -> list[bytes]:
         if self._network is None:
@@ -204,7 +197,7 @@ class CanOpenBus:
         try:
             self._network.send_message(identifier, data)
         except (can.CanError, OSError) as error:
-            raise self._lost(device, error) from error
+            raise failed(self._name, device, self._settings, error) from error
 
     def _one(self, sdo: Any, device: str, node: int, wanted: CanObject) -> bytes:
         data = b""
@@ -222,20 +215,12 @@ class CanOpenBus:
         except SdoCommunicationError as error:
             raise self._communication(device, node, wanted, error) from error
         except (can.CanError, OSError) as error:
-            raise self._lost(device, error) from error
+            raise failed(self._name, device, self._settings, error) from error
         if not 0 < len(data) <= _LONGEST_OBJECT:
             self._doubtful.add(node)
             size = f"more than {_LONGEST_OBJECT} bytes" if data else "nothing"
             raise BadAnswer(f"node {node}, object {wanted} holds {size}", bus=self._name, device=device)
         return data
-
-    def _lost(self, device: str, error: Exception) -> ConnectError:
-        return ConnectError(
-            f"interface {self._settings.channel} is gone: {error}",
-            bus=self._name,
-            device=device,
-            hint="connect the bus again",
-        )
 
     def _communication(self, device: str, node: int, wanted: CanObject, error: Exception) -> DriverError:
         if "No SDO response" in str(error):
@@ -246,7 +231,7 @@ class CanOpenBus:
     def _silence(self, device: str, node: int, what: str) -> DriverError:
         self._doubtful.add(node)
         if (lost := self._network.notifier.exception) is not None:
-            return self._lost(device, lost)
+            return failed(self._name, device, self._settings, lost)
         return NoAnswer(
             f"node {node}: {what} within {self._settings.timeout_s:g} s",
             bus=self._name,

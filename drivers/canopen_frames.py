@@ -11,29 +11,17 @@ _SDO_ANSWERS = range(0x581, 0x600)
 _SDO_BYTES = 8
 
 
-class NodeFrames(can.Listener):
-    """Passes the frames of CANopen nodes on, and ends the receiving thread when the interface fails.
+def pass_on(network: Any, message: can.Message) -> None:
+    """Give the library the frame of a CANopen node. In the receiving thread.
 
     CiA 301: identifiers of 11 bits, and every SDO frame has eight bytes. What is otherwise is not for us: the library
-    would take a frame with an identifier of 29 bits for a node's, and break on a short answer. When the interface
-    fails, python-can by itself would print a traceback or try for ever.
+    would take a frame with an identifier of 29 bits for a node's, and break on a short answer.
     """
-
-    def __init__(self, network: Any) -> None:
-        self._network = network
-
-    def on_message_received(self, msg: can.Message) -> None:
-        """In the receiving thread."""
-        identifier, data = msg.arbitration_id, msg.data
-        if msg.is_extended_id or msg.is_error_frame or msg.is_remote_frame or msg.is_fd:
-            return
-        if identifier not in _SDO_ANSWERS or len(data) == _SDO_BYTES:
-            self._network.notify(identifier, data, msg.timestamp)
-
-    def on_error(self, exc: Exception) -> None:  # noqa: ARG002 - python-can keeps it in Notifier.exception
-        """In the receiving thread."""
-        if self._network.notifier is not None:
-            self._network.notifier.stop(0.0)
+    identifier, data = message.arbitration_id, message.data
+    if message.is_extended_id or message.is_error_frame or message.is_remote_frame or message.is_fd:
+        return
+    if identifier not in _SDO_ANSWERS or len(data) == _SDO_BYTES:
+        network.notify(identifier, data, message.timestamp)
 
 
 class LatestFrames:

@@ -5,6 +5,8 @@ from typing import Protocol
 
 import can
 
+from drivers.can_receiver import MonotonicInterface
+
 
 class Tap(Protocol):
     """Takes what passes. Called from any thread; must return at once and never raise."""
@@ -22,7 +24,7 @@ class Tap(Protocol):
         ...
 
 
-class TappedInterface(can.BusABC):
+class TappedInterface(MonotonicInterface):
     """A CAN interface that somebody listens in on; everything else is the inner one's."""
 
     def __init__(self, inner: can.BusABC, tap: Tap, *, echoes: bool) -> None:

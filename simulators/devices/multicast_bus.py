@@ -1,8 +1,10 @@
 """Emulated CAN nodes on a UDP multicast group (python-can's `udp_multicast`): reachable from other processes."""
 
+import select
 import socket
-from collections.abc import Callable, Sequence
-from threading import Timer
+from collections.abc import Sequence
+from contextlib import suppress
+from threading import Event, Thread, Timer
 
 import can
 from can.interfaces.udp_multicast.utils import pack_message
@@ -10,43 +12,34 @@ from can.interfaces.udp_multicast.utils import pack_message
 from simulators.devices.slcan_adapter import CanNode, Frame
 from simulators.devices.spoil import Spoil
 
-_STOP_S = 2.0
-
-
-class _Ears(can.Listener):
-    """Hears what others send; packets of strangers, which python-can cannot read, are passed over."""
-
-    def __init__(self, on_message: Callable[[can.Message], None]) -> None:
-        self._on_message = on_message
-
-    def on_message_received(self, msg: can.Message) -> None:
-        self._on_message(msg)
-
-    def on_error(self, exc: Exception) -> None:
-        """Nothing: python-can goes on listening."""
+_WAIT_S = 0.05
 
 
 class MulticastBus:
-    """Nodes on one group and port, never beyond this computer. A thread of python-can's runs between start and stop."""
+    """Nodes on one group and port, never beyond this computer. A thread runs between start and stop."""
 
     def __init__(self, nodes: Sequence[CanNode], group: str, port: int) -> None:
         self._nodes, self._group, self._port = tuple(nodes), group, port
         self._bus: can.BusABC | None = None
-        self._notifier: can.Notifier | None = None
+        self._ended = Event()
+        self._thread: Thread | None = None
         self.spoil: Spoil | None = None
         """What happens to datagrams on the wire; the sender is a frame's identifier."""
 
     def start(self) -> None:
         """Raises OSError or can.CanError when the group cannot be joined."""
         self._bus = can.Bus(interface="udp_multicast", channel=self._group, port=self._port, hop_limit=0)
-        self._notifier = can.Notifier(self._bus, [_Ears(self._on_message)], timeout=0.05)
+        self._ended.clear()
+        self._thread = Thread(target=self._listen, args=(self._bus,), name=f"multicast {self._port}", daemon=True)
+        self._thread.start()
 
     def stop(self) -> None:
         """Leave the group; nothing answers any more."""
-        if self._notifier is not None and self._bus is not None:
-            self._notifier.stop(_STOP_S)
+        if self._thread is not None and self._bus is not None:
+            self._ended.set()
+            self._thread.join()
             self._bus.shutdown()
-            self._notifier = self._bus = None
+            self._thread = self._bus = None
 
     def send(self, frames: Sequence[Frame]) -> None:
         """Frames that nodes send by themselves."""
@@ -68,6 +61,16 @@ class MulticastBus:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
             sender.sendto(data, (self._group, self._port))
+
+    def _listen(self, bus: can.BusABC) -> None:
+        """In the thread. Packets of strangers, which python-can cannot read, are passed over."""
+        while not self._ended.is_set():
+            if not select.select([bus.fileno()], [], [], _WAIT_S)[0]:  # python-can itself would wait by the wall clock
+                continue
+            with suppress(Exception):  # whatever the unpacking raises
+                message = bus.recv(0.0)
+                if message is not None:
+                    self._on_message(message)
 
     def _on_message(self, message: can.Message) -> None:
         identifier = message.arbitration_id | message.is_extended_id << 31

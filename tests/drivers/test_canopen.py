@@ -355,7 +355,7 @@ async def test_adapter_that_another_program_has_is_not_disturbed(node: Cia404Nod
     try:
         await first.connect()
         await driver.connect()
-        with pytest.raises(ConnectError, match="another program may have it open"):
+        with pytest.raises(ConnectError, match="another program has it open"):
             await second.connect()
         assert (await driver.read())[0].quality is Quality.GOOD
     finally:

@@ -110,14 +110,12 @@ def logged() -> Iterator[None]:
 
 
 @asynccontextmanager
-async def acquiring(
-    *plants: Plant, clock: RealClock | None = None, limits: Mapping[str, Plausible] | None = None
-) -> AsyncIterator[Heard]:
+async def acquiring(*plants: Plant, limits: Mapping[str, Plausible] | None = None) -> AsyncIterator[Heard]:
     heard = Heard()
     _log.set(heard.log)
     lines = [Line(plant.bus, plant.drivers, PERIOD_S, RETRY_MAX_PERIODS, plausible=limits or {}) for plant in plants]
     try:
-        async with Acquisition(lines, clock or RealClock(), heard.readings.extend, heard.notices.append):
+        async with Acquisition(lines, RealClock(), heard.readings.extend, heard.notices.append):
             yield heard
     finally:
         for plant in plants:

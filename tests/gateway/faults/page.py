@@ -81,9 +81,10 @@ FROZEN = """## frozen value
 With `stuck_after_s` set, a channel whose number has not changed at all for so long is `stale` ("exactly 21 for
 600 s"), on every kind of bus. Without it a frozen value cannot be told from a steady one.
 """
-REST = """Two more are played on every wire above: the computer's clock jumps by an hour, forwards or back (periods and
-ages stand on the monotonic clock; only the UTC of readings jumps); and every core is busy with other programs (periods
-are as regular as the computer lets a thread wake).
+REST = """Two more are played on every wire above: the computer's clock jumps by an hour, forwards and back, while
+readings come and while the bus is closed and opened (periods, timeouts and ages stand on the monotonic clock, those of
+the libraries too; only the UTC of readings jumps); and every core is busy with other programs (periods are as regular
+as the computer lets a thread wake).
 """
 
 

@@ -6,33 +6,21 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 
 import pytest
 
 from drivers.base import Quality
-from gateway.board import Board
-from gateway.clock import RealClock
 from gateway.plausibility import Plausible
 from tests.gateway.faults.actions import PERIOD_S
 from tests.gateway.faults.bench import FAULT_PERIODS, Metronome, acquiring, keeps_period, shows_what_was_said
 from tests.gateway.faults.matrix import HARMLESS, Harmless
 from tests.gateway.faults.plants import PLANTS
 from tests.gateway.faults.play import ONE_AFTER_THE_OTHER_S, all_at_once, done
+from tests.wall_clock import run_tests
 
 LASTS_S = 8 * PERIOD_S
-
-
-class JumpingClock(RealClock):
-    """Its UTC is set by the test, as NTP or a person sets a computer's."""
-
-    def __init__(self) -> None:
-        self.jump = timedelta()
-
-    def utc(self) -> datetime:
-        return datetime.now(UTC) + self.jump
 
 
 @pytest.mark.parametrize("disturbance", sorted({case.disturbance for case in HARMLESS}))
@@ -57,26 +45,8 @@ async def undisturbed(case: Harmless, folder: Path, metronome: Metronome) -> Non
         keeps_period(heard.of(channel, begun), metronome.lost_s(begun))
 
 
-async def test_wall_clock_jumps(tmp_path: Path) -> None:
-    plays = {f"{plant} {h:+} h": partial(jumped, plant, timedelta(hours=h)) for plant in PLANTS for h in (1, -1)}
-    await all_at_once(plays, tmp_path)
-
-
-async def jumped(name: str, jump: timedelta, folder: Path, metronome: Metronome) -> None:
-    plant, clock = await PLANTS[name](folder), JumpingClock()
-    board = Board({"victim": PERIOD_S, "beside": PERIOD_S, "neighbour": PERIOD_S})
-    async with acquiring(plant, clock=clock) as heard:
-        first = await heard.until("victim", Quality.GOOD, 0.0, 5.0)
-        await asyncio.sleep(3 * PERIOD_S)
-        clock.jump = jump
-        await asyncio.sleep(LASTS_S)
-        board.put(heard.readings)
-        latest = board.latest("victim", time.monotonic())
-    slack_s = metronome.lost_s(first.monotonic_s)
-    keeps_period(heard.of("victim")[2:], slack_s)
-    assert latest is not None
-    assert latest.reading.quality is Quality.GOOD
-    assert latest.age_s < 2 * PERIOD_S + slack_s
+def test_wall_clock_jumps(tmp_path: Path) -> None:
+    run_tests(Path(__file__).with_name("clock_jumps.py"), tmp_path)
 
 
 @contextmanager
