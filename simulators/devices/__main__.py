@@ -18,15 +18,16 @@ from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015
 from simulators.devices.me_controller import MeController
-from simulators.devices.me_sensor import MeSensor
+from simulators.devices.me_sensor import MeLine, MeSensor
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.pta8d08 import Pta8d08
-from simulators.devices.scenario import Scenario
+from simulators.devices.scenario import NotOfThisDeviceError, PlayClock, Scenario
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.devices.source import Faults, ValueSource
+from simulators.devices.source import Actions, ValueSource
 from simulators.devices.voltage_input import VoltageInput
 from simulators.devices.wago464 import Wago464
 from simulators.devices.wago_coupler import WagoCoupler
+from simulators.devices.wire_faults import CAN, CANOPEN, ME_LINE, ME_STREAM, RTU, TCP, WireFaults
 
 RANGE_UM = 500.0
 """Measuring range of the displacement sensors."""
@@ -44,62 +45,76 @@ class RealClock:
 
 
 Module = M7015 | Pta8d08 | VoltageInput | Adam6015 | Wago464
-Started = tuple[str, Faults]
-"""Bus settings to reach the device, and what breaks it."""
+Started = tuple[str, Actions]
+"""Bus settings to reach the device, and what a scenario can do to it."""
 Start = Callable[[ValueSource, int, AsyncExitStack], Awaitable[Started]]
 
 
 def _modbus(device: Callable[[ValueSource], Module], *, tcp: bool = False) -> Start:
     async def start(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
-        module = device(source)
+        module, wire = device(source), WireFaults(TCP if tcp else RTU)
+        answers = WagoCoupler([module]) if isinstance(module, Wago464) else module
+        place = TcpHost({unit: answers}) if tcp else RtuLine({unit: answers})
+        place.spoil = wire.spoil
+        where = await place.start()
+        stack.push_async_callback(place.stop)
+        actions = module.faults.actions() | wire.actions()
+        if isinstance(module, M7015 | Adam6015):
+            set_type_code = module.set_type_code
+            actions["type_code"] = lambda told: set_type_code(*told)
         if tcp:
-            host = TcpHost({unit: WagoCoupler([module]) if isinstance(module, Wago464) else module})
-            reached = f'kind = "modbus_tcp", host = "{_HOST}", port = {await host.start()}'
-            stack.push_async_callback(host.stop)
-        else:
-            line = RtuLine({unit: module})
-            reached = f'kind = "modbus_rtu", port = "{await line.start()}"'
-            stack.push_async_callback(line.stop)
-        return reached, module.faults
+            return f'kind = "modbus_tcp", host = "{_HOST}", port = {where}', actions
+        return f'kind = "modbus_rtu", port = "{where}"', actions
 
     return start
 
 
 async def _node(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
-    node = Cia404Node(unit, source, inputs=len(source()), heartbeat_ms=500)
+    node, wire = Cia404Node(unit, source, inputs=len(source()), heartbeat_ms=500), WireFaults(CANOPEN)
     adapter = SlcanAdapter([node])
+    adapter.spoil = wire.spoil
     path = await adapter.start()
     stack.push_async_callback(adapter.stop)
     node.start(adapter.send)
     stack.callback(node.stop)
-    return f'kind = "canopen", interface = "slcan", channel = "{path}"', node.faults
+    actions = node.faults.actions() | wire.actions()
+    actions["type_code"] = lambda told: node.set_sensor_type(*told)
+    actions["heartbeat"] = lambda on: setattr(node, "heartbeat_stopped", not on)
+    actions["emcy"] = lambda code: adapter.send(node.emergency(code))
+    actions["reboot"] = lambda _: adapter.send(node.reboot())
+    return f'kind = "canopen", interface = "slcan", channel = "{path}"', actions
 
 
 async def _logger(source: ValueSource, _: int, stack: AsyncExitStack) -> Started:
-    adapter = SlcanAdapter([])
+    adapter, wire = SlcanAdapter([]), WireFaults(CAN)
+    adapter.spoil = wire.spoil
     path = await adapter.start()
     stack.push_async_callback(adapter.stop)
     logger = CanLogger(source, adapter.send, cycle_s=0.1)
     logger.start()
     stack.callback(logger.stop)
-    return f'kind = "can", interface = "slcan", channel = "{path}"', logger.faults
+    return f'kind = "can", interface = "slcan", channel = "{path}"', logger.faults.actions() | wire.actions()
 
 
 def _sensor(counted: bool) -> Start:
     async def start(source: ValueSource, unit: int, stack: AsyncExitStack) -> Started:
         sensor = MeSensor(source, range_um=RANGE_UM, address=unit, payload="counted" if counted else "float")
-        path = await sensor.start()
-        stack.push_async_callback(sensor.stop)
-        return f'kind = "me_rs485", port = "{path}"', sensor.faults
+        line, wire = MeLine([sensor]), WireFaults(ME_LINE)
+        line.spoil = wire.spoil
+        path = await line.start()
+        stack.push_async_callback(line.stop)
+        return f'kind = "me_rs485", port = "{path}"', sensor.faults.actions() | wire.actions()
 
     return start
 
 
 async def _controller(source: ValueSource, _: int, stack: AsyncExitStack) -> Started:
-    controller = MeController(source, range_um=RANGE_UM)
+    controller, wire = MeController(source, range_um=RANGE_UM), WireFaults(ME_STREAM)
+    controller.spoil = wire.spoil
     port = await controller.start()
     stack.push_async_callback(controller.stop)
-    return f'kind = "me_ethernet", host = "{_HOST}", port = {port}', controller.faults
+    actions = controller.faults.actions() | wire.actions()
+    return f'kind = "me_ethernet", host = "{_HOST}", port = {port}', actions
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,13 +147,26 @@ DEVICES: Mapping[str, Device] = {
 }
 
 
-async def emulate(device: str, scenario: Scenario, unit: int, told: Callable[[str], None], stop: asyncio.Event) -> None:
-    """Run the device until `stop`; `told` gets its bus settings. Raises ValueError for too many or too few values."""
+async def emulate(
+    device: str,
+    scenario: Scenario,
+    unit: int,
+    told: Callable[[str], None],
+    stop: asyncio.Event,
+    clock: PlayClock | None = None,
+) -> None:
+    """Run the device until `stop`; `told` gets its bus settings.
+
+    clock: in which the scenario is played; None: the computer's
+
+    Raises ValueError for too many or too few values, NotOfThisDeviceError for something that cannot happen to it.
+    """
     DEVICES[device].check(device, scenario)
-    clock = RealClock()
+    clock = clock or RealClock()
     async with AsyncExitStack() as stack:
-        settings, faults = await DEVICES[device].start(scenario.source(clock), unit, stack)
-        playing = asyncio.create_task(scenario.play(faults, clock), name="scenario")
+        settings, actions = await DEVICES[device].start(scenario.source(clock), unit, stack)
+        scenario.check(device, actions)
+        playing = asyncio.create_task(scenario.play(actions, clock), name="scenario")
         stack.callback(playing.cancel)
         told(settings)
         await stop.wait()
@@ -162,7 +190,10 @@ def main() -> None:
         DEVICES[chosen.device].check(chosen.device, scenario)
     except (OSError, ValueError) as error:
         parser.error(f"{chosen.scenario}: {error}")
-    asyncio.run(_until_interrupted(chosen.device, scenario, chosen.unit))
+    try:
+        asyncio.run(_until_interrupted(chosen.device, scenario, chosen.unit))
+    except NotOfThisDeviceError as error:
+        parser.error(f"{chosen.scenario}: {error}")
 
 
 if __name__ == "__main__":

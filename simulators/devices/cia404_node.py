@@ -108,6 +108,16 @@ class Cia404Node:
         """When all TPDOs are sent: 1 after each SYNC, 254 and 255 on events (here the timer's only)."""
         self._transmission_type = kind
 
+    def reboot(self) -> Sequence[Frame]:
+        """It was without power and is back: it says so, and waits for somebody to start it."""
+        self.faults.silent = False
+        return self._network_management(Nmt.RESET_NODE)
+
+    def emergency(self, code: int) -> Sequence[Frame]:
+        """What it sends when an error of its own begins; codes 00xx take it back (CiA 301)."""
+        register = 1 if code & 0xFF00 else 0
+        return ((0x80 + self._node_id, code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0))),)
+
     def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
         if self.faults.silent:
             return ()

@@ -6,19 +6,57 @@ A scenario is TOML: `[[at]]` tables in the order of time, each with `s` and some
   it stands;
 - `fault` and `channel`: the channel's sensor breaks (`open`, `short`, `over`, `under`);
 - `mend`: number of the channel whose sensor is whole again;
-- `silent`: whether the device answers no more.
+- `type_code` and `channel`: somebody sets the channel to another type of sensor;
+- the keys of SWITCHES, with what each expects. Each stays as it is until another entry changes it.
+
+Not every device has every one of them: `check` compares.
 """
 
 import bisect
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from typing import Protocol
 
-from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.source import Actions, Fault, ValueSource
 
-_KEYS = {"s", "values", "fault", "channel", "mend", "silent"}
+
+def _is_truth(value: object) -> bool:
+    return isinstance(value, bool)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
+def _is_duration(value: object) -> bool:
+    return isinstance(value, int | float) and _is_number(value) and value >= 0
+
+
+def _is_whole(most: int) -> Callable[[object], bool]:
+    return lambda value: isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= most
+
+
+_TRUTH = "true or false"
+_CODE = 0xFFFF
+SWITCHES: Mapping[str, tuple[str, Callable[[object], bool]]] = {
+    "silent": (_TRUTH, _is_truth),  # it hears and does not answer
+    "delay_s": ("seconds, 0 to end it", _is_duration),  # each answer comes so late
+    "crc": (_TRUTH, _is_truth),  # its answers have a wrong checksum
+    "truncated": (_TRUTH, _is_truth),  # its answers end too early
+    "exception": ("a Modbus exception code up to 255, 0 to end it", _is_whole(255)),
+    "abort": ("an SDO abort code of 32 bits, 0 to end it", _is_whole(0xFFFF_FFFF)),
+    "heartbeat": (_TRUTH, _is_truth),  # false: it stops, the rest goes on
+    "emcy": ("an emergency's code up to 0xFFFF; 0 takes it back", _is_whole(_CODE)),  # sent once
+    "reboot": ("true", lambda value: value is True),  # it starts anew and says so, also after `silent`
+}
+"""What a device or its wire suffers, in the order in which one entry's are done: the value expected, and its check."""
+_KEYS = {"s", "values", "fault", "channel", "mend", "type_code", *SWITCHES}
+
+
+class NotOfThisDeviceError(ValueError):
+    """The scenario does something to a device that cannot happen to it."""
 
 
 class PlayClock(Protocol):
@@ -32,7 +70,10 @@ class PlayClock(Protocol):
 @dataclass(frozen=True, slots=True)
 class _Change:
     at_s: float
-    apply: Callable[[Faults], None]
+    where: str
+    """Entry and key, for a person."""
+    action: str
+    value: object
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +84,7 @@ class Scenario:
     _values: list[Sequence[float]] = field(default_factory=list)
     _changes: list[_Change] = field(default_factory=list)
     _named: list[tuple[str, int]] = field(default_factory=list)
-    """Channels that break or are mended, and where that stands."""
+    """Channels to which something happens, and where that stands."""
 
     @classmethod
     def parse(cls, text: str) -> "Scenario":
@@ -70,6 +111,13 @@ class Scenario:
         """How many values there are."""
         return len(self._values[0])
 
+    def check(self, device: str, actions: Collection[str]) -> None:
+        """Raises NotOfThisDeviceError naming the first entry that does what cannot happen to this device."""
+        for change in self._changes:
+            if change.action not in actions:
+                has = ", ".join(sorted(actions))
+                raise NotOfThisDeviceError(f"{change.where}: cannot happen to {device}; what can: {has}")
+
     def values(self, time_s: float) -> list[float]:
         """Of all channels at this time."""
         after = bisect.bisect_right(self._times, time_s)
@@ -86,41 +134,43 @@ class Scenario:
         began = clock.monotonic()
         return lambda: self.values(clock.monotonic() - began)
 
-    async def play(self, faults: Faults, clock: PlayClock) -> None:
+    async def play(self, actions: Actions, clock: PlayClock) -> None:
         """Break and mend the device in time; the scenario begins now. Ends with its last change."""
         began = clock.monotonic()
         for change in self._changes:
             await clock.sleep_until(began + change.at_s)
-            change.apply(faults)
+            actions[change.action](change.value)
 
     def _add(self, where: str, at_s: float, entry: dict[str, object]) -> None:
         if (values := entry.get("values")) is not None:
-            expected = len(self._values[0]) if self._values else None
+            count = len(self._values[0]) if self._values else None
             if not isinstance(values, list) or not all(_is_number(v) for v in values) or not values:
                 raise ValueError(f"{where}.values = {values!r}: expected numbers")
-            if expected not in (None, len(values)):
-                raise ValueError(f"{where}.values = {values!r}: expected {expected} of them as before")
+            if count not in (None, len(values)):
+                raise ValueError(f"{where}.values = {values!r}: expected {count} of them as before")
             self._times.append(at_s)
             self._values.append([float(v) for v in values])
         if "fault" in entry:
             kind, channel = entry["fault"], _channel(where, "channel", entry.get("channel"))
             if str(kind) not in set(Fault):
                 raise ValueError(f"{where}.fault = {kind!r}: expected one of {', '.join(Fault)}")
-            self._changes.append(_Change(at_s, lambda faults: faults.set(channel, Fault(str(kind)))))
+            self._changes.append(_Change(at_s, f"{where}.fault", "fault", (channel, Fault(str(kind)))))
             self._named.append((f"{where}.channel", channel))
         if "mend" in entry:
             mended = _channel(where, "mend", entry["mend"])
-            self._changes.append(_Change(at_s, lambda faults: faults.set(mended, None)))
+            self._changes.append(_Change(at_s, f"{where}.mend", "fault", (mended, None)))
             self._named.append((f"{where}.mend", mended))
-        if "silent" in entry:
-            silent = entry["silent"]
-            if not isinstance(silent, bool):
-                raise ValueError(f"{where}.silent = {silent!r}: expected true or false")
-            self._changes.append(_Change(at_s, lambda faults: setattr(faults, "silent", silent)))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+        if "type_code" in entry:
+            code, channel = entry["type_code"], _channel(where, "channel", entry.get("channel"))
+            if not _is_whole(_CODE)(code):
+                raise ValueError(f"{where}.type_code = {code!r}: expected a code up to 0xFFFF")
+            self._changes.append(_Change(at_s, f"{where}.type_code", "type_code", (channel, code)))
+            self._named.append((f"{where}.channel", channel))
+        for key, (expected, fits) in SWITCHES.items():
+            if key in entry:
+                if not fits(value := entry[key]):
+                    raise ValueError(f"{where}.{key} = {value!r}: expected {expected}")
+                self._changes.append(_Change(at_s, f"{where}.{key}", key, value))
 
 
 def _channel(where: str, key: str, value: object) -> int:

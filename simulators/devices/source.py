@@ -3,9 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 ValueSource = Callable[[], Sequence[float]]
 """Physical values of all channels (degC, or µm) at this moment; called once per request for values."""
+Actions = dict[str, Callable[[Any], None]]
+"""What a scenario can do to a device: its key to what takes the key's value."""
 
 
 class Fault(StrEnum):
@@ -31,6 +34,13 @@ class Faults:
             self.by_channel.pop(channel, None)
         else:
             self.by_channel[channel] = fault
+
+    def actions(self) -> Actions:
+        """What can happen to every device; `fault` takes a channel and what it has."""
+        return {"fault": lambda told: self.set(*told), "silent": self._silence}
+
+    def _silence(self, silent: bool) -> None:
+        self.silent = silent
 
 
 def clamp(value: float, low: float, high: float) -> float:

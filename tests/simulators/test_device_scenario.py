@@ -48,7 +48,7 @@ async def test_device_answers_what_the_script_says_at_that_time() -> None:
     clock, scenario = ManualClock(1000.0), Scenario.parse(SCENARIO)
     module = M7015(lambda: [*told(), 0.0, 0.0, 0.0, 0.0])
     told = scenario.source(clock)
-    playing = asyncio.create_task(scenario.play(module.faults, clock))
+    playing = asyncio.create_task(scenario.play(module.faults.actions(), clock))
     seen = {}
     for second in (0, 5, 10, 14, 15, 20, 30):
         await clock.pass_to(1000.0 + second)
@@ -84,7 +84,22 @@ async def test_device_answers_what_the_script_says_at_that_time() -> None:
         ),
         ("[[at]]\ns = 0\nvalues = [1, 2]\n[[at]]\ns = 1\nmend = 7", r"at\[1\].mend = 7: `values` has channels 0 to 1"),
         ("[[at]]\ns = 0\nsilent = 1", r"at\[0\].silent = 1: expected true or false"),
-        ("[[at]]\ns = 0\nvalue = [1]", "unknown key 'value'; known: channel, fault, mend, s, silent, values"),
+        ("[[at]]\ns = 0\nvalue = [1]", "unknown key 'value'; known: abort, channel, crc, .*, values"),
+        ("[[at]]\ns = 0\ndelay_s = -1", r"at\[0\].delay_s = -1: expected seconds, 0 to end it"),
+        ("[[at]]\ns = 0\ndelay_s = inf", r"at\[0\].delay_s = inf: expected seconds"),
+        ('[[at]]\ns = 0\ncrc = "wrong"', r"at\[0\].crc = 'wrong': expected true or false"),
+        ("[[at]]\ns = 0\ntruncated = 3", r"at\[0\].truncated = 3: expected true or false"),
+        ("[[at]]\ns = 0\nexception = 256", r"at\[0\].exception = 256: expected a Modbus exception code up to 255"),
+        ("[[at]]\ns = 0\nabort = true", r"at\[0\].abort = True: expected an SDO abort code"),
+        ("[[at]]\ns = 0\nheartbeat = 0", r"at\[0\].heartbeat = 0: expected true or false"),
+        ("[[at]]\ns = 0\nemcy = 0x10000", r"at\[0\].emcy = 65536: expected an emergency's code"),
+        ("[[at]]\ns = 0\nreboot = false", r"at\[0\].reboot = False: expected true"),
+        ("[[at]]\ns = 0\ntype_code = 30", r"at\[0\].channel = None: expected a channel's number"),
+        (
+            "[[at]]\ns = 0\nvalues = [1]\ntype_code = 30\nchannel = 1",
+            r"at\[0\].channel = 1: `values` has channels 0 to 0",
+        ),
+        ("[[at]]\ns = 0\ntype_code = -1\nchannel = 0", r"at\[0\].type_code = -1: expected a code"),
     ],
 )
 def test_mistakes_are_named(text: str, says: str) -> None:
