@@ -36,7 +36,7 @@ class Late:
 
     def let_go(self) -> None:
         """From now on they answer, one request after the other; first comes the answer that is kept."""
-        self._before, self._gone = self._senders, True
+        self._before, self._gone = {*self._senders, *self._before}, True
 
     def __call__(self, sender: int, frame: bytes) -> Sequence[tuple[float, bytes]]:
         is_late = sender in self._senders
