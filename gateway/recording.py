@@ -32,6 +32,7 @@ class Recording:
     """Grid steps with anything in them; a step that the file passes over is a gap in k."""
 
     name: str
+    """Of the machine, for the page: the file's, without what follows the dot."""
     step_s: float
     start_utc_s: float
     """UTC seconds at which the first step ends."""

@@ -1,12 +1,12 @@
 """A recording through a controller as if it were live, and what the report needs to show of it."""
 
 from collections.abc import Callable
-from importlib.metadata import version
 
 import numpy as np
 
 from gateway.recording import Recording
 from gateway.report import AdoptedModels, ReportData
+from gateway.versions import versions
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement
 from talc.names import THERMAL_ERRORS
@@ -26,7 +26,8 @@ def rehearse(
     """Every step of the recording through a fresh controller; a training ends within its step.
 
     A recorded measurement reaches the controller when it has asked for one, as a probing cycle would; the others
-    only judge. every_measurement: all of them reach it.
+    only judge. every_measurement: all of them reach it. Sensors are not compared with each other and measurements not
+    checked, as a recording has neither units nor the centres of a probing cycle.
     """
     controller = Controller(recording.input_names, settings)
     decisions: list[Decision] = []
@@ -59,7 +60,7 @@ def rehearse(
     return ReportData(
         machine=recording.name,
         fingerprint="",
-        versions=f"talc-gateway {version('talc-gateway')}, numpy {np.__version__}",
+        versions=versions(),
         step_s=recording.step_s,
         start_utc_s=recording.start_utc_s,
         k=recording.k,
@@ -83,4 +84,5 @@ def rehearse(
         truth=None,
         recorded=recording.errors,
         held=held,
+        not_compared="a recording does not say which of its inputs are temperatures",
     )

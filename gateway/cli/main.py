@@ -258,10 +258,10 @@ def replay(
         from gateway.cli.replay import show
 
         sys.exit(0 if show(file) else EXIT_DIFFERENT)
-    from gateway.cli.replay import run_recording
+    from gateway.cli.replay import Request, run_recording
 
     columns = Columns(time_column, _named_errors(errors), ignore)
-    run_recording(file, columns, _page(output, file, config), config, every_measurement=every_measurement)
+    run_recording(Request(file, columns, _page(output, file, config), config, every_measurement))
 
 
 def _named_errors(pairs: tuple[str, ...]) -> dict[str, str]:

@@ -1,15 +1,22 @@
 """`talc-gateway replay`: of a store, to prove its decisions; of a user's recording, as if it were live."""
 
+import hashlib
+import json
+import shlex
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from rich.progress import Progress
 
 from gateway.config.talc_only import TalcOnly, load_talc_only
-from gateway.recording import read_recording
+from gateway.recording import Recording, read_recording
 from gateway.recording_columns import Columns
 from gateway.replay import replay
 from gateway.store import History
 from gateway.terminal import terminal
+
+_DAY_H = 24.0
 
 
 def show(database: Path) -> bool:
@@ -28,32 +35,97 @@ def show(database: Path) -> bool:
     return result.identical
 
 
-def run_recording(file: Path, columns: Columns, output: Path, config: Path | None, *, every_measurement: bool) -> None:
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A recording, and what was asked of it."""
+
+    file: Path
+    columns: Columns
+    page: Path
+    config: Path | None
+    every_measurement: bool
+
+    def command(self) -> str:
+        """What to type to make the page again."""
+        words = ["talc-gateway", "replay", str(self.file)]
+        words += [] if self.page == self.file.with_suffix(".html") else ["-o", str(self.page)]
+        words += [] if self.config is None else ["--config", str(self.config)]
+        words += [] if self.columns.time == Columns().time else ["--time", self.columns.time]
+        words += [
+            word for error, name in (self.columns.errors or {}).items() for word in ("--error", f"{error}={name}")
+        ]
+        words += [word for name in self.columns.ignored for word in ("--ignore", name)]
+        words += ["--every-measurement"] if self.every_measurement else []
+        return shlex.join(words)
+
+
+def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
     from gateway.rehearsal import rehearse
     from gateway.report import build, summary, table
 
-    sections = TalcOnly() if config is None else load_talc_only(config)
-    recording = read_recording(file, columns, sections.grid.step_s)
+    sections = TalcOnly() if request.config is None else load_talc_only(request.config)
+    recording = read_recording(request.file, request.columns, sections.grid.step_s)
     console = terminal()
+    takes, longer = _calibration(recording, sections)
+    if longer:
+        console.print(f"Calibration takes {takes}, {longer}", soft_wrap=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("replaying", total=len(recording.k))
         data = rehearse(
             recording,
             sections.talc,
-            every_measurement=every_measurement,
+            every_measurement=request.every_measurement,
             progress=lambda steps: bar.update(task, completed=steps),
         )
     found = summary(data)
     if found.rows:
         console.print(table(found))
     else:
-        control = sections.talc.control
         console.print(
             f"no figures: {found.basis}; {data.cycles} of {len(data.k)} steps of {data.step_s:g} s hold a measurement. "
-            f"Calibration takes {control.calibration_steps} steps, measured each {control.calibration_interval_steps}; "
+            f"Calibration takes {takes}; "
             "--config with [talc.control] calibration_steps and calibration_interval_steps says otherwise",
             soft_wrap=True,
         )
-    output.write_text(build(data), encoding="utf-8")
-    console.print(f"report: {output}", soft_wrap=True)
+    request.page.write_text(build(replace(data, made=_made(request, recording, sections, takes))), encoding="utf-8")
+    console.print(f"report: {request.page}", soft_wrap=True)
+
+
+def _calibration(recording: Recording, sections: TalcOnly) -> tuple[str, str]:
+    """How long it takes; and when that is longer than one may think, why."""
+    control, step_s = sections.talc.control, recording.step_s
+    hours, lasts = control.calibration_steps * step_s / 3600, int(np.ptp(recording.k) + 1) * step_s / 3600
+    every = control.calibration_interval_steps
+    takes = f"{control.calibration_steps} steps of {step_s:g} s, {hours:.1f} h, measured each {every}"
+    if hours > lasts:
+        return takes, f"longer than the recording, {lasts:.1f} h: there will be no figures"
+    if hours > _DAY_H and step_s > sections.grid.step_s:
+        return (
+            takes,
+            f"as rows {step_s:g} s apart are a step each: calibration_steps = {_DAY_H * 3600 / step_s:.0f} is a day",
+        )
+    return takes, ""
+
+
+def _made(request: Request, recording: Recording, sections: TalcOnly, calibration: str) -> tuple[tuple[str, str], ...]:
+    """What it takes to make the page again."""
+    file, config = request.file, request.config
+    errors = (name if name == column else f"{name} = {column}" for name, column in recording.error_columns.items())
+    used = "each one" if request.every_measurement else "those that the controller asked for"
+    talc = asdict(sections.talc)
+    return (
+        ("file", f"{file.name}, {file.stat().st_size} bytes, SHA-256 {recording.sha256}"),
+        ("command", request.command()),
+        ("errors", ", ".join(errors)),
+        ("columns left out", ", ".join(name or "the first, without a name" for name in recording.ignored) or "none"),
+        ("measurements used", used),
+        ("calibration", calibration),
+        ("settings", "the defaults" if config is None else f"{config.name}, SHA-256 {_sha256(config)}"),
+        ("[grid]", f"step_s = {sections.grid.step_s:g}"),
+        *((f"[talc.{part}]", ", ".join(f"{k} = {json.dumps(v)}" for k, v in talc[part].items())) for part in talc),
+    )
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()

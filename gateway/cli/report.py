@@ -59,6 +59,7 @@ def collect(database: Path, truth: Path | None = None) -> ReportData:
             cycles=len(cycles),
             rejected_cycles=sum(m.errors is None for m in cycles),
             truth=None if truth is None else _truth(truth, start),
+            not_compared="" if config.sensor_check.enabled else "[sensor_check] enabled = false",
         )
 
 

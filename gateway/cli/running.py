@@ -1,10 +1,8 @@
 """What `run` and `demo` share: store, telemetry and service around one configuration, until a signal."""
 
 import asyncio
-import platform
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
-from importlib.metadata import version
 
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
@@ -14,15 +12,11 @@ from gateway.replay import past_of
 from gateway.service import Service
 from gateway.store import History, Store, boot_id
 from gateway.telemetry import Telemetry
+from gateway.versions import versions
 from gateway.wire_log import WireLogWriter
 from talc.frame import Decision
 
-_VERSIONS_OF = ("talc-gateway", "numpy", "scipy", "osqp", "pymodbus", "canopen", "asyncua", "eclipse-zenoh")
-
-
-def versions() -> str:
-    """Of Python and of what matters for results, for the record."""
-    return ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in _VERSIONS_OF)])
+_WIRES = ("pymodbus", "canopen", "asyncua", "eclipse-zenoh")
 
 
 async def serve(
@@ -55,7 +49,7 @@ async def serve(
         )
         with History(config.storage.path) as history:
             past = past_of(history, config)
-        store.begin(config.canonical(), config.fingerprint(), versions())
+        store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES))
         outlets: list[Outlet] = [store]
         told: list[Callable[[str], None]] = []
         if config.telemetry.enabled:

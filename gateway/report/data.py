@@ -67,6 +67,10 @@ class ReportData:
     """(T, 9) all that a recording holds, asked for or not; None: a run of a gateway."""
     held: FloatArray | None = None
     """(T, 9) the last of the measurements that were used, before this step's; beside a recording."""
+    not_compared: str = ""
+    """Why nobody looked whether temperature sensors agree with each other; empty: it was looked for."""
+    made: tuple[tuple[str, str], ...] = ()
+    """What it takes to make the page of a recording again: what it is, and its text."""
 
     @property
     def time_s(self) -> FloatArray:

@@ -1,0 +1,13 @@
+"""Versions of what matters for results, for the record."""
+
+import platform
+from importlib.metadata import version
+
+_NUMERICS = ("talc-gateway", "numpy", "scipy", "osqp")
+
+
+def versions(*more: str) -> str:
+    """Of Python, of this and of the numerics, and of `more` distributions."""
+    return ", ".join(
+        [f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in (*_NUMERICS, *more))]
+    )
