@@ -97,7 +97,8 @@ def _calibration(recording: Recording, sections: TalcOnly) -> tuple[str, str]:
     control, step_s = sections.talc.control, recording.step_s
     hours, lasts = control.calibration_steps * step_s / 3600, int(np.ptp(recording.k) + 1) * step_s / 3600
     every = control.calibration_interval_steps
-    takes = f"{control.calibration_steps} steps of {step_s:g} s, {hours:.1f} h, measured each {every}"
+    measured = "measured at every step" if every == 1 else f"measured each {every} steps"
+    takes = f"{control.calibration_steps} steps of {step_s:g} s, {hours:.1f} h, {measured}"
     if hours > lasts:
         return takes, f"longer than the recording, {lasts:.1f} h: there will be no figures"
     if hours > _DAY_H and step_s > sections.grid.step_s:

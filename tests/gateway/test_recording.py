@@ -212,6 +212,9 @@ def test_a_page_overwrites_nothing_that_it_is_made_from(tmp_path: Path) -> None:
         assert "give it another name with -o" in answer.output
     assert path.read_text(encoding="utf-8") == "\n".join(GOOD)
     assert run(path, "-o", tmp_path / "page.html").exit_code == 0
+    answer = CliRunner().invoke(main, ["report", str(path)])
+    assert answer.exit_code == 2
+    assert "the page would overwrite" in answer.output
 
 
 def test_timestamps_of_parquet_need_neither_pandas_nor_their_zone(tmp_path: Path) -> None:

@@ -78,17 +78,17 @@ def test_the_page_claims_no_check_that_nobody_made(tmp_path: Path) -> None:
         (
             420.0,
             400,
-            "288 steps of 420 s, 33.6 h, measured each 1, as rows 420 s apart are a step each: calibration_steps = 206",
+            "288 steps of 420 s, 33.6 h, measured at every step, as rows 420 s apart are a step each: calib",
         ),
         (
             3600.0,
             71,
-            "288 steps of 3600 s, 288.0 h, measured each 1, longer than the recording, 71.0 h: there will be no",
+            "288 steps of 3600 s, 288.0 h, measured at every step, longer than the recording, 71.0 h: there will be no",
         ),
         (
             300.0,
             60,
-            "288 steps of 300 s, 24.0 h, measured each 1, longer than the recording, 5.0 h: there will be no figures",
+            "288 steps of 300 s, 24.0 h, measured at every step, longer than the recording, 5.0 h: there will be no",
         ),
         (300.0, 300, None),
     ],
@@ -101,7 +101,7 @@ def test_a_calibration_longer_than_one_may_think_is_told(
     assert answer.exit_code == 0
     if said is None:
         assert "Calibration takes" not in answer.output
-        assert "288 steps of 300 s, 24.0 h, measured each 1" in page_of(path)
+        assert "288 steps of 300 s, 24.0 h, measured at every step" in page_of(path)
     else:
         assert f"Calibration takes {said}" in answer.output
 
