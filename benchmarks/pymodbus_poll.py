@@ -1,7 +1,7 @@
-"""`python -m benchmarks.pymodbus_poll SECONDS WHERE`: the bare loop that one writes with pymodbus' own client.
+"""`python -m benchmarks.pymodbus_poll SECONDS WINDOWS WHERE`: the bare loop that one writes with pymodbus' own client.
 
 The same requests to the same units at the same rate; nothing is decoded, checked, stored or published. Prints JSON:
-share of a core, and p99 of |interval - 1 s| in ms.
+share of a core, and p99 of |interval - 1 s| in ms of each of so many windows of so many seconds.
 """
 
 import asyncio
@@ -39,19 +39,21 @@ async def _poll(client: AsyncModbusSerialClient | AsyncModbusTcpClient, end_s: f
     return times
 
 
-async def _run(seconds: float, lines: list[str], hosts: list[int]) -> None:
+async def _run(seconds: float, windows: int, lines: list[str], hosts: list[int]) -> None:
     clients: list[AsyncModbusSerialClient | AsyncModbusTcpClient] = []
     clients += [AsyncModbusSerialClient(port, baudrate=115200) for port in lines]
     clients += [AsyncModbusTcpClient("127.0.0.1", port=port) for port in hosts]
-    tasks = [asyncio.create_task(_poll(client, time.monotonic() + _WARM_UP_S + seconds)) for client in clients]
+    end_s = time.monotonic() + _WARM_UP_S + windows * seconds
+    tasks = [asyncio.create_task(_poll(client, end_s)) for client in clients]
     await asyncio.sleep(_WARM_UP_S)
     cpu, begun = time.process_time(), time.monotonic()
-    await asyncio.sleep(seconds - 1.0)
+    await asyncio.sleep(windows * seconds - 1.0)
     share = (time.process_time() - cpu) / (time.monotonic() - begun)
-    late = [abs(np.diff(t)[3:] - 1.0) for times in await asyncio.gather(*tasks) for t in times]
-    print(json.dumps([share, float(np.percentile(np.concatenate(late), 99)) * 1e3]))
+    late = [np.array_split(abs(np.diff(t)[3:] - 1.0), windows) for times in await asyncio.gather(*tasks) for t in times]
+    p99_ms = [float(np.percentile(np.concatenate(window), 99)) * 1e3 for window in zip(*late, strict=True)]
+    print(json.dumps([share, p99_ms]))
 
 
 if __name__ == "__main__":
-    where = json.loads(sys.argv[2])
-    asyncio.run(_run(float(sys.argv[1]), where["lines"], where["hosts"]))
+    where = json.loads(sys.argv[3])
+    asyncio.run(_run(float(sys.argv[1]), int(sys.argv[2]), where["lines"], where["hosts"]))
