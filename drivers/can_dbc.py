@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import cantools
 from cantools.database.can import Database, Message, Signal
@@ -11,7 +12,7 @@ from cantools.database.errors import Error as DbcError
 
 from drivers.base import Clock, Quality, Reading
 from drivers.can_bus import CanBus, FrameId
-from drivers.faults import CodeRule, Fault, code_rule, first_fault
+from drivers.faults import CodeRule, Fault, RangeRule, code_rule, range_rule
 from drivers.readings import ReadingMaker
 from drivers.toml_table import Table
 
@@ -24,7 +25,8 @@ class DbcSignal:
 
     message: Message
     signal: Signal
-    rules: tuple[CodeRule, ...]
+    rules: tuple[CodeRule | RangeRule, ...]
+    """The most telling first."""
 
     @property
     def frame(self) -> FrameId:
@@ -44,9 +46,10 @@ class DbcSignal:
             return Fault(Quality.COMM_FAULT, text)
         if not isinstance(decoded, dict):
             return Fault(Quality.COMM_FAULT, f"message {self.message.name} holds other messages")
-        raw = decoded[self.signal.name]
-        if isinstance(raw, int) and (fault := first_fault(self.rules, raw & self.bits)) is not None:
-            return fault
+        raw: Any = decoded[self.signal.name]
+        for rule in self.rules:
+            if rule.matches(raw & self.bits if isinstance(rule, CodeRule) else raw):
+                return rule.fault
         value = float(self.signal.conversion.raw_to_scaled(raw, decode_choices=False))  # type: ignore[arg-type]
         if not isfinite(value):
             return Fault(Quality.SENSOR_FAULT, "the device sends no number")
@@ -109,9 +112,20 @@ def _signal(table: Table, messages: Mapping[str, Message]) -> DbcSignal:
         raise table.error("message", f"{message.name} is multiplexed or a container, which is not supported")
     signals = {signal.name: signal for signal in message.signals}
     signal = signals[table.text("name", choices=signals)]
-    rules = tuple(code_rule(rule, _bits(signal)) for rule in table.tables("invalid"))
+    rules = tuple(_rule(entry, signal) for entry in table.tables("invalid"))
     table.finish()
     return DbcSignal(message, signal, rules)
+
+
+def _rule(table: Table, signal: Signal) -> CodeRule | RangeRule:
+    if not (table.has("low") or table.has("high")):
+        if signal.is_float:
+            raise table.error("mask", f"{signal.name} is a real number and has no bits to look at; state low or high")
+        return code_rule(table, _bits(signal))
+    if signal.is_float:
+        return range_rule(table, None, None)
+    least = -(1 << signal.length - 1) if signal.is_signed else 0
+    return range_rule(table, least, least + _bits(signal))
 
 
 def _bits(signal: Signal) -> int:

@@ -50,7 +50,7 @@ class Table:
         value = self._take(key, default)
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise self.error(key, f"{value!r} is not a number")
-        if not isfinite(value):
+        if key in self._values and not isfinite(value):
             raise self.error(key, f"{value} is not a finite number")
         return float(value)
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from drivers.base import ConnectError, Driver, NoAnswer, Quality, Reading, SetupError, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.can_dbc import CanDbcProfile
+from drivers.can_dbc import CanDbcProfile, DbcSignal
 from drivers.faults import Fault as Faulty
 from drivers.profiles import load_profile
 from simulators.devices.can_logger import CanLogger
@@ -138,6 +138,98 @@ async def test_unplugged_adapter_is_a_connection_fault(tmp_path: Path) -> None:
 def test_mistakes_in_the_profile_are_named(tmp_path: Path, old: str, new: str, says: str) -> None:
     with pytest.raises(SetupError, match=says):
         load_profile(logger_profile(tmp_path, text=PROFILE.replace(old, new)))
+
+
+INVALID = PROFILE[PROFILE.index("invalid = ") : PROFILE.index("[[signal]]", PROFILE.index("invalid = "))]
+"""The rules of the first signal, 16 bits with a sign."""
+
+
+def ruled(folder: Path, *rules: str, old: str = INVALID, before: str = "") -> DbcSignal:
+    """The logger's first signal with these rules; `before` them, what else takes the place of `old` in the profile."""
+    text = PROFILE.replace(old, f"{before}invalid = [{', '.join(rules)}]\n", 1)
+    profile = load_profile(logger_profile(folder, text=text))
+    assert isinstance(profile, CanDbcProfile)
+    return profile.signals[0]
+
+
+def real(folder: Path, *rules: str) -> DbcSignal:
+    """The same with a real number in the place of the first signal."""
+    return ruled(
+        folder, *rules, old=f'message = "First"\nname = "T0"\n{INVALID}', before='message = "Real"\nname = "F"\n'
+    )
+
+
+def rule(text: str, quality: str = "sensor_fault") -> str:
+    return f'{{ {text}, quality = "{quality}", detail = "{text}" }}'
+
+
+@pytest.mark.parametrize(
+    ("stated", "inside", "outside"),
+    [
+        ("low = 7000, high = 7100", (7000, 7050, 7100), (6999, 7101, -7050)),
+        ("low = 8000", (8000, 8500, 32767), (7999, -8000)),
+        ("high = -1500", (-1500, -1999, -32768), (-1499, 0, 8000)),
+        ("low = -1, high = -1", (-1,), (0, -2)),
+    ],
+)
+def test_range_of_raw_numbers_is_a_fault(
+    tmp_path: Path, stated: str, inside: Sequence[int], outside: Sequence[int]
+) -> None:
+    signal = ruled(tmp_path, rule(stated))
+    for raw in inside:
+        assert signal.decode(struct.pack("<4h", raw, 0, 0, 0)) == Faulty(Quality.SENSOR_FAULT, stated)
+    for raw in outside:
+        value = signal.decode(struct.pack("<4h", raw, 0, 0, 0))
+        assert value == pytest.approx(raw / 10) if raw >= -2000 else isinstance(value, Faulty)
+
+
+def test_first_rule_that_fits_counts_whatever_its_form(tmp_path: Path) -> None:
+    rules = rule("equals = 7050"), rule("low = 7000"), rule("bit = 0", "out_of_range")
+    signal = ruled(tmp_path, *rules)
+    details = {}
+    for raw in (7050, 7051, 101, 100):
+        found = signal.decode(struct.pack("<4h", raw, 0, 0, 0))
+        details[raw] = found.detail if isinstance(found, Faulty) else found
+    assert details == {7050: "equals = 7050", 7051: "low = 7000", 101: "bit = 0", 100: pytest.approx(10.0)}
+
+
+def test_range_of_a_real_number_is_a_fault(tmp_path: Path) -> None:
+    signal = real(tmp_path, rule("low = 99.5"), rule("high = -1e3"))
+    for number, fault in ((99.25, None), (99.5, "low = 99.5"), (-999.0, None), (-1e3, "high = -1e3")):
+        found = signal.decode(struct.pack("<f", number))
+        assert found == (number if fault is None else Faulty(Quality.SENSOR_FAULT, fault))
+    for number in (math.inf, -math.inf, math.nan):
+        assert isinstance(signal.decode(struct.pack("<f", number)), Faulty)
+
+
+@pytest.mark.parametrize(
+    ("stated", "says"),
+    [
+        ("low = 5, high = 4", r"invalid\[0\].low: 5 is above high = 4"),
+        ("low = 40000", r"invalid\[0\].low: 40000 is not within -32768 to 32767"),
+        ("high = -32769", r"invalid\[0\].high: -32769 is not within -32768 to 32767"),
+        ("low = -32768", r"invalid\[0\].low: -32768 to 32767 are all the numbers there are"),
+        ("low = 1.5", r"invalid\[0\].low: 1.5 is not a whole number"),
+        ("low = 1, mask = 3", r"invalid\[0\].mask: unknown"),
+        ("low = 1, equals = 3", r"invalid\[0\].equals: unknown"),
+    ],
+)
+def test_ranges_that_cannot_be_are_named(tmp_path: Path, stated: str, says: str) -> None:
+    with pytest.raises(SetupError, match=says):
+        ruled(tmp_path, rule(stated))
+
+
+@pytest.mark.parametrize(
+    ("stated", "says"),
+    [
+        ("low = inf", r"low: inf is not a finite number"),
+        ("low = 2.5, high = 2.25", r"low: 2.5 is above high = 2.25"),
+        ("bit = 0", "mask: F is a real number and has no bits to look at; state low or high"),
+    ],
+)
+def test_ranges_of_a_real_number_that_cannot_be_are_named(tmp_path: Path, stated: str, says: str) -> None:
+    with pytest.raises(SetupError, match=says):
+        real(tmp_path, rule(stated))
 
 
 @pytest.fixture(scope="module")
