@@ -8,7 +8,7 @@ from drivers.base import BadAnswer, Clock, DriverError, Quality, Reading, Refuse
 from drivers.canopen_bus import CanObject, CanOpenBus
 from drivers.canopen_events import HeartbeatWatch
 from drivers.canopen_pdo import COMMUNICATION, EVERY_SYNC, MAPPING, ON_EVENTS, TPDOS, PdoMap, pdo_map
-from drivers.canopen_profile import Cia404Profile
+from drivers.canopen_profile import Cia404Profile, Scaling
 from drivers.faults import Fault, first_fault
 from drivers.readings import ReadingMaker
 
@@ -65,8 +65,7 @@ class Cia404Device:
         self._channels = dict(channels)
         self._rules = profile.vendors[options.vendor]
         self._maker = ReadingMaker(profile.unit, clock)
-        self._size = 2 if profile.process_value == 0x7130 else 4
-        self._scales: dict[int, float] = {}
+        self._scales: dict[int, Scaling] = {}
         self._boots = 0
         self._heartbeat_s = options.heartbeat_s
         self._heartbeat = HeartbeatWatch(bus.events(node))
@@ -74,13 +73,13 @@ class Cia404Device:
         self._maps: tuple[PdoMap, ...] = ()
         self._started_s = 0.0
         self._wanted = tuple(
-            CanObject(index, number + 1) for number in channels.values() for index in (profile.process_value, STATUS)
+            CanObject(index, number + 1) for number in channels.values() for index in (profile.value_object, STATUS)
         )
         # By SDO the status is read before and after its value: a sensor that breaks or recovers in between is noticed.
         self._asked = tuple(
             CanObject(index, number + 1)
             for number in channels.values()
-            for index in (STATUS, profile.process_value, STATUS)
+            for index in (STATUS, profile.value_object, STATUS)
         )
 
     @property
@@ -102,11 +101,9 @@ class Cia404Device:
         if (number := int.from_bytes(device_type, "little") & 0xFFFF) != _CIA_404:
             raise self._wrong(f"node {self._node} follows device profile {number}, not 404", hint="check the node id")
         limit_s = await self._heartbeat_limit_s()
-        scales: dict[int, float] = {}
+        scales: dict[int, Scaling] = {}
         for channel, number in self._channels.items():
-            sensor, unit, digits = await self._upload(
-                [CanObject(index, number + 1) for index in (SENSOR_TYPE, PHYSICAL_UNIT, DECIMAL_DIGITS)]
-            )
+            (sensor,) = await self._upload([CanObject(SENSOR_TYPE, number + 1)])
             if (kind := int.from_bytes(sensor, "little")) not in self._profile.sensor_types:
                 right = ", ".join(map(str, sorted(self._profile.sensor_types)))
                 raise self._wrong(
@@ -114,13 +111,7 @@ class Cia404Device:
                     channel,
                     f"set object 6110:{number + 1:02X} to one of {right}",
                 )
-            if (code := int.from_bytes(unit, "little")) != self._profile.unit_code:
-                raise self._wrong(
-                    f"unit 0x{code:08X} at input {number} is not {self._profile.unit}",
-                    channel,
-                    f"set object 6131:{number + 1:02X} to 0x{self._profile.unit_code:08X}",
-                )
-            scales[number] = 10.0 ** -int.from_bytes(digits[:1], "little", signed=True)
+            scales[number] = self._profile.field_scaling or await self._process_scaling(channel, number)
         if self._transfer != "sdo":
             self._maps = await self._pdo_maps()
             self._started_s = monotonic()
@@ -147,7 +138,7 @@ class Cia404Device:
         values: dict[str, float | Fault] = {}
         lost = self._heartbeat.silent_s(monotonic()) is not None
         for channel, number in self._channels.items():
-            (value,) = objects[CanObject(self._profile.process_value, number + 1)]
+            (value,) = objects[CanObject(self._profile.value_object, number + 1)]
             status = next((code for code in map(_code, objects[CanObject(STATUS, number + 1)]) if code), 0)
             found = self._value(channel, number, value, status)
             values[channel] = _NO_HEARTBEAT if lost and not isinstance(found, Fault) else found
@@ -169,6 +160,17 @@ class Cia404Device:
             raise
         # The boot-up comes before all that the node says after it, and the thread that receives keeps the order.
         return objects if self._boots == events.boots else None
+
+    async def _process_scaling(self, channel: str, number: int) -> Scaling:
+        """What the node says of its process value. Raises WrongDevice when it is in another unit."""
+        unit, digits = await self._upload([CanObject(index, number + 1) for index in (PHYSICAL_UNIT, DECIMAL_DIGITS)])
+        if (code := int.from_bytes(unit, "little")) != self._profile.unit_code:
+            raise self._wrong(
+                f"unit 0x{code:08X} at input {number} is not {self._profile.unit}",
+                channel,
+                f"set object 6131:{number + 1:02X} to 0x{self._profile.unit_code:08X}",
+            )
+        return Scaling(10.0 ** -int.from_bytes(digits[:1], "little", signed=True))
 
     async def _heartbeat_limit_s(self) -> float:
         """Consumer time, s; 0: no heartbeat is expected. Raises WrongDevice when the node cannot keep it."""
@@ -266,14 +268,15 @@ class Cia404Device:
             fault = first_fault(self._rules, status) or unknown
             emergency = self._bus.events(self._node).emergency
             return fault if emergency is None else Fault(fault.quality, f"{fault.detail}; the node reports {emergency}")
-        if len(value) < self._size:
+        if len(value) < (size := self._profile.value_bytes):
             raise BadAnswer(
-                f"object {self._profile.process_value:04X} holds {len(value)} bytes, not {self._size}",
+                f"object {self._profile.value_object:04X} holds {len(value)} bytes, not {size}",
                 bus=self._bus.name,
                 device=self._device,
                 channel=channel,
             )
-        return int.from_bytes(value[: self._size], "little", signed=True) * self._scales[number]
+        scaling = self._scales[number]
+        return int.from_bytes(value[:size], "little", signed=True) * scaling.scale + scaling.offset
 
     def _wrong(self, what: str, channel: str = "", hint: str = "") -> WrongDevice:
         return WrongDevice(what, bus=self._bus.name, device=self._device, channel=channel, hint=hint)

@@ -230,8 +230,8 @@ async def _cia404_inputs(read: "_Objects", profile: Cia404Profile) -> tuple[tupl
             )
         elif unit != profile.unit_code:
             doubts.append(f"input {index} is not in {profile.unit}; set object 6131:{index + 1:02X}")
-        elif await read.number(profile.process_value, index + 1) is None:
-            doubts.append(f"input {index} has no object {profile.process_value:04X}")
+        elif await read.number(profile.value_object, index + 1) is None:
+            doubts.append(f"input {index} has no object {profile.value_object:04X}")
         else:
             inputs.append(index)
     return tuple(inputs), doubts

@@ -17,6 +17,11 @@ _NO_SUBINDEX = 0x06090011
 _BAD_COMMAND = 0x05040001
 _READ_ONLY = 0x06010002
 _LOW, _HIGH = -200.0, 850.0
+_SIZES = {0x7100: 2, 0x7130: 2, 0x9100: 4, 0x9130: 4}
+"""Bytes of the objects that hold values."""
+
+_FIELD_ZERO, _FIELD_GAIN = 4000, 20
+"""What the converter sends, in counts: at 0 degC, and per degC."""
 
 _VENDOR_IDS = {"axiomatic": 0x55, "esd": 0x17}
 _PRODUCT, _REVISION, _SERIAL = 404, 0x0001_0002, 4711
@@ -59,10 +64,13 @@ class Cia404Node:
         sensor_types: Sequence[int] | None = None,
         heartbeat_ms: int = 0,
         event_ms: int = 0,
+        mapped: int = 0x9130,
     ) -> None:
+        """`mapped`: the object of the values in the TPDOs."""
         self._node_id, self._source, self._inputs, self._digits = node_id, source, inputs, digits
         self._status_bits = _STATUS_BITS[vendor]
         self._identity = [_VENDOR_IDS[vendor], _PRODUCT, _REVISION, _SERIAL] if vendor in _VENDOR_IDS else []
+        self._mapped = mapped
         self._sensor_types = list(sensor_types or [PT100] * inputs)
         self._state = Nmt.PRE_OPERATIONAL
         self._transmission_type = 255 if event_ms else 1
@@ -164,7 +172,7 @@ class Cia404Node:
             return self._heartbeat_ms.to_bytes(2, "little") if subindex == 0 else _NO_SUBINDEX
         if 0x1800 <= index <= 0x1803 or 0x1A00 <= index <= 0x1A03:
             return self._pdo_object(index, subindex)
-        if index not in (0x6110, 0x6131, 0x6132, 0x6150, 0x7130, 0x9130):
+        if index not in (0x6110, 0x6131, 0x6132, 0x6150, 0x7100, 0x7130, 0x9100, 0x9130):
             return _NO_OBJECT
         if subindex == 0:
             return bytes((self._inputs,))
@@ -180,15 +188,18 @@ class Cia404Node:
                 return bytes((self._digits,))
             case 0x6150:
                 return bytes((self._status(channel),))
-            case 0x7130:
-                return self._value(channel, 16).to_bytes(2, "little", signed=True)
+            case 0x7100 | 0x9100:
+                counts = _FIELD_ZERO + round(_FIELD_GAIN * self._shown(channel))
+                return counts.to_bytes(_SIZES[index], "little", signed=True)
             case _:
-                return self._value(channel, 32).to_bytes(4, "little", signed=True)
+                size = _SIZES[index]
+                return self._process_value(channel, 8 * size).to_bytes(size, "little", signed=True)
 
     def _mapping(self) -> list[list[tuple[int, int, int]]]:
         """Index, sub-index and bytes of what each TPDO holds: two values each, then the status of the first inputs."""
         subindices = range(1, min(self._inputs, 6) + 1)
-        pairs = [[(0x9130, i, 4) for i in subindices[start : start + 2]] for start in range(0, len(subindices), 2)]
+        value, size = self._mapped, _SIZES[self._mapped]
+        pairs = [[(value, i, size) for i in subindices[start : start + 2]] for start in range(0, len(subindices), 2)]
         return [*pairs, [(0x6150, i, 1) for i in subindices]]
 
     def _tpdos(self) -> Sequence[Frame]:
@@ -224,17 +235,20 @@ class Cia404Node:
             fault = Fault.OVER if value > _HIGH else Fault.UNDER if value < _LOW else None
         return 0 if fault is None else self._status_bits[fault]
 
-    def _value(self, channel: int, bits: int) -> int:
-        """The value in steps of 10^-digits; a broken input shows an end of the range."""
+    def _shown(self, channel: int) -> float:
+        """The temperature; a broken input shows an end of the range."""
         match self.faults.by_channel.get(channel):
             case Fault.OPEN | Fault.OVER:
-                value = _HIGH
+                return _HIGH
             case Fault.SHORT | Fault.UNDER:
-                value = _LOW
+                return _LOW
             case None:
-                value = min(max(self._source()[channel], _LOW), _HIGH)
+                return min(max(self._source()[channel], _LOW), _HIGH)
+
+    def _process_value(self, channel: int, bits: int) -> int:
+        """In steps of 10^-digits."""
         most = (1 << bits - 1) - 1
-        counts = round(value * float(10**self._digits))
+        counts = round(self._shown(channel) * float(10**self._digits))
         return min(max(counts, -most - 1), most)
 
 

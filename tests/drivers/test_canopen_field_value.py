@@ -1,0 +1,96 @@
+"""Field values of CANopen nodes: what the converter sends, scaled as the profile says, for the node does not."""
+
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Driver, Quality, SetupError, SystemClock, WrongDevice
+from drivers.build import make_bus, make_device
+from drivers.profiles import load_profile
+from simulators.devices.cia404_node import Cia404Node
+from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices.source import Fault
+
+NODE, TEMPERATURES = 5, [20.0, -3.3]
+SUPPLIED = (files("drivers") / "profiles" / "cia404.toml").read_text(encoding="utf-8")
+PHYSICAL_UNIT = re.compile(r"\[physical_unit\]\n.*\n")
+COUNTS = "scale = 0.05\noffset = -200.0"
+"""The emulated converter sends 4000 at 0 degC and 20 more for each degree."""
+
+
+def field_profile(folder: Path, index: str, scaling: str = COUNTS) -> str:
+    text = SUPPLIED.replace('object = "9130"', f'object = "{index}"\n{scaling}')
+    (folder / "field.toml").write_text(PHYSICAL_UNIT.sub("", text), encoding="utf-8")
+    return str(folder / "field.toml")
+
+
+@asynccontextmanager
+async def bench(node: Cia404Node, profile: str, transfer: str) -> AsyncIterator[Driver]:
+    adapter = SlcanAdapter([node])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.2})
+    options = {"vendor": "jumo", "transfer": transfer}
+    driver = make_device("node", bus, profile, NODE, {"a": 0, "b": 1}, options, SystemClock())
+    try:
+        await bus.connect()
+        yield driver
+    finally:
+        await bus.close()
+        await adapter.stop()
+
+
+@pytest.mark.parametrize("index", ["7100", "9100"])
+@pytest.mark.parametrize("transfer", ["sdo", "sync"])
+@pytest.mark.parametrize("digits", [0, 3])
+async def test_field_value_is_scaled_by_the_profile_alone(
+    tmp_path: Path, index: str, transfer: str, digits: int
+) -> None:
+    node = Cia404Node(NODE, lambda: TEMPERATURES, inputs=2, digits=digits, mapped=int(index, 16))
+    async with bench(node, field_profile(tmp_path, index), transfer) as driver:
+        await driver.connect()
+        readings = await driver.read()
+        assert [r.value for r in readings] == pytest.approx(TEMPERATURES)
+        assert {(r.quality, r.unit) for r in readings} == {(Quality.GOOD, "degC")}
+        node.faults.set(0, Fault.OPEN)
+        assert [r.quality for r in await driver.read()] == [Quality.SENSOR_FAULT, Quality.GOOD]
+
+
+async def test_sensor_type_is_checked_all_the_same(tmp_path: Path) -> None:
+    node = Cia404Node(NODE, lambda: TEMPERATURES, inputs=2, sensor_types=[30, 1])
+    async with bench(node, field_profile(tmp_path, "7100"), "sdo") as driver:
+        with pytest.raises(WrongDevice, match="sensor type 1 at input 1"):
+            await driver.connect()
+
+
+@pytest.mark.parametrize(
+    ("index", "scaling", "says"),
+    [
+        ("7100", "", "value.scale: missing"),
+        ("7100", "scale = 0.0", "value.scale: 0 would make every value equal"),
+        ("9100", "scale = inf", "value.scale: inf is not a finite number"),
+        ("7110", COUNTS, "value.object: '7110' is none of 7100, 7130, 9100, 9130"),
+    ],
+)
+def test_field_value_without_a_scaling_is_refused(tmp_path: Path, index: str, scaling: str, says: str) -> None:
+    with pytest.raises(SetupError, match=says):
+        load_profile(field_profile(tmp_path, index, scaling))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            SUPPLIED.replace('object = "9130"', f'object = "7100"\n{COUNTS}'),
+            "physical_unit: no object says the unit of a field value; leave this table out",
+        ),
+        (SUPPLIED.replace('object = "9130"', 'object = "9130"\nscale = 0.1'), "value.scale: unknown key"),
+        (PHYSICAL_UNIT.sub("", SUPPLIED), "physical_unit: missing"),
+    ],
+)
+def test_unit_of_the_node_goes_with_its_process_value(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "mixed.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SetupError, match=says):
+        load_profile(str(tmp_path / "mixed.toml"))
