@@ -4,7 +4,8 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -34,6 +35,8 @@ class Run:
     parameters: Parameters
     result: Mapping[str, Any]
     """JSON-able; None stands for a figure that does not exist."""
+    seconds: float | None = None
+    """How long it took in its process, if that was kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +51,10 @@ class Study:
     run: Callable[[Parameters], Mapping[str, Any]]
     """A function of a module, so that other processes find it; the same parameters give the same result."""
     report: Callable[[list[Run]], Report]
+    then: Callable[[list[Run]], list[Parameters]] | None = None
+    """Runs that rest on what the first ones gave, such as other seeds for what was chosen among them."""
+    goal_min: float | None = None
+    """How long all of it may take on two cores."""
 
 
 @cache
@@ -81,28 +88,43 @@ def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) 
     """
     if workers < 1:
         raise ValueError(f"workers = {workers}: expected 1 or more")
-    wanted = study.runs(seed, small)
     kept = folder / "runs"
     kept.mkdir(parents=True, exist_ok=True)
+    runs = yield from _do(study, kept, study.runs(seed, small), workers, 0)
+    if study.then is not None:
+        runs += yield from _do(study, kept, study.then(runs), workers, len(runs))
+    write(folder, study.summary, study.report(runs), _origin(study, runs, seed, small, workers))
+
+
+def _do(
+    study: Study, kept: Path, wanted: list[Parameters], workers: int, before: int
+) -> Generator[tuple[int, int], None, list[Run]]:
+    """Runs that `kept` does not have yet, in parallel; `before` runs were done already. Returns all that is wanted."""
     files = [kept / f"{key(study, parameters)}.json" for parameters in wanted]
-    results = {file: result for file in files if (result := _stored(file)) is not None}
-    yield len(results), len(wanted)
-    missing = [(file, p) for file, p in zip(files, wanted, strict=True) if file not in results]
+    runs = {file: run for file in files if (run := _stored(file)) is not None}
+    yield before + len(runs), before + len(wanted)
+    missing = [(file, p) for file, p in zip(files, wanted, strict=True) if file not in runs]
     if missing:
         # Spawned, not forked: the caller's progress bar has threads.
         context = get_context("spawn")
         pool = ProcessPoolExecutor(min(workers, len(missing)), mp_context=context, initializer=_end_with_parent)
         try:
-            futures = {pool.submit(study.run, p): (file, p) for file, p in missing}
+            futures = {pool.submit(_timed, study.run, p): file for file, p in missing}
             for future in as_completed(futures):
-                file, parameters = futures[future]
-                results[file] = future.result()
-                _keep(file, {"study": study.name, "parameters": parameters, "result": results[file]})
-                yield len(results), len(wanted)
+                file = futures[future]
+                runs[file] = run = future.result()
+                content = {"parameters": run.parameters, "result": run.result, "seconds": run.seconds}
+                _keep(file, {"study": study.name, **content})
+                yield before + len(runs), before + len(wanted)
         finally:
             pool.shutdown(cancel_futures=True)
-    runs = [Run(p, results[file]) for file, p in zip(files, wanted, strict=True)]
-    write(folder, study.summary, study.report(runs), _origin(study, len(runs), seed, small))
+    return [runs[file] for file in files]
+
+
+def _timed(run: Callable[[Parameters], Mapping[str, Any]], parameters: Parameters) -> Run:
+    begin = time.perf_counter()
+    result = run(parameters)
+    return Run(parameters, result, round(time.perf_counter() - begin, 2))
 
 
 def _end_with_parent() -> None:
@@ -117,12 +139,12 @@ def _exit_after(parent: BaseProcess) -> None:
     os._exit(1)
 
 
-def _stored(file: Path) -> Mapping[str, Any] | None:
+def _stored(file: Path) -> Run | None:
     try:
-        result: Mapping[str, Any] = json.loads(file.read_text(encoding="utf-8"))["result"]
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return Run(content["parameters"], content["result"], content.get("seconds"))
     except (FileNotFoundError, json.JSONDecodeError):
         return None  # cut short by a power failure: done again
-    return result
 
 
 def _keep(file: Path, content: Mapping[str, Any]) -> None:
@@ -131,12 +153,23 @@ def _keep(file: Path, content: Mapping[str, Any]) -> None:
     part.replace(file)
 
 
-def _origin(study: Study, runs: int, seed: int, small: bool) -> Origin:
+def _origin(study: Study, runs: list[Run], seed: int, small: bool, workers: int) -> Origin:
     packages = ", ".join(f"{p} {version(p)}" for p in ("talc-gateway", "numpy", "scipy", "osqp"))
     return Origin(
-        runs=runs,
+        runs=len(runs),
         seed=seed,
-        versions=f"{packages}; code {code_fingerprint(study.run.__module__)[:16]}",
+        versions=packages,
+        code=code_fingerprint(study.run.__module__)[:8],
+        took=_took(study, runs, small, workers),
         again=f"talc-gateway study {study.name} --seed {seed}" + (" --small" if small else ""),
         date=f"{datetime.now(UTC):%Y-%m-%d}",
     )
+
+
+def _took(study: Study, runs: list[Run], small: bool, workers: int) -> str:
+    """All runs' time spread over the workers, also when they were done at several goes; beside the goal, if any."""
+    known = [run.seconds for run in runs if run.seconds is not None]
+    if len(known) < len(runs):
+        return "its time was not kept"
+    goal = "" if study.goal_min is None or small else f" (goal: {study.goal_min:g} min on 2)"
+    return f"{sum(known) / workers / 60:.1f} min on {workers} {'core' if workers == 1 else 'cores'}{goal}"

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simulators.plant import Recording
 from talc.control import Controller
@@ -76,14 +77,14 @@ def control(series: Days, settings: TalcSettings, learn: Callable[[TrainingJob],
     rows, errors = series.truth.shape
     estimate, sigma, limits = (np.full((rows, errors), np.nan) for _ in range(3))
     used, in_force = np.zeros(rows, dtype=np.bool_), np.full(errors, np.nan)
-    valid = np.ones(len(series.names), dtype=np.bool_)
+    valid = np.isfinite(series.inputs)
     phases, updates, asked = [], [], True
     pauses = 0
     for k in range(rows):
         if k in series.begins[1:]:
             pauses, asked = pauses + PAUSE, True
         measurement = Measurement(series.measured[k], series.sigma) if asked else None
-        decision = controller.step(Frame(k + pauses, series.inputs[k], valid, measurement))
+        decision = controller.step(Frame(k + pauses, series.inputs[k], valid[k], measurement))
         # An error without a model is corrected by what was measured last.
         estimate[k] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
         sigma[k], limits[k], used[k], in_force = decision.sigma, decision.limits, asked, decision.corrected
@@ -103,20 +104,46 @@ def held(series: Days, used: BoolArray) -> FloatArray:
     return np.where(before[:, None] >= 0, series.measured[before], np.nan)
 
 
-def regressed(series: Days, used: BoolArray) -> FloatArray:
-    """(T, 9) by a linear regression on all inputs, renewed at each measurement from all so far; NaN before 24."""
+def regressed(series: Days, used: BoolArray, renewed: BoolArray | None = None) -> FloatArray:
+    """(T, 9) by a linear regression on all inputs, from all measurements so far; NaN before 24.
+
+    renewed: (T,) measurements at which its gains are; None: at each. In between the last measurement sets its level."""
     estimate = np.full(series.truth.shape, np.nan)
+    inputs = filled(series.inputs)
     rows = np.flatnonzero(used)
     since, until = rows + 1, np.append(rows[1:] + 1, len(used))
+    fitted: FloatArray | None = None
     for count, (a, b) in enumerate(zip(since, until, strict=True), start=1):
         if count < _LEAST_ROWS:
             continue
         known = rows[:count]
-        mean, std = series.inputs[known].mean(axis=0), series.inputs[known].std(axis=0)
-        varied = std > 1e-9
-        x = (series.inputs[:, varied] - mean[varied]) / std[varied]
-        level = series.measured[known].mean(axis=0)
-        gram = x[known].T @ x[known] + _RIDGE * count * np.eye(x.shape[1])
-        gains = np.linalg.solve(gram, x[known].T @ (series.measured[known] - level))
-        estimate[a:b] = level + x[a:b] @ gains
+        if fitted is None or renewed is None or renewed[known[-1]]:
+            fitted = _fitted(inputs, known, series.measured[known])
+        offset = 0.0 if renewed is None else series.measured[known[-1]] - fitted[known[-1]]
+        estimate[a:b] = fitted[a:b] + offset
     return estimate
+
+
+def fitted_in_hindsight(series: Days, rows: BoolArray) -> FloatArray:
+    """(T, 9) by the same regression on the true errors of all these rows: how linear they are in the inputs."""
+    known = np.flatnonzero(rows)
+    return _fitted(filled(series.inputs), known, series.truth[known])
+
+
+def _fitted(inputs: FloatArray, known: NDArray[np.intp], errors: FloatArray) -> FloatArray:
+    """(T, 9) on all rows, with the gains of the known ones."""
+    mean, std = inputs[known].mean(axis=0), inputs[known].std(axis=0)
+    varied = std > 1e-9
+    x = (inputs[:, varied] - mean[varied]) / std[varied]
+    level = errors.mean(axis=0)
+    gram = x[known].T @ x[known] + _RIDGE * len(known) * np.eye(x.shape[1])
+    return np.asarray(level + x @ np.linalg.solve(gram, x[known].T @ (errors - level)), dtype=np.float64)
+
+
+def filled(inputs: FloatArray) -> FloatArray:
+    """An input that reads nothing keeps its last value, or that of the first row in which it read."""
+    good = np.isfinite(inputs)
+    rows = np.arange(len(inputs))[:, None]
+    last = np.maximum.accumulate(np.where(good, rows, -1), axis=0)
+    source = np.where(last >= 0, last, good.argmax(axis=0))
+    return np.asarray(np.take_along_axis(inputs, source, axis=0), dtype=np.float64)

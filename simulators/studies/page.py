@@ -99,6 +99,10 @@ class Origin:
     runs: int
     seed: int
     versions: str
+    code: str
+    """Begin of the fingerprint of the code that the figures rest on: another one, and they are of other code."""
+    took: str
+    """How long it took, on how many cores."""
     again: str
     """The command."""
     date: str
@@ -145,7 +149,8 @@ def write(folder: Path, title: str, report: Report, origin: Origin) -> None:
 
 def summary(report: Report, origin: Origin) -> str:
     """The README's block."""
-    return f"{report.summary.markdown()}\n`{origin.again}`, {origin.runs} runs, {origin.date}\n"
+    made = f"`{origin.again}`, {origin.runs} runs, {origin.took}, code {origin.code}, {origin.date}"
+    return f"{report.summary.markdown()}\n{made}\n"
 
 
 def renew(readme: Path, name: str, text: str) -> bool:

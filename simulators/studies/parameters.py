@@ -3,16 +3,18 @@
 Then policies that decide by themselves when to measure, on the same series, against the same limits.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from simulators.cases import table_and_fluid
 from simulators.cases.table_and_fluid import Letter
-from simulators.plant import MachineDrive, Plant, load, record
-from simulators.studies.frame import Parameters, Study
-from simulators.studies.loop import Days, control, days, held, regressed
+from simulators.plant import MACHINES, MachineDrive, Plant, load, record
+from simulators.studies.frame import Parameters, Run, Study
+from simulators.studies.loop import Course, Days, control, days, fitted_in_hindsight, held, regressed
+from simulators.studies.parameters_points import chosen_sets, name_of
 from simulators.studies.parameters_report import report
 from talc import indicators
 from talc.frame import BoolArray, FloatArray, TrainingJob
@@ -40,6 +42,8 @@ SHORTEST_H = (2.0, 4.0)
 LONGEST_H, POLICY_NO_GOOD = (8.0, 16.0), (2, 4)
 SPARSE, LEAST_CALIBRATION = (2, 3, 6), 24
 """Of calibrations measured less often than each 10 min: steps between measurements; the fewest a training takes."""
+OTHER_SEEDS = 3
+"""On which the chosen sets are judged again."""
 SPARSE_INTERVAL_H, SPARSE_NO_GOOD = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0), (2, 4, 8, 12)
 """Fixed intervals after such a calibration: as many sets as there are policies."""
 _SMALL = ("uncertainty 2, 0.5 to 16 h, 4", "each 4 h, 4")
@@ -50,25 +54,49 @@ POSITIONS = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS
 
 
 def runs(seed: int, small: bool) -> list[Parameters]:
-    """One for each load case and calibration length; the small version has two with a few combinations."""
+    """One for each load case and calibration length; the small version has two with a few combinations.
+
+    And one for each load case of the regression, with as many intervals and calibrations as the models have.
+    """
     cases, calibrations = (("A",), (6.5, 8.0)) if small else (get_args(Letter), CALIBRATION_H)
-    return [
+    grid = [
         {"seed": seed, "case": case, "calibration_h": length, "small": small}
         for case in cases
         for length in calibrations
     ]
+    return [*grid, *({"seed": seed, "case": case, "peer": "regression", "small": small} for case in cases)]
 
 
-def series(case: Letter, seed: int) -> Days:
+def then(first: list[Run]) -> list[Parameters]:
+    """The sets chosen on one seed and machine: there beside closer peers, on other seeds, on other machines."""
+    seed, small = first[0].parameters["seed"], first[0].parameters["small"]
+    seeds, machines = (1, ("warm",)) if small else (OTHER_SEEDS, MACHINES[1:])
+    places = [(seed + n, "base") for n in range(seeds + 1)] + [(seed, machine) for machine in machines]
+    sets = [list(chosen) for chosen in chosen_sets(first)]
+    return [
+        {"seed": s, "case": case, "machine": machine, "sets": sets, "peers": (s, machine) == places[0], "small": small}
+        for s, machine in places
+        for case in dict.fromkeys(run.parameters["case"] for run in first)
+    ]
+
+
+def series(case: Letter, seed: int, machine: str = "base") -> Days:
     """The load case on the machine, with the noise of probing."""
     stretch = table_and_fluid(case, seed, hours=HOURS, step_s=STEP_S)
-    plant = Plant(load(), stretch.environment, seed)
+    plant = Plant(load(machine), stretch.environment, seed)
     plant.advance(IDLE_S, MachineDrive())
     plant.zero()
     return days(record(plant, stretch.drives, STEP_S), seed)
 
 
 def run(parameters: Parameters) -> Mapping[str, Any]:
+    """One calibration length, the regression's sets, or the chosen sets somewhere."""
+    if "sets" in parameters:
+        return _chosen(parameters)
+    return _regression(parameters) if "peer" in parameters else _grid(parameters)
+
+
+def _grid(parameters: Parameters) -> Mapping[str, Any]:
     """For one calibration length every interval and no-good length (`fixed`), every policy (`adaptive`), the same after
     calibrations measured less often (`sparse_fixed`, `sparse_adaptive`), and `none`."""
     here = series(parameters["case"], parameters["seed"])
@@ -103,10 +131,9 @@ def run(parameters: Parameters) -> Mapping[str, Any]:
 
     def of(kind: Callable[[float, int], list[tuple[str, ControlSettings]]], every: int) -> list[dict[str, Any]]:
         wanted = [(name, s) for name, s in kind(calibration, every) if not small or name in _SMALL]
-        after = "" if every == 1 else f", calibrated each {every * STEP_S / 60:.0f} min"
-        return [{"policy": name + after, **judge(settings)[0]} for name, settings in wanted]
+        return [{"policy": name + _after(every), **judge(settings)[0]} for name, settings in wanted]
 
-    sparse = [n for n in SPARSE if _steps(calibration) >= LEAST_CALIBRATION * n]
+    sparse = _thinned(calibration)
     after = np.ones(len(here.truth), dtype=np.bool_)
     none = judged(here.truth, np.zeros_like(here.truth), ~after, calibration)
     return {
@@ -116,6 +143,98 @@ def run(parameters: Parameters) -> Mapping[str, Any]:
         "sparse_adaptive": [point for every in sparse for point in of(_policies, every)],
         "none": none,
     }
+
+
+def _regression(parameters: Parameters) -> Mapping[str, Any]:
+    """Every fixed interval after every calibration, dense and sparse; and `hindsight`: a fit to all after 4 h."""
+    here = series(parameters["case"], parameters["seed"])
+    found: dict[str, list[dict[str, Any]]] = {"regression": [], "sparse_regression": []}
+    for length in (6.5, 8.0) if parameters["small"] else CALIBRATION_H:
+        for (every, interval), used in _plainly_measured(length).items():
+            figures = judged(here.truth, regressed(here, used), used, length)
+            at = {"calibration_h": length, "policy": _plain_name(every, interval)}
+            found["regression" if every == 1 else "sparse_regression"].append({**at, **figures})
+    after = np.arange(len(here.truth)) > _steps(CALIBRATION_H[0])
+    best = judged(here.truth, fitted_in_hindsight(here, after), ~after, CALIBRATION_H[0])
+    return {**found, "hindsight": best}
+
+
+def _chosen(parameters: Parameters) -> Mapping[str, Any]:
+    """`sets`: each chosen set's figures on this series, and for the models' ones peers with the same measurements."""
+    here = series(parameters["case"], parameters["seed"], parameters["machine"])
+    found = []
+    for chosen in parameters["sets"]:
+        calibration, name = chosen[0], name_of(tuple(chosen))
+        plain = {_plain_name(*at): used for at, used in _plainly_measured(calibration).items()}
+        if chosen[1] in plain:
+            used = plain[chosen[1]]
+            found.append({"set": name, **judged(here.truth, regressed(here, used), used, calibration)})
+            continue
+        settings = _settings(chosen)
+        course = control(here, TalcSettings(control=settings, training=TRAINING))
+        figures = judged(here.truth, course.estimate, course.used, calibration)
+        figures["updates"] = max(len(course.updates) - 1, 0)
+        if parameters["peers"]:
+            figures |= _beside(here, settings, course, calibration)
+        found.append({"set": name, **figures})
+    first = CALIBRATION_H[0]
+    none = judged(here.truth, np.zeros_like(here.truth), np.zeros(len(here.truth), dtype=np.bool_), first)
+    return {"sets": found, "none": none}
+
+
+def _beside(here: Days, settings: ControlSettings, course: Course, calibration_h: float) -> dict[str, float]:
+    """P99 of peers with a course's own measurements, and of models that choose their inputs at each update."""
+    renewed = np.zeros_like(course.used)
+    renewed[: _steps(calibration_h) + 1] = True
+    renewed[[k for k, _ in course.updates]] = True
+    peers = {
+        "hold P99": held(here, course.used),
+        "regression P99": regressed(here, course.used),
+        "regression at updates P99": regressed(here, course.used, renewed),
+    }
+    figures = {name: judged(here.truth, e, course.used, calibration_h)["P99"] for name, e in peers.items()}
+    again = control(here, TalcSettings(control=settings, training=replace(TRAINING, static_inputs=False)))
+    other = judged(here.truth, again.estimate, again.used, calibration_h)
+    return {**figures, "inputs again P99": other["P99"], "inputs again measurements": other["measurements"]}
+
+
+def _plainly_measured(calibration_h: float) -> dict[tuple[int, float], BoolArray]:
+    """By the calibration's and the later interval, steps and hours: (T,) measured rows, without any no-good phase."""
+    steps, rows = _steps(calibration_h), round(HOURS * 3600 / STEP_S)
+    found = {}
+    for every in (1, *_thinned(calibration_h)):
+        for interval in INTERVAL_H if every == 1 else SPARSE_INTERVAL_H:
+            used = np.zeros(rows, dtype=np.bool_)
+            used[: steps + 1 : every] = True
+            used[steps :: _steps(interval)] = True
+            found[every, interval] = used
+    return found
+
+
+def _thinned(calibration_h: float) -> list[int]:
+    """Steps between the measurements of a sparse calibration that is long enough for a training."""
+    return [every for every in SPARSE if _steps(calibration_h) >= LEAST_CALIBRATION * every]
+
+
+def _plain_name(every: int, interval_h: float) -> str:
+    return f"regression each {interval_h:g} h{_after(every)}"
+
+
+def _after(every: int) -> str:
+    return "" if every == 1 else f", calibrated each {every * STEP_S / 60:.0f} min"
+
+
+def _settings(chosen: Sequence[Any]) -> ControlSettings:
+    """Of a set by its key: lengths, or calibration and name."""
+    if len(chosen) == 3:
+        return _control(*chosen)
+    named = {
+        name + _after(every): settings
+        for every in (1, *_thinned(chosen[0]))
+        for kind in (_intervals, _policies)
+        for name, settings in kind(chosen[0], every)
+    }
+    return named[chosen[1]]
 
 
 def judged(truth: FloatArray, estimate: FloatArray, used: BoolArray, calibration_h: float) -> dict[str, float]:
@@ -186,5 +305,11 @@ def _policies(calibration_h: float, every: int) -> list[tuple[str, ControlSettin
 
 
 STUDY = Study(
-    "parameters", "Calibration length, measurement interval and relearning on four load cases", runs, run, report
+    "parameters",
+    "Calibration length, measurement interval and relearning on four load cases",
+    runs,
+    run,
+    report,
+    then,
+    goal_min=15.0,
 )

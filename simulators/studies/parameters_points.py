@@ -17,12 +17,38 @@ BEST = (6.5, 2.0, 12)
 """Calibration h, interval h, no-good measurements: the paper's best common set."""
 
 
+FRONTS = {
+    "fixed": "fixed interval",
+    "adaptive": "policy",
+    "sparse_fixed": "fixed interval, sparse calibration",
+    "sparse_adaptive": "policy, sparse calibration",
+    "regression": "regression",
+    "sparse_regression": "regression, sparse calibration",
+}
+"""Kinds of points in the runs' results, and their titles: B19's grid, the policies after the same calibrations, both
+after calibrations measured less often, and the regression measured at the same fixed intervals."""
+
+
+def fronts_of(runs: list[Run]) -> dict[str, ByCase]:
+    """By kind and load case, what the sets tried on one series gave."""
+    tried = [run for run in runs if "sets" not in run.parameters]
+    cases = dict.fromkeys(str(run.parameters["case"]) for run in tried)
+    return {kind: {case: points_of(tried, case, kind) for case in cases} for kind in FRONTS}
+
+
 def points_of(runs: list[Run], case: str, kind: str) -> list[Point]:
     found: list[Point] = []
     for run in runs:
         if run.parameters["case"] == case:
-            found += [{"calibration_h": run.parameters["calibration_h"], **point} for point in run.result[kind]]
+            at = {"calibration_h": run.parameters.get("calibration_h")}
+            found += [{**at, **point} for point in run.result.get(kind, [])]
     return found
+
+
+def chosen_sets(runs: list[Run]) -> list[Key]:
+    """The paper's best common set, and the best common one of each front that has one."""
+    common = [best_common(points) for points in fronts_of(runs).values()]
+    return list(dict.fromkeys([BEST, *(key for key in common if key is not None)]))
 
 
 def key_of(point: Point) -> Key:
@@ -59,7 +85,9 @@ def best_common(fixed: ByCase) -> Key | None:
 
 def mean_made(points: ByCase, key: Key | None) -> float:
     """Mean number of measurements over the load cases; NaN without a common set."""
-    found = [point_at(at, key) for at in points.values()] if key is not None else []
+    if key is None:
+        return float("nan")
+    found = [point_at(at, key) for at in points.values()]
     return float(np.mean([p["measurements"] for p in found if p is not None])) if found else float("nan")
 
 
