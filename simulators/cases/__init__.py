@@ -1,6 +1,15 @@
 """Load cases for studies: what the machine does, row by row, and in which hall."""
 
-from simulators.cases.series import SEASONS, Stretch, long_term, random_axes, warm_up_and_cool_down
+from simulators.cases.series import LONG_TERM_H, SEASONS, Axis, Stretch, long_term, random_axes, warm_up_and_cool_down
 from simulators.cases.table_and_fluid import table_and_fluid
 
-__all__ = ["SEASONS", "Stretch", "long_term", "random_axes", "table_and_fluid", "warm_up_and_cool_down"]
+__all__ = [
+    "LONG_TERM_H",
+    "SEASONS",
+    "Axis",
+    "Stretch",
+    "long_term",
+    "random_axes",
+    "table_and_fluid",
+    "warm_up_and_cool_down",
+]

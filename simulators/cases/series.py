@@ -22,6 +22,10 @@ SEASONS = {
 colder than the hall's (choice)."""
 
 
+LONG_TERM_H = {"winter": 196, "spring": 72, "summer": 72}
+"""Z22's hours. Which season comes first is our choice."""
+
+
 @dataclass(frozen=True, slots=True)
 class Stretch:
     """An uninterrupted recording: one plant, one hall."""
@@ -35,7 +39,9 @@ def random_axes(seed: int, steps: int, *, wet_share: float = 0.3) -> tuple[Machi
     """A new random load at each row, one axis or the spindle at a time (Z22 §5), or none.
 
     Speeds are uniform up to HIGHEST; cutting fluid is on in `wet_share` of the rows (choice: the paper gives no
-    distributions). ValueError: a share outside 0 to 1 or a negative number of steps.
+    distributions). Z never moves: only its standby heat is there.
+
+    ValueError: a share outside 0 to 1 or a negative number of steps.
     """
     if not 0 <= wet_share <= 1:
         raise ValueError(f"wet_share = {wet_share}: expected 0 to 1")
@@ -51,11 +57,10 @@ def random_axes(seed: int, steps: int, *, wet_share: float = 0.3) -> tuple[Machi
 
 
 def long_term(seed: int, *, step_s: float = 300.0) -> tuple[Stretch, ...]:
-    """Z22's 196 + 72 + 72 h in three seasons. Which season comes first is our choice: winter."""
-    hours = {"winter": 196, "spring": 72, "summer": 72}
+    """Z22's 196 + 72 + 72 h in three seasons."""
     return tuple(
         Stretch(name, SEASONS[name], random_axes(seed + k, round(length * 3600 / step_s)))
-        for k, (name, length) in enumerate(hours.items())
+        for k, (name, length) in enumerate(LONG_TERM_H.items())
     )
 
 

@@ -2,31 +2,32 @@
 
 A day of calibration under changing loads, a night of rest, then 4 h of the C axis at 1200 1/min and 4 h of rest; each
 hour a set of features is milled. A feature's deviation is that of the tool against the workpiece when it is milled,
-against the first set.
+against the first set. The same with the other axes (ISO 230-3's tests), machines, and failing sensors.
 """
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, get_args
 
 import numpy as np
 
-from simulators.cases import SEASONS, table_and_fluid
-from simulators.plant import MachineDrive, Plant, load, record
+from simulators.cases import SEASONS, Axis, table_and_fluid, warm_up_and_cool_down
+from simulators.plant import MACHINES, Failure, MachineDrive, Plant, load, record
+from simulators.plant.ageing import Kind
 from simulators.studies.frame import Parameters, Study
-from simulators.studies.loop import RADIUS_M, control, days, held, regressed
+from simulators.studies.loop import RADIUS_M, Days, control, days, filled, held, regressed
 from simulators.studies.test_piece_report import METHODS, report
 from talc.frame import FloatArray
 from talc.kinematics import tcp_offsets, workpiece_growth
 from talc.settings import TalcSettings
 
-REPETITIONS = 20
+REPETITIONS, OTHER_REPETITIONS = 20, 4
+"""Of the test itself, and of each variation."""
 STEP_S = 300.0
 HOUR = 12
 """Steps."""
 CALIBRATION_H, REST_H, WARM_H, COOL_H = 24, 12, 4, 4
 IDLE_H = 12
 """The machine is on before its calibration begins."""
-SPEED = 1200.0
 SETS = WARM_H + COOL_H + 1
 
 FEATURES: dict[str, tuple[tuple[float, float, float], float, float, tuple[float, float, float]]] = {
@@ -48,20 +49,49 @@ TO_TABLE_S, TO_AIR_S = 1800.0, 7200.0
 
 
 def runs(seed: int, small: bool) -> list[Parameters]:
-    """Each repetition has its own weather, calibration loads and noise."""
-    return [{"seed": seed, "repetition": r} for r in range(1 if small else REPETITIONS)]
+    """Each repetition has its own weather, calibration loads and noise.
+
+    Beside B19's test on the base machine: on its variants, with another axis warmed up, and with failing sensors.
+    """
+    base = {"machine": "base", "axis": "speed_c", "failing": False}
+    others = [{**base, "machine": machine} for machine in MACHINES[1:]]
+    others += [{**base, "axis": axis} for axis in get_args(Axis) if axis != "speed_c"]
+    others.append({**base, "failing": True})
+    if small:
+        others = [{**base, "failing": True}]
+    return [
+        {"seed": seed, "repetition": r, **where}
+        for where, count in ((base, REPETITIONS), *((other, OTHER_REPETITIONS) for other in others))
+        for r in range(1 if small else count)
+    ]
+
+
+def failures(channels: Sequence[str], seed: int) -> list[Failure]:
+    """Three temperature channels, one of each kind, each from a random time after the calibration until the end."""
+    draw = np.random.default_rng([seed, 13])
+    begin, end = IDLE_H + CALIBRATION_H, IDLE_H + CALIBRATION_H + REST_H + WARM_H + COOL_H
+    return [
+        Failure(channel=channels[int(c)], kind=kind, from_s=float(draw.uniform(begin, end)) * 3600.0)
+        for c, kind in zip(draw.choice(len(channels), len(Kind), replace=False), Kind, strict=True)
+    ]
 
 
 def run(parameters: Parameters) -> Mapping[str, Any]:
     """By method, without and with the workpiece's growth: (sets, features) µm against the first set."""
     seed = 1000 * parameters["seed"] + parameters["repetition"]
-    rest, warm = MachineDrive(), MachineDrive(speed_c=SPEED)
+    rest, machine = MachineDrive(), load(parameters["machine"])
+    test = warm_up_and_cool_down(parameters["axis"], share=1.0, warm_h=WARM_H, cool_h=COOL_H, step_s=STEP_S)
     case = table_and_fluid("C", seed, hours=CALIBRATION_H, step_s=STEP_S).drives
-    drives = [*case, *[rest] * (REST_H * HOUR), *[warm] * (WARM_H * HOUR), *[rest] * (COOL_H * HOUR)]
-    plant = Plant(load(), SEASONS["spring"], seed)
-    plant.advance(IDLE_H * 3600.0, rest)
-    plant.zero()
-    series = days(record(plant, drives, STEP_S), seed)
+    drives = [*case, *[rest] * (REST_H * HOUR), *test]
+
+    def observed(failing: Sequence[Failure]) -> Days:
+        plant = Plant(machine, SEASONS["spring"], seed, failures=failing)
+        plant.advance(IDLE_H * 3600.0, rest)
+        plant.zero()
+        return days(record(plant, drives, STEP_S), seed)
+
+    whole = observed(())
+    series = observed(failures(machine.channels, seed)) if parameters["failing"] else whole
     course = control(series, TalcSettings())
     first = (CALIBRATION_H + REST_H) * HOUR - 1
     sets = first + HOUR * np.arange(SETS)
@@ -72,8 +102,9 @@ def run(parameters: Parameters) -> Mapping[str, Any]:
         "TALC": course.estimate,
     }
     table, air = series.names.index("c_table"), [series.names.index(n) for n in ("space_left", "space_right")]
-    piece = workpiece(series.inputs[:, table], series.inputs[:, air].mean(axis=1))
-    assumed = series.inputs[:, table]
+    # The workpiece does not care about failing sensors; the growth term does.
+    piece = workpiece(whole.inputs[:, table], whole.inputs[:, air].mean(axis=1))
+    assumed = filled(series.inputs)[:, table]
     result: dict[str, Any] = {
         "features": list(FEATURES),
         "measurements": int(course.used[first:].sum()),
