@@ -14,12 +14,17 @@ _DAY_S = 86400.0
 _FORGOTTEN = 10.0
 """After so many recovery times a door has left less than a millikelvin."""
 _HEIGHT_M = {"left": 1.0, "right": 1.0, "front": 1.0, "rear": 1.3, "high": 2.6, "ground": 0.0}
+"""Of each zone's air beside the machine above the hall's floor (assumed: panels' middle, portal's top)."""
 _DOOR_SHARE = {"left": 1.0, "right": 0.5, "front": 0.9, "rear": 0.4, "high": 0.3, "ground": 0.0}
+"""Of the drop: the door is at the front left, cold air stays low, machine and cabinet stand before the rear
+(assumed)."""
+_WORKING_S, _OPEN_S, _FALL_S = (6 * 3600.0, 20 * 3600.0), (120.0, 900.0), 180.0
+"""Of the day, between which the door is opened; for how long, least and longest; the drop's time constant (assumed)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
-    """A hall without air conditioning, within 18-28 degC most of the year."""
+    """A hall without air conditioning, within 18-28 degC most of the year; docs/plant.md says what is assumed."""
 
     mean_degC: float = 23.0  # noqa: N815
     daily_amplitude_K: float = 2.0  # noqa: N815
@@ -76,8 +81,8 @@ class Hall:
             ordinal = (self._midnight + timedelta(days=day)).toordinal()
             generator = np.random.default_rng([self._seed, 2, ordinal])
             count = int(generator.poisson(self.environment.door_openings_per_day))
-            opened = np.sort(generator.uniform(6 * 3600.0, 20 * 3600.0, count)) + day * _DAY_S
-            lasting = generator.uniform(120.0, 900.0, count)
+            opened = np.sort(generator.uniform(*_WORKING_S, count)) + day * _DAY_S
+            lasting = generator.uniform(*_OPEN_S, count)
             self._doors[day] = [(float(o), float(o + d)) for o, d in zip(opened, lasting, strict=True)]
         return self._doors[day]
 
@@ -90,6 +95,6 @@ class Hall:
             self._recent = hour, [(o, c) for o, c in near if c > long_ago and o < (hour + 1) * 3600.0]
         for opened, closed in self._recent[1]:
             if day_s > opened:
-                reached = 1 - math.exp(-(min(day_s, closed) - opened) / 180.0)
+                reached = 1 - math.exp(-(min(day_s, closed) - opened) / _FALL_S)
                 drop = max(drop, reached * math.exp(-max(day_s - closed, 0.0) / self.environment.door_recovery_s))
         return drop * self.environment.door_drop_K

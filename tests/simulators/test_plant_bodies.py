@@ -115,9 +115,9 @@ def test_committed_bodies_weigh_what_the_table_says() -> None:
             assert model.even @ (face.H @ model.even) == pytest.approx(face.area)
 
 
-def follow(joined: Joined) -> FloatArray:
+def follow(joined: Joined, name: str = "base") -> FloatArray:
     """(60, k) errors, points and nodes over 5 h of random loads, hall, films; implicit Euler, 5 min."""
-    draw, table = np.random.default_rng(3), tables().machine
+    draw, table = np.random.default_rng(3), tables(name).machine
     watts = [row.get("linear", 0) + row["power"] for row in table["heat"].values()]
     seen = np.vstack([joined.elastic, joined.growth, *joined.points.values()])
     x, out = np.zeros(joined.even.size), []
@@ -142,9 +142,20 @@ def exact() -> FloatArray:
 
 @pytest.mark.slow
 def test_reduced_machine_follows_the_whole_one(exact: FloatArray) -> None:
-    small = follow(join(tables().machine, reduced("base")))
-    count = len(THERMAL_ERRORS) + 1
     assert np.ptp(exact[:, 0]) > 10
+    follows(follow(join(tables().machine, reduced("base"))), exact)
+
+
+@pytest.mark.slow
+def test_reduced_stiff_machine_follows_its_own_whole_one_and_not_the_base_one(exact: FloatArray) -> None:
+    chosen = tables("stiff")
+    whole = follow(join(chosen.machine, assemble(read(chosen.shape)), SparseSum), "stiff")
+    follows(follow(join(chosen.machine, reduced(chosen.reduced)), "stiff"), whole)
+    assert abs(whole - exact)[:, : len(THERMAL_ERRORS)].max() > 2.0  # else this test could not tell them apart
+
+
+def follows(small: FloatArray, exact: FloatArray) -> None:
+    count = len(THERMAL_ERRORS) + 1
     assert abs(small - exact)[:, :count].max() < 1.0  # µm, µm/m
     assert np.sqrt(np.mean((small - exact)[:, :count] ** 2)) < 0.25
     assert abs(small - exact)[:, count:].max() < 0.25  # K
