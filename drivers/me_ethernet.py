@@ -19,6 +19,8 @@ from drivers.tap import Tap
 
 _START = b"MEAS"
 _HEADER = struct.Struct("<4sIIQIHHI")
+_NAME_SIZE = 12
+"""Of MEAS, order and serial number, which all blocks of one controller begin with."""
 _MOST_CHANNELS = 32
 _LONGEST_BLOCK = 65536
 
@@ -153,7 +155,8 @@ def find_block(heard: bytes | bytearray) -> MeBlock | None:
     """The last whole block in `heard`, or None.
 
     There is no checksum: a block counts when nothing follows it, or the next block. So neither the word MEAS among the
-    values of another block is one, nor a block that lost bytes and would be filled up with those of the next.
+    values of another block is one, nor a block that lost bytes and would be filled up with those of the next. As long
+    as the next has not begun, a block that ends as the next would begin does not count either.
     """
     found = None
     start = 0
@@ -176,7 +179,16 @@ def _block_at(heard: bytes | bytearray, start: int) -> tuple[MeBlock, int] | Non
     end = start + size
     if not fitted or not frames or frame_size != 4 * len(fitted) or len(heard) < end:
         return None
-    if not _START.startswith(heard[end : end + len(_START)]):
+    following = heard[end : end + len(_START)]
+    if not _START.startswith(following):
+        return None
+    if len(following) < len(_START) and _another_begins(bytes(heard[start:end])):
         return None
     newest = struct.unpack_from(f"<{len(fitted)}i", heard, end - frame_size)
     return MeBlock(order, serial, dict(zip(fitted, newest, strict=True))), size
+
+
+def _another_begins(block: bytes) -> bool:
+    """Whether the header of the next block, or the beginning of it, stands in this one: it lost bytes before that."""
+    name = block[:_NAME_SIZE]
+    return block.find(name, 1) >= 0 or any(block.endswith(name[:size]) for size in range(1, _NAME_SIZE))

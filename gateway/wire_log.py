@@ -216,8 +216,8 @@ def read_wire_log(path: Path) -> WireLog:
 
     Raises WireLogError naming the line, or OSError.
     """
-    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    if lines[0] != _FIRST_LINE:
+    *lines, cut = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    if (lines or [cut])[0] != _FIRST_LINE:
         raise WireLogError(f"{path}: is no recording: its first line is not {_FIRST_LINE!r}")
     config: list[str] = []
     events: list[Event] = []
@@ -226,10 +226,9 @@ def read_wire_log(path: Path) -> WireLog:
             config.append(line.removeprefix(_CONFIG))
         elif line and not line.startswith("#"):
             event = _event(line)
-            if event is not None:
-                events.append(event)
-            elif number < len(lines):  # the text ends with a line end, so only a cut line is the last one
+            if event is None:
                 raise WireLogError(f"{path}, line {number}: cannot be read: {line[:60]!r}")
+            events.append(event)
     return WireLog("\n".join(config), tuple(events))
 
 

@@ -71,9 +71,12 @@ def test_what_is_no_recording_is_told_with_its_line(text: str, problem: str, tmp
         read_wire_log(file)
 
 
-def test_line_that_a_power_failure_cut_is_left_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize("cut", ["(2.000000) a < 010", "(2.000000) a < 01", "(2.000000) a ! op", "#: unit = 1"])
+def test_line_that_a_power_failure_cut_is_left_out(cut: str, tmp_path: Path) -> None:
+    """Also where what is left of it could be a whole one."""
     file = tmp_path / "x.wire"
-    file.write_text("# talc wire log 1\n(1.000000) a < 0102\n(2.000000) a < 010", encoding="utf-8")
+    file.write_text(f"# talc wire log 1\n(1.000000) a < 0102\n{cut}", encoding="utf-8")
+    assert read_wire_log(file).config == ""
     assert [event.data for event in read_wire_log(file).events] == [b"\x01\x02"]
 
 
