@@ -147,9 +147,8 @@ def _elsewhere(means: dict[Where, dict[str, float]]) -> list[Claim]:
                 + (f"; not with {', '.join(lost)}" if lost else "")
                 + (f"; more than no compensation with {', '.join(harmed)}" if harmed else ""),
                 not lost,
-                "An axis that the calibration has not moved gives the models no reason to choose its inputs; the "
-                "regression has all of them and learns from each measurement of the test. A failed input misleads "
-                "every method that uses it.",
+                "Models that choose few inputs from the begin of something new, such as another axis, can choose "
+                "wrongly, and the next measurement is 2 h away. A failed input misleads every method that uses it.",
             )
         )
     return found if len(means) > 1 else []
