@@ -210,6 +210,15 @@ async def wrong_device(box: Box) -> None:
     await box.run("probe", "gateway.toml")
 
 
+async def data_format(box: Box) -> None:
+    """A module whose numbers are parts of its range instead of tenths of a degree."""
+    box.write(RTU + beds())
+    module = M7015(lambda: ROOM)
+    module.engineering = False
+    await box.line({1: module})
+    await box.run("probe", "gateway.toml")
+
+
 async def absent_port(box: Box) -> None:
     """The adapter is not plugged in."""
     box.write(RTU + beds())
@@ -259,8 +268,8 @@ async def no_target(box: Box) -> None:
 FAULTS: dict[str, Callable[[Box], Awaitable[None]]] = {
     case.__name__: case
     for case in (
-        green, silence, speed, duplicate, noise, open_input, two_wires, word_order, wrong_device, absent_port,
-        unit_behind_host, can_rate, can_duplicate, no_target,
+        green, silence, speed, duplicate, noise, open_input, two_wires, word_order, wrong_device, data_format,
+        absent_port, unit_behind_host, can_rate, can_duplicate, no_target,
     )
 }  # fmt: skip
 
