@@ -1,11 +1,17 @@
-"""Many faults in a row leave nothing behind: no descriptor, thread, task, nor memory that grows with each."""
+"""Many faults in a row leave nothing behind: no descriptor, thread, task, nor memory that grows with each.
+
+Every row of the fault matrix on every wire, one after the other, each until it is seen and mended; ten rounds, of which
+eight are measured. Of each wire that is some 350 to 850 polls in half a minute, as many as in a quarter of an hour at
+1 Hz. No hour is simulated: what grows with time alone, and slowly, is not found here.
+"""
 
 import asyncio
 import gc
 import logging
 import threading
 import tracemalloc
-from collections.abc import Awaitable, Callable
+from collections.abc import Sequence
+from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
@@ -13,30 +19,42 @@ import pytest
 from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Line, Notice
 from gateway.clock import RealClock
-from simulators.devices.source import Fault
-from tests.gateway.faults.plants import Plant, dbc, rtu, slcan, tcp, timer
+from tests.gateway.faults.actions import restarted, whole
+from tests.gateway.faults.matrix import HARMLESS, MATRIX
+from tests.gateway.faults.plants import PLANTS, Plant
+from tests.gateway.faults.play import done
 
 PERIOD_S = 0.05
-WARM_UP, CYCLES = 5, 40
-"""A day on a bad shop floor has some dozen faults; here they come one after the other."""
+WARM_UP, ROUNDS = 2, 8
+WIRES = {
+    "modbus": ("rtu", "pta", "analogue", "tcp", "wago"),
+    "can": ("slcan", "heartbeat", "sync", "timer", "multicast", "dbc"),
+    "displacement": ("me_rs485", "dt6120", "me_ethernet"),
+}
 
 
 class Latest:
-    """Keeps the newest quality of each channel and counts what was told; nothing that grows."""
+    """Keeps the newest reading of the victim and counts what was told; nothing that grows."""
 
     def __init__(self) -> None:
-        self.quality: dict[str, Quality] = {}
+        self._reading: Reading | None = None
         self.told = 0
 
-    def put(self, readings: list[Reading]) -> None:
-        self.quality |= {r.channel: r.quality for r in readings}
+    def put(self, readings: Sequence[Reading]) -> None:
+        for reading in readings:
+            if reading.channel == "victim":
+                self._reading = reading
 
     def note(self, _: Notice) -> None:
         self.told += 1
 
-    async def until(self, quality: Quality) -> None:
-        async with asyncio.timeout(10):
-            while self.quality.get("victim") is not quality:
+    async def until(self, quality: Quality, says: str = "") -> None:
+        """A reading that comes from now on."""
+        before = self._reading
+        async with asyncio.timeout(20):
+            while (
+                (now := self._reading) is None or now is before or now.quality is not quality or says not in now.detail
+            ):
                 await asyncio.sleep(0.005)
 
 
@@ -45,48 +63,60 @@ def held() -> tuple[int, int, int]:
     return len(list(Path("/proc/self/fd").iterdir())), threading.active_count(), len(asyncio.all_tasks())
 
 
-async def cycle(plant: Plant, latest: Latest) -> None:
-    """One round of faults, each until it is seen and mended."""
-    await plant.unplug()
-    await latest.until(Quality.COMM_FAULT)
-    await plant.plug()
+async def all_faults(name: str, plant: Plant, latest: Latest) -> int:
+    """One after the other, each until it is seen and mended; how many."""
+    cases = [case for case in MATRIX if case.plant == name]
+    # A restart between two reads is timed by the matrix's longer period.
+    harmless = [case for case in HARMLESS if case.plant == name and case.disturb is not restarted]
+    for case in cases:
+        await done(case.start, plant)
+        await latest.until(case.quality, case.then)
+        await done(case.end, plant)
+        await mended(plant, latest)
+    for disturbance in harmless:
+        await done(disturbance.disturb, plant)
+        await mended(plant, latest)
+    return len(cases) + len(harmless)
+
+
+async def mended(plant: Plant, latest: Latest) -> None:
     await latest.until(Quality.GOOD)
-    plant.faults.silent = True
-    await latest.until(Quality.COMM_FAULT)
-    plant.faults.silent = False
-    await latest.until(Quality.GOOD)
-    plant.faults.set(0, Fault.OPEN)
-    await latest.until(Quality.SENSOR_FAULT)
-    plant.faults.set(0, None)
-    await latest.until(Quality.GOOD)
+    if plant.wire is not None:
+        whole(plant)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plant_of", [rtu, tcp, slcan, timer, dbc])
-async def test_nothing_grows(
-    tmp_path: Path, plant_of: Callable[[Path], Awaitable[Plant]], caplog: pytest.LogCaptureFixture
-) -> None:
+@pytest.mark.parametrize("wires", WIRES)
+async def test_nothing_grows(tmp_path: Path, wires: str, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL, logger="gateway.acquisition")  # pytest keeps every record
-    plant, latest = await plant_of(tmp_path), Latest()
-    for said in plant.said:
-        said.steady = True  # nor does the test remember anything
-    line = Line(plant.bus, plant.drivers, PERIOD_S, retry_max_periods=2)
-    async with Acquisition([line], RealClock(), lambda readings: latest.put(list(readings)), latest.note):
-        await latest.until(Quality.GOOD)
+    plants: dict[str, tuple[Plant, Latest]] = {}
+    tracemalloc.start()  # before anything is made: what is made anew for each fault takes the place of what was there
+    async with AsyncExitStack() as stack:
+        for name in WIRES[wires]:
+            (tmp_path / name).mkdir()
+            plant, latest = await PLANTS[name](tmp_path / name), Latest()
+            for stop in plant.stop:
+                stack.push_async_callback(stop)
+            for said in plant.said:
+                said.steady = True  # nor does the test remember anything
+            line = Line(plant.bus, plant.drivers, PERIOD_S, retry_max_periods=2)
+            await stack.enter_async_context(Acquisition([line], RealClock(), latest.put, latest.note))
+            await latest.until(Quality.GOOD)
+            plants[name] = plant, latest
+
+        async def a_round() -> int:
+            return sum(await asyncio.gather(*(all_faults(name, *each) for name, each in plants.items())))
+
         for _ in range(WARM_UP):
-            await cycle(plant, latest)
+            await a_round()
         before = held()
-        tracemalloc.start()
         gc.collect()
         start = tracemalloc.get_traced_memory()[0]
-        for _ in range(CYCLES):
-            await cycle(plant, latest)
+        faults = sum([await a_round() for _ in range(ROUNDS)])
         gc.collect()
         grown = tracemalloc.get_traced_memory()[0] - start
         tracemalloc.stop()
         after = held()
-    for stop in plant.stop:
-        await stop()
-    assert latest.told >= 6
+    assert all(latest.told >= 6 for _, latest in plants.values())
     assert [b - a for a, b in zip(before, after, strict=True)] == pytest.approx([0, 0, 0], abs=1)
-    assert grown < 2000 * CYCLES, f"{grown} bytes in {CYCLES} cycles"
+    assert grown < 100 * faults, f"{grown} bytes in {faults} faults"
