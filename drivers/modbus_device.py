@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from drivers.base import Clock, DriverError, Quality, Reading, Refused, WrongDevice
+from drivers.base import Clock, DriverError, Quality, Reading, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus_bus import ModbusBus
 from drivers.modbus_profile import BIT_FUNCTIONS, Block, ModbusProfile, Plausibility, Span, TypeCodes
@@ -81,24 +81,14 @@ class ModbusDevice:
         """
         self._forget()
         if self._profile.settings:
-            await self._check_settings()
+            self._check_settings(await self._fetch(self._setting_blocks))
         if self._profile.type_codes is not None:
             self._spans = self._spans_of(self._profile.type_codes, await self._fetch(self._code_blocks))
         elif not self._profile.settings:
             await self._fetch(self._value_blocks[:1])
         self._checked = True
 
-    async def _check_settings(self) -> None:
-        try:
-            words = await self._fetch(self._setting_blocks)
-        except Refused as error:
-            named = ", ".join(setting.name for setting in self._profile.settings)
-            raise WrongDevice(
-                f"does not tell its {named}: {error.what}",
-                bus=self._bus.name,
-                device=self._device,
-                hint="where you know that it is set as it must be, use a copy of the profile without [[setting]]",
-            ) from error
+    def _check_settings(self, words: Mapping[tuple[int, int], int]) -> None:
         for setting in self._profile.settings:
             found = words[setting.function, setting.address + self._offset]
             if found != setting.equals:
