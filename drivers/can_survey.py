@@ -42,8 +42,13 @@ class Heard:
     """Node to the error code of its last emergency."""
     device_types: dict[int, int | None] = field(default_factory=dict)
     """Node to object 1000; None: it answers SDO, but not that."""
-    doubled: set[int] = field(default_factory=set)
-    """Nodes that answered one question twice."""
+    answers: dict[int, int] = field(default_factory=dict)
+    """Nodes that were asked, and how often each answered. Not what it told somebody else before."""
+
+    @property
+    def doubled(self) -> set[int]:
+        """Nodes that answered one question twice."""
+        return {node for node, count in self.answers.items() if count > 1}
 
     @property
     def silent(self) -> bool:
@@ -78,8 +83,8 @@ class Heard:
             case 0x080 if len(data) == 8:
                 self.emergencies[node] = int.from_bytes(data[:2], "little")
             case 0x580 if len(data) == 8 and data[1:4] == _UPLOAD_DEVICE_TYPE[1:4]:
-                if node in self.device_types:
-                    self.doubled.add(node)
+                if node in self.answers:
+                    self.answers[node] += 1
                 self.device_types[node] = int.from_bytes(data[4:], "little") if data[0] == 0x43 else None
 
 
@@ -114,6 +119,7 @@ class CanSurvey:
         for number, node in enumerate(nodes, start=1):
             if stopped():
                 return
+            heard.answers[node] = 0
             self._send(0x600 + node, _UPLOAD_DEVICE_TYPE)
             sleep(pace_s)
             if number % _AT_ONCE == 0:  # python-can's slcan blocks for a byte that does not come: not for each node

@@ -28,7 +28,7 @@ R = TypeVar("R")
 
 _SYNC = 0x080
 _NMT_START = 1
-_LONGEST_OBJECT = 8
+_LONGEST_NUMBER = 8
 """Bytes of the widest number that a node may hold; one that never ends its transfer is stopped there."""
 
 logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs, we raise
@@ -92,12 +92,14 @@ class CanOpenBus:
             raise
         thread.shutdown(wait=True)
 
-    async def upload(self, device: str, node: int, objects: Sequence[CanObject]) -> list[bytes]:
-        """Read objects of one node by SDO, little-endian bytes each.
+    async def upload(
+        self, device: str, node: int, objects: Sequence[CanObject], most_bytes: int = _LONGEST_NUMBER
+    ) -> list[bytes]:
+        """Read objects of one node by SDO, little-endian bytes each; a longer one than `most_bytes` is a BadAnswer.
 
         Raises NoAnswer, BadAnswer, Refused (SDO abort) or ConnectError (interface gone).
         """
-        return await self._in_thread(lambda: self._upload(device, node, objects))
+        return await self._in_thread(lambda: self._upload(device, node, objects, most_bytes))
 
     async def start_node(self, device: str, node: int) -> None:
         """Make the node operational (NMT), so that it sends PDOs. Raises ConnectError."""
@@ -147,7 +149,9 @@ class CanOpenBus:
             network.notifier.stop()
             shut(network.bus)
 
-    def _upload(self, device: str, node: int, objects: Sequence[CanObject]) -> list[bytes]:
+    def _upload(
+        self, device: str, node: int, objects: Sequence[CanObject], most_bytes: int = _LONGEST_NUMBER
+    ) -> list[bytes]:
         if self._network is None:
             raise ConnectError("not connected", bus=self._name, device=device)
         if node not in self._network:
@@ -162,9 +166,9 @@ class CanOpenBus:
         sdo.RESPONSE_TIMEOUT = self._settings.timeout_s
         if node in self._doubtful:
             # The late answer may still come. This object is never a value, and the node answers in order.
-            self._one(sdo, device, node, CanObject(0x1000, 0))
+            self._one(sdo, device, node, CanObject(0x1000, 0), _LONGEST_NUMBER)
             self._doubtful.discard(node)
-        return [self._one(sdo, device, node, wanted) for wanted in objects]
+        return [self._one(sdo, device, node, wanted, most_bytes) for wanted in objects]
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
         if node in self._doubtful:
@@ -199,11 +203,11 @@ class CanOpenBus:
         except (can.CanError, OSError) as error:
             raise failed(self._name, device, self._settings, error) from error
 
-    def _one(self, sdo: Any, device: str, node: int, wanted: CanObject) -> bytes:
+    def _one(self, sdo: Any, device: str, node: int, wanted: CanObject, most_bytes: int) -> bytes:
         data = b""
         try:
             with sdo.open(wanted.index, wanted.subindex, buffering=0) as segments:
-                while len(data) <= _LONGEST_OBJECT and (segment := segments.read(_LONGEST_OBJECT)):
+                while len(data) <= most_bytes and (segment := segments.read(most_bytes)):
                     data += segment
         except SdoAbortedError as error:
             raise Refused(
@@ -216,9 +220,9 @@ class CanOpenBus:
             raise self._communication(device, node, wanted, error) from error
         except (can.CanError, OSError) as error:
             raise failed(self._name, device, self._settings, error) from error
-        if not 0 < len(data) <= _LONGEST_OBJECT:
+        if not 0 < len(data) <= most_bytes:
             self._doubtful.add(node)
-            size = f"more than {_LONGEST_OBJECT} bytes" if data else "nothing"
+            size = f"more than {most_bytes} bytes" if data else "nothing"
             raise BadAnswer(f"node {node}, object {wanted} holds {size}", bus=self._name, device=device)
         return data
 

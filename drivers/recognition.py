@@ -18,6 +18,8 @@ from drivers.profiles import load_profile, profile_names
 
 _PROPOSED_RANGE_UM = 500.0
 """Measuring range that stands in a proposal until a person corrects it: no sensor tells it."""
+_LONGEST_TEXT = 64
+"""Bytes of a node's name."""
 _INT16 = NumberFormat("int16")
 
 CANOPEN_VENDORS: Mapping[int, str] = {0x17: "esd", 0x55: "axiomatic"}
@@ -178,6 +180,8 @@ async def recognise_me_ethernet(bus: MeEthernetBus) -> Recognition:
     block = await bus.next_block("")
     inputs = tuple(channel for channel in block.values if channel < load_profile("me_ethernet").channels)
     evidence = f"order number {block.order}, serial number {block.serial}"
+    if not inputs:
+        return Recognition("", (), f"{evidence}; none of the channels that the profile reads is fitted")
     return Recognition("me_ethernet", inputs, evidence, {"range_um": _PROPOSED_RANGE_UM}, (_RANGE_DOUBT,))
 
 
@@ -185,7 +189,7 @@ _RANGE_DOUBT = "range_um: the measuring range stands on the sensor; no sensor te
 
 
 async def recognise_canopen(bus: CanOpenBus, node: int) -> Recognition | None:
-    """What the node is; None when it does not answer SDO. Raises BadAnswer or ConnectError."""
+    """What the node is; None when it does not answer SDO. Raises NoAnswer (falls silent), BadAnswer or ConnectError."""
     read = _Objects(bus, node)
     try:
         device_type = await read.number(0x1000, 0)
@@ -244,19 +248,19 @@ class _Objects:
         self._bus, self._node = bus, node
 
     async def number(self, index: int, subindex: int) -> int | None:
-        data = await self._upload(index, subindex)
-        return None if data is None else int.from_bytes(data[:4], "little")
-
-    async def text(self, index: int) -> str:
-        data = await self._upload(index, 0)
-        return "" if data is None else "".join(chr(b) for b in data if 0x20 <= b < 0x7F).strip()
-
-    async def _upload(self, index: int, subindex: int) -> bytes | None:
         try:
             (data,) = await self._bus.upload("", self._node, [CanObject(index, subindex)])
         except Refused:
             return None
-        return data
+        return int.from_bytes(data[:4], "little")
+
+    async def text(self, index: int) -> str:
+        """Its printable characters. A text only helps to tell a node: one that cannot be read is empty."""
+        try:
+            (data,) = await self._bus.upload("", self._node, [CanObject(index, 0)], _LONGEST_TEXT)
+        except (Refused, BadAnswer):
+            return ""
+        return "".join(chr(b) for b in data if 0x20 <= b < 0x7F).strip()
 
 
 def describe(inputs: Sequence[int]) -> str:

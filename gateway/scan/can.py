@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from drivers.base import BadAnswer
+from drivers.base import BadAnswer, NoAnswer
 from drivers.bus_settings import CanOpenSettings
 from drivers.can_survey import CanSurvey, Heard
 from drivers.canopen_bus import CanOpenBus
@@ -136,8 +136,8 @@ async def _recognise(bus: CanOpenBus, node: int, heard: Heard, report: Report) -
         return None
     try:
         what = await recognise_canopen(bus, node)
-    except BadAnswer as error:
-        report.remarks.append(f"node {node}: {error.what}")
+    except (NoAnswer, BadAnswer) as error:
+        report.remarks.append(error.what)
         return None
     if what is not None and state is not None:
         return replace(what, evidence=f"{what.evidence}, {state}")

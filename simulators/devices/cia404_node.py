@@ -11,6 +11,7 @@ PT100 = 30
 DEGREE_CELSIUS = 0x002D0000
 
 _UPLOAD = 0x40
+_SEGMENT = 0x60
 _ABORT = 0x80
 _NO_OBJECT = 0x06020000
 _NO_SUBINDEX = 0x06090011
@@ -65,12 +66,14 @@ class Cia404Node:
         heartbeat_ms: int = 0,
         event_ms: int = 0,
         mapped: int = 0x9130,
+        name: str = "",
     ) -> None:
-        """`mapped`: the object of the values in the TPDOs."""
+        """`mapped`: the object of the values in the TPDOs. `name`: object 1008, which goes in segments; empty: none."""
         self._node_id, self._source, self._inputs, self._digits = node_id, source, inputs, digits
         self._status_bits = _STATUS_BITS[vendor]
         self._identity = [_VENDOR_IDS[vendor], _PRODUCT, _REVISION, _SERIAL] if vendor in _VENDOR_IDS else []
-        self._mapped = mapped
+        self._mapped, self._name = mapped, name.encode("ascii")
+        self._segments: list[bytes] = []
         self._sensor_types = list(sensor_types or [PT100] * inputs)
         self._state = Nmt.PRE_OPERATIONAL
         self._transmission_type = 255 if event_ms else 1
@@ -153,13 +156,23 @@ class Cia404Node:
         index, subindex = int.from_bytes(request[1:3], "little"), request[3]
         if command & 0xE0 == 0x20:
             return _abort(place, _READ_ONLY)
+        if command & 0xE0 == _SEGMENT and self._segments:
+            return self._segment(command & 0x10)
         if command != _UPLOAD:
             return _abort(place, _BAD_COMMAND)
+        if (index, subindex) == (0x1008, 0) and self._name:
+            self._segments = [self._name[start : start + 7] for start in range(0, len(self._name), 7)]
+            return bytes((0x41,)) + place + len(self._name).to_bytes(4, "little")
         found = self._object(index, subindex)
         if isinstance(found, int):
             return _abort(place, found)
         unused = 4 - len(found)
         return bytes((0x43 | unused << 2,)) + place + found + bytes(unused)
+
+    def _segment(self, toggle: int) -> bytes:
+        data = self._segments.pop(0)
+        unused, last = 7 - len(data), not self._segments
+        return bytes((toggle | unused << 1 | last,)) + data + bytes(unused)
 
     def _object(self, index: int, subindex: int) -> bytes | int:
         """Value of an object in little-endian bytes, or an abort code."""

@@ -68,6 +68,32 @@ async def test_nodes_are_recognised_by_profile_vendor_and_inputs() -> None:
     assert [doubt.split(" ")[0] for doubt in found[9].what.doubts] == ["input", "vendor:"]
 
 
+async def test_vendor_is_known_by_a_name_of_several_segments() -> None:
+    named = Cia404Node(5, lambda: TEMPERATURES, inputs=4, name="JUMO CANtrans T 902910/20")
+    async with bus([named]) as (_, what):
+        (found,) = (await scan(what)).found
+    assert (found.what.profile, found.what.options) == ("cia404", {"vendor": "jumo"})
+    assert found.what.evidence == "device profile 404, JUMO CANtrans T 902910/20"
+    assert found.what.doubts == ()
+    assert found.reads == "20.0 21.5 -3.0 40.0 degC"
+
+
+class Failing:
+    """Says that it is a measuring device, and is silent when it is asked for more."""
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        if identifier != 0x607 or data[1:4] != bytes.fromhex("00 10 00"):
+            return ()
+        return ((0x587, bytes.fromhex("43 00 10 00 94 01 02 00")),)
+
+
+async def test_node_that_falls_silent_is_told_and_the_others_are_recognised() -> None:
+    async with bus([Failing(), node(9)]) as (_, what):
+        report = await scan(what)
+    assert [device.unit for device in report.found] == [9]
+    assert any(remark.startswith("node 7: no answer within") for remark in report.remarks)
+
+
 async def test_bit_rate_is_found_by_listening_and_nobody_is_asked_at_another() -> None:
     talking = node(5, heartbeat_ms=20)
     spy = Spy()
