@@ -168,8 +168,8 @@ def _origin(study: Study, runs: list[Run], seed: int, small: bool, workers: int)
 
 def _took(study: Study, runs: list[Run], small: bool, workers: int) -> str:
     """All runs' time spread over the workers, also when they were done at several goes; beside the goal, if any."""
+    goal = "" if study.goal_min is None or small else f" (goal: {study.goal_min:g} min on 2)"
     known = [run.seconds for run in runs if run.seconds is not None]
     if len(known) < len(runs):
-        return "its time was not kept"
-    goal = "" if study.goal_min is None or small else f" (goal: {study.goal_min:g} min on 2)"
+        return f"time not kept{goal}"
     return f"{sum(known) / workers / 60:.1f} min on {workers} {'core' if workers == 1 else 'cores'}{goal}"

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,10 @@ import pytest
 from click.testing import CliRunner
 
 from gateway.cli import main
-from simulators.studies import STUDIES, carry_out
+from simulators.studies import STUDIES, Run, carry_out
 from simulators.studies.arx_vs_static import REST, STEPS, judge, recordings
-from simulators.studies.frame import code_fingerprint
+from simulators.studies.arx_vs_static_report import MODELS
+from simulators.studies.frame import Parameters, code_fingerprint
 from tests.simulators.small_study import study_by_command
 
 STUDY = STUDIES["arx-vs-static"]
@@ -116,6 +118,45 @@ def test_a_stopped_study_goes_on_and_ends_the_same(folder: Path) -> None:
     assert list(carry_out(STUDY, folder, 1, True, 1)) == [(6, 8), (7, 8), (8, 8)]
     assert results(folder) == before
     assert list(carry_out(STUDY, folder, 1, True, 1)) == [(8, 8)]
+
+
+def test_a_model_that_ran_away_is_not_counted_as_beaten() -> None:
+    def made_up(sensors: str, noise: bool, ours: float, plain: float) -> Run:
+        left = dict.fromkeys(MODELS, 10.0) | {"output error": ours, "ARX": plain}
+        figures = {model: {"PV": v, "RMSE": v, "P99": v, "SMAPE": v} for model, v in left.items()}
+        return Run({"seed": 1, "pair": 0, "sensors": sensors, "noise": noise}, {"Y": figures, "Z": figures})
+
+    lost, won, ran_away = (1.2, 0.2), (1.0, 2.0), (1.0, 5e6)
+    runs = [made_up(s, n, *lost) for s, n in (("near", False), ("near", True))]
+    runs += [made_up("far", False, *ran_away), made_up("far", True, *won)]
+    claim = STUDY.report(runs).claims[-1]
+    assert not claim.holds  # 2 of 6; with the two that ran away it would be 4 of 8
+    assert "in 2 of 6 medians, and where ARX ran away (Y, far, clean, Z, far, clean)" in claim.here
+    assert "at worst 6.0 times ARX's (Y, near, clean: 1.2 against 0.2 µm)" in claim.here
+    assert STUDY.report([*runs[2:], *runs[2:]]).claims[-1].holds
+
+
+def test_runs_without_their_time_make_no_time_and_the_goal_stands_beside_it(folder: Path) -> None:
+    timed = {f: json.loads(f.read_text(encoding="utf-8")) for f in (folder / "runs").iterdir()}
+    study = replace(STUDY, runs=lambda seed, _: STUDY.runs(seed, True), goal_min=7.0)
+    for seconds, line in (
+        (30.0, ", 2.0 min on 2 cores (goal: 7 min on 2), "),
+        (None, ", time not kept (goal: 7 min on 2), "),
+    ):
+        for file, content in timed.items():
+            file.write_text(json.dumps({**content, "seconds": seconds}), encoding="utf-8")
+        assert list(carry_out(study, folder, 1, False, 2)) == [(8, 8)]
+        assert line in (folder / "summary.md").read_text(encoding="utf-8")
+
+
+def test_runs_that_rest_on_the_first_ones_follow_them_and_are_kept_too(tmp_path: Path) -> None:
+    def then(first: list[Run]) -> list[Parameters]:
+        return [{**run.parameters, "pair": 7} for run in first[:1]]
+
+    study = replace(STUDY, runs=lambda seed, small: STUDY.runs(seed, small)[:1], then=then)
+    assert list(carry_out(study, tmp_path, 1, True, 1)) == [(0, 1), (1, 1), (1, 2), (2, 2)]
+    assert list(carry_out(study, tmp_path, 1, True, 1)) == [(1, 1), (2, 2)]
+    assert {row["pair"] for row in figures(tmp_path)} == {"0", "7"}
 
 
 def test_unknown_study_is_named_and_the_list_is_shown() -> None:
