@@ -164,9 +164,10 @@ class LinuxCnc:
         return x, y, z
 
     def _number(self, value: Json, what: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise self._bad(f"{what} = {value!r}: expected a finite number")
-        return float(value)
+        with suppress(OverflowError):  # JSON's integers may be longer than any float
+            if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
+                return float(value)
+        raise self._bad(f"{what} = {value!r}: expected a finite number")
 
     def _bad(self, what: str) -> DriverError:
         return BadAnswer(what, device=self._settings.device, hint="is the agent of another version?")

@@ -1,10 +1,9 @@
 """What comes over the line from LinuxCNC's agent: a signed answer is given as it is, anything else ends the line."""
 
 import asyncio
-import hmac
 import json
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+import math
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,75 +12,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, WrongDevice
+from drivers.linuxcnc import LinuxCnc
 from drivers.linuxcnc_line import LinuxCncLine
-from drivers.linuxcnc_settings import LinuxCncSettings
-from simulators.devices.loopback import Connection, LoopbackServer
-
-KEY = b"0123456789abcdef0123456789abcdef"
-CHALLENGE = "so many"
-
-
-class Agent:
-    """Knows the key and the form of lines, and nothing of the driver; the test says what it sends.
-
-    Where the test says nothing it answers each question with its own words.
-    """
-
-    def __init__(self) -> None:
-        self.greeting = json.dumps({"challenge": CHALLENGE}).encode()
-        self.says: list[bytes] = []
-        """Instead of the next answers, the proof's first; sent as they are."""
-        self.session, self.count = b"", 0
-        """Of the newest client."""
-
-    def signed(self, text: bytes, *, ahead: int = 0) -> bytes:
-        """A line with this text, for the exchange under way or a later one."""
-        what = f"agent {self.count + ahead} ".encode() + text
-        return hmac.new(self.session, what, "sha256").hexdigest().encode() + b" " + text + b"\n"
-
-    def hear(self, line: bytes) -> bytes:
-        """What is said to this line."""
-        message = json.loads(line.partition(b" ")[2])
-        if self.count == 0:
-            self.session = hmac.digest(KEY, f"{CHALLENGE} {message['nonce']}".encode(), "sha256")
-        said = self.says.pop(0) if self.says else self.signed(json.dumps({"answer": message}).encode())
-        self.count += 1
-        return said
-
-
-class Client(Connection):
-    """One client of the agent."""
-
-    def __init__(self, agent: Agent) -> None:
-        super().__init__()
-        self._agent, self._heard = agent, b""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        super().connection_made(transport)
-        self._agent.session, self._agent.count = b"", 0
-        if self.transport is not None:
-            self.transport.write(self._agent.greeting + b"\n")
-
-    def data_received(self, data: bytes) -> None:
-        *lines, self._heard = (self._heard + data).split(b"\n")
-        for line in lines:
-            if self.transport is not None:
-                self.transport.write(self._agent.hear(line))
-
-
-@asynccontextmanager
-async def agent_and_line(folder: Path, timeout_s: float = 5.0) -> AsyncIterator[tuple[Agent, LinuxCncLine]]:
-    (folder / "talc.key").write_bytes(KEY)
-    agent = Agent()
-    server = LoopbackServer(lambda: Client(agent))
-    settings = LinuxCncSettings(key_file=folder / "talc.key", port=await server.start(), timeout_s=timeout_s)
-    line = LinuxCncLine(settings)
-    try:
-        yield agent, line
-    finally:
-        await line.close()
-        await server.stop()
-
+from tests.drivers.linuxcnc_fake_agent import CHALLENGE, Agent, agent_and_driver, agent_and_line, serving
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False) | st.text(max_size=8),
@@ -219,3 +152,37 @@ async def test_line_without_an_end_is_no_answer_and_one_too_long_is_none_of_ours
         agent.says = [b"x" * 200_000]
         with pytest.raises(DriverError, match="is not the agent with our key"):
             await line.ask("state")
+
+
+ASKED: dict[str, Callable[[LinuxCnc], Awaitable[object]]] = {
+    "status": LinuxCnc.snapshot,
+    "read": LinuxCnc.read_compensation,
+    "probing": lambda nc: nc.probing_status(17),
+}
+NO_NUMBERS = {"too long": 10**400, "below too long": -(10**400), "truth": True, "text": "1", "nothing": None,
+              "NaN": math.nan, "infinite": math.inf}  # fmt: skip
+
+
+@pytest.mark.parametrize("number", NO_NUMBERS.values(), ids=NO_NUMBERS)
+@pytest.mark.parametrize("question", ASKED)
+async def test_what_is_no_number_is_a_bad_answer(question: str, number: object, tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers = {
+            "status": {"positions": {**dict.fromkeys("XYZAC", 0.0), "Z": number}, "states": {}},
+            "read": [0.0, number, 0.0],
+            "probing": {"state": "done", "centres": [[0.0] * 3] * 6, "spread": number},
+        }
+        with pytest.raises(BadAnswer, match="expected a finite number"):
+            await ASKED[question](nc)
+
+
+async def test_an_agent_with_another_key_is_believed_nothing(tmp_path: Path) -> None:
+    """It greets, answers and signs as ours does, and gets no more of us than the proof."""
+    impostor = Agent(b"fedcba9876543210fedcba9876543210")
+    async with serving(impostor, tmp_path) as settings:
+        line = LinuxCncLine(settings)
+        with pytest.raises(WrongDevice, match="is not the agent with our key"):
+            await line.connect()
+        with pytest.raises(ConnectError, match="connect first"):
+            await line.ask("status")
+        assert [sorted(message) for message in impostor.heard] == [["nonce"]]

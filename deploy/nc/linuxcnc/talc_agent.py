@@ -188,9 +188,12 @@ class Control:
 
 
 def number(value: object, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise Refusal(f"{name} = {value!r}: expected a finite number")
-    return float(value)
+    try:
+        if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # JSON's integers may be longer than any float
+        pass
+    raise Refusal(f"{name} = {value!r}: expected a finite number")
 
 
 def whole(command: dict[str, Any], name: str) -> int:
