@@ -172,6 +172,7 @@ async def test_interface_that_goes_is_told_and_taken_again(
             assert "interface can0 is gone: " in error.what
             assert what in error.what
             assert remedy in error.hint
+            await bus.close()  # as the acquisition does
             with pytest.raises(ConnectError, match="cannot open socketcan can0"):
                 await bus.connect()
             _plugged(kernel)
