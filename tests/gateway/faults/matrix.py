@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.base import Quality
-from simulators.devices.source import Fault
 from tests.gateway.faults.actions import (
     LOGGER,
     OTHER_SENSOR,
@@ -47,10 +46,10 @@ from tests.gateway.faults.actions import (
     whole,
     wrong_type,
 )
-from tests.gateway.faults.plants import NEIGHBOUR, PLANTS, VICTIM
+from tests.gateway.faults.plants import CAN, CANOPEN, ME_LINE, MODBUS_LINE, NEIGHBOUR, PLANTS, VICTIM
+from tests.gateway.faults.sensor_faults import SENSOR_FAULTS
 
 COMM, STALE = Quality.COMM_FAULT, Quality.STALE
-BROKEN, BEYOND = Quality.SENSOR_FAULT, Quality.OUT_OF_RANGE
 
 
 @dataclass(frozen=True)
@@ -72,10 +71,6 @@ class Case:
     """What the reading says later, when one problem turns into another; each is told once."""
 
 
-MODBUS_LINE = ("rtu", "pta", "analogue")
-CANOPEN = ("slcan", "sync", "timer")
-CAN = (*CANOPEN, "dbc")
-ME_LINE = ("me_rs485", "dt6120")
 EVERY = tuple(name for name in PLANTS if name != "heartbeat")
 TYPED = ("rtu", "tcp", *CANOPEN, "multicast")
 
@@ -98,71 +93,6 @@ SILENT = {
 OTHER_TYPE = dict.fromkeys(("rtu", "tcp"), "type code 0x0FFF at input 0") | dict.fromkeys(
     (*CANOPEN, "multicast"), "sensor type 4095 at input 0"
 )
-
-
-BUSES = (*CANOPEN, "multicast")
-DISTANCE = (*ME_LINE, "me_ethernet")
-SENSOR_FAULTS: Sequence[tuple[str, Fault, Sequence[tuple[Sequence[str], str, Quality]]]] = [
-    (
-        "sensor open",
-        Fault.OPEN,
-        [
-            (("rtu",), "the module reports this input broken", BROKEN),
-            (("pta",), "97.7 degC is what this device shows", BROKEN),
-            (("analogue",), "0 µm is outside 5 to 500 µm", BEYOND),
-            (("tcp",), "burnout: open circuit at this input", BROKEN),
-            (("wago",), "broken wire", BROKEN),
-            (BUSES, "sensor fault", BROKEN),
-            (("dbc",), "open", BROKEN),
-            (("me_rs485",), "the sensor sends no number", BROKEN),
-            (("dt6120", "me_ethernet"), "of the measuring range", BEYOND),
-        ],
-    ),
-    (
-        "sensor short",
-        Fault.SHORT,
-        [
-            (("rtu",), "the module reports this input broken", BROKEN),
-            (("pta",), "-200 degC is outside", BEYOND),
-            (("analogue",), "0 µm is outside 5 to 500 µm", BEYOND),
-            (("tcp",), "at or below the start", BEYOND),
-            (("wago",), "short circuit", BROKEN),
-            (BUSES, "sensor fault", BROKEN),
-            (("dbc",), "short", BROKEN),
-            (("me_rs485",), "the sensor sends no number", BROKEN),
-            (("dt6120", "me_ethernet"), "of the measuring range", BEYOND),
-        ],
-    ),
-    (
-        "over range",
-        Fault.OVER,
-        [
-            (("rtu",), "above the input's range", BROKEN),
-            (("pta",), "400 degC is outside", BEYOND),
-            (("analogue",), "above the module's input range", BEYOND),
-            (("tcp",), "at or above the end", BEYOND),
-            (("wago",), "above 850 degC", BEYOND),
-            (BUSES, "above the measuring range", BEYOND),
-            (("dbc",), "900 is beyond the range of the DBC file", BEYOND),
-            (DISTANCE, "of the measuring range", BEYOND),
-        ],
-    ),
-    (
-        "under range",
-        Fault.UNDER,
-        [
-            (("rtu",), "below the input's range", BROKEN),
-            (("pta",), "-200 degC is outside", BEYOND),
-            (("analogue",), "below the module's input range", BEYOND),
-            (("tcp",), "at or below the start", BEYOND),
-            (("wago",), "below -200 degC", BEYOND),
-            (BUSES, "below the measuring range", BEYOND),
-            (("dbc",), "-250 is beyond the range of the DBC file", BEYOND),
-            (DISTANCE, "of the measuring range", BEYOND),
-        ],
-    ),
-]
-"""What each device says of a broken sensor."""
 
 
 def cases(fault: str, plants: Sequence[str], start: Do, end: Do, says: str, quality: Quality = COMM) -> list[Case]:

@@ -85,6 +85,10 @@ REST = """Two more are played on every wire above: the computer's clock jumps by
 readings come and while the bus is closed and opened (periods, timeouts and ages stand on the monotonic clock, those of
 the libraries too; only the UTC of readings jumps); and every core is busy with other programs (periods are as regular
 as the computer lets a thread wake).
+
+Every row above is also played ten times over, all rows of a wire in a row, and leaves no descriptor, thread, task or
+memory behind. Of each wire that is some 350 to 850 polls in half a minute, as many as in a quarter of an hour at 1 Hz;
+it says nothing of what would grow in weeks.
 """
 
 

@@ -340,6 +340,10 @@ PLANTS: Mapping[str, Make] = {
     "dt6120": dt6120,
     "me_ethernet": me_ethernet,
 }
+MODBUS_LINE = ("rtu", "pta", "analogue")
+CANOPEN = ("slcan", "sync", "timer")
+CAN = (*CANOPEN, "dbc")
+ME_LINE = ("me_rs485", "dt6120")
 WIRES: Mapping[str, str] = {
     "rtu": "Modbus RTU, `icpdas_m7015`",
     "pta": "Modbus RTU, `eletechsup_pta8d08`",

@@ -20,6 +20,9 @@ from tests.gateway.faults.matrix import COMM, MATRIX, Case
 from tests.gateway.faults.plants import PLANTS, other
 from tests.gateway.faults.play import all_at_once, done
 
+MOST_SLACK_S = PERIOD_S / 4
+"""For a busy computer; with more, a neighbour could wait for a silent device and nobody would see it."""
+
 
 @pytest.mark.parametrize("plant", PLANTS)
 async def test_every_fault_of(plant: str, tmp_path: Path) -> None:
@@ -50,7 +53,7 @@ async def play(case: Case, folder: Path, metronome: Metronome) -> None:
     shows_what_was_said(beside, heard)
     keeps_period([r for r in heard.of("other") if begun <= r.monotonic_s < ended], slack_s)
     if not case.whole_bus and len(plant.drivers) > 1:
-        keeps_period([r for r in heard.of("neighbour") if begun <= r.monotonic_s < ended], slack_s)
+        keeps_period([r for r in heard.of("neighbour") if begun <= r.monotonic_s < ended], min(slack_s, MOST_SLACK_S))
     if case.whole_device:
         assert {r.quality for r in heard.of("beside", turned.monotonic_s) if r.monotonic_s < ended} == {case.quality}
     elif case.quality is not COMM and "beside" in plant.drivers[0].channels:
