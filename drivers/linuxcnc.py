@@ -60,7 +60,7 @@ class LinuxCnc:
         positions = self._numbers(status.get("positions"), "positions")
         if missing := set(AXES) - set(positions):
             raise self._bad(f"positions without {', '.join(sorted(missing))}")
-        tool = status.get("tool")
+        tool, cannot_probe = status.get("tool"), status.get("cannot_probe")
         return NcSnapshot(
             time=self._clock.utc(),
             monotonic_s=self._clock.monotonic(),
@@ -72,6 +72,7 @@ class LinuxCnc:
             probe_in_spindle=bool(status.get("probe")),
             alarms=(EMERGENCY_STOP,) if status.get("estop") else (),
             ready=bool(status.get("on")) and bool(status.get("homed")) and not status.get("estop"),
+            cannot_probe=cannot_probe if isinstance(cannot_probe, str) else None,
         )
 
     async def request_probing(self, number: int) -> None:

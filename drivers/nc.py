@@ -72,6 +72,9 @@ class NcSnapshot:
     ready: bool | None = None
     """False: emergency stop, drives off or an axis not referenced, so that an offset may not act when it is written, or
     act later all at once. None: the control does not tell."""
+    cannot_probe: str | None = None
+    """Why no cycle can begin as the control stands; empty: one can, whatever the mode, in a part program at its next
+    safe point. None: the control does not tell, and cycles begin in AUTO alone."""
     quality: Quality = Quality.GOOD
 
 

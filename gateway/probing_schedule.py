@@ -6,7 +6,7 @@ cut. What is decided here is when to make the offer, so that probing costs as li
 standing     leaves when                                                                      to
 not_wanted   the controller wishes for a measurement                                          waiting or blocked
 waiting      the machine's moment is good enough, or the wish is urgent or old                due
-blocked      alarm, operating mode, connection, or the pause after rejected results is over   waiting
+blocked      alarm, control or its mode, connection, or the pause after rejected results is over   waiting
 due          the caller has asked the control                                                 asked
 asked        the cycle has ended                                                              as the result is
 any but asked: the controller no longer wishes for a measurement                              not_wanted
@@ -194,8 +194,10 @@ class ProbingSchedule:
             return "the control cannot be reached"
         if snapshot.alarms:
             return f"alarm {', '.join(map(str, snapshot.alarms))}"
+        if snapshot.cannot_probe:
+            return snapshot.cannot_probe
         # The control checks its mode itself when it answers: one that it does not tell is no reason to wait.
-        if snapshot.mode not in (OperatingMode.AUTO, OperatingMode.UNKNOWN):
+        if snapshot.cannot_probe is None and snapshot.mode not in (OperatingMode.AUTO, OperatingMode.UNKNOWN):
             return f"the control is in {snapshot.mode.value.upper()}, not in AUTO"
         if self._paused_until is not None and now_s < self._paused_until:
             return self._blocked_by_rejects()

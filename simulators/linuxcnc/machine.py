@@ -49,7 +49,7 @@ class Machine:
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self.process = process
 
-    async def ask(self, verb: str, *arguments: str | list[float]) -> Any:
+    async def ask(self, verb: str, *arguments: str | float | list[float]) -> Any:
         """Raises RuntimeError with what the control said."""
         if self.process.stdin is None:
             raise RuntimeError("LinuxCNC's process has no pipes")

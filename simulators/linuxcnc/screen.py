@@ -65,6 +65,17 @@ class Control:
         self.command.abort()
         self.until("idle", lambda s: s.interp_state == linuxcnc.INTERP_IDLE)
 
+    def jog(self, speed: float) -> None:
+        """X by hand, mm/s; 0 stops it."""
+        self.command.mode(linuxcnc.MODE_MANUAL)
+        self.until("manual mode", lambda s: s.task_mode == linuxcnc.MODE_MANUAL)
+        self.command.teleop_enable(1)
+        if speed:
+            self.command.jog(linuxcnc.JOG_CONTINUOUS, False, 0, speed)
+        else:
+            self.command.jog(linuxcnc.JOG_STOP, False, 0)
+        self.until("X as told", lambda s: bool(s.axis[0]["velocity"]) == bool(speed))
+
     def kill_agent(self) -> None:
         """As the kernel does when memory runs out: no warning, no last word."""
         listed = re.search(r"^\s*\d+\s+User\s+talc\s+(\d+)", self.hal("show", "comp"), re.MULTILINE)
@@ -120,7 +131,7 @@ def _sphere() -> Any:
     return sphere
 
 
-VERBS = ("switch_on", "home", "mdi", "run", "abort", "estop", "state", "hal", "kill_agent", "deform")
+VERBS = ("switch_on", "home", "mdi", "run", "abort", "estop", "state", "hal", "jog", "kill_agent", "deform")
 
 
 def main() -> None:

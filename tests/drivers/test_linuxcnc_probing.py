@@ -2,6 +2,7 @@
 and that the part program finds everything as it was. Needs Debian's linuxcnc-uspace.
 """
 
+import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -129,6 +130,39 @@ async def test_without_a_program_it_starts_by_itself_only_where_that_is_allowed(
         await operator_sees(bench, mode=MANUAL, idle=True)
     finally:
         await impatient.close()
+
+
+async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_itself(bench: Bench) -> None:
+    assert (await bench.nc.snapshot()).cannot_probe == "no program runs, and the pin talc.may-start is FALSE"
+    await allow(bench)
+    assert (await bench.nc.snapshot()).cannot_probe == ""
+    await bench.operator.ask("jog", 0.5)
+    assert (await bench.nc.snapshot()).cannot_probe == "somebody moves the machine by hand"
+    await bench.nc.request_probing(1)
+    assert await stays_requested(bench, 1)
+    await bench.operator.ask("jog", 0.0)
+    await reaches(bench, 1, ProbingState.RUNNING)
+    assert (await bench.nc.snapshot()).cannot_probe == ""
+    await bench.nc.withdraw_probing(1)
+    await reaches(bench, 1, *FINAL)
+    await operator_sees(bench, mode=MANUAL, idle=True)
+
+    await bench.operator.ask("mdi", "M3 S800")  # a mill may be in the part, wheel in hand
+    assert (await bench.nc.snapshot()).cannot_probe == "somebody moves the machine by hand"
+    await bench.nc.request_probing(2)
+    assert await stays_requested(bench, 2)
+    await bench.operator.ask("mdi", "M5")
+    await reaches(bench, 2, ProbingState.RUNNING)
+
+
+async def stays_requested(bench: Bench, number: int) -> bool:
+    """For as many turns of the agent as a start would take many times over."""
+    for _ in range(25):
+        await bench.nc.snapshot()
+        await asyncio.sleep(0.02)
+        if (await bench.nc.probing_status(number)).state is not ProbingState.REQUESTED:
+            return False
+    return True
 
 
 async def test_every_way_to_end_without_a_result_is_told(bench: Bench) -> None:

@@ -99,6 +99,16 @@ def test_what_belongs_to_the_next_step_does_not_wait(why: Why) -> None:
     assert plan.look(CUTTING, 0.0) == Outlook(Standing.DUE, why)
 
 
+@pytest.mark.parametrize("mode", OperatingMode)
+def test_a_control_that_says_it_can_begin_is_asked_in_any_mode_but_not_in_a_cut(mode: OperatingMode) -> None:
+    plan = schedule()
+    plan.wish(Why.INTERVAL, 0.0)
+    jogging = replace(IDLE, mode=mode, cannot_probe="", states={"speed_X": 500.0})
+    assert plan.look(jogging, 0.0).standing is Standing.WAITING
+    assert plan.look(replace(CUTTING, mode=mode, cannot_probe=""), 1.0).standing is Standing.WAITING
+    assert plan.look(replace(IDLE, mode=mode, cannot_probe=""), 2.0).standing is Standing.DUE
+
+
 @pytest.mark.parametrize(
     ("snapshot", "reason"),
     [
@@ -106,6 +116,7 @@ def test_what_belongs_to_the_next_step_does_not_wait(why: Why) -> None:
         (replace(IDLE, alarms=(700016, 3000)), "alarm 700016, 3000"),
         (replace(IDLE, mode=OperatingMode.JOG), "is in JOG, not in AUTO"),
         (replace(IDLE, mode=OperatingMode.MDA), "is in MDA, not in AUTO"),
+        (replace(IDLE, cannot_probe="nobody agrees"), "nobody agrees"),
     ],
 )
 def test_what_blocks_is_named_once_and_told_to_the_operator_when_it_lasts(

@@ -114,6 +114,7 @@ class Control:
             "homed": all(s.homed[: s.joints]),
             "mode": MODES.get(s.task_mode, "unknown"),
             "program": PROGRAM.get(s.interp_state, "unknown"),
+            "cannot_probe": self._cycle.obstacle(s),
             "tool": s.tool_in_spindle,
             "probe": s.tool_in_spindle == self._settings.probe_tool,
         }

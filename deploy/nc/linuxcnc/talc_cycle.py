@@ -18,6 +18,7 @@ REASONS = {
     4: "withdrawn",
     6: "a touch found no sphere",
 }
+OFF = "the machine is off or not homed"
 POSES = 6
 START_LIMIT_S, IDLE_LIMIT_S = 10.0, 0.5
 
@@ -71,6 +72,16 @@ class Cycle:
             spread = self._pins["spread"]
         return {"state": self._state, "reason": self._reason, "centres": centres, "spread": spread}
 
+    def obstacle(self, nc: Any) -> str:
+        """Why a cycle cannot begin as the machine stands; empty: it can, in a part program at its next safe point."""
+        if nc.task_state != linuxcnc.STATE_ON or not all(nc.homed[: nc.joints]):
+            return OFF
+        if nc.interp_state != linuxcnc.INTERP_IDLE:
+            return ""
+        if not self._pins["may-start"]:
+            return "no program runs, and the pin talc.may-start is FALSE"
+        return "somebody moves the machine by hand" if _moves(nc) else ""
+
     def step(self, now: float, nc: Any, command: Any) -> None:
         """Look at program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""
         if self._number and self._pins["answers"] == self._number and self._state != "idle":
@@ -102,20 +113,21 @@ class Cycle:
     def _wait(self, now: float, nc: Any, command: Any) -> None:
         if nc is None:
             return
-        if nc.task_state != linuxcnc.STATE_ON or not all(nc.homed[: nc.joints]):
-            self._refuse("the machine is off or not homed")
+        obstacle = self.obstacle(nc)
+        if obstacle == OFF:
+            self._refuse(OFF)
         elif now >= self._expires_s:
             self._refuse("no safe point before the request expired")
         elif self._started_s is not None:
-            self._start(now, nc, command)
-        elif _idle(nc) and self._pins["may-start"]:
+            self._start(now, nc, command, obstacle)
+        elif _idle(nc) and not obstacle:
             self._started_s, self._mode_before = now, nc.task_mode
             command.mode(linuxcnc.MODE_MDI)
 
-    def _start(self, now: float, nc: Any, command: Any) -> None:
+    def _start(self, now: float, nc: Any, command: Any, obstacle: str) -> None:
         if self._started_s is not None and now - self._started_s > START_LIMIT_S:
             self._refuse("the program did not start")
-        elif not self._begun and nc.task_mode == linuxcnc.MODE_MDI and _idle(nc):
+        elif not self._begun and nc.task_mode == linuxcnc.MODE_MDI and _idle(nc) and not obstacle:
             command.mdi("o<talc_safe_point> call")
             self._begun = True
 
@@ -130,3 +142,10 @@ class Cycle:
 
 def _idle(nc: Any) -> bool:
     return nc.interp_state == linuxcnc.INTERP_IDLE and nc.state != linuxcnc.RCS_EXEC
+
+
+def _moves(nc: Any) -> bool:
+    """Without a program: jogging or a handwheel, and a spindle that turns may be in a cut."""
+    return any(joint["velocity"] for joint in nc.joint[: nc.joints]) or any(
+        spindle["enabled"] for spindle in nc.spindle[: nc.spindles]
+    )

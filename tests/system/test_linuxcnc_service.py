@@ -1,0 +1,75 @@
+"""The whole service with the real LinuxCNC, which stands idle in MANUAL as an operator leaves it. Needs Debian's
+linuxcnc-uspace.
+"""
+
+import asyncio
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.nc import OperatingMode
+from gateway.clock import RealClock
+from gateway.config.model import validate
+from gateway.probing_schedule import Standing
+from gateway.service import Past, Service
+from simulators.linuxcnc.machine import HURRY
+from talc.control import Controller
+from talc.frame import Why
+from tests.drivers.linuxcnc_bench import running, until
+from tests.gateway.test_loop import Told
+
+pytestmark = [pytest.mark.peer, pytest.mark.slow]
+
+MANUAL = 1
+
+
+async def test_an_idle_machine_is_probed_without_a_program_as_soon_as_it_is_allowed(tmp_path: Path) -> None:
+    machine = {**HURRY, "FEED": 60, "FIND_FEED": 2000}
+    async with running(tmp_path, machine, sphere=True, tools="T99 P99 Z40 D6 ;probe\n") as bench:
+        await bench.nc.close()  # the service is the one client
+        config = validate(
+            {
+                "machine": {"name": "linuxcnc"},
+                "grid": {"step_s": 2.0},
+                "nc": {
+                    "kind": "linuxcnc",
+                    "key_file": str(bench.settings.key_file),
+                    "port": bench.settings.port,
+                    "period_s": 0.1,
+                },
+                "probing": {"armed": True, "lead_s": 0.0, "poll_s": 0.1, "timeout_s": 120.0, "reference_cycles": 1},
+                "storage": {"path": str(tmp_path / "gateway.sqlite")},
+            }
+        )
+        told, stop = Told(), asyncio.Event()
+        service = Service(config, RealClock(), told, Past(Controller(config.input_names, config.talc)))
+        at_work = asyncio.create_task(service.run(stop))
+
+        async def said(*standings: Standing) -> bool:
+            assert not at_work.done()
+            return [o.standing for o in told.outlooks][: len(standings)] == list(standings)
+
+        async def measured() -> bool:
+            assert not at_work.done()
+            return any(frame.measurement is not None for frame in told.frames)
+
+        try:
+            await until(lambda: said(Standing.BLOCKED))
+            assert told.outlooks[0].reason == "no program runs, and the pin talc.may-start is FALSE"
+            assert service.link is not None
+            assert service.link.present is not None
+            assert service.link.present.mode is OperatingMode.JOG
+            standing = (await bench.operator.ask("state"))["position"]
+            await bench.operator.ask("hal", "setp", "talc.may-start", "1")
+            await until(lambda: said(Standing.BLOCKED, Standing.DUE, Standing.ASKED))
+            await until(measured, 90.0)
+        finally:
+            stop.set()
+            await at_work
+        first = told.outcomes[0]
+        assert (first.why, first.reason) == (Why.CALIBRATION, "")
+        assert first.centres_mm is not None
+        assert np.abs(np.linalg.norm(first.centres_mm, axis=1) - np.hypot(120.0, 80.0)).max() < 0.01
+        assert standing == pytest.approx([0.0] * 5, abs=1e-6), "not allowed, it stands"
+        assert (await bench.operator.ask("state"))["mode"] == MANUAL
