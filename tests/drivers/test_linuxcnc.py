@@ -140,6 +140,20 @@ async def test_ramp_zero_holds_and_release_acts_at_once(bench: Bench) -> None:
         await bench.nc.heartbeat(7)
 
 
+async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whatever_was_claimed(tmp_path: Path) -> None:
+    async with running(tmp_path, {"SLEW": 0.01}) as bench:
+        await claimed(bench, Watch(1.0, 1000.0))
+        async with bench.beating(7):
+            await bench.nc.write_compensation((6.0, 0.0, 0.0))
+            assert (await bench.nc.read_compensation())[0] == pytest.approx(6.0, abs=1e-3)
+        await bench.nc.release(7)
+
+        async def gone() -> bool:
+            return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
+
+        assert await until(gone) >= 6.0 / 10.0 * 0.9
+
+
 async def test_another_gateway_is_refused_while_the_first_is_alive(bench: Bench) -> None:
     await claimed(bench, Watch(0.3, 1.0))
     with pytest.raises(Refused, match="belongs to gateway 7"):

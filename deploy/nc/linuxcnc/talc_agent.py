@@ -34,7 +34,7 @@ class Settings:
 
     def __init__(self, path: Path) -> None:
         self._ini, self._path = linuxcnc.ini(str(path)), path
-        self.bound_um = self.number("BOUND", 0.2) * 1e3
+        self.bound_um, self.slew = self.number("BOUND", 0.2) * 1e3, self.number("SLEW", 0.01)
         self.pivot = [self.number(f"PIVOT_{axis}", 0.0) for axis in "XYZ"]
         self.probe_tool = round(self.number("PROBE_TOOL", 99))
         self.host, self.port = self.text("ADDRESS", "127.0.0.1"), round(self.number("PORT", 7621))
@@ -142,7 +142,9 @@ class Control:
         if not (0.05 <= silence <= 86400.0 and 0.0 <= ramp <= 1000.0):
             raise Refusal("expected silence_s 0.05 to 86400 and ramp_um_per_s 0 to 1000")
         self._owner = who
-        self._pins["silence"], self._pins["ramp"], self._pins["free"] = silence, ramp * 1e-3, False
+        # On silence limit2 moves at talc.ramp in SLEW's place: nobody agrees on more than that.
+        ramp = min(ramp * 1e-3, self._settings.slew)
+        self._pins["silence"], self._pins["ramp"], self._pins["free"] = silence, ramp, False
         self._beat()
 
     def heartbeat(self, command: dict[str, Any]) -> bool:
