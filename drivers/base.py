@@ -91,6 +91,11 @@ class Bus(Protocol):
     @property
     def name(self) -> str: ...
 
+    @property
+    def timeout_s(self) -> float:
+        """How long one answer may take at most."""
+        ...
+
     async def connect(self) -> None: ...
 
     async def close(self) -> None: ...
@@ -114,7 +119,14 @@ class ConnectError(DriverError):
 
 
 class NoAnswer(DriverError):
-    """The device did not answer in time."""
+    """The device did not answer in time.
+
+    hurried: it was given less than the bus's timeout, because it usually is quick; next time it is given all of it
+    """
+
+    def __init__(self, what: str, *, hurried: bool = False, **where: str) -> None:
+        super().__init__(what, **where)
+        self.hurried = hurried
 
 
 class BadAnswer(DriverError):

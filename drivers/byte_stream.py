@@ -96,10 +96,15 @@ class _Inbox:
     async def take(self, timeout_s: float) -> bytes:
         if not self._bytes:
             self.check()
+            if timeout_s <= 0:
+                raise TimeoutError
             self._waiter = asyncio.get_running_loop().create_future()
             try:
                 async with asyncio.timeout(timeout_s):
                     await self._waiter
+            except TimeoutError:
+                if not self._bytes:  # else they came in time, and the event loop was too busy to look
+                    raise
             finally:
                 self._waiter = None
             if not self._bytes:

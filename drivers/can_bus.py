@@ -35,6 +35,10 @@ class CanBus:
     def name(self) -> str:
         return self._name
 
+    @property
+    def timeout_s(self) -> float:
+        return self._settings.timeout_s
+
     def want(self, frames: Collection[FrameId]) -> None:
         """Keep the latest of these frames from now on."""
         self._wanted |= set(frames)

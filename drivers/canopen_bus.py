@@ -5,10 +5,12 @@ Two threads while connected: one receives, one asks. Nothing of the library is t
 
 import asyncio
 import logging
+import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import cycle
 from time import monotonic
 from typing import Any, TypeVar
 
@@ -22,11 +24,13 @@ from drivers.can_interface import failed, open_interface, shut
 from drivers.can_receiver import Receiver
 from drivers.canopen_events import NodeEvents
 from drivers.canopen_frames import LatestFrames, pass_on
+from drivers.patience import Patience
 from drivers.tap import Tap
 
 R = TypeVar("R")
 
 _SYNC = 0x080
+_SDO_READ = 0x40
 _NMT_START = 1
 _LONGEST_NUMBER = 8
 """Bytes of the widest number that a node may hold; one that never ends its transfer is stopped there."""
@@ -45,6 +49,10 @@ class CanObject:
         return f"{self.index:04X}:{self.subindex:02X}"
 
 
+_NEVER_VALUES = CanObject(0x1000, 0), CanObject(0x1001, 0), CanObject(0x1018, 0)
+"""Objects that every node has (CiA 301) and no channel is read from."""
+
+
 class CanOpenBus:
     """Nodes on one CAN interface. Reads of all nodes queue up in one thread."""
 
@@ -55,7 +63,9 @@ class CanOpenBus:
         self._name, self._settings, self._tap = name, settings, tap
         self._network: Any = None
         self._thread: ThreadPoolExecutor | None = None
+        self._patience = Patience(settings.timeout_s)
         self._doubtful: set[int] = set()
+        self._never_values = cycle(_NEVER_VALUES)
         self._events: dict[int, NodeEvents] = {}
         self._frames = LatestFrames()
 
@@ -65,7 +75,7 @@ class CanOpenBus:
 
     @property
     def timeout_s(self) -> float:
-        """How long one request may take."""
+        """How long one request may take at most."""
         return self._settings.timeout_s
 
     async def connect(self) -> None:
@@ -163,12 +173,26 @@ class CanOpenBus:
             self._network.subscribe(0x80 + node, self.events(node).on_emergency)
             self._network.subscribe(0x700 + node, self.events(node).on_heartbeat)
         sdo = self._network[node].sdo
-        sdo.RESPONSE_TIMEOUT = self._settings.timeout_s
         if node in self._doubtful:
-            # The late answer may still come. This object is never a value, and the node answers in order.
-            self._one(sdo, device, node, CanObject(0x1000, 0), _LONGEST_NUMBER)
-            self._doubtful.discard(node)
+            self._let_late_answers_pass(sdo, device, node)
         return [self._one(sdo, device, node, wanted, most_bytes) for wanted in objects]
+
+    def _let_late_answers_pass(self, sdo: Any, device: str, node: int) -> None:
+        """Ask for what is never a value until that is answered: a node answers in order, so nothing older can follow.
+
+        The library would give up at the late answer. Each time another object, lest a late answer to this be taken too.
+        """
+        wanted = next(self._never_values)
+        address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
+        sdo.responses = queue.Queue()
+        self._send(device, sdo.rx_cobid, bytes((_SDO_READ,)) + address + bytes(4))
+        until = monotonic() + self._settings.timeout_s
+        try:
+            while sdo.responses.get(timeout=max(0.0, until - monotonic()))[1:4] != address:
+                pass
+        except queue.Empty:
+            raise self._silence(device, node, "no answer", self._settings.timeout_s) from None
+        self._doubtful.discard(node)
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
         if node in self._doubtful:
@@ -176,8 +200,11 @@ class CanOpenBus:
         self._listen(device, identifiers)
         asked_s = monotonic()
         self._send(device, _SYNC, b"")
-        until_s = asked_s + self._settings.timeout_s
-        return self._await_frames(device, node, identifiers, asked_s, until_s, "did not come after SYNC")
+        wait_s = self._patience.wait_s(node, _SYNC)
+        failing, hurried = "did not come after SYNC", wait_s < self._settings.timeout_s
+        found = self._await_frames(device, node, identifiers, asked_s, asked_s + wait_s, failing, hurried=hurried)
+        self._patience.answered(node, _SYNC, monotonic() - asked_s)
+        return found
 
     def _listen(self, device: str, identifiers: Sequence[int]) -> None:
         if self._network is None:
@@ -186,13 +213,21 @@ class CanOpenBus:
             self._network.subscribe(identifier, self._frames.put)
 
     def _await_frames(
-        self, device: str, node: int, identifiers: Sequence[int], oldest_s: float, until_s: float, failing: str
+        self,
+        device: str,
+        node: int,
+        identifiers: Sequence[int],
+        oldest_s: float,
+        until_s: float,
+        failing: str,
+        *,
+        hurried: bool = False,
     ) -> dict[int, bytes]:
         self._listen(device, identifiers)
         found = self._frames.since(oldest_s, identifiers, until_s)
         if missing := sorted(set(identifiers) - set(found)):
             listed = ", ".join(f"0x{identifier:03X}" for identifier in missing)
-            raise self._silence(device, node, f"TPDO {listed} {failing}")
+            raise self._silence(device, node, f"TPDO {listed} {failing}", until_s - oldest_s, hurried=hurried)
         return found
 
     def _send(self, device: str, identifier: int, data: bytes) -> None:
@@ -205,6 +240,8 @@ class CanOpenBus:
 
     def _one(self, sdo: Any, device: str, node: int, wanted: CanObject, most_bytes: int) -> bytes:
         data = b""
+        sdo.RESPONSE_TIMEOUT = self._patience.wait_s(node, wanted)
+        asked_s = monotonic()
         try:
             with sdo.open(wanted.index, wanted.subindex, buffering=0) as segments:
                 while len(data) <= most_bytes and (segment := segments.read(most_bytes)):
@@ -217,27 +254,33 @@ class CanOpenBus:
                 hint="does the profile fit the device?",
             ) from error
         except SdoCommunicationError as error:
-            raise self._communication(device, node, wanted, error) from error
+            raise self._communication(device, node, wanted, error, sdo.RESPONSE_TIMEOUT) from error
         except (can.CanError, OSError) as error:
             raise failed(self._name, device, self._settings, error) from error
         if not 0 < len(data) <= most_bytes:
             self._doubtful.add(node)
             size = f"more than {most_bytes} bytes" if data else "nothing"
             raise BadAnswer(f"node {node}, object {wanted} holds {size}", bus=self._name, device=device)
+        self._patience.answered(node, wanted, monotonic() - asked_s)
         return data
 
-    def _communication(self, device: str, node: int, wanted: CanObject, error: Exception) -> DriverError:
+    def _communication(
+        self, device: str, node: int, wanted: CanObject, error: Exception, waited_s: float
+    ) -> DriverError:
         if "No SDO response" in str(error):
-            return self._silence(device, node, "no answer")
+            hurried = waited_s < self._settings.timeout_s
+            return self._silence(device, node, "no answer", waited_s, hurried=hurried)
         self._doubtful.add(node)
         return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self._name, device=device)
 
-    def _silence(self, device: str, node: int, what: str) -> DriverError:
+    def _silence(self, device: str, node: int, what: str, waited_s: float, *, hurried: bool = False) -> DriverError:
         self._doubtful.add(node)
+        self._patience.missed(node)
         if (lost := self._network.notifier.exception) is not None:
             return failed(self._name, device, self._settings, lost)
         return NoAnswer(
-            f"node {node}: {what} within {self._settings.timeout_s:g} s",
+            f"node {node}: {what} within {waited_s:.2g} s",
+            hurried=hurried,
             bus=self._name,
             device=device,
             hint="check power, termination (60 ohm between CAN_H and CAN_L), node id and bitrate",

@@ -50,6 +50,10 @@ class MeEthernetBus:
     def name(self) -> str:
         return self._name
 
+    @property
+    def timeout_s(self) -> float:
+        return self._timeout_s
+
     async def connect(self) -> None:
         """Open the connection; an open one stays. Raises ConnectError."""
         async with self._lock:

@@ -14,6 +14,7 @@ from drivers.bus_settings import MeRs485Settings
 from drivers.byte_stream import SerialStream
 from drivers.displacement_profile import DisplacementOptions, MeRs485Profile
 from drivers.faults import Fault
+from drivers.patience import Patience
 from drivers.readings import ReadingMaker
 from drivers.tap import Tap
 
@@ -35,6 +36,7 @@ class MeRs485Bus:
     def __init__(self, name: str, settings: MeRs485Settings, tap: Tap | None = None) -> None:
         self._name, self._timeout_s = name, settings.timeout_s
         self._stream = SerialStream(name, settings.serial, tap)
+        self._patience = Patience(settings.timeout_s)
         self._lock = asyncio.Lock()
         self._owing: set[int] = set()
         """Sensors that have not answered their last request yet."""
@@ -42,6 +44,10 @@ class MeRs485Bus:
     @property
     def name(self) -> str:
         return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        return self._timeout_s
 
     async def connect(self) -> None:
         """Open the port; an open one stays. Raises ConnectError."""
@@ -67,23 +73,31 @@ class MeRs485Bus:
             self._owing.add(address)
             heard = bytearray()
             loop = asyncio.get_running_loop()
-            deadline = loop.time() + self._timeout_s
+            sent = answered = loop.time()
+            wait_s = self._timeout_s if expect_late else self._patience.wait_s(address, _MEASURE)
+            until = sent + wait_s
+            answers: list[bytes] = []
             try:
-                while True:
-                    heard += await self._stream.read(deadline - loop.time())
-                    if not expect_late and (answers := find_answers(heard, address)):
-                        break
+                while expect_late or not answers:
+                    heard += await self._stream.read(until - loop.time())
+                    until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
+                    if len(found := find_answers(heard, address)) > len(answers):
+                        answers, answered = found, loop.time()
             except TimeoutError:
-                answers = find_answers(heard, address)
                 if not answers:
-                    raise self._nothing_valid(device, address, heard) from None
+                    self._patience.missed(address)
+                    raise self._nothing_valid(device, address, heard, wait_s) from None
             self._owing.discard(address)
+            self._patience.answered(address, _MEASURE, answered - sent)
             return answers[-1]
 
-    def _nothing_valid(self, device: str, address: int, heard: bytes | bytearray) -> NoAnswer | BadAnswer:
+    def _nothing_valid(
+        self, device: str, address: int, heard: bytes | bytearray, waited_s: float
+    ) -> NoAnswer | BadAnswer:
         if not heard:
             return NoAnswer(
-                f"sensor 0x{address:02X} did not answer within {self._timeout_s:g} s",
+                f"sensor 0x{address:02X} did not answer within {waited_s:.2g} s",
+                hurried=waited_s < self._timeout_s,
                 bus=self._name,
                 device=device,
                 hint="check power, wiring, address and baud",

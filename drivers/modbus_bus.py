@@ -19,6 +19,7 @@ from drivers.base import BadAnswer, NoAnswer, Refused
 from drivers.bus_settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
 from drivers.modbus_profile import BIT_FUNCTIONS, Block
+from drivers.patience import Patience
 from drivers.tap import Tap
 
 _REQUESTS: dict[int, type[ModbusPDU]] = {
@@ -55,11 +56,16 @@ class ModbusBus(ABC):
 
     def __init__(self, name: str, stream: ByteStream, timeout_s: float) -> None:
         self._name, self._stream, self._timeout_s = name, stream, timeout_s
+        self._patience = Patience(timeout_s)
         self._lock = asyncio.Lock()
 
     @property
     def name(self) -> str:
         return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        return self._timeout_s
 
     async def connect(self) -> None:
         """Open the wire; a wire that is open already stays. Raises ConnectError."""
@@ -92,9 +98,10 @@ class ModbusBus(ABC):
     async def _exchange(self, device: str, unit: int, block: Block) -> ModbusPDU:
         """Send the request and wait for its answer, which may be an ExceptionResponse."""
 
-    def _silence(self, device: str, unit: int) -> NoAnswer:
+    def _silence(self, device: str, unit: int, waited_s: float) -> NoAnswer:
         return NoAnswer(
-            f"unit {unit} did not answer within {self._timeout_s:g} s",
+            f"unit {unit} did not answer within {waited_s:.2g} s",
+            hurried=waited_s < self._timeout_s,
             bus=self._name,
             device=device,
             hint="check power, wiring, unit id and baud",
@@ -144,20 +151,25 @@ class ModbusRtuBus(ModbusBus):
         self._stream.discard()
         frame = bytes([unit]) + _request_pdu(block)
         self._stream.write(frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big"))
-        deadline = loop.time() + self._timeout_s
-        self._owing = unit, deadline
+        sent = loop.time()
+        wait_s = self._patience.wait_s(unit, block)
+        self._owing = unit, sent + self._timeout_s
         self._doubtful.add(unit)
         heard = bytearray()
+        until = sent + wait_s
         try:
             while (pdu := find_rtu_answer(heard, unit, block)) is None:
-                heard += await self._stream.read(deadline - loop.time())
+                heard += await self._stream.read(until - loop.time())
+                until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
         except TimeoutError:
             self._owing = None
-            raise self._nothing_valid(device, unit, heard) from None
+            self._patience.missed(unit)
+            raise self._nothing_valid(device, unit, heard, wait_s) from None
         finally:
             self._quiet_since = loop.time()
         self._owing = None
         self._doubtful.discard(unit)
+        self._patience.answered(unit, block, loop.time() - sent)
         return _decode(pdu, self._name, device)
 
     async def _wait_for_owed_answer(self) -> None:
@@ -174,9 +186,9 @@ class ModbusRtuBus(ModbusBus):
             self._doubtful.add(unit)
             self._owing = None
 
-    def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray) -> NoAnswer | BadAnswer:
+    def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray, waited_s: float) -> NoAnswer | BadAnswer:
         if not heard:
-            return self._silence(device, unit)
+            return self._silence(device, unit, waited_s)
         return BadAnswer(
             f"{len(heard)} bytes came, none of them a valid answer of unit {unit}: {heard[:16].hex(' ')}",
             bus=self._name,
@@ -194,6 +206,10 @@ class ModbusTcpBus(ModbusBus):
     def __init__(self, name: str, settings: ModbusTcpSettings, tap: Tap | None = None) -> None:
         super().__init__(name, TcpStream(name, settings.host, settings.port, tap), settings.timeout_s)
         self._number = 0
+        self._perhaps_busy_until = 0.0
+
+    def _opened(self) -> None:
+        self._perhaps_busy_until = 0.0
 
     async def _exchange(self, device: str, unit: int, block: Block) -> ModbusPDU:
         self._number = self._number % 0xFFFF + 1
@@ -201,15 +217,25 @@ class ModbusTcpBus(ModbusBus):
         self._stream.discard()
         self._stream.write(_HEADER.pack(self._number, 0, len(pdu) + 1, unit) + pdu)
         loop = asyncio.get_running_loop()
-        deadline = loop.time() + self._timeout_s
+        sent = loop.time()
+        wait_s = self._patience.wait_s(unit, block)
+        if sent < self._perhaps_busy_until:  # a gateway asks one unit after the other, and may wait for a silent one
+            wait_s = self._timeout_s
         heard = bytearray()
+        until = sent + wait_s
         try:
             while (found := find_tcp_answer(heard, self._number)) is None:
                 del heard[:-_MOST_HEARD]
-                heard += await self._stream.read(deadline - loop.time())
+                heard += await self._stream.read(until - loop.time())
+                until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
         except TimeoutError:
-            raise self._nothing_valid(device, unit, heard) from None
+            self._patience.missed(unit)
+            self._perhaps_busy_until = sent + self._timeout_s
+            raise self._nothing_valid(device, unit, heard, wait_s) from None
+        self._perhaps_busy_until = 0.0
         answering, answer = found
+        if answering == unit and answer[0] == block.function:
+            self._patience.answered(unit, block, loop.time() - sent)
         if answering != unit:
             raise BadAnswer(f"unit {answering} answered instead of unit {unit}", bus=self._name, device=device)
         if not _fits(answer, block):
@@ -220,9 +246,9 @@ class ModbusTcpBus(ModbusBus):
             )
         return _decode(answer, self._name, device)
 
-    def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray) -> NoAnswer | BadAnswer:
+    def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray, waited_s: float) -> NoAnswer | BadAnswer:
         if _messages(heard)[1] == len(heard):  # nothing, or late answers only
-            return self._silence(device, unit)
+            return self._silence(device, unit, waited_s)
         return BadAnswer(
             f"what came is no whole Modbus TCP answer: {heard[:16].hex(' ')}",
             bus=self._name,

@@ -10,9 +10,10 @@ from itertools import count
 from types import TracebackType
 from typing import Self
 
-from drivers.base import Bus, ConnectError, Driver, DriverError, Quality, Reading
+from drivers.base import BadAnswer, Bus, ConnectError, Driver, DriverError, NoAnswer, Quality, Reading
 from gateway.breaker import Breaker
 from gateway.clock import ServiceClock
+from gateway.pace import Pace
 from gateway.plausibility import Check, Plausible
 from gateway.steadiness import Steadiness, Word
 
@@ -46,7 +47,7 @@ class Notice:
     """A problem that began or ended. Told once each."""
 
     subject: str
-    """`bus rtu1`, `device rtd1` or `channel bed_front_left`."""
+    """`bus rtu1`, `period of bus rtu1`, `device rtd1` or `channel bed_front_left`."""
     text: str
     ended: bool = False
 
@@ -65,6 +66,8 @@ class _Device:
         self.connected = False
         self.cost_s = 0.0
         """Time that its last failure took."""
+        self.wavered_s = -math.inf
+        """When it last did not answer at once."""
         self.detail = "not asked yet"
         self.units = dict.fromkeys(driver.channels, "")
         self.checks = {name: Check(limits) for name, limits in plausible.items() if name in self.units}
@@ -78,9 +81,11 @@ class _Device:
 class Runner:
     """Polls the devices of one bus on a drift-free schedule.
 
-    Healthy devices come first, in the order of the configuration. Of the failing ones at most one is asked per
-    period, last, when its breaker allows it and when what its last failure cost still fits into the period; only when
-    put off for the longest wait is it asked regardless.
+    Healthy devices come first, in the order of the configuration; those that wavered lately after the steady ones. Who
+    does not answer in the short time that the bus allows one that usually is quick, is asked once more behind all
+    others, with all its time, if that fits into the period: an answer that is late for once is no fault, and delays
+    nobody. Of the failing ones at most one is asked in vain per period, last, when its breaker allows it and when what
+    it may cost still fits; only when put off for the longest wait is it asked regardless.
     """
 
     def __init__(self, line: Line, clock: ServiceClock, publish: Publish, notify: Notify, sequence: Callable[[], int]):
@@ -90,6 +95,11 @@ class Runner:
         self._devices = [_Device(driver, line.period_s, longest_s, line.plausible) for driver in line.drivers]
         self._breaker = Breaker(line.period_s, longest_s)
         self._steadiness = Steadiness(max(_STEADY_S, _STEADY_PERIODS * line.period_s))
+        self._pace = Pace(line.period_s)
+        self._answered_s: dict[str, float] = {}
+        """What each device that answered in this period took."""
+        self._unsure: dict[_Device, Exception] = {}
+        """Who did not answer in this period, and may be asked again."""
         self._open = False
         self.missed = 0
         """Periods that were skipped because the one before took too long."""
@@ -107,37 +117,72 @@ class Runner:
                     due, phase = due + phase - period, 0.0
                 late = max(0, math.ceil((self._clock.monotonic() - due) / period) - 1)
                 self.missed += late
+                self._note_pace(late)
                 due += period * (1 + late)
         finally:
             with self._clock.hold():
                 await self._shut()
 
     async def _poll(self, due: float) -> None:
-        """One period: read the healthy, try one of the failing, give the others' channels a fault reading."""
-        healthy = [device for device in self._devices if not device.breaker.failing]
-        answered: set[_Device] = set()
+        """One period: read the healthy, try some of the failing, give the others' channels a fault reading."""
+        healthy = sorted((d for d in self._devices if not d.breaker.failing), key=self._wavered_lately)
+        self._answered_s, self._unsure = {}, {}
         asked = (healthy or self._waiting(due)) and (self._open or await self._open_bus(due))
-        if asked:
-            self._tell_end(f"bus {self.line.bus.name}", "open again")
-            answered |= {device for device in healthy if await self._ask(device, due)}
-            answered |= {device for device in self._suspects(due) if await self._ask(device, due)}
-        for device in self._devices:
-            if device not in answered:
+        if not asked:
+            for device in self._devices:
                 self._publish_fault(device)
-        if asked and not answered:
+            return
+        self._tell_end(f"bus {self.line.bus.name}", "open again")
+        waiting = self._waiting(due)
+        for device in healthy:
+            await self._ask(device, due)
+        for device in self._devices:
+            if device not in healthy and device not in waiting:
+                self._publish_fault(device)
+        await self._ask_again(due)
+        await self._try_failing(waiting, due)
+        if not self._answered_s:
             # Nobody answers: the fault may be the connection itself (half-open TCP, adapter unplugged).
             await self._shut()
+
+    def _wavered_lately(self, device: _Device) -> float:
+        """Key of the order in which the healthy are asked: who wavered last is last."""
+        steady = self._clock.monotonic() - device.wavered_s >= self._steadiness.window_s
+        return -math.inf if steady else device.wavered_s
 
     def _waiting(self, due: float) -> list[_Device]:
         """Failing devices whose turn it is, the longest waiting first."""
         waiting = [d for d in self._devices if d.breaker.failing and d.breaker.allows(due)]
         return sorted(waiting, key=lambda device: device.breaker.retry_at)
 
-    def _suspects(self, due: float) -> list[_Device]:
-        """At most one failing device that fits into what is left of the period."""
-        left = due + self.line.period_s - self._clock.monotonic()
-        alone = len(self._devices) == 1
-        return [d for d in self._waiting(due) if alone or d.cost_s <= left or d.breaker.overdue(due)][:1]
+    async def _ask_again(self, due: float) -> None:
+        """Who did not answer at once: while it fits into the period, or while they show that they are only late.
+
+        The last first: it may have suffered from those before it, whose late answers disturbed its own.
+        """
+        late = False
+        for device, error in reversed(self._unsure.items()):
+            if late or not self._open or self._may_cost_s() <= self._left_s(due):
+                late = await self._ask(device, due, again=True)
+            else:
+                await self._failed(device, due, error)
+
+    async def _try_failing(self, waiting: Sequence[_Device], due: float) -> None:
+        """Those that fit into what is left of the period, until one does not answer."""
+        alone, vain = len(self._devices) == 1, False
+        for device in waiting:
+            fits = max(device.cost_s, self._may_cost_s()) <= self._left_s(due)
+            if not vain and (alone or fits or device.breaker.overdue(due)):
+                vain = not await self._ask(device, due, again=True)
+            else:
+                self._publish_fault(device)
+
+    def _left_s(self, due: float) -> float:
+        return due + self.line.period_s - self._clock.monotonic()
+
+    def _may_cost_s(self) -> float:
+        """What must be left of the period to ask one that may be silent. Where the timeout is long, half a period."""
+        return min(self.line.bus.timeout_s, self.line.period_s / 2)
 
     async def _open_bus(self, due: float) -> bool:
         if not self._breaker.allows(due):
@@ -158,9 +203,13 @@ class Runner:
         self._open = True
         return True
 
-    async def _ask(self, device: _Device, due: float) -> bool:
-        """Read one device, publish what it says. False: it failed."""
+    async def _ask(self, device: _Device, due: float, *, again: bool = False) -> bool:
+        """Read one device, publish what it says. False: it failed, or will be asked again in this period.
+
+        again: it counts as failed when it does not answer now
+        """
         if not self._open:  # closed by the one before
+            self._publish_fault(device)
             return False
         before = self._clock.monotonic()
         try:
@@ -170,9 +219,14 @@ class Runner:
                     device.connected = True
                 readings = await device.driver.read()
         except Exception as error:  # noqa: BLE001 - nor this
-            device.cost_s = self._clock.monotonic() - before
-            await self._failed(device, due, error)
+            now = self._clock.monotonic()
+            device.cost_s, device.wavered_s = now - before, now
+            if not again and self._may_be_late(error):
+                self._unsure[device] = error
+            else:
+                await self._failed(device, due, error)
             return False
+        self._answered_s[device.driver.device] = self._clock.monotonic() - before
         device.breaker.succeeded()
         self._tell_end(f"device {device.driver.device}", "answers again")
         number = self._sequence()
@@ -181,9 +235,14 @@ class Runner:
         self._publish(checked)
         return True
 
+    def _may_be_late(self, error: Exception) -> bool:
+        """Whether an answer may only be late, or was disturbed by another's late one."""
+        return (isinstance(error, NoAnswer) and error.hurried) or (bool(self._unsure) and isinstance(error, BadAnswer))
+
     async def _failed(self, device: _Device, due: float, error: Exception) -> None:
         subject = f"device {device.driver.device}"
         device.detail = self._text(error, subject)
+        self._publish_fault(device)
         device.breaker.failed(due)
         self._tell(subject, type(error).__name__, device.detail, error)
         if device.connected:
@@ -218,6 +277,15 @@ class Runner:
         if self._steadiness.well(subject, self._clock.monotonic()):
             log.info("%s: %s", subject, text)
             self._notify(Notice(subject, text, ended=True))
+
+    def _note_pace(self, missed: int) -> None:
+        """Tell when answers take longer than the period."""
+        subject = f"period of bus {self.line.bus.name}"
+        self._pace.polled(self._answered_s, missed)
+        if self._pace.slow:
+            self._tell(subject, "slow", f"bus {self.line.bus.name}: {self._pace.text()}")
+        else:
+            self._tell_end(subject, "the devices answer in time again")
 
     def _note_qualities(self, device: _Device, readings: Sequence[Reading]) -> None:
         """Tell of a channel whose quality changed while its device answers."""

@@ -50,10 +50,10 @@ def honest(request: bytes, first: int = 100) -> bytes:
 
 
 @asynccontextmanager
-async def line() -> AsyncIterator[tuple[ModbusRtuBus, Peer]]:
+async def line(timeout_s: float = TIMEOUT_S) -> AsyncIterator[tuple[ModbusRtuBus, Peer]]:
     peer = Peer()
     peer.path = await peer.port.start()
-    bus = ModbusRtuBus("bus1", ModbusRtuSettings(port=peer.path, baud=115200, timeout_s=TIMEOUT_S))
+    bus = ModbusRtuBus("bus1", ModbusRtuSettings(port=peer.path, baud=115200, timeout_s=timeout_s))
     try:
         await bus.connect()
         yield bus, peer

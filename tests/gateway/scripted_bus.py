@@ -3,8 +3,9 @@
 import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from typing import NoReturn
 
-from drivers.base import Quality, Reading
+from drivers.base import NoAnswer, Quality, Reading
 from gateway.acquisition import Acquisition, Line, Notice
 from gateway.plausibility import Plausible
 from tests.gateway.stepped_clock import SteppedClock
@@ -15,6 +16,7 @@ class ScriptedBus:
 
     def __init__(self, name: str = "rtu1") -> None:
         self.name = name
+        self.timeout_s = 0.5
         self.fault: Exception | None = None
         self.opened = self.closed = 0
         self.is_open = False
@@ -31,14 +33,20 @@ class ScriptedBus:
 
 
 class ScriptedDevice:
-    """A device with one channel that the test silences. `takes_s`: simulated duration of a read."""
+    """A device with one channel that the test silences. `takes_s`: simulated duration of a read.
+
+    `fault_takes_s`: of one that fails; `first_fault_takes_s`: of the first one after an answer, where the bus hurries.
+    """
 
     def __init__(self, name: str, clock: SteppedClock, bus: ScriptedBus) -> None:
         self.device, self.channels = name, (f"{name}_t",)
         self.fault: Exception | None = None
+        self.fault_once: Exception | None = None
         self.fault_at_connect: Exception | None = None
         self.quality = Quality.GOOD
         self.takes_s = self.fault_takes_s = 0.0
+        self.first_fault_takes_s: float | None = None
+        self._failed = False
         self.asked: list[float] = []
         self.connects = 0
         self.hang = False
@@ -57,11 +65,22 @@ class ScriptedDevice:
         if self.hang:
             await asyncio.Event().wait()
         if self.fault is not None:
-            self._clock.spend(self.fault_takes_s)
-            raise self.fault
+            self._fail(self.fault)
+        if self.fault_once is not None:
+            fault, self.fault_once = self.fault_once, None
+            self._fail(fault)
+        self._failed = False
         self._clock.spend(self.takes_s)
         now = self._clock.monotonic()
         return [Reading(self.channels[0], 20.0 + now / 1000, "degC", self.quality, self._clock.utc(), now, 0)]
+
+    def _fail(self, fault: Exception) -> NoReturn:
+        first_s = None if self._failed else self.first_fault_takes_s
+        self._failed = True
+        self._clock.spend(self.fault_takes_s if first_s is None else first_s)
+        if first_s is not None and isinstance(fault, NoAnswer):
+            raise NoAnswer(str(fault), hurried=True)
+        raise fault
 
     async def close(self) -> None:
         pass

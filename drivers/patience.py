@@ -1,0 +1,62 @@
+"""How long an answer is waited for: not much longer than that unit usually takes, so that silence costs little."""
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+_SHORTEST_S = 0.05
+"""A USB adapter's latency, a garbage collection or a core that others use delays any answer by tens of milliseconds."""
+_LEARNT = 4
+"""Answers after which it is known how long they take."""
+_MEAN, _DEVIATION, _DEVIATIONS = 1 / 8, 1 / 4, 4
+"""RFC 6298: weight of the newest answer in the mean and in the mean deviation, and how many of these are added."""
+
+
+@dataclass(slots=True)
+class _Usual:
+    mean_s: float
+    deviation_s: float
+    count: int = 1
+    missed: bool = False
+
+    def add(self, took_s: float) -> None:
+        self.deviation_s += _DEVIATION * (abs(took_s - self.mean_s) - self.deviation_s)
+        self.mean_s += _MEAN * (took_s - self.mean_s)
+        self.count += 1
+
+
+class Patience:
+    """Learns how long each request to each unit takes (RFC 6298, as TCP does).
+
+    The longest wait holds until a request was answered a few times, and again after a miss of its unit until it is
+    answered: who is late once is waited for, and a silent unit costs its neighbours little when it falls silent.
+
+    Parameters
+    ----------
+    longest_s: wait that is never exceeded, s, > 0
+    """
+
+    def __init__(self, longest_s: float) -> None:
+        self._longest_s = longest_s
+        self._usual: dict[int, dict[Hashable, _Usual]] = {}
+
+    def wait_s(self, unit: int, request: Hashable) -> float:
+        """How long the answer of this unit to this request may take."""
+        usual = self._usual.get(unit, {}).get(request)
+        if usual is None or usual.missed or usual.count < _LEARNT:
+            return self._longest_s
+        return min(self._longest_s, max(_SHORTEST_S, usual.mean_s + _DEVIATIONS * usual.deviation_s))
+
+    def answered(self, unit: int, request: Hashable, took_s: float) -> None:
+        """Note an answer that is certainly one to this request."""
+        requests = self._usual.setdefault(unit, {})
+        usual = requests.get(request)
+        if usual is None:
+            requests[request] = _Usual(took_s, took_s / 2)
+        else:
+            usual.add(took_s)
+            usual.missed = False
+
+    def missed(self, unit: int) -> None:
+        """Note that a unit did not answer in time."""
+        for usual in self._usual.get(unit, {}).values():
+            usual.missed = True

@@ -1,0 +1,53 @@
+"""Whether the devices of a bus answer within its period. One small object, without clock or sleep."""
+
+from collections import deque
+from collections.abc import Mapping
+
+_POLLS = 10
+_TOO_MANY = 2
+"""Slow polls of the last ten: one may have met a busy computer, or check the devices anew."""
+
+
+class Pace:
+    """Counts the periods that were missed because answers took too long, and knows who took longest.
+
+    What silent devices cost does not count: of those is told otherwise.
+
+    Parameters
+    ----------
+    period_s: s, > 0
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._missed: deque[int] = deque(maxlen=_POLLS)
+        self._slow = False
+        self._total_s = self._longest_s = 0.0
+        self._longest = ""
+
+    @property
+    def slow(self) -> bool:
+        """From the second slow poll of the last ten until none of the last ten is."""
+        return self._slow
+
+    def polled(self, answered_s: Mapping[str, float], missed: int) -> None:
+        """Note a poll: what each device that answered took, s, and how many periods passed meanwhile."""
+        total_s = sum(answered_s.values())
+        is_slow = missed > 0 and total_s > self._period_s
+        self._missed.append(missed if is_slow else 0)
+        if is_slow:
+            self._total_s = total_s
+            self._longest = max(answered_s, key=lambda name: answered_s[name])
+            self._longest_s = answered_s[self._longest]
+        slow_polls = sum(missed > 0 for missed in self._missed)
+        self._slow = slow_polls > 0 if self._slow else slow_polls >= _TOO_MANY
+
+    def text(self) -> str:
+        """What is wrong and what to do."""
+        missed = sum(self._missed)
+        periods = missed + len(self._missed)
+        return (
+            f"{missed} of the last {periods} periods of {self._period_s:g} s were missed: the devices take "
+            f"{self._total_s:.2g} s to answer, {self._longest} alone {self._longest_s:.2g} s "
+            "(raise period_s or the line's speed, read fewer channels, or find out why it is slow)"
+        )
