@@ -176,14 +176,25 @@ def sensors(j: Judgement, k: int) -> Payload:
 
 
 def status(
-    phase: str | None, k: int | None, readings_dropped: int, config: str | None, outlook: Outlook | None
+    phase: str | None,
+    k: int | None,
+    readings_dropped: int,
+    periods_missed: Mapping[str, int],
+    config: str | None,
+    outlook: Outlook | None,
 ) -> Payload:
     """`status`: the latest decision, the fingerprint of the configuration that really runs, how probing stands.
 
-    Null before each.
+    Null before each. periods_missed: by bus
     """
-    found = None if outlook is None else probing(outlook)
-    return {"phase": phase, "k": k, "readings_dropped": readings_dropped, "config": config, "probing": found}
+    return {
+        "phase": phase,
+        "k": k,
+        "readings_dropped": readings_dropped,
+        "periods_missed": dict(periods_missed),
+        "config": config,
+        "probing": None if outlook is None else probing(outlook),
+    }
 
 
 def _number(value: float) -> float | None:

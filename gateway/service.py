@@ -93,6 +93,12 @@ class Service:
         """Of the configuration that really runs, also after a reload."""
         return self._config.fingerprint()
 
+    @property
+    def periods_missed(self) -> Mapping[str, int]:
+        """By bus, since it was started: periods in which nobody was read because the one before took too long."""
+        runners = {} if self._acquisition is None else self._acquisition.runners
+        return {name: runner.missed for name, runner in runners.items()}
+
     async def reload(self, config: GatewayConfig) -> Difference:
         """Apply another checked configuration by its difference, while running.
 

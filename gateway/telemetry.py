@@ -5,7 +5,7 @@ import json
 import logging
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Self
 
 import zenoh
@@ -87,6 +87,7 @@ class Telemetry:
         self._dropped = 0
         self._decided: tuple[str | None, int | None] = None, None
         self._config: str | None = None
+        self._periods_missed: Callable[[], Mapping[str, int]] = dict
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._publish, name="telemetry", daemon=True)
@@ -168,11 +169,16 @@ class Telemetry:
         self._config = fingerprint
         self._put_status()
 
+    def count_missed(self, periods_missed: Callable[[], Mapping[str, int]]) -> None:
+        """Where the status gets the number of missed periods from, by bus."""
+        self._periods_missed = periods_missed
+
     # Publishing ------------------------------------------------------------------------------------------------------
 
     def _put_status(self) -> None:
         phase, k = self._decided
-        self._put(keys.STATUS, keys.status(phase, k, self._dropped, self._config, self._outlook))
+        missed = self._periods_missed()
+        self._put(keys.STATUS, keys.status(phase, k, self._dropped, missed, self._config, self._outlook))
 
     def _put(self, suffix: str, payload: keys.Payload) -> None:
         self._sequence += 1

@@ -52,6 +52,7 @@ async def serve(
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES))
         outlets: list[Outlet] = [store]
         told: list[Callable[[str], None]] = []
+        telemetry: Telemetry | None = None
         if config.telemetry.enabled:
             telemetry = Telemetry(
                 config.telemetry, config.machine.name, config.input_names, clock, boot, simulated=simulated
@@ -71,5 +72,7 @@ async def serve(
 
         tap = None if wire_log is None else wire_log.tap
         service = Service(config, clock, Fanout([*outlets, *more]), past, decided, configured, tap)
+        if telemetry is not None:
+            telemetry.count_missed(lambda: service.periods_missed)
         started(service)
         await service.run(stop)

@@ -13,7 +13,7 @@ class _Bus(Section):
     period_s: Positive = 1.0
     """Every device of the bus is read once in each period."""
     timeout_s: float = Field(default=0.5, gt=0, le=60)
-    """How long one answer may take."""
+    """How long one answer may take at most; best is half of `period_s` or less."""
     read_limit_s: Positive = 10.0
     """How long one device may take for a whole read; after that the bus is closed and opened again."""
     retry_max_periods: int = Field(default=60, ge=1, le=3600)

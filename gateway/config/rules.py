@@ -9,7 +9,7 @@ import numpy as np
 from drivers.base import SetupError, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.profiles import profile_names
-from gateway.config.buses import Bus, CanBus, CanopenBus, MeRs485Bus, ModbusRtuBus
+from gateway.config.buses import Bus, CanBus, CanopenBus, MeEthernetBus, MeRs485Bus, ModbusRtuBus
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem, suggestion
 from talc.probing import check_poses
@@ -24,6 +24,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_repeated("device", (device.name for device in config.devices)),
         *_inputs(config),
         *_places(config),
+        *_waits(config),
         *_addresses(config),
         *_limits(config),
         *_control(config),
@@ -44,6 +45,14 @@ def cautions(config: GatewayConfig) -> list[Problem]:
                 Problem(
                     f"bus '{bus.name}', {field}",
                     f"'{port}' may name another adapter after a reboot; use its name in /dev/serial/by-id",
+                )
+            )
+        if not isinstance(bus, CanBus | MeEthernetBus) and bus.timeout_s > bus.period_s:  # these only listen
+            found.append(
+                Problem(
+                    f"bus '{bus.name}', timeout_s",
+                    f"{bus.timeout_s:g} is longer than period_s = {bus.period_s:g}: one device that falls silent costs "
+                    "the others a period; best is half of it or less",
                 )
             )
     if config.nc is not None:
@@ -99,6 +108,16 @@ def _places(config: GatewayConfig) -> Iterator[Problem]:
                 f"bus '{bus.name}'", f"{bus.place} is already bus '{first[bus.place]}'; put the devices there"
             )
         first.setdefault(bus.place, bus.name)
+
+
+def _waits(config: GatewayConfig) -> Iterator[Problem]:
+    for bus in config.buses:
+        if bus.read_limit_s < bus.timeout_s:
+            yield Problem(
+                f"bus '{bus.name}', read_limit_s",
+                f"{bus.read_limit_s:g}: expected at least timeout_s = {bus.timeout_s:g}, "
+                "or the bus is closed while an answer may still come",
+            )
 
 
 def _addresses(config: GatewayConfig) -> Iterator[Problem]:

@@ -147,6 +147,17 @@ def test_raw_usb_port_is_a_caution_not_an_error() -> None:
     assert "/dev/serial/by-id" in caution.what
 
 
+def test_a_timeout_longer_than_the_period_is_a_caution_where_devices_are_asked() -> None:
+    path = CASES / "valid" / "gateway.toml"
+    text = valid_text().replace("192.168.214.1", "127.0.0.1")
+    slow = parse(text.replace('name = "tcp1"', 'name = "tcp1"\ntimeout_s = 2.0'), path)
+    (caution,) = cautions(slow)
+    assert caution.where == "bus 'tcp1', timeout_s"
+    assert caution.what.startswith("2 is longer than period_s = 1: one device that falls silent costs the others")
+    listening = 'name = "can1"\nkind = "can"\nchannel = "can0"\ntimeout_s = 2.0\n'
+    assert cautions(parse(f"{text}\n[[bus]]\n{listening}", path)) == []
+
+
 def test_password_is_not_in_the_canonical_text(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("hunter2")
     file = tmp_path / "gateway.toml"

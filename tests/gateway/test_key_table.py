@@ -32,6 +32,7 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
     port, step = free_port(), Step((0.0, 0.0, 9.0), (0.0, 0.0, 3.0), Source.PREDICTION, (False, False, False))
     measured = Measurement(np.zeros(9), np.ones(9))
     async with telemetry(port) as t:
+        t.count_missed(lambda: {"rtu1": 3})
         t.runs("the hash")
         t.readings([reading(20.0)])
         t.frame(Frame(7, np.array([20.5, math.nan]), np.array([True, False])))

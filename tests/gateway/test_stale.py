@@ -133,6 +133,7 @@ async def test_the_service_tells_of_a_stale_value_while_the_read_hangs() -> None
         stale = await until(Quality.STALE, good)
         host.spoil = None
         again = await until(Quality.GOOD, stale)
+        assert next(iter(service.periods_missed.values())) >= 2, "they are counted, for the status"
     finally:
         stop.set()
         await running

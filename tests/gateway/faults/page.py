@@ -77,6 +77,11 @@ MEANING: Mapping[str, str] = {
     "over range": "Above what the input can measure.",
     "under range": "Below what the input can measure.",
 }
+SLOW = """## slow device
+It answers within `timeout_s`, but the devices of the bus together do not within the period: every reading is good, and
+later than it should be. An event says how many periods were missed and which device takes longest; `periods_missed` in
+the key `status` counts them. Raise `period_s` or the line's speed, or read fewer channels of it.
+"""
 FROZEN = """## frozen value
 With `stuck_after_s` set, a channel whose number has not changed at all for so long is `stale` ("exactly 21 for
 600 s"), on every kind of bus. Without it a frozen value cannot be told from a steady one.
@@ -89,6 +94,11 @@ as the computer lets a thread wake).
 Every row above is also played ten times over, all rows of a wire in a row, and leaves no descriptor, thread, task or
 memory behind. Of each wire that is some 350 to 850 polls in half a minute, as many as in a quarter of an hour at 1 Hz;
 it says nothing of what would grow in weeks.
+
+Five units on one Modbus RTU line are played too, read each second with a timeout of half a second: three fall silent at
+once, or one comes and goes, or one answers late for once. In each the others keep every interval within 20 % of the
+period, and who was late for once is not told as a fault. When all five fall silent, each shows it within two periods,
+and no period is missed.
 """
 
 
@@ -97,7 +107,7 @@ def page() -> str:
     parts = [HEAD]
     faults = dict.fromkeys(case.fault for case in MATRIX)
     parts += [f"## {fault}\n{MEANING[fault]}\n\n{_table([c for c in MATRIX if c.fault == fault])}" for fault in faults]
-    parts.append(FROZEN)
+    parts += [FROZEN, SLOW]
     parts.append(
         f"## What no reading may show\nEvery value right, every period kept, nothing told.\n\n{_harmless()}\n{REST}"
     )
