@@ -104,6 +104,9 @@ class Bus(Protocol):
 class DriverError(Exception):
     """Between us and a device. The message says what; bus, device, channel say where; hint says what to do."""
 
+    hurried = False
+    """See NoAnswer."""
+
     def __init__(self, what: str, *, bus: str = "", device: str = "", channel: str = "", hint: str = "") -> None:
         self.what, self.bus, self.device, self.channel, self.hint = what, bus, device, channel, hint
         where = ", ".join(f"{k} {v}" for k, v in (("bus", bus), ("device", device), ("channel", channel)) if v)
@@ -121,7 +124,8 @@ class ConnectError(DriverError):
 class NoAnswer(DriverError):
     """The device did not answer in time.
 
-    hurried: it was given less than the bus's timeout, because it usually is quick; next time it is given all of it
+    hurried: it was given less than the bus's timeout, because it usually is quick; next time it is given all of it, and
+    need not be checked anew
     """
 
     def __init__(self, what: str, *, hurried: bool = False, **where: str) -> None:

@@ -54,8 +54,8 @@ class ByteStream(Protocol):
         """Some bytes, at least one. Raises TimeoutError, or ConnectError when the wire is gone."""
         ...
 
-    def discard(self) -> int:
-        """Throw away what came and was not read; returns how many bytes that were."""
+    def discard(self) -> bytes:
+        """Throw away what came and was not read; returns it."""
         ...
 
 
@@ -118,10 +118,10 @@ class _Inbox:
         if self._lost is not None:
             raise ConnectError(self._lost, bus=self._bus, hint="connect the bus again")
 
-    def discard(self) -> int:
-        count = len(self._bytes)
+    def discard(self) -> bytes:
+        data = bytes(self._bytes)
         self._bytes.clear()
-        return count
+        return data
 
     def sent(self, data: bytes) -> None:
         """Note what goes out."""
@@ -188,7 +188,7 @@ class SerialStream:
     async def read(self, timeout_s: float) -> bytes:
         return await self._inbox.take(timeout_s)
 
-    def discard(self) -> int:
+    def discard(self) -> bytes:
         return self._inbox.discard()
 
     def _on_readable(self, descriptor: int) -> None:
@@ -284,7 +284,7 @@ class TcpStream:
     async def read(self, timeout_s: float) -> bytes:
         return await self._inbox.take(timeout_s)
 
-    def discard(self) -> int:
+    def discard(self) -> bytes:
         return self._inbox.discard()
 
 

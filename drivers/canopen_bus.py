@@ -279,7 +279,7 @@ class CanOpenBus:
         if (lost := self._network.notifier.exception) is not None:
             return failed(self._name, device, self._settings, lost)
         return NoAnswer(
-            f"node {node}: {what} within {waited_s:.2g} s",
+            f"node {node}: {what} within {waited_s:.3g} s",
             hurried=hurried,
             bus=self._name,
             device=device,

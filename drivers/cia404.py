@@ -155,8 +155,9 @@ class Cia404Device:
             await self.connect()
         try:
             objects = await self._objects()
-        except DriverError:
-            self._scales = {}
+        except DriverError as error:
+            if not error.hurried:
+                self._scales = {}
             raise
         # The boot-up comes before all that the node says after it, and the thread that receives keeps the order.
         return objects if self._boots == events.boots else None

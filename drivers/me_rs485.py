@@ -38,8 +38,8 @@ class MeRs485Bus:
         self._stream = SerialStream(name, settings.serial, tap)
         self._patience = Patience(settings.timeout_s)
         self._lock = asyncio.Lock()
-        self._owing: set[int] = set()
-        """Sensors that have not answered their last request yet."""
+        self._owed: dict[int, int] = {}
+        """How many answers each sensor still owes, by address."""
 
     @property
     def name(self) -> str:
@@ -63,22 +63,22 @@ class MeRs485Bus:
         """The data of one answer. Raises NoAnswer, BadAnswer or ConnectError.
 
         After a timeout or a cancelled wait an answer is still due, and it would look like the sensor's next one. Then
-        its next request takes the last of the answers that come within the timeout, so it lasts that long. Other
-        sensors have other addresses in their answers and need not wait.
+        its next request waits until as many came as are due, or for all of the timeout when one was lost, and takes the
+        last. Other sensors have other addresses in their answers and need not wait.
         """
         async with self._lock:
-            expect_late = address in self._owing
-            self._stream.discard()
+            self._count(self._stream.discard())
+            owed = self._owed.get(address, 0)
             self._stream.write(request_frame(address))
-            self._owing.add(address)
+            self._owed[address] = owed + 1
             heard = bytearray()
             loop = asyncio.get_running_loop()
             sent = answered = loop.time()
-            wait_s = self._timeout_s if expect_late else self._patience.wait_s(address, _MEASURE)
+            wait_s = self._timeout_s if owed else self._patience.wait_s(address, _MEASURE)
             until = sent + wait_s
             answers: list[bytes] = []
             try:
-                while expect_late or not answers:
+                while len(answers) <= owed:
                     heard += await self._stream.read(until - loop.time())
                     until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
                     if len(found := find_answers(heard, address)) > len(answers):
@@ -87,16 +87,24 @@ class MeRs485Bus:
                 if not answers:
                     self._patience.missed(address)
                     raise self._nothing_valid(device, address, heard, wait_s) from None
-            self._owing.discard(address)
+            finally:
+                self._count(heard)
+            self._owed[address] = 0
             self._patience.answered(address, _MEASURE, answered - sent)
             return answers[-1]
+
+    def _count(self, heard: bytes | bytearray) -> None:
+        """Note the answers that are no longer due."""
+        for address, owed in self._owed.items():
+            if owed:
+                self._owed[address] = max(0, owed - len(find_answers(heard, address)))
 
     def _nothing_valid(
         self, device: str, address: int, heard: bytes | bytearray, waited_s: float
     ) -> NoAnswer | BadAnswer:
         if not heard:
             return NoAnswer(
-                f"sensor 0x{address:02X} did not answer within {waited_s:.2g} s",
+                f"sensor 0x{address:02X} did not answer within {waited_s:.3g} s",
                 hurried=waited_s < self._timeout_s,
                 bus=self._name,
                 device=device,

@@ -100,7 +100,7 @@ class ModbusBus(ABC):
 
     def _silence(self, device: str, unit: int, waited_s: float) -> NoAnswer:
         return NoAnswer(
-            f"unit {unit} did not answer within {waited_s:.2g} s",
+            f"unit {unit} did not answer within {waited_s:.3g} s",
             hurried=waited_s < self._timeout_s,
             bus=self._name,
             device=device,
@@ -206,10 +206,10 @@ class ModbusTcpBus(ModbusBus):
     def __init__(self, name: str, settings: ModbusTcpSettings, tap: Tap | None = None) -> None:
         super().__init__(name, TcpStream(name, settings.host, settings.port, tap), settings.timeout_s)
         self._number = 0
-        self._perhaps_busy_until = 0.0
+        self._opened()
 
     def _opened(self) -> None:
-        self._perhaps_busy_until = 0.0
+        self._perhaps_busy_until, self._mute = 0.0, False
 
     async def _exchange(self, device: str, unit: int, block: Block) -> ModbusPDU:
         self._number = self._number % 0xFFFF + 1
@@ -230,9 +230,11 @@ class ModbusTcpBus(ModbusBus):
                 until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
         except TimeoutError:
             self._patience.missed(unit)
-            self._perhaps_busy_until = sent + self._timeout_s
+            # All its time, and not a byte even of a late answer: it is no gateway that is busy.
+            self._mute = not heard and (self._mute or wait_s >= self._timeout_s)
+            self._perhaps_busy_until = 0.0 if self._mute else loop.time() + self._timeout_s
             raise self._nothing_valid(device, unit, heard, wait_s) from None
-        self._perhaps_busy_until = 0.0
+        self._perhaps_busy_until, self._mute = 0.0, False
         answering, answer = found
         if answering == unit and answer[0] == block.function:
             self._patience.answered(unit, block, loop.time() - sent)

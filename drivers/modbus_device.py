@@ -123,8 +123,9 @@ class ModbusDevice:
         try:
             words = await self._fetch(self._value_blocks)
             later = words | await self._fetch(self._fault_blocks)
-        except DriverError:
-            self._forget()
+        except DriverError as error:
+            if not error.hurried:
+                self._forget()
             raise
         values = {name: self._value(index, words) for name, index in self._channels.items()}
         for name, index in self._channels.items():

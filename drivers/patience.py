@@ -9,6 +9,9 @@ _LEARNT = 4
 """Answers after which it is known how long they take."""
 _MEAN, _DEVIATION, _DEVIATIONS = 1 / 8, 1 / 4, 4
 """RFC 6298: weight of the newest answer in the mean and in the mean deviation, and how many of these are added."""
+_LATENESS, _MOST_LATENESS_S, _FORGETS = 2, 0.05, 0.98
+"""How often the lateness of the computer or the line is added, what of it counts at most, and what is left of it after
+each answer."""
 
 
 @dataclass(slots=True)
@@ -28,7 +31,8 @@ class Patience:
     """Learns how long each request to each unit takes (RFC 6298, as TCP does).
 
     The longest wait holds until a request was answered a few times, and again after a miss of its unit until it is
-    answered: who is late once is waited for, and a silent unit costs its neighbours little when it falls silent.
+    answered: who is late once is waited for, and a silent unit costs its neighbours little when it falls silent. Where
+    answers of other units came later than usual a moment ago, the computer may be busy, and all are given more.
 
     Parameters
     ----------
@@ -38,13 +42,15 @@ class Patience:
     def __init__(self, longest_s: float) -> None:
         self._longest_s = longest_s
         self._usual: dict[int, dict[Hashable, _Usual]] = {}
+        self._lateness_s = 0.0
 
     def wait_s(self, unit: int, request: Hashable) -> float:
         """How long the answer of this unit to this request may take."""
         usual = self._usual.get(unit, {}).get(request)
         if usual is None or usual.missed or usual.count < _LEARNT:
             return self._longest_s
-        return min(self._longest_s, max(_SHORTEST_S, usual.mean_s + _DEVIATIONS * usual.deviation_s))
+        more_s = max(_DEVIATIONS * usual.deviation_s, _LATENESS * self._lateness_s)
+        return min(self._longest_s, max(_SHORTEST_S, usual.mean_s + more_s))
 
     def answered(self, unit: int, request: Hashable, took_s: float) -> None:
         """Note an answer that is certainly one to this request."""
@@ -53,6 +59,8 @@ class Patience:
         if usual is None:
             requests[request] = _Usual(took_s, took_s / 2)
         else:
+            late_s = min(took_s - usual.mean_s, _MOST_LATENESS_S)
+            self._lateness_s = max(late_s, _FORGETS * self._lateness_s)
             usual.add(took_s)
             usual.missed = False
 

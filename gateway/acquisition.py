@@ -10,7 +10,7 @@ from itertools import count
 from types import TracebackType
 from typing import Self
 
-from drivers.base import BadAnswer, Bus, ConnectError, Driver, DriverError, NoAnswer, Quality, Reading
+from drivers.base import BadAnswer, Bus, ConnectError, Driver, DriverError, Quality, Reading
 from gateway.breaker import Breaker
 from gateway.clock import ServiceClock
 from gateway.pace import Pace
@@ -98,8 +98,8 @@ class Runner:
         self._pace = Pace(line.period_s)
         self._answered_s: dict[str, float] = {}
         """What each device that answered in this period took."""
-        self._unsure: dict[_Device, Exception] = {}
-        """Who did not answer in this period, and may be asked again."""
+        self._unsure: dict[_Device, tuple[Exception, bool]] = {}
+        """Who did not answer in this period, and may be asked again; whether it had been steady."""
         self._open = False
         self.missed = 0
         """Periods that were skipped because the one before took too long."""
@@ -147,8 +147,10 @@ class Runner:
 
     def _wavered_lately(self, device: _Device) -> float:
         """Key of the order in which the healthy are asked: who wavered last is last."""
-        steady = self._clock.monotonic() - device.wavered_s >= self._steadiness.window_s
-        return -math.inf if steady else device.wavered_s
+        return -math.inf if self._steady(device) else device.wavered_s
+
+    def _steady(self, device: _Device) -> bool:
+        return self._clock.monotonic() - device.wavered_s >= self._steadiness.window_s
 
     def _waiting(self, due: float) -> list[_Device]:
         """Failing devices whose turn it is, the longest waiting first."""
@@ -158,12 +160,14 @@ class Runner:
     async def _ask_again(self, due: float) -> None:
         """Who did not answer at once: while it fits into the period, or while they show that they are only late.
 
-        The last first: it may have suffered from those before it, whose late answers disturbed its own.
+        The first of the steady ones is asked in any case: it seldom is, and where a busy computer has used up the time
+        it must not fail for that. The order is backwards: the last may have suffered from those before it, whose late
+        answers disturbed its own.
         """
-        late = False
-        for device, error in reversed(self._unsure.items()):
-            if late or not self._open or self._may_cost_s() <= self._left_s(due):
-                late = await self._ask(device, due, again=True)
+        late, first = False, True
+        for device, (error, steady) in reversed(self._unsure.items()):
+            if late or not self._open or (first and steady) or self._may_cost_s() <= self._left_s(due):
+                late, first = await self._ask(device, due, again=True), False
             else:
                 await self._failed(device, due, error)
 
@@ -219,10 +223,10 @@ class Runner:
                     device.connected = True
                 readings = await device.driver.read()
         except Exception as error:  # noqa: BLE001 - nor this
-            now = self._clock.monotonic()
+            now, steady = self._clock.monotonic(), self._steady(device)
             device.cost_s, device.wavered_s = now - before, now
             if not again and self._may_be_late(error):
-                self._unsure[device] = error
+                self._unsure[device] = error, steady
             else:
                 await self._failed(device, due, error)
             return False
@@ -237,7 +241,9 @@ class Runner:
 
     def _may_be_late(self, error: Exception) -> bool:
         """Whether an answer may only be late, or was disturbed by another's late one."""
-        return (isinstance(error, NoAnswer) and error.hurried) or (bool(self._unsure) and isinstance(error, BadAnswer))
+        return (isinstance(error, DriverError) and error.hurried) or (
+            bool(self._unsure) and isinstance(error, BadAnswer)
+        )
 
     async def _failed(self, device: _Device, due: float, error: Exception) -> None:
         subject = f"device {device.driver.device}"
@@ -276,7 +282,7 @@ class Runner:
     def _tell_end(self, subject: str, text: str) -> None:
         if self._steadiness.well(subject, self._clock.monotonic()):
             log.info("%s: %s", subject, text)
-            self._notify(Notice(subject, text, ended=True))
+            self._notify(Notice(subject, f"{subject}: {text}", ended=True))
 
     def _note_pace(self, missed: int) -> None:
         """Tell when answers take longer than the period."""

@@ -225,7 +225,7 @@ async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | 
 
     def noticed(notice: Notice) -> None:
         if not on_terminal:
-            _say(console, notice.text if not notice.ended else f"{notice.subject}: {notice.text}")
+            _say(console, notice.text)
 
     def screen() -> RenderableType:
         return watch.table(monotonic(), console.width, console.height)

@@ -41,8 +41,7 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
                 bad[reading.channel] = reading.quality.value
 
     def noticed(notice: Notice) -> None:
-        text = f"{notice.subject}: {notice.text}" if notice.ended else notice.text
-        console.print(f"{clock.utc():%H:%M:%S} {text}", highlight=False, soft_wrap=True)
+        console.print(f"{clock.utc():%H:%M:%S} {notice.text}", highlight=False, soft_wrap=True)
 
     end_s = None if seconds is None else monotonic() + seconds
     most_bytes = round(most_mb * 1e6)

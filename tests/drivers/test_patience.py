@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from drivers.base import NoAnswer
 from drivers.bus_settings import ModbusTcpSettings
 from drivers.modbus_bus import ModbusTcpBus
-from drivers.modbus_profile import Block
 from drivers.patience import Patience
 from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.me_sensor import answer_frame
@@ -63,6 +62,19 @@ def test_who_has_turned_slow_is_given_the_time_after_one_answer() -> None:
     patience.missed(1)
     patience.answered(1, "values", 0.2)
     assert patience.wait_s(1, "values") > 0.2
+
+
+def test_all_are_given_more_for_a_while_when_one_answer_was_late() -> None:
+    patience = learnt(0.01)
+    for _ in range(20):
+        patience.answered(2, "values", 0.01)
+    patience.answered(2, "values", 0.06)
+    assert patience.wait_s(1, "values") == pytest.approx(0.11, abs=0.002)
+    for _ in range(100):
+        patience.answered(2, "values", 0.01)
+    assert patience.wait_s(1, "values") == 0.05
+    patience.answered(2, "values", 0.4)
+    assert patience.wait_s(1, "values") == pytest.approx(0.11, abs=0.002), "no more for one that is slow by itself"
 
 
 def test_a_slow_unit_is_never_given_more_than_the_timeout() -> None:
@@ -119,33 +131,47 @@ async def test_modbus_rtu_lets_an_answer_end_that_has_begun() -> None:
         assert await asked == (100, 101)
 
 
+class Gateway(Connection):
+    """Asks one unit after the other on its line, and waits for a silent one before it says so."""
+
+    its_timeout_s = 0.3
+
+    def __init__(self, silent: set[int]) -> None:
+        super().__init__()
+        self._silent, self._free_s = silent, 0.0
+
+    def data_received(self, data: bytes) -> None:
+        loop = asyncio.get_running_loop()
+        for start in range(0, len(data), 12):
+            request = data[start : start + 12]
+            unit = request[6]
+            self._free_s = max(loop.time(), self._free_s) + (self.its_timeout_s if unit in self._silent else 0.005)
+            body = bytes((0x84, 11)) if unit in self._silent else bytes((4, 4, 0, unit, 0, unit))
+            assert self.transport is not None
+            answer = request[:4] + (len(body) + 1).to_bytes(2, "big") + request[6:7] + body
+            loop.call_at(self._free_s, self.transport.write, answer)
+
+
+class Dead(Gateway):
+    """Falls silent as a whole when one unit does."""
+
+    def data_received(self, data: bytes) -> None:
+        if not self._silent:
+            super().data_received(data)
+
+
 @asynccontextmanager
-async def gateway_to(dead: int, its_timeout_s: float) -> AsyncIterator[ModbusTcpBus]:
-    """A TCP gateway that asks one unit after the other on its line, and waits for one that is switched off later."""
-    silent: set[int] = set()
-
-    class Gateway(Connection):
-        free_s = 0.0
-
-        def data_received(self, data: bytes) -> None:
-            loop = asyncio.get_running_loop()
-            for start in range(0, len(data), 12):
-                request = data[start : start + 12]
-                is_silent = request[6] in silent
-                self.free_s = max(loop.time(), self.free_s) + (its_timeout_s if is_silent else 0.005)
-                body = bytes((0x84, 11)) if is_silent else bytes((4, 4)) + bytes((0, request[6])) * 2
-                answer = request[:4] + (len(body) + 1).to_bytes(2, "big") + request[6:7] + body
-                assert self.transport is not None
-                loop.call_at(self.free_s, self.transport.write, answer)
-
-    server = LoopbackServer(Gateway)
+async def host(kind: type[Gateway], *silent: int) -> AsyncIterator[ModbusTcpBus]:
+    """Units 1 to 5, of which some fall silent when all have answered often enough to be known."""
+    gone = set[int]()
+    server = LoopbackServer(lambda: kind(gone))
     bus = ModbusTcpBus("b", ModbusTcpSettings(host="127.0.0.1", port=await server.start(), timeout_s=LONGEST_S))
     await bus.connect()
     try:
         for _ in range(5):
-            for unit in (1, 2, 3):
+            for unit in range(1, 6):
                 assert await bus.read("d", unit, TWO) == (unit, unit)
-        silent.add(dead)
+        gone |= set(silent)
         yield bus
     finally:
         await bus.close()
@@ -153,33 +179,58 @@ async def gateway_to(dead: int, its_timeout_s: float) -> AsyncIterator[ModbusTcp
 
 
 async def test_units_behind_a_gateway_that_waits_for_a_silent_one_are_given_the_time() -> None:
-    async with gateway_to(1, its_timeout_s=0.3) as bus:
+    async with host(Gateway, 1) as bus:
         assert await missed(lambda: bus.read("d", 1, TWO)) < LONGEST_S / 2
-        for unit in (2, 3):
+        for unit in (2, 3, 4, 5):
             assert await bus.read("d", unit, TWO) == (unit, unit)
         with pytest.raises(NoAnswer, match="gateway target did not respond"):
             await bus.read("d", 1, TWO)
-        assert await bus.read("d", 2, Block(4, 0, 2)) == (2, 2)
 
 
-async def test_me_rs485_waits_shortly_for_a_quick_sensor_and_takes_the_last_of_late_answers() -> None:
+async def test_units_behind_a_gateway_that_waits_for_two_silent_ones_are_given_the_time() -> None:
+    async with host(Gateway, 1, 2) as bus:
+        for unit in (1, 2):
+            with pytest.raises(NoAnswer):
+                await bus.read("d", unit, TWO)
+        for unit in (3, 4, 5):
+            assert await bus.read("d", unit, TWO) == (unit, unit)
+
+
+async def test_a_host_that_says_nothing_at_all_is_given_all_the_time_once() -> None:
+    async with host(Dead, 1) as bus:
+        begun = time.monotonic()
+        for unit in range(1, 6):
+            with pytest.raises(NoAnswer):
+                await bus.read("d", unit, TWO)
+        assert time.monotonic() - begun < 2 * LONGEST_S
+
+
+@pytest.mark.parametrize("between", ["request and answer of another", "the next request and its answer"])
+async def test_me_rs485_waits_shortly_for_a_quick_sensor_and_then_until_all_that_is_due_has_come(between: str) -> None:
+    late, right = answer_frame(0x7E, 0.1, 0), answer_frame(0x7E, 0.5, 0)
+
     def reply(number: int) -> bytes:
-        match number:
-            case 6:
+        match number, between:
+            case 6, _:
                 return b""
-            case 7:
-                return answer_frame(0x7E, 0.1, 0) + answer_frame(0x7E, 0.5, 0)
+            case 7, "request and answer of another":
+                return late + answer_frame(0x7D, 0.2, 0)
+            case 7, _:
+                return answer_frame(0x7D, 0.2, 0)
+            case 8, "the next request and its answer":
+                return late + right
             case _:
-                return answer_frame(0x7E, 0.5, 0)
+                return right
 
     async with me_line(reply, timeout_s=LONGEST_S) as bus:
         for _ in range(5):
             await bus.measure("d", 0x7E)
         assert await missed(lambda: bus.measure("d", 0x7E)) < LONGEST_S / 2
-        assert value(await bus.measure("d", 0x7E)) == pytest.approx(0.5)
-        begun = time.monotonic()
-        assert value(await bus.measure("d", 0x7E)) == pytest.approx(0.5)
-        assert time.monotonic() - begun < LONGEST_S / 2
+        assert value(await bus.measure("other", 0x7D)) == pytest.approx(0.2)
+        for _ in range(2):
+            begun = time.monotonic()
+            assert value(await bus.measure("d", 0x7E)) == pytest.approx(0.5)
+            assert time.monotonic() - begun < LONGEST_S / 2
 
 
 class SlowAtTimes:

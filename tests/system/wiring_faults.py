@@ -136,7 +136,9 @@ async def duplicate(box: Box) -> None:
 
 async def noise(box: Box) -> None:
     """No termination beside a long cable: some answers are disturbed."""
-    box.write(RTU.replace("timeout_s", "period_s = 0.25\nretry_max_periods = 1\ntimeout_s") + beds())
+    box.write(
+        RTU.replace("timeout_s", "period_s = 0.25\nretry_max_periods = 1\ntimeout_s").replace("0.5", "0.1") + beds()
+    )
     line = await box.line({1: M7015(lambda: ROOM)})
     turn = 0
 
