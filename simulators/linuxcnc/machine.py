@@ -98,10 +98,10 @@ async def machine(
 ) -> AsyncIterator[Machine]:
     """LinuxCNC from ready until it has shut itself down.
 
-    folder: an empty one; becomes its /tmp. agent: a listening socket of ours, for the agent: its own network is not
-    ours. key: what the agent shares with its client. sphere: with the emulated machine's sphere under the probe.
-    settings: other values in the INI file, by key, in whichever section. tools: another tool table. Raises OSError when
-    `missing` says something.
+    folder: an empty one; becomes its /tmp. key: what the agent shares with its client; empty: no agent. agent: a
+    listening socket of ours for it: its own network, where it listens otherwise, is not ours. sphere: with the emulated
+    machine's sphere under the probe. settings: other values in the INI file, by key, in whichever section. tools:
+    another tool table. Raises OSError when `missing` says something.
     """
     if (problem := missing()) is not None:
         raise OSError(problem)
@@ -113,7 +113,7 @@ async def machine(
     shutil.copy(_HERE / "screen.py", nc)
     (nc / "screen.py").chmod(0o755)
     changed = {"DISPLAY": "/tmp/nc/screen.py", **(settings or {})}
-    if agent is not None:
+    if key:
         changed["# HALFILE"] = "talc_agent.hal"
         (nc / "talc.key").write_text(key)
         (nc / "talc.key").chmod(0o600)

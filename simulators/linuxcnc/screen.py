@@ -8,6 +8,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -17,6 +18,8 @@ from typing import Any
 import linuxcnc
 
 LIMIT_S = 20.0
+_LISTENS = "0A"
+"""TCP_LISTEN in /proc/net/tcp."""
 
 
 class Control:
@@ -76,6 +79,19 @@ class Control:
             self.command.jog(linuxcnc.JOG_STOP, False, 0)
         self.until("X as told", lambda s: bool(s.axis[0]["velocity"]) == bool(speed))
 
+    def listening(self, port: int) -> list[str]:
+        """Addresses at which connections are taken on this port: as the kernel writes them, host byte order in hex."""
+        rows = [
+            row.split() for table in ("tcp", "tcp6") for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+        ]
+        local = [row[1].split(":") for row in rows if row[3] == _LISTENS]
+        return [address for address, at in local if int(at, 16) == port]
+
+    def greeting(self, port: int) -> str:
+        """What the agent says to who connects from this computer."""
+        with socket.create_connection(("127.0.0.1", port), LIMIT_S) as line, line.makefile() as lines:
+            return lines.readline()
+
     def kill_agent(self) -> None:
         """As the kernel does when memory runs out: no warning, no last word."""
         listed = re.search(r"^\s*\d+\s+User\s+talc\s+(\d+)", self.hal("show", "comp"), re.MULTILINE)
@@ -131,7 +147,21 @@ def _sphere() -> Any:
     return sphere
 
 
-VERBS = ("switch_on", "home", "mdi", "run", "abort", "estop", "state", "hal", "jog", "kill_agent", "deform")
+VERBS = (
+    "switch_on",
+    "home",
+    "mdi",
+    "run",
+    "abort",
+    "estop",
+    "state",
+    "hal",
+    "jog",
+    "listening",
+    "greeting",
+    "kill_agent",
+    "deform",
+)
 
 
 def main() -> None:
