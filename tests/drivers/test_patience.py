@@ -1,6 +1,7 @@
 """How long answers are waited for, and what comes after a wait that was cut short."""
 
 import asyncio
+import socket
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from drivers.base import NoAnswer
 from drivers.bus_settings import ModbusTcpSettings
+from drivers.byte_stream import TcpStream
 from drivers.modbus_bus import ModbusTcpBus
 from drivers.patience import Patience
 from simulators.devices.loopback import Connection, LoopbackServer
@@ -129,6 +131,22 @@ async def test_modbus_rtu_lets_an_answer_end_that_has_begun() -> None:
             await asyncio.sleep(0.02)
             peer.port.write(bytes([byte]))
         assert await asked == (100, 101)
+
+
+async def test_what_came_while_the_event_loop_was_too_busy_to_look_came_in_time() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        stream = TcpStream("b", "127.0.0.1", server.getsockname()[1])
+        await stream.open(1.0)
+        peer, _ = server.accept()
+        with peer:
+            reading = asyncio.ensure_future(stream.read(0.05))
+            await asyncio.sleep(0.01)
+            peer.sendall(b"answer")
+            time.sleep(0.1)  # noqa: ASYNC251 - it is what makes the loop miss its timer
+            assert await reading == b"answer"
+            with pytest.raises(TimeoutError):
+                await stream.read(0.05)
+        await stream.close()
 
 
 class Gateway(Connection):

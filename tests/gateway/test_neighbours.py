@@ -47,6 +47,17 @@ async def test_an_answer_that_a_late_one_of_another_unit_disturbed_is_no_fault()
     assert plant.of("c")[-1].detail == "noise"
 
 
+async def test_who_only_suffered_from_a_silent_one_is_asked_again_before_it() -> None:
+    plant = five()
+    async with plant.running():
+        await plant.clock.run_until(9.5)
+        plant.devices["a"].fault = NoAnswer("silent")
+        plant.devices["b"].fault_once = BadAnswer("two units at once")
+        await plant.clock.run_until(10.9)
+    assert plant.of("a")[-1].quality is Quality.COMM_FAULT
+    assert {r.quality for r in plant.of("b")} == {Quality.GOOD}
+
+
 async def test_three_of_five_fall_silent_and_the_others_keep_their_period() -> None:
     plant = five()
     async with plant.running() as acquisition:
