@@ -80,7 +80,8 @@ class Sinumerik:
         paths = settings.paths
         self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
         self._states = settings.state_sources
-        named = {name: getattr(paths, name) for name in ("mode", "program", "tool", "probe_in_spindle")}
+        names = ("mode", "program", "tool", "probe_in_spindle", "drives_on")
+        named = {name: getattr(paths, name) for name in names}
         self._named = {name: path for name, path in named.items() if path}
         state_paths = (source.path for source in self._states.values())
         self._referenced = self._linear(paths.referenced) if paths.referenced else ()
@@ -89,8 +90,8 @@ class Sinumerik:
             *state_paths,
             *self._named.values(),
             *self._referenced,
-            *paths.alarms,
         )
+        self._alarms = paths.alarms  # the control's manual asks for them apart from all else
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
@@ -104,9 +105,10 @@ class Sinumerik:
         """Open the session and read everything once, so that a wrong path or a missing right shows at once."""
         try:
             await self._session.connect()
-            await self._session.read(self._snapshot)
-            if self._settings.subscribe_s > 0:
-                await self._session.watch(self._snapshot, self._settings.subscribe_s)
+            for paths in filter(None, (self._snapshot, self._alarms)):
+                await self._session.read(paths)
+                if self._settings.subscribe_s > 0:
+                    await self._session.watch(paths, self._settings.subscribe_s)
             await self._session.read(self._result)
             await self._session.read(self._in_force)
         except BaseException:
@@ -117,9 +119,10 @@ class Sinumerik:
         await self._session.close()
 
     async def snapshot(self) -> NcSnapshot:
-        """One request, or none while the control tells of changes. Raises BadAnswer for an axis without a position that
-        is a finite number; states that are none are missing."""
+        """Two requests, or none while the control tells of changes. Raises BadAnswer for an axis without a position
+        that is a finite number; states that are none are missing."""
         values = await self._session.latest(self._snapshot)
+        shown = await self._session.latest(self._alarms) if self._alarms else []
         time, monotonic_s = self._clock.utc(), self._clock.monotonic()
         x, y, z, *rotary = self._numbers(self._positions, values[: len(AXES)])
         values = values[len(AXES) :]
@@ -130,9 +133,8 @@ class Sinumerik:
         }
         values = values[len(self._states) :]
         named = dict(zip(self._named, values, strict=False))
-        values = values[len(self._named) :]
-        referenced, values = values[: len(self._referenced)], values[len(self._referenced) :]
-        alarms = tuple(_code(alarm) for alarm in values if alarm)
+        referenced = values[len(self._named) :]
+        alarms = tuple(_code(alarm) for alarm in shown if alarm)
         tool, probe = named.get("tool"), named.get("probe_in_spindle")
         return NcSnapshot(
             time=time,
@@ -144,7 +146,7 @@ class Sinumerik:
             tool=None if tool is None or not math.isfinite(tool) else int(tool),
             probe_in_spindle=None if probe is None or not math.isfinite(probe) else bool(probe),
             alarms=alarms,
-            ready=EMERGENCY_STOP not in alarms and all(map(_is_odd, referenced)),
+            ready=not _may_be_stopped(shown) and _drives(named) and all(map(_is_odd, referenced)),
             quality=Quality.GOOD,
         )
 
@@ -296,6 +298,15 @@ class Sinumerik:
 def _next_beat(beat: float) -> float:
     """Another number than the last: the watchdog looks for a change."""
     return float((_code(beat) + 1) % 1_000_000)
+
+
+def _may_be_stopped(shown: list[Number | None]) -> bool:
+    """The list begins with the oldest: without a free place, or of one that has no value, nobody knows what follows."""
+    return bool(shown) and (EMERGENCY_STOP in map(_code, shown) or None in shown or all(shown))
+
+
+def _drives(named: dict[str, Number | None]) -> bool:
+    return "drives_on" not in named or bool(named["drives_on"])  # no value is no yes
 
 
 def _is_odd(value: Number | None) -> bool:

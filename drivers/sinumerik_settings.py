@@ -62,8 +62,12 @@ class Paths:
     """Whether X, Y, Z are referenced: an odd number when so. Empty: not read."""
     probe_in_spindle: str = ""
     """A bit of the machine builder's PLC program, such as `/Plc/M120.1`; there is none that every control has."""
-    alarms: tuple[str, ...] = tuple(f"/Nck/SequencedAlarms/textIndex[{n}]" for n in (1, 2, 3))
-    """Numbers of the alarms shown, 0 where there is none."""
+    drives_on: str = ""
+    """A bit that is on while the drives are, such as `/Plc/M120.2`; there is none that every control has. While it is
+    off no offset is written. Empty: not read."""
+    alarms: tuple[str, ...] = tuple(f"/Nck/SequencedAlarms/textIndex[{n}]" for n in range(1, 17))
+    """Numbers of the NC's alarms, the oldest first, 0 where there is none. While all places are taken, or one has no
+    good value, an emergency stop may be among those not shown: no offset is written."""
 
     def __post_init__(self) -> None:
         for name in ("position", "r_parameter", "k0", "slope", "reference", "weight"):
@@ -74,7 +78,7 @@ class Paths:
             raise SetupError(
                 f"referenced = {self.referenced!r}: expected a node name that holds {{n}} once, or nothing"
             )
-        for name in ("mode", "program", "tool", "probe_in_spindle"):
+        for name in ("mode", "program", "tool", "probe_in_spindle", "drives_on"):
             path = getattr(self, name)
             if path and not path.startswith("/"):
                 raise SetupError(f"{name} = {path!r}: expected a node name beginning with /, or an empty text")

@@ -113,6 +113,7 @@ class Nck:
         self.alarms: tuple[int, ...] = ()
         self.referenced = True
         """Whether the axes have been referenced since power on: before, no offset acts."""
+        self.drives_on = True
         self.probe_available = True
         self.sphere_present = True
         self.chip_um: dict[int, Centre] = {}

@@ -35,9 +35,11 @@ class Variable:
 
 COOLANT = "/Plc/M120.0"
 PROBE_IN_SPINDLE = "/Plc/M120.1"
+DRIVES_ON = "/Plc/M120.2"
 """Bits that a machine builder would wire; the emulated control's choice."""
 
-ALARMS_SHOWN = 3
+ALARMS_SHOWN = 16
+"""The oldest first, as the control lists them."""
 
 
 def variables(nck: Nck) -> Mapping[str, Variable]:
@@ -50,6 +52,7 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
         "/Nck/State/numAlarms": Variable(lambda s: len(s.alarms)),
         COOLANT: Variable(lambda s: s.loads.coolant > 0.5, Right.PLC_READ),
         PROBE_IN_SPINDLE: Variable(lambda s: s.probing, Right.PLC_READ),
+        DRIVES_ON: Variable(lambda _: nck.drives_on, Right.PLC_READ),
     }
     for index in range(ALARMS_SHOWN):
         table[f"/Nck/SequencedAlarms/textIndex[{index + 1}]"] = _alarm(index)

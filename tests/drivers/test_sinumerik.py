@@ -14,7 +14,7 @@ from drivers.sinumerik import Sinumerik
 from drivers.sinumerik_settings import Handshake, SinumerikSettings
 from simulators.nc import User
 from simulators.nc.nck import JOG
-from simulators.nc.variables import Right
+from simulators.nc.variables import ALARMS_SHOWN, DRIVES_ON, Right
 from tests.drivers.emulated_bench import POSES, Bench, expected_deviation_um, sinumerik_bench, wired
 from tests.manual_clock import ManualClock
 
@@ -295,4 +295,42 @@ async def test_an_axis_is_referenced_only_when_the_control_says_so(bench: Bench,
     nc = Sinumerik(settings, bench.clock)
     await nc.connect()
     assert (await nc.snapshot()).ready is ready
+    await nc.close()
+
+
+@pytest.mark.parametrize(
+    ("alarms", "ready"),
+    [
+        ((), True),
+        ((21612,) * (ALARMS_SHOWN - 1), True),
+        ((*((21612,) * 7), 3000), False),
+        ((21612,) * ALARMS_SHOWN, False),  # what comes after these is not shown
+        ((math.nan,), True),
+    ],
+)
+async def test_ready_is_who_shows_no_emergency_stop_and_has_room_to_show_one(
+    bench: Bench, alarms: tuple[int, ...], ready: bool
+) -> None:
+    bench.control.nck.alarms = alarms
+    assert (await bench.nc.snapshot()).ready is ready
+
+
+async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for_it(bench: Bench) -> None:
+    plain = SinumerikSettings(url=bench.url)
+    nc = Sinumerik(replace(plain, paths=replace(plain.paths, drives_on=DRIVES_ON)), bench.clock)
+    await nc.connect()
+    assert (await nc.snapshot()).ready is True
+    bench.control.nck.drives_on = False
+    assert (await nc.snapshot()).ready is False
+    assert (await bench.nc.snapshot()).ready is True, "not configured, not read"
+    await nc.close()
+
+
+async def test_without_alarm_nodes_none_are_read(bench: Bench) -> None:
+    plain = SinumerikSettings(url=bench.url)
+    nc = Sinumerik(replace(plain, paths=replace(plain.paths, alarms=())), bench.clock)
+    await nc.connect()
+    bench.control.nck.raise_alarm(21612, bench.clock.now)
+    snapshot = await nc.snapshot()
+    assert (snapshot.alarms, snapshot.ready) == ((), True)
     await nc.close()

@@ -47,7 +47,7 @@ async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_
 @pytest.mark.parametrize(
     ("answer", "reason"),
     [
-        (ProbingStatus(42, ProbingState.REFUSED, reason="alarm 700016"), "refused.*alarm 700016"),
+        (ProbingStatus(42, ProbingState.REFUSED, reason="alarm 21612"), "refused.*alarm 21612"),
         (ProbingStatus(42, ProbingState.DONE, ((0.0, 0.0, math.nan),) * 6), "not a finite number"),
         (ProbingStatus(42, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 5), "15 result values, expected 18"),
         (None, "did not end within 900 s"),

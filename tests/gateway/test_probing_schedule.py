@@ -113,7 +113,7 @@ def test_a_control_that_says_it_can_begin_is_asked_in_any_mode_but_not_in_a_cut(
     ("snapshot", "reason"),
     [
         (None, "cannot be reached"),
-        (replace(IDLE, alarms=(700016, 3000)), "alarm 700016, 3000"),
+        (replace(IDLE, alarms=(21612, 3000)), "alarm 21612, 3000"),
         (replace(IDLE, mode=OperatingMode.JOG), "is in JOG, not in AUTO"),
         (replace(IDLE, mode=OperatingMode.MDA), "is in MDA, not in AUTO"),
         (replace(IDLE, cannot_probe="nobody agrees"), "nobody agrees"),

@@ -235,10 +235,15 @@ async def test_after_the_line_was_cut_it_goes_on_without_a_step(tmp_path: Path) 
 # The control's own events --------------------------------------------------------------------------------------------
 
 
-async def test_in_an_emergency_stop_the_offsets_stand_and_nothing_is_saved_up(tmp_path: Path) -> None:
+@pytest.mark.parametrize("alarms_before", [0, 4, 15, 20])
+async def test_in_an_emergency_stop_the_offsets_stand_and_nothing_is_saved_up(
+    alarms_before: int, tmp_path: Path
+) -> None:
     async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
         link.follow(decision(4.0))
         await bench.clock.run_until(6.0)
+        for number in range(alarms_before):
+            bench.control.nck.raise_alarm(21600 + number, bench.clock.monotonic())
         bench.control.nck.emergency_stop(bench.clock.monotonic())
         link.follow(decision(12.0))
         await bench.clock.run_until(30.0)

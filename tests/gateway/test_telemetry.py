@@ -199,13 +199,13 @@ async def test_offsets_are_published_in_every_mode_but_monitor(
 async def test_where_probing_stands_is_in_its_own_key_and_in_the_status() -> None:
     port = free_port()
     async with telemetry(port) as t:
-        t.probing(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 700016", 2, "clean the sphere"))
+        t.probing(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 21612", 2, "clean the sphere"))
         t.event(Event(EventKind.PROBLEM, "after it"), 7)
         found = last_values(port)
     expected = {
         "standing": "blocked",
         "why": "interval",
-        "reason": "alarm 700016",
+        "reason": "alarm 21612",
         "rejected": 2,
         "operator": "clean the sphere",
     }

@@ -119,7 +119,7 @@ async function main() {
   show("/Bag/State/opMode[u1]", "UInt16", () => 2);
   show("/Channel/State/progStatus[u1]", "UInt16", () => 3);
   show("/Channel/State/actTNumber[u1]", "UInt16", () => 5);
-  for (const n of [1, 2, 3]) show(`/Nck/SequencedAlarms/textIndex[${n}]`, "UInt32", () => (n === 1 ? alarm : 0));
+  for (let n = 1; n <= 16; n++) show(`/Nck/SequencedAlarms/textIndex[${n}]`, "UInt32", () => (n === 1 ? alarm : 0));
   for (let n = 0; n < 100; n++) {
     show(`/Channel/Parameter/R[u1,${n}]`, "Double", () => r[n], (value) => written(n, value));
   }
