@@ -60,7 +60,7 @@ class LinuxCnc:
         positions = self._numbers(status.get("positions"), "positions")
         if missing := set(AXES) - set(positions):
             raise self._bad(f"positions without {', '.join(sorted(missing))}")
-        tool, cannot_probe = status.get("tool"), status.get("cannot_probe")
+        tool, probing, cannot_probe = (status.get(name) for name in ("tool", "probing", "cannot_probe"))
         return NcSnapshot(
             time=self._clock.utc(),
             monotonic_s=self._clock.monotonic(),
@@ -71,12 +71,14 @@ class LinuxCnc:
             tool=tool if isinstance(tool, int) else None,
             probe_in_spindle=bool(status.get("probe")),
             alarms=(EMERGENCY_STOP,) if status.get("estop") else (),
+            probing=probing if isinstance(probing, bool) else None,
             ready=bool(status.get("on")) and bool(status.get("homed")) and not status.get("estop"),
             cannot_probe=cannot_probe if isinstance(cannot_probe, str) else None,
         )
 
     async def request_probing(self, number: int) -> None:
-        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last."""
+        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last or has
+        another one to do."""
         check_number(number, "request number")
         await self._line.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s)
 

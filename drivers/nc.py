@@ -75,6 +75,8 @@ class NcSnapshot:
     cannot_probe: str | None = None
     """Why no cycle can begin as the control stands; empty: one can, whatever the mode, in a part program at its next
     safe point. None: the control does not tell, and cycles begin in AUTO alone."""
+    probing: bool | None = None
+    """Whether a probing cycle is under way, whoever asked for it; None: the control does not tell."""
     quality: Quality = Quality.GOOD
 
 
@@ -141,7 +143,8 @@ class NumericalControl(Protocol):
     async def request_probing(self, number: int) -> None:
         """Ask for a cycle, which the control begins at its next safe point, never in a cut.
 
-        `number` must differ from the last one, so an old result is never taken for a new one.
+        `number` must differ from the last one, so an old result is never taken for a new one. Raises Refused while
+        another request waits that was not withdrawn, or a cycle is under way: whose they are the control does not know.
         """
         ...
 

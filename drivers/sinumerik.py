@@ -50,6 +50,7 @@ PROBING_STATES: Final = {
     4: ProbingState.REFUSED,
     5: ProbingState.FAILED,
 }
+UNDER_WAY: Final = frozenset({ProbingState.ACCEPTED, ProbingState.RUNNING})
 FINAL: Final = frozenset({ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED})
 REASONS: Final = {
     0: "",
@@ -90,11 +91,13 @@ class Sinumerik:
             *state_paths,
             *self._named.values(),
             *self._referenced,
+            settings.r(settings.handshake.state),
         )
         self._alarms = paths.alarms  # the control's manual asks for them apart from all else
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
+        self._request = (*self._status, settings.r(hand.withdraw))
         self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in (*results, hand.spread)))
         self._offsets = self._offset_paths()
         self._in_force = self._in_force_paths()
@@ -133,7 +136,7 @@ class Sinumerik:
         }
         values = values[len(self._states) :]
         named = dict(zip(self._named, values, strict=False))
-        referenced = values[len(self._named) :]
+        *referenced, probing = values[len(self._named) :]
         alarms = tuple(_code(alarm) for alarm in shown if alarm)
         tool, probe = named.get("tool"), named.get("probe_in_spindle")
         return NcSnapshot(
@@ -147,19 +150,25 @@ class Sinumerik:
             probe_in_spindle=None if probe is None or not math.isfinite(probe) else bool(probe),
             alarms=alarms,
             ready=not _may_be_stopped(shown) and _drives(named) and all(map(_is_odd, referenced)),
+            probing=PROBING_STATES.get(_code(probing)) in UNDER_WAY,
             quality=Quality.GOOD,
         )
 
     async def request_probing(self, number: int) -> None:
-        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last."""
+        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last or has
+        another one to do."""
         check_number(number, "request number")
-        request, answers, _, _ = self._numbers(self._status, await self._session.read(self._status))
+        request, answers, state, _, taken_back = self._numbers(self._request, await self._session.read(self._request))
         if number in (request, answers):
             raise Refused(
                 f"request number {number} was the last one: its old result could be taken for a new one",
                 device=self._settings.device,
                 hint="go on counting from a higher number",
             )
+        if PROBING_STATES.get(_code(state)) in UNDER_WAY:
+            raise self._busy(f"cycle {answers:.0f} is under way")
+        if request > 0 and request not in (answers, taken_back):
+            raise self._busy(f"request {request:.0f} waits for the control's next safe point")
         hand = self._settings.handshake
         # The number goes last and alone: the control acts on it.
         await self._session.write({self._settings.r(hand.valid_for): hand.request_valid_for_s})
@@ -246,6 +255,11 @@ class Sinumerik:
     def _watch_values(self, watch: Watch) -> dict[str, float]:
         lease, r = self._settings.lease, self._settings.r
         return {r(lease.silence): watch.silence_s, r(lease.ramp): watch.ramp_um_per_s * 1e-3}
+
+    def _busy(self, what: str) -> Refused:
+        hand = self._settings.handshake
+        hint = f"does another gateway probe? R{hand.withdraw} := its number takes a request back"
+        return Refused(what, device=self._settings.device, hint=hint)
 
     def _anothers(self, holder: float) -> Refused:
         return Refused(

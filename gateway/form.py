@@ -5,11 +5,12 @@ others are the most that each axis' position can add within its travel. So the s
 shift everywhere, and the sum of the magnitudes of a change bounds the change everywhere.
 """
 
+import math
 from typing import Protocol
 
 import numpy as np
 
-from drivers.nc import FollowsPosition, LinearOffsets, NumericalControl, Triple
+from drivers.nc import FollowsPosition, LinearOffsets, NcSnapshot, NumericalControl, Triple
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, as_offsets
 from gateway.measurement import InForce, Rejected
@@ -144,3 +145,9 @@ def differ(found: FloatArray, wanted: FloatArray) -> bool:
 def shown(coefficients: FloatArray) -> str:
     """Rows X, Y, Z; several columns as K0 and the most that each slope adds."""
     return " ".join("/".join(f"{v:.2f}" for v in row) for row in coefficients)
+
+
+def positions(snapshot: NcSnapshot) -> FloatArray:
+    """(5,) X Y Z in mm, A C in radians."""
+    at = snapshot.positions
+    return np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])

@@ -127,7 +127,9 @@ async def run_cycle(
                 raise NotBegun(f"the control refused the cycle: {status.reason or 'no reason given'}")
             case ProbingState.FAILED:
                 raise Rejected(f"the cycle failed: {status.reason or 'no reason given'}")
-            case ProbingState.IDLE | ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
+            case ProbingState.IDLE:
+                raise NotBegun("the control knows nothing of the request any more: does another gateway probe?")
+            case ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
                 pass
             case _:
                 assert_never(status.state)

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import math
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from types import MappingProxyType
@@ -16,13 +16,15 @@ from gateway.breaker import Breaker
 from gateway.clock import ServiceClock
 from gateway.compensation import Offsets, Slew, Source, Step, Write, as_offsets
 from gateway.config import GatewayConfig
-from gateway.form import HeldOffsets, differ, form_of, shown
+from gateway.form import HeldOffsets, differ, form_of, positions, shown
 from gateway.measurement import Held, NotBegun, Outcome, Probe
 from gateway.motion import Motion
 from gateway.prober import Prober
 from gateway.steadiness import Steadiness, Word
+from gateway.unmodelled import LastMeasured
 from gateway.whole import to_its_end
 from talc.frame import Decision, FloatArray, Why
+from talc.names import THERMAL_ERRORS
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +52,9 @@ class NcLink:
     reference_mm: (poses, 3) centres that deviations are measured from; None: the first measurement sets them, from
         the mean of `probing.reference_cycles` cycles
     first_number: number of the first probing request; must differ from every earlier one
+    abandoned: number of a request that an earlier run may have left behind: it is taken back
     owner: number of this gateway on the control, the same after every restart; 1 .. 2**31 - 1
+    measured: (9,) monotonic seconds of each error's last measurement, as an earlier run left it; None: now
     missing: inputs of live models without a good value, and the monotonic seconds since when, as an earlier run left it
     """
 
@@ -66,7 +70,9 @@ class NcLink:
         notify: Notify,
         reference_mm: FloatArray | None,
         first_number: int,
+        abandoned: int | None = None,
         owner: int = 1,
+        measured: Sequence[float] | None = None,
         missing: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         if config.nc is None:
@@ -76,7 +82,7 @@ class NcLink:
         self._period = config.nc.period_s
         self._probing, self._settings = config.probing, config.compensation
         self._states, self._written, self._notify = states, written, notify
-        self._prober = Prober(nc, config.probing, clock, probe, reference_mm, first_number)
+        self._prober = Prober(nc, config.probing, clock, probe, reference_mm, first_number, abandoned)
         self._writing = asyncio.Lock()
         self._breaker = Breaker(self._period, self._period * _LONGEST_RETRY_PERIODS)
         self._steadiness = Steadiness(max(_STEADY_S, _STEADY_PERIODS * self._period))
@@ -94,6 +100,8 @@ class NcLink:
         self._ready = True
         self._stopping = False
         self._missing = dict(missing)
+        since = measured if measured is not None else [clock.monotonic()] * len(THERMAL_ERRORS)
+        self._last_measured = LastMeasured(settings.measurement_stale_after_s, since)
         self._decision: tuple[Decision, float] | None = None
         self._last_step: Step | None = None
         self._attempted = False
@@ -178,9 +186,13 @@ class NcLink:
     async def measure(self, why: Why) -> Outcome:
         """One probing cycle, or those of the reference; see Prober. Offsets stand still until it has ended."""
         try:
-            return await self._prober.measure(why, self._hold, None if self._decision is None else self._decision[0])
+            decision = None if self._decision is None else self._decision[0]
+            outcome = await self._prober.measure(why, self._hold, decision)
         finally:
             self._frozen = False
+        if outcome.measurement is not None:
+            self._last_measured.measured(outcome.measurement, self._clock.monotonic())
+        return outcome
 
     async def _hold(self) -> Held:
         async with self._writing:  # a write under way ends first, or what is read were not what stands
@@ -196,6 +208,8 @@ class NcLink:
             return
         try:
             self.snapshot = self._judged(await self._nc.snapshot())
+            if not self._frozen:
+                await self._prober.settle()
             if self.snapshot.quality is Quality.GOOD:
                 self._states(self.snapshot.states, self.snapshot.monotonic_s)
             await self._compensate(self.snapshot)
@@ -284,7 +298,8 @@ class NcLink:
             if snapshot.ready is not False and not self._ready:
                 self._begin_from(await self._form.read())  # it may have been switched off meanwhile
             self._ready = snapshot.ready is not False
-            if self._frozen or not self._ready:
+            # A cycle that nobody waits for any more, or another's, may be touching the sphere at this moment.
+            if self._frozen or snapshot.probing or not self._ready:
                 step = self._slew.freeze(now, here, Source.FROZEN if self._ready else Source.NOT_READY)
                 await self._apply(step, snapshot, send=False)
             else:
@@ -321,10 +336,13 @@ class NcLink:
             return None, Source.STALE
         if any(now - since > self._settings.inputs_stale_after_s for since in self._missing.values()):
             return None, Source.INPUTS_STALE
-        if not np.any(np.isfinite(decision.corrected)):
+        corrected = decision.corrected
+        if self._settings.when_stale == "zero":
+            corrected = self._last_measured.corrected(decision, now)
+        if not np.any(np.isfinite(corrected)):
             return None, Source.NO_MODEL
         # An error without an estimate is not compensated; the others still are.
-        known = np.nan_to_num(decision.corrected)
+        known = np.nan_to_num(corrected)
         return self._form.wanted(known, positions(snapshot), self._probe.radius_m), Source.PREDICTION
 
     async def _send(self, step: Step, here: FloatArray | None = None) -> Offsets | None:
@@ -349,7 +367,7 @@ class NcLink:
         found = self._left = await self._form.read()
         self._check_beat()
         self._differ(found, wanted)
-        return self._read_back(found, here)
+        return as_offsets(found[:, 0] if here is None else found @ here)
 
     def _check_beat(self) -> None:
         """Raises NoAnswer when this process has stood still since its beat: the control may have moved the offsets."""
@@ -372,19 +390,9 @@ class NcLink:
         log.warning("%s", text)
         self._notify(text, False)
 
-    @staticmethod
-    def _read_back(found: FloatArray, here: FloatArray | None) -> Offsets:
-        return as_offsets(found[:, 0] if here is None else found @ here)
-
     async def _close(self) -> None:
         self._connected = False
         try:
             await self._nc.close()
         except DriverError as error:
             log.debug("closing the NC: %s", error)
-
-
-def positions(snapshot: NcSnapshot) -> FloatArray:
-    """(5,) X Y Z in mm, A C in radians."""
-    at = snapshot.positions
-    return np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])

@@ -1,11 +1,12 @@
 """Runs probing cycles on one control and makes measurements of their results, or says why there is none."""
 
+import logging
 import math
 from collections.abc import Awaitable, Callable
 
 import numpy as np
 
-from drivers.base import DriverError
+from drivers.base import DriverError, Refused
 from drivers.nc import NumericalControl
 from gateway.clock import ServiceClock
 from gateway.compensation import ZERO
@@ -25,6 +26,8 @@ from gateway.measurement import (
 from gateway.measurement_checks import Expected, MeasurementChecks
 from talc.frame import Decision, FloatArray, Measurement, Why
 
+log = logging.getLogger(__name__)
+
 _RECENT_S = 3600.0
 """A last measurement younger than this stands in for a prediction that does not exist."""
 
@@ -38,6 +41,7 @@ class Prober:
     reference_mm: (poses, 3) centres that deviations are measured from; None: the first measurement sets them, from
         the mean of `reference_cycles` cycles
     first_number: number of the first request; must differ from every earlier one
+    abandoned: number of a request that an earlier run may have left behind
     """
 
     def __init__(
@@ -48,12 +52,13 @@ class Prober:
         probe: Probe,
         reference_mm: FloatArray | None,
         first_number: int,
+        abandoned: int | None = None,
     ) -> None:
         self._nc, self._settings, self._clock, self._probe = nc, settings, clock, probe
         self._checks = MeasurementChecks(settings, probe.radius_m)
         self._reference, self._number = reference_mm, first_number
         self._last: tuple[Measurement, float] | None = None
-        self._waiting_for: int | None = None
+        self._waiting_for = abandoned if settings.armed else None
 
     async def measure(self, why: Why, hold: Callable[[], Awaitable[Held]], decision: Decision | None) -> Outcome:
         """One cycle, or those of the reference. Never raises for what the control does: the outcome says why there is
@@ -97,11 +102,23 @@ class Prober:
 
     async def withdraw(self) -> None:
         """Take a request back that nobody waits for any more. Raises DriverError."""
-        if self._waiting_for is not None:
-            await self._nc.withdraw_probing(self._waiting_for)
+        number = self._waiting_for
+        if number is not None:
+            await self._nc.withdraw_probing(number)
+            if self._waiting_for == number:
+                self._waiting_for = None
+
+    async def settle(self) -> None:
+        """While no measurement runs: take back what a lost line or an earlier run left behind. Raises DriverError, but
+        not for what the control will not have."""
+        try:
+            await self.withdraw()
+        except Refused as error:
+            log.warning("probing request %s could not be taken back: %s", self._waiting_for, error)
             self._waiting_for = None
 
     async def _probed(self) -> FloatArray:
+        await self.settle()
         number = self._number
         self._number += 1
         self._waiting_for = number

@@ -14,6 +14,7 @@ from gateway.store import History, StoredStep, StoreError
 from gateway.trainer import has_failed
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, TrainingJob
+from talc.names import THERMAL_ERRORS
 from talc.training import train
 
 _ARRAYS = ("predicted", "corrected", "sigma", "limits")
@@ -94,10 +95,14 @@ def past_of(history: History, config: GatewayConfig) -> Past:
     last: Decision | None = None
     job: TrainingJob | None = None
     missing: dict[str, int] = {}
+    measured: list[int | None] = [None] * len(THERMAL_ERRORS)
     for step in history.steps():
         last = controller.step(step.frame)
         missing = {name: missing.get(name, step.frame.k) for name in last.substituted}
         job = last.training or job
+        if step.frame.measurement is not None:
+            found = np.isfinite(step.frame.measurement.errors)
+            measured = [step.frame.k if new else k for new, k in zip(found, measured, strict=True)]
         for stored in step.adopted:
             controller.adopt(stored)
             job = None
@@ -110,6 +115,7 @@ def past_of(history: History, config: GatewayConfig) -> Past:
         reference_mm=None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3,
         last_number=cycles[-1].number if cycles else None,
         missing=missing,
+        measured=tuple(measured),
         seen=_seen(controller, history.events()),
     )
 

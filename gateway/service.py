@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 import platform
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -27,6 +28,7 @@ from gateway.stale_watch import StaleWatch
 from gateway.wiring import control_of, lines_of
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
+from talc.names import THERMAL_ERRORS
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +50,8 @@ class Past:
     last_number: int | None = None
     missing: Mapping[str, int] = field(default_factory=dict)
     """Inputs of live models without a good value at the last step, and the grid index since when."""
+    measured: tuple[int | None, ...] = (None,) * len(THERMAL_ERRORS)
+    """Grid index of each error's last measurement."""
     seen: SeenBefore | None = None
 
 
@@ -186,7 +190,9 @@ class Service:
             notify=self._nc_noticed,
             reference_mm=self._past.reference_mm,
             first_number=number + 1,
+            abandoned=self._past.last_number,
             owner=_owner(config.storage.path),
+            measured=[-math.inf if k is None else self._monotonic_of(k) for k in self._past.measured],
             missing={name: self._monotonic_of(k) for name, k in self._past.missing.items()},
         )
 

@@ -177,6 +177,9 @@ class Compensation(Section):
     """A prediction older than this is no longer used."""
     inputs_stale_after_s: Positive = 1800.0
     """An input that a live model uses may be without a good value for so long; its last good one stands meanwhile."""
+    measurement_stale_after_s: Positive = 57600.0
+    """An error without a model is corrected by its last measurement, for so long; then that error counts as unknown,
+    and `when_stale` decides. By default twice the longest interval between measurements."""
     when_stale: Literal["zero", "hold"] = "zero"
     """Without a usable prediction: ramp the offsets to zero, or hold the last ones."""
     frozen_after_s: Positive = 120.0

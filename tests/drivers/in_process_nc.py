@@ -47,12 +47,16 @@ class InProcess:
         return NcSnapshot(
             self._clock.utc(), self._clock.monotonic(), now.positions, states, MODES[now.mode],
             PROGRAMS[now.program_status], now.tool, now.probing, now.alarms,
+            probing=self._nck.cycle.started_s is not None,
         )  # fmt: skip
 
     async def request_probing(self, number: int) -> None:
         _check(number, "request number")
         if number in (self._nck.r[R_REQUEST], self._nck.cycle.answer.number):
             raise Refused(f"request number {number} was the last one", device="nc")
+        waits = self._nck.r[R_REQUEST]
+        if self._nck.cycle.started_s is not None or waits not in (0.0, self._nck.cycle.answer.number):
+            raise Refused(f"request {max(waits, self._nck.cycle.answer.number):.0f} is not over", device="nc")
         self._nck.write_r(R_VALID_FOR, 900.0, self._clock.monotonic())
         self._nck.write_r(R_REQUEST, float(number), self._clock.monotonic())
 

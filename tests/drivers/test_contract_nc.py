@@ -100,6 +100,25 @@ async def test_a_withdrawn_request_ends_and_leaves_room_for_the_next(bench: NcBe
     assert (stopped.state, stopped.reason, stopped.centres_mm) == (ProbingState.FAILED, "withdrawn", None)
 
 
+async def test_a_request_that_waits_or_runs_is_not_displaced_and_the_snapshot_tells_that_it_runs(
+    bench: NcBench,
+) -> None:
+    await bench.nc.request_probing(1)
+    with pytest.raises(Refused, match="1"):
+        await bench.nc.request_probing(2)
+    assert (await bench.nc.probing_status(2)).state is ProbingState.IDLE
+    assert (await bench.nc.snapshot()).probing is False
+    await bench.allow_probing()
+    await bench.reaches(1, ProbingState.RUNNING)
+    await shows(bench, lambda snapshot: snapshot.probing is True)
+    with pytest.raises(Refused, match="1"):
+        await bench.nc.request_probing(2)
+    assert (await bench.ends(1)).state is ProbingState.DONE
+    await shows(bench, lambda snapshot: snapshot.probing is False)
+    await bench.nc.request_probing(2)
+    assert (await bench.nc.probing_status(2)).state in (ProbingState.REQUESTED, ProbingState.ACCEPTED)
+
+
 async def test_an_emergency_stop_ends_the_cycle_and_the_next_request_is_told_no(bench: NcBench) -> None:
     await bench.allow_probing()
     await bench.nc.request_probing(1)

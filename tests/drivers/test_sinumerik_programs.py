@@ -43,7 +43,25 @@ def test_what_the_gateway_writes_is_what_the_program_reads() -> None:
     text = "\n".join(statements("TALC_SAFE_POINT.SPF"))
     for number in (HAND.request, HAND.withdraw, HAND.valid_for):
         assert re.search(rf"\bR{number}\b", text)
-    assert f"$R[{HAND.request}] <> $R[{HAND.answers}]" in "\n".join(statements("TALC_START.SPF"))
+
+
+def test_each_request_has_its_own_age_also_one_after_a_request_without_an_answer() -> None:
+    lines = statements("TALC_START.SPF")
+    action = next(line for line in lines if line.startswith("IDS=60 "))
+    found = re.fullmatch(r"IDS=60 WHENEVER (\S+) <> (\S+) DO (\S+) = (\S+) (\S+) = 0", action)
+    assert found, action
+    new, seen, kept, from_, timer = found.groups()
+    assert (new, timer) == (f"$R[{HAND.request}]", "$AC_TIMER[1]")
+    control = {new: 41.0, f"$R[{HAND.answers}]": 40.0, timer: 700.0}
+    control[seen] = float(next(line for line in lines if line.startswith(f"{seen} = ")).split(" = ")[1])
+    ages = []
+    for number in (41.0, 41.0, 42.0, 42.0):  # each twice; nobody answers
+        control[new] = number
+        if control[new] != control[seen]:
+            control[kept], control[timer] = control[from_], 0.0
+        control[timer] += 700.0
+        ages.append(control[timer])
+    assert ages == [700.0, 1400.0, 700.0, 1400.0]
 
 
 def test_states_and_reasons_are_those_the_driver_knows() -> None:

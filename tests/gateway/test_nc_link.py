@@ -2,9 +2,9 @@
 
 import asyncio
 import math
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -148,13 +148,13 @@ class Control:
             self.hangs, self.in_force = "", (0.0, 0.0, 1.0)
 
 
-def config(mode: str, *, when_stale: str = "zero", armed: bool = True) -> GatewayConfig:
+def config(mode: str, *, when_stale: str = "zero", armed: bool = True, **more: float) -> GatewayConfig:
     return validate(
         {
             "machine": {"name": "mill"},
             "nc": {"kind": "sinumerik", "url": "opc.tcp://127.0.0.1:4840", "security": "none", "period_s": 1.0},
             "probing": {"armed": armed, "poll_s": 1.0},
-            "compensation": {"mode": mode, "when_stale": when_stale, "stale_after_s": 60.0},
+            "compensation": {"mode": mode, "when_stale": when_stale, "stale_after_s": 60.0} | more,
         }
     )
 
@@ -170,7 +170,15 @@ class Bench:
     """A link, its control and what it told."""
 
     def __init__(
-        self, mode: str, in_force: Offsets = (0.0, 0.0, 0.0), *, when_stale: str = "zero", armed: bool = True
+        self,
+        mode: str,
+        in_force: Offsets = (0.0, 0.0, 0.0),
+        *,
+        when_stale: str = "zero",
+        armed: bool = True,
+        abandoned: int | None = None,
+        measured: Sequence[float] | None = None,
+        **more: float,
     ) -> None:
         self.clock = SteppedClock()
         self.control = Control(self.clock, in_force)
@@ -179,7 +187,7 @@ class Bench:
         self.notices: list[str] = []
         self.link = NcLink(
             self.control,
-            config(mode, when_stale=when_stale, armed=armed),
+            config(mode, when_stale=when_stale, armed=armed, **more),
             self.clock,
             Probe(poses_in_radians(POSES), 0.12, 0.08, 1.0),
             states=lambda *_: None,
@@ -187,6 +195,8 @@ class Bench:
             notify=lambda text, _: self.notices.append(text),
             reference_mm=None,
             first_number=41,
+            abandoned=abandoned,
+            measured=measured,
         )
 
     def store(self, write: Write) -> None:
@@ -248,6 +258,37 @@ async def test_a_stale_prediction_decays_to_the_declared_value() -> None:
         assert bench.steps[-1].step.source is Source.STALE
     assert to_zero.control.in_force == (0.0, 0.0, 0.0)
     assert held.control.in_force == (0.0, 0.0, 4.0)
+
+
+@pytest.mark.parametrize("measured_s", [None, -150.0, -math.inf])
+@pytest.mark.parametrize("when_stale", ["zero", "hold"])
+async def test_an_error_without_a_model_is_corrected_by_its_last_measurement_only_so_long(
+    when_stale: str, measured_s: float | None
+) -> None:
+    """measured_s: when an earlier run measured; this one begins at 0."""
+    measured = None if measured_s is None else [measured_s] * 9
+    bench = Bench("compensate", when_stale=when_stale, measured=measured, measurement_stale_after_s=200.0)
+    predicted = np.full(9, math.nan)
+    predicted[0] = 3.0  # EY0A has a model; EZ0A was measured once
+    known = replace(decision(7.0), predicted=predicted)
+    known.corrected[0] = 3.0
+    found = {}
+    async with bench.running():
+        for now in range(20, 400, 20):
+            bench.link.follow(known)
+            await bench.clock.run_until(float(now))
+            found[now] = bench.control.in_force
+            if now == 300:
+                bench.control.answer = ProbingStatus(0, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
+                cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+                await bench.clock.run_until(319.0)
+                assert (await cycle).measurement is not None
+    until = 200.0 + (measured_s or 0.0)
+    for now, offsets in found.items():
+        if when_stale == "hold" or now < until or now > 340:
+            assert offsets == pytest.approx((0.0, 3.0, 7.0)), now
+        elif until + 10 < now <= 300:
+            assert offsets == pytest.approx((0.0, 3.0, 0.0)), now
 
 
 async def test_a_write_that_does_not_take_effect_disarms_and_says_so_once() -> None:

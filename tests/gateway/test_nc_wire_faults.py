@@ -22,7 +22,8 @@ from gateway.config.model import validate
 from gateway.measurement import End, Probe, poses_in_radians
 from gateway.nc_link import NcLink
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads, User
-from simulators.nc.nck import R_RESULTS, MachineState
+from simulators.nc.cycle import Reason
+from simulators.nc.nck import R_REQUEST, R_RESULTS, R_WITHDRAW, MachineState
 from simulators.nc.variables import ALARMS_SHOWN, Right
 from talc.frame import Decision, Phase, Why
 from tests.drivers.cut_line import Line, line_to
@@ -162,6 +163,7 @@ async def test_a_line_lost_in_the_middle_of_a_write_leaves_no_step_behind() -> N
 async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_has_another_number() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
+        at.control.nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program does not look
         first = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(60.0)
         assert at.control.nck.cycle.started_s is not None
@@ -179,6 +181,83 @@ async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_
     assert "lost" in lost.reason or "answer" in lost.reason or "connect" in lost.reason
     assert found.measurement is not None
     assert found.number == lost.number + 1
+
+
+def written_meanwhile(control: Control) -> list[float]:
+    """When offsets changed while the control probed, by its own record."""
+    return [e.time_s for e in control.nck.log for began, ended in control.nck.cycle.ended if began < e.time_s < ended]
+
+
+@pytest.mark.parametrize("looks", [True, False])
+@pytest.mark.parametrize("left_by", ["a line that is lost", "a gateway that is killed"])
+async def test_a_cycle_that_nobody_waits_for_any_more_is_taken_back_and_the_offsets_stand_until_it_ends(
+    left_by: str, looks: bool
+) -> None:
+    async with bench() as at:
+        nck = at.control.nck
+        if not looks:
+            nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program looks between poses
+        at.link.follow(wants(5.0))
+        await at.clock.run_until(12.0)
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(60.0)
+        assert nck.cycle.started_s is not None
+        at.link.follow(wants(25.0))
+        if left_by == "a line that is lost":
+            await at.line.cut()
+            at.line.silent = True
+            await at.clock.run_until(66.0)
+            at.line.silent = False
+        else:
+            cycle.cancel()  # the next run takes back what this one asked for
+        await at.clock.run_until(300.0)
+        await asyncio.gather(cycle, return_exceptions=True)
+        assert nck.r[R_WITHDRAW] == 41.0
+        assert len(nck.cycle.ended) == 1
+        (began, ended), answer = nck.cycle.ended[0], nck.cycle.answer
+        assert ended - began > 100.0 if not looks else answer.reason is Reason.WITHDRAWN
+        assert written_meanwhile(at.control) == []
+        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 25.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("mode", ["monitor", "compensate"])
+async def test_offsets_stand_still_also_while_somebody_else_has_the_control_probe(mode: str) -> None:
+    async with bench(mode=mode) as at:
+        nck = at.control.nck
+        at.link.follow(wants(5.0))
+        other = Sinumerik(SinumerikSettings(url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
+        await at.clock.run_until(12.0)
+        await other.connect()
+        await other.request_probing(900)
+        ours = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(20.0)
+        refused = await ours
+        at.link.follow(wants(25.0))
+        await at.clock.run_until(60.0)
+        assert nck.cycle.started_s is not None
+        again = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(65.0)
+        assert (await again).end is refused.end is End.REFUSED
+        await at.clock.run_until(300.0)
+        assert (await other.probing_status(900)).state is ProbingState.DONE
+        await other.close()
+        assert "request 900 waits" in refused.reason
+        assert "cycle 900 is under way" in (await again).reason
+        assert written_meanwhile(at.control) == []
+        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 25.0 if mode == "compensate" else 0.0], atol=1e-9)
+
+
+async def test_who_is_displaced_by_a_request_of_the_same_moment_does_not_wait_for_it() -> None:
+    async with bench() as at:
+        await at.clock.run_until(2.0)
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(4.0)
+        at.control.nck.write_r(R_REQUEST, 900.0, at.clock.monotonic())
+        await at.clock.run_until(20.0)
+        assert cycle.done()
+        outcome = await cycle
+    assert (outcome.measurement, outcome.end) == (None, End.REFUSED)
+    assert "does another gateway probe?" in outcome.reason
 
 
 async def test_a_gateway_that_hangs_while_the_control_probes_makes_no_measurement_of_it() -> None:
@@ -221,15 +300,17 @@ async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_on
         at.control.nck.cycle._next_safe_point = program
         second = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(380.0)  # now the first one is done
+        refused = await second
         assert at.control.nck.cycle.answer.number == late.number
         assert at.control.nck.cycle.answer.centres_mm
-        assert not second.done()
+        third = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(640.0)
-        found = await second
+        found = await third
     assert late.measurement is None
     assert "did not end within 300 s" in late.reason
     assert found.measurement is not None
-    assert found.number == late.number + 1
+    assert f"cycle {late.number} is under way" in refused.reason
+    assert found.number == late.number + 2
     assert found.ended - found.asked > timedelta(seconds=100)
 
 

@@ -1,5 +1,6 @@
 """What a restart takes up from the store: what was seen, since when it is suspect, and a training that had failed."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -102,3 +103,17 @@ def test_a_training_that_never_ended_is_taken_up_and_one_that_failed_is_not(conf
     earlier_run(config)
     with History(config.storage.path) as history:
         assert past_of(history, config).pending[0] is None
+
+
+def test_a_restart_remembers_when_each_error_was_measured(config: GatewayConfig) -> None:
+    controller = Controller(config.input_names, config.talc)
+    errors = {2: [1.0] * 9, 5: [math.nan] * 4 + [2.0] * 4 + [math.nan]}
+    with Store(config.storage.path, "earlier", SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        for k in range(8):
+            measurement = Measurement(np.array(errors[k]), np.full(9, 0.1)) if k in errors else None
+            frame = Frame(k, np.full(2, 20.0), np.ones(2, np.bool_), measurement)
+            store.frame(frame)
+            store.decision(controller.step(frame))
+    with History(config.storage.path) as history:
+        assert past_of(history, config).measured == (2, 2, 2, 2, 5, 5, 5, 5, 2)

@@ -270,3 +270,22 @@ async def test_stopped_while_the_control_is_asked_for_the_result_the_request_is_
         assert cycle.cancelled()
     await bench.link.stop()
     assert bench.control.withdrawn == bench.control.requests == [41]
+
+
+@pytest.mark.parametrize("armed", [True, False])
+async def test_what_an_earlier_run_asked_for_is_taken_back_once_where_probing_is_armed(armed: bool) -> None:
+    bench = Bench("monitor", armed=armed, abandoned=40)
+    async with bench.running():
+        await bench.clock.run_until(5.0)
+    await bench.link.stop()
+    assert bench.control.withdrawn == ([40] if armed else [])
+
+
+async def test_a_request_that_the_control_will_not_take_back_keeps_nobody_from_compensating() -> None:
+    bench = Bench("compensate", abandoned=40)
+    bench.control.busy = True
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(20.0)
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+    assert bench.notices == []

@@ -117,6 +117,7 @@ class Control:
             "cannot_probe": self._cycle.obstacle(s),
             "tool": s.tool_in_spindle,
             "probe": s.tool_in_spindle == self._settings.probe_tool,
+            "probing": self._cycle.under_way,
         }
 
     def read(self, _: dict[str, Any] | None = None) -> list[float]:

@@ -43,12 +43,18 @@ class Cycle:
         self._started_s: float | None = None
         self._begun = False
 
+    @property
+    def under_way(self) -> bool:
+        return self._state in ("accepted", "running")
+
     def request(self, now: float, number: int, valid_for_s: float) -> None:
-        """Ask. Another request that waits is forgotten; one that runs is not."""
+        """Ask. Refused while another request waits or runs."""
         if number == self._number:
             raise Refusal(f"request number {number} was the last one: its old result could be taken for a new one")
-        if self._state in ("accepted", "running"):
+        if self.under_way:
             raise Refusal(f"cycle {self._number} is under way")
+        if self._state == "requested":
+            raise Refusal(f"request {self._number} waits for the control's next safe point")
         self._number, self._state, self._reason = number, "requested", ""
         self._expires_s = now + valid_for_s if valid_for_s > 0 else math.inf
         self._started_s, self._since_idle_s, self._begun = None, None, False

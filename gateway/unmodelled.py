@@ -1,0 +1,28 @@
+"""Errors without a model, which are corrected by their last measurement: for how long that is believed."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from talc.frame import Decision, FloatArray, Measurement
+
+
+class LastMeasured:
+    """When each thermal error was measured last.
+
+    Parameters
+    ----------
+    longest_s: an older measurement corrects no longer
+    since_s: (9,) monotonic seconds of each error's last measurement, -inf for none
+    """
+
+    def __init__(self, longest_s: float, since_s: Sequence[float]) -> None:
+        self._longest, self._since = longest_s, np.asarray(since_s, dtype=float)
+
+    def measured(self, measurement: Measurement, now_s: float) -> None:
+        self._since = np.where(np.isfinite(measurement.errors), now_s, self._since)
+
+    def corrected(self, decision: Decision, now_s: float) -> FloatArray:
+        """(9,) what the decision corrects; NaN for an error of which nothing is known, or nothing of late."""
+        without_model = ~np.isfinite(decision.predicted)
+        return np.where(without_model & (now_s - self._since > self._longest), np.nan, decision.corrected)
