@@ -13,6 +13,7 @@ from simulators.devices.spoil import Late, Spoil
 from tests.gateway.faults.plants import NEIGHBOUR, SENSORS, TIMEOUT_S, VICTIM, Plant
 
 PERIOD_S = 0.4
+LONG_TIMEOUT_S = PERIOD_S / 2
 
 Do = Callable[[Plant], Awaitable[None] | None]
 Heard = Sequence[tuple[float, bytes]]
@@ -99,10 +100,6 @@ def now(change: Callable[[bytes], bytes]) -> Callable[[bytes], Heard]:
     return lambda frame: ((0.0, change(frame)),)
 
 
-def late(frame: bytes) -> Heard:
-    return ((1.5 * TIMEOUT_S, frame),)
-
-
 def behind(senders: Collection[int], before: Collection[int] | None = None) -> Do:
     """Their answers come with other answers, after the request was given up: see `Late`."""
 
@@ -130,10 +127,6 @@ def served_anew(plant: Plant) -> None:
     """Only new connections are: those of before stay as they are, for ever."""
     assert plant.server is not None
     plant.server.forget(False)
-
-
-def lost(_: bytes) -> Heard:
-    return ()
 
 
 # Modbus: function code and data are f[1:-2] on a line, f[7:] behind the seven bytes of a TCP header.

@@ -33,6 +33,9 @@ MEANING: Mapping[str, str] = {
         "It hears and does not answer: no power, wrong address, broken. It is asked less and less often. On "
         "multicast it cannot be told from one that is unplugged."
     ),
+    "dead device, long timeout": (
+        "The same with a `timeout_s` of half a period. A device that usually is quick is not waited for so long."
+    ),
     "half-open connection": (
         "The other end is gone without a word: power cut, network switched. The connection of before never comes back "
         "to life: when nobody on it answers, it is closed and opened again."
@@ -45,9 +48,9 @@ MEANING: Mapping[str, str] = {
     ),
     "late answer": (
         "It comes after `timeout_s`, when the next request waits for its own, and is not taken for that. If it is the "
-        "rule, raise `timeout_s`. Of Modbus and CANopen devices this holds though every answer be one behind. What a "
-        "Micro-Epsilon sensor on RS-485 sends carries no number: there it holds when answers come late for a while, "
-        "and one that lags behind for ever cannot be told."
+        "rule, raise `timeout_s`. Of Modbus devices and CANopen nodes read by SDO this holds though every answer be "
+        "one behind. What a Micro-Epsilon sensor on RS-485 or a node after SYNC sends carries no number: there it "
+        "holds when answers come late for a while, and one that lags behind for ever cannot be told."
     ),
     "late answer, in another's time": "It comes while another device on the wire is asked, and is taken for nobody's.",
     "checksum error": (
@@ -90,6 +93,9 @@ REST = """Two more are played on every wire above: the computer's clock jumps by
 readings come and while the bus is closed and opened (periods, timeouts and ages stand on the monotonic clock, those of
 the libraries too; only the UTC of readings jumps); and every core is busy with other programs (periods are as regular
 as the computer lets a thread wake).
+
+A device that comes and goes, silent for a period and back for a while, on a wire whose `timeout_s` is half a period:
+its neighbours keep their period.
 
 Every row above is also played ten times over, all rows of a wire in a row, and leaves no descriptor, thread, task or
 memory behind. Of each wire that is some 350 to 850 polls in half a minute, as many as in a quarter of an hour at 1 Hz;

@@ -9,6 +9,7 @@ import asyncio
 import gc
 import logging
 import threading
+import time
 import tracemalloc
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
@@ -26,6 +27,7 @@ from tests.gateway.faults.play import done
 
 PERIOD_S = 0.05
 WARM_UP, ROUNDS = 2, 8
+LONGEST_WAIT_S = 20.0
 WIRES = {
     "modbus": ("rtu", "pta", "analogue", "tcp", "wago"),
     "can": ("slcan", "heartbeat", "sync", "timer", "multicast", "dbc"),
@@ -48,14 +50,14 @@ class Latest:
     def note(self, _: Notice) -> None:
         self.told += 1
 
-    async def until(self, quality: Quality, says: str = "") -> None:
-        """A reading that comes from now on."""
-        before = self._reading
-        async with asyncio.timeout(20):
-            while (
-                (now := self._reading) is None or now is before or now.quality is not quality or says not in now.detail
-            ):
-                await asyncio.sleep(0.005)
+    async def until(self, quality: Quality, says: str = "", where: str = "") -> None:
+        """A reading that comes from now on. Raises AssertionError when none comes."""
+        before = now = self._reading
+        end_s = time.monotonic() + LONGEST_WAIT_S
+        while now is None or now is before or now.quality is not quality or says not in now.detail:
+            assert time.monotonic() < end_s, f"{where}: no reading is {quality} and says {says!r}: {now}"
+            await asyncio.sleep(0.005)
+            now = self._reading
 
 
 def held() -> tuple[int, int, int]:
@@ -70,17 +72,17 @@ async def all_faults(name: str, plant: Plant, latest: Latest) -> int:
     harmless = [case for case in HARMLESS if case.plant == name and case.disturb is not restarted]
     for case in cases:
         await done(case.start, plant)
-        await latest.until(case.quality, case.then)
+        await latest.until(case.quality, case.then, f"{name}, {case.fault}")
         await done(case.end, plant)
-        await mended(plant, latest)
+        await mended(plant, latest, f"{name}, after {case.fault}")
     for disturbance in harmless:
         await done(disturbance.disturb, plant)
-        await mended(plant, latest)
+        await mended(plant, latest, f"{name}, after {disturbance.disturbance}")
     return len(cases) + len(harmless)
 
 
-async def mended(plant: Plant, latest: Latest) -> None:
-    await latest.until(Quality.GOOD)
+async def mended(plant: Plant, latest: Latest, where: str) -> None:
+    await latest.until(Quality.GOOD, where=where)
     if plant.wire is not None:
         whole(plant)
 

@@ -14,13 +14,15 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality
-from tests.gateway.faults.actions import PERIOD_S
+from tests.gateway.faults.actions import LONG_TIMEOUT_S, PERIOD_S, silent, talking
 from tests.gateway.faults.bench import FAULT_PERIODS, Metronome, acquiring, keeps_period, logged, shows_what_was_said
-from tests.gateway.faults.matrix import COMM, MATRIX, Case
+from tests.gateway.faults.matrix import ASKED, COMM, MATRIX, Case
 from tests.gateway.faults.plants import PLANTS, other
 from tests.gateway.faults.play import all_at_once, done
 
-MOST_SLACK_S = PERIOD_S / 4
+LEARNING_PERIODS = 5
+"""After so many polls a bus knows how long its devices take, and waits no longer for a silent one."""
+MOST_SLACK_S = LONG_TIMEOUT_S / 2
 """For a busy computer; with more, a neighbour could wait for a silent device and nobody would see it."""
 
 
@@ -32,10 +34,10 @@ async def test_every_fault_of(plant: str, tmp_path: Path) -> None:
 
 
 async def play(case: Case, folder: Path, metronome: Metronome) -> None:
-    plant, beside = await PLANTS[case.plant](folder), await other()
+    plant, beside = await PLANTS[case.plant](folder, case.timeout_s), await other()
     async with acquiring(plant, beside) as heard:
         await heard.until("victim", Quality.GOOD, 0.0, 5.0)
-        await asyncio.sleep(2 * PERIOD_S)
+        await asyncio.sleep(LEARNING_PERIODS * PERIOD_S)
         begun = time.monotonic()
         await done(case.start, plant)
         turned = await heard.until("victim", case.quality, begun, 5.0)
@@ -66,3 +68,31 @@ async def play(case: Case, folder: Path, metronome: Metronome) -> None:
     assert case.then in during[-1].detail
     assert max(told.values()) <= (2 if case.then else 1), f"told more than once: {heard.notices}"
     assert len(heard.log) == sum(told.values()), f"the log says {heard.log}"
+
+
+async def test_device_that_comes_and_goes_takes_no_time_of_its_neighbours(tmp_path: Path) -> None:
+    """With a timeout of half a period; it changes at each moment of a period, in the middle of a poll too."""
+    with logged():
+        await all_at_once({plant: partial(comes_and_goes, plant) for plant in ASKED}, tmp_path)
+
+
+async def comes_and_goes(name: str, folder: Path, metronome: Metronome) -> None:
+    plant, beside = await PLANTS[name](folder, LONG_TIMEOUT_S), await other()
+    async with acquiring(plant, beside) as heard:
+        await heard.until("victim", Quality.GOOD, 0.0, 5.0)
+        await asyncio.sleep(LEARNING_PERIODS * PERIOD_S)
+        begun = time.monotonic()
+        for _ in range(FAULT_PERIODS):
+            silent(plant)
+            await asyncio.sleep(1.1 * PERIOD_S)
+            talking(plant)
+            await asyncio.sleep(1.7 * PERIOD_S)
+        ended = time.monotonic()
+        await heard.until("victim", Quality.GOOD, ended, 5.0)
+    slack_s = metronome.lost_s(begun, ended)
+    for channel in ("neighbour", "other"):
+        keeps_period([r for r in heard.of(channel) if begun <= r.monotonic_s < ended], min(slack_s, MOST_SLACK_S))
+    during = [r.quality for r in heard.of("victim", begun)]
+    assert during.count(COMM) >= FAULT_PERIODS // 2
+    assert during.count(Quality.GOOD) >= FAULT_PERIODS // 2
+    shows_what_was_said(plant, heard)
