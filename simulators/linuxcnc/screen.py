@@ -105,6 +105,11 @@ class Control:
             raise RuntimeError("this machine has no sphere")
         self.sphere.deform(errors)
 
+    def loosen(self, play_um: float) -> None:
+        if self.sphere is None:
+            raise RuntimeError("this machine has no sphere")
+        self.sphere.loosen(play_um)
+
     def estop(self) -> None:
         self.command.state(linuxcnc.STATE_ESTOP)
         self.until("emergency stop", lambda s: s.task_state == linuxcnc.STATE_ESTOP)
@@ -161,6 +166,7 @@ VERBS = (
     "greeting",
     "kill_agent",
     "deform",
+    "loosen",
 )
 
 

@@ -9,6 +9,8 @@ import hal
 from simulators.linuxcnc.chain import centre_mm
 
 _PERIOD_S = 0.002
+_NEAR_MM = 0.5
+"""The probe has left the sphere, and the touch is over, when it is so far away."""
 
 
 class Sphere:
@@ -21,8 +23,9 @@ class Sphere:
     def __init__(self, radius_mm: float, height_mm: float, zero_mm: Sequence[float]) -> None:
         self._radius, self._height, self._zero = radius_mm, height_mm, zero_mm
         self._errors: tuple[float, ...] = (0.0,) * 9
+        self._play_mm, self._lifted, self._near = 0.0, False, False
         self._pins: Any = hal.component("sphere")
-        for name in "ac":
+        for name in ("a", "c", "distance", "ball"):
             self._pins.newpin(name, hal.HAL_FLOAT, hal.HAL_IN)
         for name in "xyz":
             self._pins.newpin(f"minus-{name}", hal.HAL_FLOAT, hal.HAL_OUT)
@@ -43,11 +46,18 @@ class Sphere:
         """errors: nine, µm and µm/m, ER0T at the sphere's radius."""
         self._errors = tuple(errors)
 
+    def loosen(self, play_um: float) -> None:
+        """From one touch to the next it is lifted by so much, or falls back; 0: it is fixed."""
+        self._play_mm = play_um * 1e-3
+
     def _run(self) -> None:
         while not self._ended.wait(_PERIOD_S):
             self._place()
 
     def _place(self) -> None:
+        near = self._pins["distance"] < self._pins["ball"] + _NEAR_MM
+        self._lifted ^= self._near and not near
+        self._near = near
         centre = centre_mm(self._errors, self._pins["a"], self._pins["c"], self._radius, self._height)
         for name, zero, at in zip("xyz", self._zero, centre, strict=True):
-            self._pins[f"minus-{name}"] = -(zero + at)
+            self._pins[f"minus-{name}"] = -(zero + at + (self._play_mm if name == "z" and self._lifted else 0.0))

@@ -3,6 +3,7 @@ and that the part program finds everything as it was. Needs Debian's linuxcnc-us
 """
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -123,9 +124,12 @@ async def test_without_a_program_it_starts_by_itself_only_where_that_is_allowed(
         expired = await reaches(bench, 1, *FINAL)
         assert (expired.state, expired.reason) == (ProbingState.REFUSED, "no safe point before the request expired")
         assert (await bench.operator.ask("state"))["position"] == pytest.approx([0.0] * 5, abs=1e-6)
+        await bench.operator.ask("loosen", 8.0)
         await bench.nc.request_probing(2)
         await allow(bench)
-        assert (await reaches(bench, 2, *FINAL)).state is ProbingState.DONE
+        loose = await reaches(bench, 2, *FINAL)
+        assert loose.state is ProbingState.DONE
+        assert loose.spread_mm == pytest.approx(8e-3, abs=1.5e-3)  # what the touches differ by
         assert (await bench.nc.probing_status(1)).state is ProbingState.IDLE
         await operator_sees(bench, mode=MANUAL, idle=True)
     finally:
@@ -201,9 +205,45 @@ async def test_every_way_to_end_without_a_result_is_told(bench: Bench) -> None:
     await bench.operator.ask("hal", "setp", "sphere-touch.in1", "-1")  # somebody took the sphere away
     await bench.nc.request_probing(5)
     missed = await reaches(bench, 5, *FINAL)
+    await operator_sees(bench, idle=True)
     assert (missed.state, missed.reason) == (ProbingState.FAILED, "a touch found no sphere")
+
+    at = (await bench.operator.ask("state"))["position"]
+    await bench.operator.ask("hal", "setp", "sphere-touch.in1", "1e6")  # its wire is broken: it would not feel a touch
+    await bench.nc.request_probing(8)
+    dead = await reaches(bench, 8, *FINAL)
+    assert (dead.state, dead.reason) == (ProbingState.REFUSED, "the touch probe is missing or its contact is closed")
+    assert (await bench.operator.ask("state"))["position"] == pytest.approx(at, abs=1e-6)
 
     await bench.operator.ask("estop")
     await bench.nc.request_probing(6)
     off = await reaches(bench, 6, *FINAL)
     assert (off.state, off.reason) == (ProbingState.REFUSED, "the machine is off or not homed")
+
+
+async def test_without_a_probe_in_the_tool_table_no_program_is_disturbed(tmp_path: Path) -> None:
+    """LinuxCNC would end the part program that asks for a tool it does not know."""
+    async with running(tmp_path, HURRY, tools="T5 P5 Z17 D6 ;mill\n") as bench:
+        await allow(bench)
+        (tmp_path / "machine" / "nc" / "part.ngc").write_text("o<talc_safe_point> call\nM68 E9 Q1\nM2\n")
+        assert (await bench.nc.snapshot()).cannot_probe == "the touch probe is not in the tool table"
+        await bench.nc.request_probing(1)
+        missing = await reaches(bench, 1, *FINAL)
+        assert (missing.state, missing.reason) == (ProbingState.REFUSED, "the touch probe is not in the tool table")
+        await bench.operator.ask("run", "part.ngc")
+        await until(lambda: ran_to_its_end(bench))
+
+
+async def ran_to_its_end(bench: Bench) -> bool:
+    return await bench.operator.number("getp", "motion.analog-out-09") == 1.0
+
+
+async def test_a_program_that_does_not_start_is_waited_for_so_long(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "machine" / "nc" / "talc_safe_point.ngc").unlink()
+    await allow(bench)
+    began = time.monotonic()
+    await bench.nc.request_probing(1)
+    never = await reaches(bench, 1, *FINAL)
+    assert (never.state, never.reason) == (ProbingState.REFUSED, "the program did not start")
+    assert 10.0 <= time.monotonic() - began < 15.0
+    await operator_sees(bench, mode=MANUAL, idle=True)

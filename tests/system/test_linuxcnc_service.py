@@ -3,6 +3,7 @@ linuxcnc-uspace.
 """
 
 import asyncio
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from drivers.nc import OperatingMode
 from gateway.clock import RealClock
 from gateway.config.model import validate
+from gateway.measurement import End
 from gateway.probing_schedule import Standing
 from gateway.service import Past, Service
 from simulators.linuxcnc.machine import HURRY
@@ -24,7 +26,7 @@ pytestmark = [pytest.mark.peer, pytest.mark.slow]
 MANUAL = 1
 
 
-async def test_an_idle_machine_is_probed_without_a_program_as_soon_as_it_is_allowed(tmp_path: Path) -> None:
+async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_not_believed(tmp_path: Path) -> None:
     machine = {**HURRY, "FEED": 60, "FIND_FEED": 2000}
     async with running(tmp_path, machine, sphere=True, tools="T99 P99 Z40 D6 ;probe\n") as bench:
         await bench.nc.close()  # the service is the one client
@@ -50,6 +52,10 @@ async def test_an_idle_machine_is_probed_without_a_program_as_soon_as_it_is_allo
             assert not at_work.done()
             return [o.standing for o in told.outlooks][: len(standings)] == list(standings)
 
+        async def rejected() -> bool:
+            assert not at_work.done()
+            return bool(told.outcomes)
+
         async def measured() -> bool:
             assert not at_work.done()
             return any(frame.measurement is not None for frame in told.frames)
@@ -60,16 +66,21 @@ async def test_an_idle_machine_is_probed_without_a_program_as_soon_as_it_is_allo
             assert service.link is not None
             assert service.link.present is not None
             assert service.link.present.mode is OperatingMode.JOG
+            await bench.operator.ask("loosen", 30.0)
             standing = (await bench.operator.ask("state"))["position"]
             await bench.operator.ask("hal", "setp", "talc.may-start", "1")
             await until(lambda: said(Standing.BLOCKED, Standing.DUE, Standing.ASKED))
+            await until(rejected, 90.0)
+            await bench.operator.ask("loosen", 0.0)
             await until(measured, 90.0)
         finally:
             stop.set()
             await at_work
-        first = told.outcomes[0]
-        assert (first.why, first.reason) == (Why.CALIBRATION, "")
-        assert first.centres_mm is not None
-        assert np.abs(np.linalg.norm(first.centres_mm, axis=1) - np.hypot(120.0, 80.0)).max() < 0.01
+        loose, fixed = told.outcomes[:2]
+        assert (loose.why, loose.end, loose.measurement) == (Why.CALIBRATION, End.REJECTED, None)
+        assert re.match(r"repeated touches of a point differ by (29|30|31)\.\d µm, more than max_repeat", loose.reason)
+        assert (fixed.why, fixed.end, fixed.reason) == (Why.RETRY, End.MEASURED, "")
+        assert fixed.centres_mm is not None
+        assert np.abs(np.linalg.norm(fixed.centres_mm, axis=1) - np.hypot(120.0, 80.0)).max() < 0.01
         assert standing == pytest.approx([0.0] * 5, abs=1e-6), "not allowed, it stands"
         assert (await bench.operator.ask("state"))["mode"] == MANUAL

@@ -82,7 +82,7 @@ class Control:
     def __init__(self, settings: Settings, pins: Any) -> None:
         self._settings, self._pins = settings, pins
         self._owner, self._nc, self._command = 0, None, None
-        self._cycle, self._travel = Cycle(pins), Travel()
+        self._cycle, self._travel = Cycle(pins, settings.probe_tool), Travel()
         self.verbs = {
             name: getattr(self, name)
             for name in ("status", "read", "write", "claim", "heartbeat", "release", "probe", "probing", "withdraw")

@@ -13,12 +13,12 @@ STATES = {1: "accepted", 2: "running", 3: "done", 4: "refused", 5: "failed"}
 FINAL = ("done", "refused", "failed")
 REASONS = {
     0: "",
-    2: "the touch probe is missing",
+    2: "the touch probe is missing or its contact is closed",
     3: "the kinematics are not the identity",
     4: "withdrawn",
     6: "a touch found no sphere",
 }
-OFF = "the machine is off or not homed"
+OFF, NO_PROBE = "the machine is off or not homed", "the touch probe is not in the tool table"
 POSES = 6
 START_LIMIT_S, IDLE_LIMIT_S = 10.0, 0.5
 
@@ -34,8 +34,8 @@ class Pins(Protocol):
 class Cycle:
     """What the gateway asked for and how far it is."""
 
-    def __init__(self, pins: Pins) -> None:
-        self._pins = pins
+    def __init__(self, pins: Pins, probe_tool: int) -> None:
+        self._pins, self._probe_tool = pins, probe_tool
         self._number, self._state, self._reason = 0, "idle", ""
         self._expires_s = math.inf
         self._since_idle_s: float | None = None
@@ -82,6 +82,8 @@ class Cycle:
         """Why a cycle cannot begin as the machine stands; empty: it can, in a part program at its next safe point."""
         if nc.task_state != linuxcnc.STATE_ON or not all(nc.homed[: nc.joints]):
             return OFF
+        if all(tool.id != self._probe_tool for tool in nc.tool_table):
+            return NO_PROBE  # LinuxCNC would end the part program that wants to change it in
         if nc.interp_state != linuxcnc.INTERP_IDLE:
             return ""
         if not self._pins["may-start"]:
@@ -120,8 +122,8 @@ class Cycle:
         if nc is None:
             return
         obstacle = self.obstacle(nc)
-        if obstacle == OFF:
-            self._refuse(OFF)
+        if obstacle in (OFF, NO_PROBE):
+            self._refuse(obstacle)
         elif now >= self._expires_s:
             self._refuse("no safe point before the request expired")
         elif self._started_s is not None:
