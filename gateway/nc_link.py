@@ -54,6 +54,7 @@ class NcLink:
     first_number: number of the first probing request; must differ from every earlier one
     abandoned: number of a request that an earlier run may have left behind: it is taken back
     owner: number of this gateway on the control, the same after every restart; 1 .. 2**31 - 1
+    requested: told of every request's number before it is asked for
     measured: (9,) monotonic seconds of each error's last measurement, as an earlier run left it; None: now
     missing: inputs of live models without a good value, and the monotonic seconds since when, as an earlier run left it
     """
@@ -72,6 +73,7 @@ class NcLink:
         first_number: int,
         abandoned: int | None = None,
         owner: int = 1,
+        requested: Callable[[int], None] = lambda _: None,
         measured: Sequence[float] | None = None,
         missing: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
@@ -82,7 +84,7 @@ class NcLink:
         self._period = config.nc.period_s
         self._probing, self._settings = config.probing, config.compensation
         self._states, self._written, self._notify = states, written, notify
-        self._prober = Prober(nc, config.probing, clock, probe, reference_mm, first_number, abandoned)
+        self._prober = Prober(nc, config.probing, clock, probe, reference_mm, first_number, abandoned, requested)
         self._writing = asyncio.Lock()
         self._breaker = Breaker(self._period, self._period * _LONGEST_RETRY_PERIODS)
         self._steadiness = Steadiness(max(_STEADY_S, _STEADY_PERIODS * self._period))

@@ -21,6 +21,10 @@ class Outlet(Protocol):
 
     def decision(self, decision: Decision) -> None: ...
 
+    def requested(self, number: int) -> None:
+        """A probing cycle is about to be asked for under this number. Returns when it will not be forgotten."""
+        ...
+
     def measurement(self, outcome: Outcome) -> None: ...
 
     def models(self, models: ModelSet, after_k: int) -> None:
@@ -57,6 +61,10 @@ class Fanout:
     def decision(self, decision: Decision) -> None:
         for outlet in self._outlets:
             outlet.decision(decision)
+
+    def requested(self, number: int) -> None:
+        for outlet in self._outlets:
+            outlet.requested(number)
 
     def measurement(self, outcome: Outcome) -> None:
         for outlet in self._outlets:

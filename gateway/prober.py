@@ -42,6 +42,7 @@ class Prober:
         the mean of `reference_cycles` cycles
     first_number: number of the first request; must differ from every earlier one
     abandoned: number of a request that an earlier run may have left behind
+    requested: told of every number before it is asked for
     """
 
     def __init__(
@@ -53,11 +54,13 @@ class Prober:
         reference_mm: FloatArray | None,
         first_number: int,
         abandoned: int | None = None,
+        requested: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._nc, self._settings, self._clock, self._probe = nc, settings, clock, probe
         self._checks = MeasurementChecks(settings, probe.radius_m)
         self._reference, self._number = reference_mm, first_number
         self._last: tuple[Measurement, float] | None = None
+        self._requested = requested
         self._waiting_for = abandoned if settings.armed else None
 
     async def measure(self, why: Why, hold: Callable[[], Awaitable[Held]], decision: Decision | None) -> Outcome:
@@ -121,6 +124,7 @@ class Prober:
         await self.settle()
         number = self._number
         self._number += 1
+        self._requested(number)  # a number that is forgotten would be used again
         self._waiting_for = number
         try:
             status = await run_cycle(

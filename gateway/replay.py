@@ -113,7 +113,7 @@ def past_of(history: History, config: GatewayConfig) -> Past:
         last_k=None if last is None else last.k,
         pending=(job, None if last is None else last.measure),
         reference_mm=None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3,
-        last_number=cycles[-1].number if cycles else None,
+        last_number=history.last_number(),
         missing=missing,
         measured=tuple(measured),
         seen=_seen(controller, history.events()),

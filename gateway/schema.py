@@ -34,6 +34,7 @@ CREATE INDEX compensation_time ON compensation (time);
 ADDED = """
 CREATE TABLE IF NOT EXISTS running (id INTEGER PRIMARY KEY, boot INTEGER NOT NULL, began TEXT NOT NULL,
     config TEXT NOT NULL, fingerprint TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS request (number INTEGER NOT NULL, asked TEXT NOT NULL);
 """
 """What later programs added; a file without it is read as one in which nothing of it happened."""
 

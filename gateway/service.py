@@ -187,6 +187,7 @@ class Service:
             probe,
             states=self._sampler.add_states,
             written=self._outlet.compensation,
+            requested=self._outlet.requested,
             notify=self._nc_noticed,
             reference_mm=self._past.reference_mm,
             first_number=number + 1,

@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Self
@@ -25,6 +24,7 @@ from gateway.compensation import Write
 from gateway.measurement import Outcome
 from gateway.probing_schedule import Outlook
 from gateway.schema import SCHEMA_VERSION, FileLock, StoreError, connect, make_schema
+from gateway.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
@@ -45,41 +45,6 @@ _PRUNE_EVERY_S = 600.0
 _DRAIN_S = 0.1
 _QUEUE = 20_000
 """Statements that may wait for the disk; beyond, the oldest readings would have to go, so writing waits instead."""
-
-
-@dataclass(frozen=True, slots=True)
-class StoredStep:
-    """One grid step as it was, and the models that were adopted after it."""
-
-    frame: Frame
-    decision: Decision
-    """Its training job, if any, is left out: `training_wanted` tells."""
-    training_wanted: str | None
-    adopted: tuple[ModelSet, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class StoredMeasurement:
-    """One probing cycle as it was."""
-
-    number: int
-    why: str
-    ended: datetime
-    centres_mm: FloatArray | None
-    in_force_um: FloatArray
-    errors: FloatArray | None
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class StoredCompensation:
-    """One step of the compensation as it was."""
-
-    time: datetime
-    mode: str
-    source: str
-    offsets_um: FloatArray
-    written: bool
 
 
 def _blob(values: object) -> bytes:
@@ -184,6 +149,11 @@ class Store:
             decision.training and decision.training.why.value, json.dumps(events),
         )  # fmt: skip
         self._put("INSERT INTO decision VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [row], commit=True)
+
+    def requested(self, number: int) -> None:
+        self._put("DELETE FROM request", [()])  # the last one is all that matters
+        self._put("INSERT INTO request VALUES (?, ?)", [(number, self._clock.utc().isoformat())])
+        self.flush()
 
     def measurement(self, outcome: Outcome) -> None:
         m = outcome.measurement
@@ -319,10 +289,21 @@ class History:
         """UTC and fingerprint of each configuration that began to run, by a start or a reload; oldest first."""
         return [(datetime.fromisoformat(began), fingerprint) for _, began, _, fingerprint in self._running()]
 
+    def last_number(self) -> int | None:
+        """Of the last probing request, whatever became of it."""
+        numbers = self._connection.execute("SELECT number FROM measurement ORDER BY id DESC LIMIT 1").fetchall()
+        if self._has("request"):  # written before the cycle is asked for, the measurement when it has ended
+            numbers = self._connection.execute("SELECT number FROM request").fetchall() or numbers
+        return int(numbers[0][0]) if numbers else None
+
+    def _has(self, table: str) -> bool:
+        """False in a file of an earlier program."""
+        known = "SELECT count(*) FROM sqlite_master WHERE name = ?"
+        return bool(self._connection.execute(known, (table,)).fetchone()[0])
+
     def _running(self) -> list[tuple[int, str, str, str]]:
         """Number of the run, UTC, configuration, fingerprint; none in a file of an earlier program."""
-        known = "SELECT count(*) FROM sqlite_master WHERE name = 'running'"
-        if not self._connection.execute(known).fetchone()[0]:
+        if not self._has("running"):
             return []
         return self._connection.execute("SELECT boot, began, config, fingerprint FROM running ORDER BY id").fetchall()
 

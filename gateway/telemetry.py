@@ -141,6 +141,8 @@ class Telemetry:
         self._decided = decision.phase.value, decision.k
         self._put_status()
 
+    def requested(self, number: int) -> None: ...
+
     def measurement(self, outcome: Outcome) -> None:
         self._put(keys.MEASUREMENT, keys.measurement(outcome))
 

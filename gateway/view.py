@@ -224,6 +224,8 @@ class ViewOutlet:
     def decision(self, decision: Decision) -> None:
         self._apply(keys.DECISION, keys.decision(decision))
 
+    def requested(self, number: int) -> None: ...
+
     def measurement(self, outcome: Outcome) -> None:
         self._apply(keys.MEASUREMENT, keys.measurement(outcome))
 

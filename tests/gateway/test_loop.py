@@ -53,6 +53,8 @@ class Told:
 
     def decision(self, decision: Decision) -> None: ...
 
+    def requested(self, number: int) -> None: ...
+
     def measurement(self, outcome: Outcome) -> None:
         self.outcomes.append(outcome)
 

@@ -1,0 +1,42 @@
+"""What the database gives back, as values."""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from talc.frame import Decision, FloatArray, Frame
+from talc.models import ModelSet
+
+
+@dataclass(frozen=True, slots=True)
+class StoredStep:
+    """One grid step as it was, and the models that were adopted after it."""
+
+    frame: Frame
+    decision: Decision
+    """Its training job, if any, is left out: `training_wanted` tells."""
+    training_wanted: str | None
+    adopted: tuple[ModelSet, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StoredMeasurement:
+    """One probing cycle as it was."""
+
+    number: int
+    why: str
+    ended: datetime
+    centres_mm: FloatArray | None
+    in_force_um: FloatArray
+    errors: FloatArray | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class StoredCompensation:
+    """One step of the compensation as it was."""
+
+    time: datetime
+    mode: str
+    source: str
+    offsets_um: FloatArray
+    written: bool

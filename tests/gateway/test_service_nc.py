@@ -1,0 +1,145 @@
+"""What the service makes of its NC link: its owner's number, what a restart takes up, and how it lets go."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from gateway.config import GatewayConfig
+from gateway.config.model import validate
+from gateway.measurement import End, Outcome
+from gateway.nc_link import NcLink
+from gateway.replay import past_of
+from gateway.service import Past, Service
+from gateway.store import History, Store
+from simulators.nc.nck import R_WITHDRAW
+from simulators.nc.watchdog import R_OWNER
+from talc.control import Controller
+from talc.frame import Why
+from tests.gateway.test_nc_link import decision
+from tests.gateway.wire_bench import WireBench, wire_bench
+
+
+def config(bench: WireBench, store: str) -> GatewayConfig:
+    return validate(
+        {
+            "machine": {"name": "mill"},
+            "storage": {"path": str(bench.folder / store)},
+            "nc": {"kind": "sinumerik", "url": bench.url, "security": "none", "timeout_s": 30.0},
+            "grid": {"step_s": 86400.0},  # no step, so no decision but the test's
+            "probing": {"armed": True, "lead_s": 10.0},
+            "compensation": {"mode": "compensate"},
+        }
+    )
+
+
+class Gateway(NamedTuple):
+    """One that runs."""
+
+    link: NcLink
+    store: Store
+
+
+@asynccontextmanager
+async def serving(bench: WireBench, name: str = "a.sqlite", *, killed: bool = False) -> AsyncIterator[Gateway]:
+    """A gateway with a database, which goes on from what an earlier one left there; stopped, or killed, at the end."""
+    settings = config(bench, name)
+    past = Past(Controller(settings.input_names, settings.talc))
+    if settings.storage.path.exists():
+        with History(settings.storage.path) as history:
+            past = past_of(history, settings)
+    stop = asyncio.Event()
+    with Store(settings.storage.path, f"{name} {bench.clock.monotonic()}", bench.clock) as store:
+        store.begin(settings.canonical(), settings.fingerprint(), "")
+        service = Service(settings, bench.clock, store, past)
+        assert service.link is not None
+        if killed:
+            service.link.stop = service.link._nc.close  # type: ignore[method-assign]
+        running = asyncio.create_task(service.run(stop))
+        try:
+            yield Gateway(service.link, store)
+        finally:
+            stop.set()
+            ending = asyncio.ensure_future(running)
+            await bench.clock.run_until(bench.clock.monotonic() + 60.0)
+            await ending
+
+
+async def measured(bench: WireBench, gateway: Gateway) -> Outcome:
+    """As the grid loop does it: what comes is stored."""
+    cycle = asyncio.create_task(gateway.link.measure(Why.INTERVAL))
+    for _ in range(100):
+        await bench.clock.run_until(bench.clock.monotonic() + 10.0)
+        if cycle.done():
+            gateway.store.measurement(cycle.result())
+            return cycle.result()
+    raise AssertionError(f"{bench.control.nck.cycle.answer}")
+
+
+async def test_told_to_stop_it_takes_the_offsets_back_and_lets_go(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        async with serving(bench) as gateway:
+            await bench.clock.run_until(2.0)
+            gateway.link.follow(decision(6.0))
+            await bench.clock.run_until(15.0)
+            assert bench.in_force_um == pytest.approx((0.0, 0.0, 6.0))
+        assert bench.in_force_um == (0.0, 0.0, 0.0)
+        assert not any(entry.ramped for entry in bench.control.nck.log), "by itself, not by the control's watchdog"
+        assert bench.control.nck.r[R_OWNER] == 0.0
+        bench.assert_never_stepped()
+
+
+async def test_each_database_is_another_owner_and_the_same_one_after_a_restart(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        owners = []
+        for name in ("a.sqlite", "b.sqlite", "a.sqlite"):
+            async with serving(bench, name) as gateway:
+                await bench.clock.run_until(bench.clock.monotonic() + 3.0)
+                owners.append(bench.control.nck.r[R_OWNER])
+                assert gateway.link.present is not None
+                if name == "b.sqlite":
+                    async with serving(bench, "c.sqlite") as second:
+                        await bench.clock.run_until(bench.clock.monotonic() + 3.0)
+                        assert second.link.present is None, "refused"
+        assert owners[0] == owners[2] > 0
+        assert owners[1] not in (owners[0], 0.0)
+
+
+async def test_a_restart_goes_on_with_the_reference_and_the_numbers(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        nck = bench.control.nck
+        async with serving(bench) as gateway:
+            await bench.clock.run_until(2.0)
+            reference = await measured(bench, gateway)
+        nck.chip_um = dict.fromkeys(range(6), (0.0, 0.0, 5.0))
+        async with serving(bench) as gateway:
+            await bench.clock.run_until(bench.clock.monotonic() + 2.0)
+            later = await measured(bench, gateway)
+        assert reference.end is later.end is End.MEASURED, later.reason
+        assert len(nck.cycle.ended) == 6
+        assert later.number == reference.number + 1
+        assert later.measurement is not None
+        assert later.measurement.errors[1] == pytest.approx(5.0)
+
+
+async def test_killed_in_the_middle_of_a_cycle_its_number_is_used_up_and_taken_back(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        nck = bench.control.nck
+        for _ in range(2):
+            async with serving(bench, killed=True) as gateway:
+                await bench.clock.run_until(bench.clock.monotonic() + 2.0)
+                cycle = asyncio.create_task(gateway.link.measure(Why.INTERVAL))
+                await bench.clock.run_until(bench.clock.monotonic() + 30.0)
+                lost = nck.cycle.answer.number
+                assert nck.cycle.started_s is not None
+                cycle.cancel()
+        async with serving(bench) as gateway:
+            await bench.clock.run_until(bench.clock.monotonic() + 2.0)
+            assert nck.r[R_WITHDRAW] == lost
+            assert nck.cycle.started_s is None
+            found = await measured(bench, gateway)
+        assert found.end is End.MEASURED, found.reason
+        assert found.number == lost + 5
