@@ -92,6 +92,13 @@ class Control:
         with socket.create_connection(("127.0.0.1", port), LIMIT_S) as line, line.makefile() as lines:
             return lines.readline()
 
+    def freeze(self, name: str) -> None:
+        """A part of LinuxCNC does nothing more until `thaw`, as if its computer hung."""
+        _signal(name, signal.SIGSTOP)
+
+    def thaw(self, name: str) -> None:
+        _signal(name, signal.SIGCONT)
+
     def kill_agent(self) -> None:
         """As the kernel does when memory runs out: no warning, no last word."""
         listed = re.search(r"^\s*\d+\s+User\s+talc\s+(\d+)", self.hal("show", "comp"), re.MULTILINE)
@@ -136,6 +143,15 @@ class Control:
         return done.stdout.strip()
 
 
+def _signal(name: str, number: signal.Signals) -> None:
+    """To every process of this name in this namespace."""
+    found = [path.parent.name for path in Path("/proc").glob("[0-9]*/comm") if path.read_text().strip() == name]
+    if not found:
+        raise RuntimeError(f"no process {name}")
+    for pid in found:
+        os.kill(int(pid), number)
+
+
 def _sphere() -> Any:
     """With the sphere, tool and pivot of the INI file; its code stands beside this one."""
     sys.path.insert(0, str(Path.cwd()))
@@ -164,6 +180,8 @@ VERBS = (
     "jog",
     "listening",
     "greeting",
+    "freeze",
+    "thaw",
     "kill_agent",
     "deform",
     "loosen",

@@ -46,6 +46,26 @@ async def test_snapshot_tells_what_the_control_does(bench: Bench) -> None:
     assert (await bench.nc.snapshot()).alarms == (1,)
 
 
+@pytest.mark.parametrize("part", ["milltask", "rtapi_app"])
+async def test_a_control_whose_values_stand_still_is_not_believed(part: str, bench: Bench) -> None:
+    async def refused() -> bool:
+        try:
+            await bench.nc.snapshot()
+        except Refused as error:
+            return error.what == "LinuxCNC does not run, or its state stands still"
+        return False
+
+    assert not await refused()
+    await bench.operator.ask("freeze", part)
+    assert 1.5 < await until(refused) < 5.0
+    await bench.operator.ask("thaw", part)
+
+    async def believed() -> bool:
+        return not await refused()
+
+    assert await until(believed) < 5.0
+
+
 async def test_offsets_are_read_back_from_where_they_act(bench: Bench) -> None:
     with pytest.raises(Refused, match="no heartbeat"):
         await bench.nc.write_compensation((1.0, 0.0, 0.0))

@@ -21,6 +21,8 @@ from talc_server import Refusal, Server, read_key
 AXES = "xyz"
 ALL_AXES = "XYZAC"
 MODES = {linuxcnc.MODE_MANUAL: "jog", linuxcnc.MODE_AUTO: "auto", linuxcnc.MODE_MDI: "mda"}
+SECONDS, FROZEN_S = 42, 2.0
+"""Analog input with the seconds of real time, see talc_agent.hal; when it has stood for so long nothing is believed."""
 PROGRAM = {
     linuxcnc.INTERP_IDLE: "stopped",
     linuxcnc.INTERP_READING: "running",
@@ -82,6 +84,7 @@ class Control:
     def __init__(self, settings: Settings, pins: Any) -> None:
         self._settings, self._pins = settings, pins
         self._owner, self._nc, self._command = 0, None, None
+        self._seconds, self._moved_s = -1.0, 0.0
         self._cycle, self._travel = Cycle(pins, settings.probe_tool), Travel()
         self.verbs = {
             name: getattr(self, name)
@@ -99,7 +102,7 @@ class Control:
         """Positions: the tool's tip from where A and C meet, mm; A, C in degrees."""
         s = self._poll()
         if s is None:
-            raise Refusal("LinuxCNC does not answer")
+            raise Refusal("LinuxCNC does not run, or its state stands still")
         joints = s.joint_actual_position[: len(ALL_AXES)]
         zero = [*(p + t for p, t in zip(self._settings.pivot, s.tool_offset[:3], strict=True)), 0.0, 0.0]
         return {
@@ -181,14 +184,17 @@ class Control:
             self._pins[axis] = v * 1e-3
 
     def _poll(self) -> Any:
-        """LinuxCNC's state, or None while it does not run yet or no more."""
+        """LinuxCNC's state, or None while it does not run yet or no more, or stands still."""
         try:
             if self._nc is None:
                 self._nc, self._command = linuxcnc.stat(), linuxcnc.command()
             self._nc.poll()
         except linuxcnc.error:
             self._nc = None
-        return self._nc
+            return None
+        if self._nc.ain[SECONDS] != self._seconds:
+            self._seconds, self._moved_s = self._nc.ain[SECONDS], time.monotonic()
+        return self._nc if time.monotonic() - self._moved_s < FROZEN_S else None
 
 
 def number(value: object, name: str) -> float:
