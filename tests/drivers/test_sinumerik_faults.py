@@ -225,3 +225,23 @@ async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: 
         assert control.nck.shift_um((0.0, 0.0, 0.0)) == pytest.approx((10.0, -20.0, 30.0))
         assert await nc.read_compensation() == pytest.approx((10.0, -20.0, 30.0))
         await nc.close()
+
+
+@pytest.mark.parametrize("state", [3.0, 4.0, 5.0])
+async def test_what_changes_between_two_looks_at_the_same_answer_is_no_answer_yet(state: float) -> None:
+    control = emulated(kind=FrozenProgram)
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        r, read = control.nck.r, nc._session.read
+        r[R_REQUEST] = r[R_ANSWERS] = r[R_RESULT_OF] = 41.0
+        r[R_STATE] = state
+
+        async def read_and_go_on(paths: tuple[str, ...]) -> list[float | int | bool | None]:
+            values = await read(paths)
+            r[R_ANSWERS], r[R_STATE], r[R_RESULT_OF] = 42.0, 1.0, 0.0
+            return values
+
+        nc._session.read = read_and_go_on  # type: ignore[method-assign]
+        assert (await nc.probing_status(41)).state is ProbingState.REQUESTED
+        await nc.close()

@@ -47,6 +47,8 @@ class Control:
     mode: OperatingMode = OperatingMode.AUTO
     program: ProgramState = ProgramState.ABORTED
     speed: float = 0.0
+    ready: bool | None = None
+    probing: bool | None = None
     slow: asyncio.Event | None = None
     """A write lasts until it is set."""
     in_write: bool = False
@@ -74,7 +76,10 @@ class Control:
         self._here()
         positions = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": 0.0, "C": 0.0}
         states = {"coolant": 1.0, "spindle_speed": self.speed}
-        return NcSnapshot(self.clock.utc(), self.clock.monotonic(), positions, states, self.mode, self.program)
+        return NcSnapshot(
+            self.clock.utc(), self.clock.monotonic(), positions, states, self.mode, self.program,
+            ready=self.ready, probing=self.probing,
+        )  # fmt: skip
 
     async def request_probing(self, number: int) -> None:
         if self.busy:

@@ -289,3 +289,29 @@ async def test_a_request_that_the_control_will_not_take_back_keeps_nobody_from_c
         await bench.clock.run_until(20.0)
     assert bench.control.in_force == (0.0, 0.0, 4.0)
     assert bench.notices == []
+
+
+async def test_a_cycle_that_does_not_end_in_its_time_is_taken_back_at_once() -> None:
+    bench = Bench("monitor")
+    async with bench.running():
+        await bench.clock.run_until(2.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(900.0)
+        assert bench.control.withdrawn == []
+        await bench.clock.run_until(910.0)
+        assert bench.control.withdrawn == bench.control.requests == [41]
+        assert (await cycle).end is End.REJECTED
+
+
+async def test_without_a_prediction_a_measurement_of_the_last_hour_stands_in_and_an_older_one_does_not() -> None:
+    bench = Bench("monitor")
+    bench.control.answers = cycles([0.0] * 5 + [90.0] * 3)
+    outcomes = []
+    async with bench.running():
+        for at in (2.0, 3500.0, 3700.0):
+            await bench.clock.run_until(at)
+            cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+            await bench.clock.run_until(at + 20.0)
+            outcomes.append(await cycle)
+    assert [o.end for o in outcomes] == [End.MEASURED, End.REJECTED, End.MEASURED]
+    assert "more than can be believed" in outcomes[1].reason
