@@ -156,8 +156,43 @@ async def test_a_line_lost_in_the_middle_of_a_write_leaves_no_step_behind() -> N
         assert written
         assert len(at.told(ended=False)) == len(at.told(ended=True)) == 1
         assert at.link.armed
-        assert at.jumps_um() <= 2 * SLEW_UM_PER_S + 1e-6
+        assert at.jumps_um() <= SLEW_UM_PER_S + 1e-6
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 40.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("while_it", ["ramps", "writes", "probes"])
+async def test_a_server_that_restarts_leaves_no_step_behind_and_its_cycle_is_no_measurement(while_it: str) -> None:
+    async with bench() as at:
+        nck, write = at.control.nck, at.control.nck.write_k0
+        at.link.follow(wants(40.0))
+        await at.clock.run_until(10.0)
+        stopping: list[asyncio.Task[None]] = []
+
+        def stop_after_the_first_axis(axis: int, value_mm: float, now_s: float) -> None:
+            if not stopping:
+                stopping.append(asyncio.create_task(at.control.stop()))
+            write(axis, value_mm, now_s)
+
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL)) if while_it == "probes" else None
+        if while_it == "writes":
+            nck.write_k0 = stop_after_the_first_axis  # type: ignore[method-assign]
+            await at.clock.run_until(12.0)
+            await stopping[0]
+        else:
+            await at.clock.run_until(70.0 if while_it == "probes" else 10.0)
+            assert (nck.cycle.started_s is not None) is (while_it == "probes")
+            await at.control.stop()
+        await at.clock.run_until(at.clock.monotonic() + 5.0)
+        await at.control.start()
+        await at.clock.run_until(400.0)
+        assert len(at.told(ended=False)) == len(at.told(ended=True)) == 1
+        assert at.link.armed
+        assert at.jumps_um() <= SLEW_UM_PER_S + 1e-6
+        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 40.0], atol=1e-9)
+        if cycle is not None:
+            assert (await cycle).end is End.REFUSED
+            assert nck.cycle.answer.reason is Reason.WITHDRAWN
+            assert written_meanwhile(at.control) == []
 
 
 async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_has_another_number() -> None:
