@@ -163,8 +163,10 @@ def _with(changed: Mapping[str, object], ini: str) -> str:
 
 
 def _bring_sphere(nc: Path) -> None:
-    """What the sphere needs of our code, beside LinuxCNC's files: its Python is not ours and sees no other folder."""
-    shutil.copy(_HERE / "sphere.hal", nc)
+    """What the sphere needs of our code, and a part program that touches it, beside LinuxCNC's files: its Python is not
+    ours and sees no other folder."""
+    for name in ("sphere.hal", "look.ngc"):
+        shutil.copy(_HERE / name, nc)
     (nc / "simulators" / "linuxcnc").mkdir(parents=True)
     for name in ("__init__.py", "linuxcnc/__init__.py", "linuxcnc/sphere.py", "linuxcnc/chain.py"):
         shutil.copy(_HERE.parent / name, nc / "simulators" / name)
