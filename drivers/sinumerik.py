@@ -91,8 +91,8 @@ class Sinumerik:
             *state_paths,
             *self._named.values(),
             *self._referenced,
-            settings.r(settings.handshake.state),
         )
+        self._probing = (settings.r(settings.handshake.state),)  # apart: a control may not tell of its R-parameters
         self._alarms = paths.alarms  # the control's manual asks for them apart from all else
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
@@ -108,7 +108,7 @@ class Sinumerik:
         """Open the session and read everything once, so that a wrong path or a missing right shows at once."""
         try:
             await self._session.connect()
-            for paths in filter(None, (self._snapshot, self._alarms)):
+            for paths in filter(None, (self._snapshot, self._probing, self._alarms)):
                 await self._session.read(paths)
                 if self._settings.subscribe_s > 0:
                     await self._session.watch(paths, self._settings.subscribe_s)
@@ -122,9 +122,10 @@ class Sinumerik:
         await self._session.close()
 
     async def snapshot(self) -> NcSnapshot:
-        """Two requests, or none while the control tells of changes. Raises BadAnswer for an axis without a position
+        """Three requests, or none while the control tells of changes. Raises BadAnswer for an axis without a position
         that is a finite number; states that are none are missing."""
         values = await self._session.latest(self._snapshot)
+        [probing] = await self._session.latest(self._probing)
         shown = await self._session.latest(self._alarms) if self._alarms else []
         time, monotonic_s = self._clock.utc(), self._clock.monotonic()
         x, y, z, *rotary = self._numbers(self._positions, values[: len(AXES)])
@@ -136,7 +137,7 @@ class Sinumerik:
         }
         values = values[len(self._states) :]
         named = dict(zip(self._named, values, strict=False))
-        *referenced, probing = values[len(self._named) :]
+        referenced = values[len(self._named) :]
         alarms = tuple(_code(alarm) for alarm in shown if alarm)
         tool, probe = named.get("tool"), named.get("probe_in_spindle")
         return NcSnapshot(

@@ -14,8 +14,10 @@ from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uatypes import DateTime, Int16, NodeId, StatusCode, String, UInt32
 
 from simulators.nc.access import NOBODY, Users
-from simulators.nc.nck import MachineState
+from simulators.nc.nck import R_STATE, MachineState
 from simulators.nc.variables import Right, Value, Variable
+
+PROBING = f"/Channel/Parameter/R[u1,{R_STATE}]"
 
 
 class Kernel(Protocol):
@@ -109,7 +111,8 @@ def _variant(value: Value) -> ua.Variant:
 async def add_nodes(server: Server, index: int, table: Mapping[str, Variable], kernel: Kernel) -> None:
     """The variables as nodes, so that clients can browse and monitor them.
 
-    R-parameters are left out: like a real control, this one answers for names that it does not list.
+    R-parameters are left out but for the one that tells whether it probes: like a real control, this one answers for
+    names that it does not list.
     """
 
     def value_of(variable: Variable) -> Callable[[NodeId, AttributeIds], ua.DataValue]:
@@ -117,7 +120,7 @@ async def add_nodes(server: Server, index: int, table: Mapping[str, Variable], k
 
     folder = await server.nodes.objects.add_folder(_node_id("/Sinumerik", index), "Sinumerik")
     for path, variable in table.items():
-        if path.startswith("/Channel/Parameter/R["):
+        if path.startswith("/Channel/Parameter/R[") and path != PROBING:
             continue
         node = await folder.add_variable(_node_id(path, index), path, 0.0)
         server.set_attribute_value_callback(node.nodeid, value_of(variable))

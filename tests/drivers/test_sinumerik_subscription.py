@@ -6,6 +6,9 @@ from contextlib import asynccontextmanager
 from datetime import datetime
 
 import pytest
+from asyncua.server.internal_subscription import InternalSubscription
+from asyncua.ua.status_codes import StatusCodes
+from asyncua.ua.uatypes import StatusCode, UInt32
 
 from drivers.base import DriverError, SystemClock
 from drivers.nc import NcSnapshot, OperatingMode
@@ -26,6 +29,10 @@ class Counting(EmulatedControl):
         self.requests += 1  # every read request stamps its values with the time, once
         return super().utc()
 
+    def subscriptions(self) -> list[InternalSubscription]:
+        assert self._server is not None
+        return list(self._server.iserver.subscription_service.subscriptions.values())
+
 
 @asynccontextmanager
 async def watched(subscriptions: bool = True) -> AsyncIterator[tuple[Sinumerik, Counting]]:
@@ -42,9 +49,11 @@ async def watched(subscriptions: bool = True) -> AsyncIterator[tuple[Sinumerik, 
         await asyncio.get_running_loop().shutdown_default_executor()
 
 
-async def until(snapshot: Callable[[], Awaitable[NcSnapshot]], shows: Callable[[NcSnapshot], bool]) -> NcSnapshot:
-    """The first snapshot that shows something; fails after 3 s."""
-    async with asyncio.timeout(3.0):
+async def until(
+    snapshot: Callable[[], Awaitable[NcSnapshot]], shows: Callable[[NcSnapshot], bool], limit_s: float = 3.0
+) -> NcSnapshot:
+    """The first snapshot that shows something; fails after `limit_s`."""
+    async with asyncio.timeout(limit_s):
         while not shows(seen := await snapshot()):
             await asyncio.sleep(0.01)
     return seen
@@ -83,3 +92,39 @@ async def test_the_subscription_is_back_after_the_control_was_away() -> None:
         control.nck.set_mode(AUTO, 0.0)
         await until(nc.snapshot, lambda s: s.mode is OperatingMode.AUTO)
         assert control.requests == before
+
+
+async def told(nc: Sinumerik, control: Counting) -> None:
+    """Return when the first values of all nodes have come, and nothing is asked for any more."""
+    async with asyncio.timeout(3.0):
+        while True:
+            before = control.requests
+            await nc.snapshot()
+            if control.requests == before:
+                return
+            await asyncio.sleep(0.05)
+
+
+async def test_a_subscription_that_falls_silent_is_believed_no_longer() -> None:
+    async with watched() as (nc, control):
+        await told(nc, control)
+        assert nc._session._client is not None
+        nc._session._client._stale_check_margin = 1e9  # the library makes a new one, some time later
+        for subscription in control.subscriptions():
+            assert subscription._task is not None
+            subscription._task.cancel()  # it publishes nothing more, no sign of life either; reads are answered
+        control.nck.set_mode(JOG, 0.0)
+        assert (await nc.snapshot()).mode is OperatingMode.AUTO, "as told last"
+        await until(nc.snapshot, lambda s: s.mode is OperatingMode.JOG, limit_s=5.0)
+
+
+async def test_a_subscription_whose_status_changes_is_believed_no_longer_though_it_gives_signs_of_life() -> None:
+    async with watched() as (nc, control):
+        await told(nc, control)
+        control._tasks[1].cancel()  # no changes are told any more
+        control.nck.set_mode(JOG, 0.0)
+        await asyncio.sleep(1.5)  # longer than a sign of life takes to come
+        assert (await nc.snapshot()).mode is OperatingMode.AUTO
+        for subscription in control.subscriptions():
+            await subscription.monitored_item_srv.trigger_statuschange(StatusCode(UInt32(StatusCodes.BadTimeout)))
+        await until(nc.snapshot, lambda s: s.mode is OperatingMode.JOG)
