@@ -13,7 +13,7 @@ from drivers.nc import OperatingMode, ProbingState
 from drivers.sinumerik import Sinumerik
 from drivers.sinumerik_settings import Handshake, SinumerikSettings
 from simulators.nc import User
-from simulators.nc.nck import JOG
+from simulators.nc.nck import JOG, R_SPREAD
 from simulators.nc.variables import ALARMS_SHOWN, DRIVES_ON, Right
 from tests.drivers.emulated_bench import POSES, Bench, expected_deviation_um, sinumerik_bench, wired
 from tests.manual_clock import ManualClock
@@ -334,3 +334,11 @@ async def test_without_alarm_nodes_none_are_read(bench: Bench) -> None:
     snapshot = await nc.snapshot()
     assert (snapshot.alarms, snapshot.ready) == ((), True)
     await nc.close()
+
+
+async def test_how_far_repeated_touches_were_apart_is_told_with_the_result(bench: Bench) -> None:
+    assert (await bench.cycle(1)).spread_mm == 0.0
+    bench.control.nck.loose_um = 20.0
+    bench.clock.move_to(bench.clock.now + 10.0)
+    loose = (await bench.cycle(2)).spread_mm
+    assert loose == bench.control.nck.r[R_SPREAD] > 0.01

@@ -8,9 +8,12 @@ from pathlib import Path
 from time import monotonic
 
 import pytest
+from asyncua import ua
+from asyncua.ua.status_codes import StatusCodes
+from asyncua.ua.uatypes import StatusCode, UInt32
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SystemClock, WrongDevice
-from drivers.nc import ProbingState
+from drivers.nc import OperatingMode, ProbingState
 from drivers.sinumerik import Sinumerik
 from drivers.sinumerik_settings import Compensation, Paths, SinumerikSettings, Source
 from gateway.clock import RealClock
@@ -244,4 +247,49 @@ async def test_what_changes_between_two_looks_at_the_same_answer_is_no_answer_ye
 
         nc._session.read = read_and_go_on  # type: ignore[method-assign]
         assert (await nc.probing_status(41)).state is ProbingState.REQUESTED
+        await nc.close()
+
+
+def spoil(control: EmulatedControl, path: str) -> None:
+    """The control shows a value there, and that it is not good."""
+    assert control._server is not None
+    service = control._server.iserver.attribute_service
+    read, bad = service.read, StatusCode(UInt32(StatusCodes.BadOutOfService))
+
+    def spoiled(params: ua.ReadParameters) -> list[ua.DataValue]:
+        answers = zip(params.NodesToRead, read(params), strict=True)
+        return [ua.DataValue(v.Value, StatusCode=bad) if i.NodeId.Identifier == path else v for i, v in answers]
+
+    service.read = spoiled  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("what", ["a position", "a state", "the mode", "an alarm", "a result"])
+async def test_a_value_that_the_control_itself_calls_bad_is_no_value(what: str) -> None:
+    control = emulated(kind=FrozenProgram)
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        good = await nc.snapshot()
+        assert (good.ready, good.mode) == (True, OperatingMode.AUTO)
+        if what == "a position":
+            spoil(control, "/Channel/MachineAxis/actToolBasePos[u1,2]")
+            with pytest.raises(BadAnswer, match=r"actToolBasePos\[u1,2\] has no value"):
+                await nc.snapshot()
+        elif what == "a state":
+            spoil(control, "/Channel/Spindle/actSpeed[u1,1]")
+            assert set(good.states) - set((await nc.snapshot()).states) == {"spindle_speed"}
+        elif what == "the mode":
+            spoil(control, "/Bag/State/opMode[u1]")
+            assert (await nc.snapshot()).mode is OperatingMode.UNKNOWN
+        elif what == "an alarm":
+            spoil(control, "/Nck/SequencedAlarms/textIndex[2]")
+            assert (await nc.snapshot()).ready is False, "it may be the emergency stop"
+        else:
+            r = control.nck.r
+            r[R_REQUEST] = r[R_ANSWERS] = r[R_RESULT_OF] = 41.0
+            r[R_STATE] = 3.0
+            assert (await nc.probing_status(41)).state is ProbingState.DONE
+            spoil(control, "/Channel/Parameter/R[u1,75]")
+            with pytest.raises(BadAnswer, match=r"R\[u1,75\] has no value"):
+                await nc.probing_status(41)
         await nc.close()

@@ -378,6 +378,22 @@ async def test_a_result_that_is_no_number_or_told_twice_is_one_answer_at_most() 
     assert again.number == good.number + 1
 
 
+async def test_a_sphere_that_is_loose_makes_no_measurement() -> None:
+    async with bench(mode="monitor") as at:
+        outcomes = []
+        await at.clock.run_until(2.0)
+        for loose_um in (0.0, 20.0):
+            at.control.nck.loose_um = loose_um
+            cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+            await at.clock.run_until(at.clock.monotonic() + 250.0)
+            assert cycle.done()
+            outcomes.append(await cycle)
+    firm, loose = outcomes
+    assert firm.measurement is not None
+    assert (loose.measurement, loose.end) == (None, End.REJECTED)
+    assert "repeated touches of a point differ by" in loose.reason
+
+
 @pytest.mark.parametrize("when", ["while it waits", "while it probes"])
 async def test_an_emergency_stop_ends_the_measurement_with_its_reason(when: str) -> None:
     async with bench() as at:
