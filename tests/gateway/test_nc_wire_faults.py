@@ -266,13 +266,13 @@ async def test_offsets_stand_still_also_while_somebody_else_has_the_control_prob
         await other.request_probing(900)
         ours = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(20.0)
-        refused = await ours
+        refused = ours.result()
         at.link.follow(wants(25.0))
         await at.clock.run_until(60.0)
         assert nck.cycle.started_s is not None
         again = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(65.0)
-        assert (await again).end is refused.end is End.REFUSED
+        assert again.result().end is refused.end is End.REFUSED
         await at.clock.run_until(300.0)
         assert (await other.probing_status(900)).state is ProbingState.DONE
         await other.close()
