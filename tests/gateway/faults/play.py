@@ -40,10 +40,11 @@ async def all_at_once(plays: Mapping[str, Play], folder: Path) -> None:
                 await asyncio.to_thread(place.mkdir)
                 try:
                     await play(place, metronome)
-                    return
-                except (AssertionError, TimeoutError) as error:
+                except* (AssertionError, TimeoutError) as errors:  # in a group when the acquisition ran
                     if tries == MOST_TRIES or metronome.lost_s(begun) < STARVED_S:
-                        raise AssertionError(f"{name}: {error}") from error
+                        raise AssertionError(f"{name}: {errors.exceptions}") from errors
+                else:
+                    return
 
         async with asyncio.TaskGroup() as tasks:
             for name, play in plays.items():
