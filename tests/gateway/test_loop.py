@@ -27,8 +27,8 @@ from talc.models import ModelSet
 from talc.sensor_check import Judgement
 from talc.settings import ControlSettings, TalcSettings
 from talc.training import train
+from tests.gateway.nc_link_bench import Bench
 from tests.gateway.stepped_clock import SteppedClock
-from tests.gateway.test_nc_link import Bench
 from tests.gateway.test_service_reload import FILE, TEXT
 from tests.talc.thermal_series import series
 

@@ -5,7 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from tests.gateway.test_nc_link import Bench, decision
+from tests.gateway.nc_link_bench import Bench, decision
 
 
 async def test_a_process_that_stood_still_between_its_first_beat_and_its_first_write_does_not_write() -> None:

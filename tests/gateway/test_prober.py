@@ -10,7 +10,7 @@ import pytest
 from drivers.nc import ProbingState, ProbingStatus
 from gateway.measurement import End
 from talc.frame import Why
-from tests.gateway.test_nc_link import Bench, decision
+from tests.gateway.nc_link_bench import Bench, decision
 
 
 async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_result() -> None:

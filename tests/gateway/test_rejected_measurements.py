@@ -20,8 +20,8 @@ from talc.control import Controller
 from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
 from talc.training import train
+from tests.gateway.nc_link_bench import Bench
 from tests.gateway.stepped_clock import EPOCH
-from tests.gateway.test_nc_link import Bench
 from tests.gateway.test_service_reload import FILE, TEXT
 
 STEP_S = 300.0

@@ -16,7 +16,7 @@ from gateway.store import History, Store
 from simulators.nc.watchdog import R_OWNER, Logged
 from talc import kinematics
 from talc.frame import Decision
-from tests.gateway.test_nc_link import decision
+from tests.gateway.nc_link_bench import decision
 from tests.gateway.wire_bench import BOUND_UM, STALE_S, assert_never_stepped, config, wire_bench
 
 T = TypeVar("T")

@@ -19,7 +19,7 @@ from simulators.nc.nck import R_WITHDRAW
 from simulators.nc.watchdog import R_OWNER
 from talc.control import Controller
 from talc.frame import Why
-from tests.gateway.test_nc_link import decision
+from tests.gateway.nc_link_bench import decision
 from tests.gateway.wire_bench import WireBench, wire_bench
 
 
