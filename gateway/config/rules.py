@@ -47,7 +47,9 @@ def cautions(config: GatewayConfig) -> list[Problem]:
                     f"'{port}' may name another adapter after a reboot; use its name in /dev/serial/by-id",
                 )
             )
-        if not isinstance(bus, CanBus | MeEthernetBus) and bus.timeout_s > bus.period_s:  # these only listen
+        asks = not isinstance(bus, CanBus | MeEthernetBus)  # these only listen
+        shared = sum(device.bus == bus.name for device in config.devices) > 1
+        if asks and shared and bus.timeout_s > bus.period_s:
             found.append(
                 Problem(
                     f"bus '{bus.name}', timeout_s",

@@ -150,8 +150,16 @@ def test_raw_usb_port_is_a_caution_not_an_error() -> None:
 def test_a_timeout_longer_than_the_period_is_a_caution_where_devices_are_asked() -> None:
     path = CASES / "valid" / "gateway.toml"
     text = valid_text().replace("192.168.214.1", "127.0.0.1")
-    slow = parse(text.replace('name = "tcp1"', 'name = "tcp1"\ntimeout_s = 2.0'), path)
-    (caution,) = cautions(slow)
+    slow = text.replace('name = "tcp1"', 'name = "tcp1"\ntimeout_s = 2.0')
+    assert cautions(parse(slow, path)) == [], "nobody else is on it"
+    second = """[[device]]
+name = "second"
+bus = "tcp1"
+profile = "advantech_adam6015"
+unit = 2
+channels.roof = 0
+"""
+    (caution,) = cautions(parse(slow.replace("[[state]]", f"{second}\n[[state]]"), path))
     assert caution.where == "bus 'tcp1', timeout_s"
     assert caution.what.startswith("2 is longer than period_s = 1: one device that falls silent costs the others")
     listening = 'name = "can1"\nkind = "can"\nchannel = "can0"\ntimeout_s = 2.0\n'
