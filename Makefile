@@ -11,7 +11,7 @@ bench: $(VENV)/.ready
 
 # One of the papers' studies in full (docs/studies.md); goes on where it was stopped and renews its table in README.md.
 study: $(VENV)/.ready
-	$(BIN)/talc-gateway study $(NAME) --readme README.md
+	$(BIN)/python -m studies $(NAME) --readme README.md
 
 .PHONY: bench study demo test lint format types imports clean
 
@@ -33,7 +33,7 @@ types: $(VENV)/.ready
 	$(BIN)/mypy
 
 imports: $(VENV)/.ready
-	$(BIN)/lint-imports
+	PYTHONPATH=. $(BIN)/lint-imports
 
 # Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them,
 # and runs the slow ones too.

@@ -28,9 +28,9 @@ import zenoh
 from benchmarks.emulators import CHANNELS, UNITS
 from benchmarks.rows import Row
 from drivers.base import Quality, SystemClock
-from gateway import keys
 from gateway.config import GatewayConfig, load
-from gateway.store import Store
+from gateway.storage.store import Store
+from gateway.telemetry import keys
 from simulators.clock import SharedClock
 from talc.control import Controller
 from talc.frame import Frame, Measurement

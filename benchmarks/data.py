@@ -11,7 +11,7 @@ from simulators.cases import SEASONS, random_axes
 from simulators.nc import LoadCase
 from simulators.plant import MACHINES, MachineDrive, Parameters, Plant, load, record
 from simulators.plant.parameters import assemble, reduced, tables
-from simulators.studies.loop import Days, days
+from studies.loop import Days, days
 
 Array = NDArray[np.float64]
 

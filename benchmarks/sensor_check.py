@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.data import Array, machine
 from benchmarks.rows import Row
 from gateway.clock import RealClock
-from gateway.sensor_watch import SensorWatch
+from gateway.control.sensor_watch import SensorWatch
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame
 from talc.sensor_check import Judgement, judge
 from talc.sensor_model import CHANGE_STEPS, SensorModel, learn

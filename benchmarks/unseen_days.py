@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.data import Array, machine
 from benchmarks.rows import Row
-from simulators.studies.loop import control, held
+from studies.loop import control, held
 from talc.indicators import peak_to_peak, rms
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 

@@ -15,17 +15,17 @@ from drivers.bus_settings import (
     ModbusTcpSettings,
     settings_from,
 )
-from drivers.can_bus import CanBus
-from drivers.can_dbc import CanDbcDevice, CanDbcProfile
-from drivers.canopen_bus import CanOpenBus
-from drivers.canopen_profile import Cia404Profile
-from drivers.cia404 import Cia404Device, Cia404Options
-from drivers.displacement_profile import DisplacementOptions, MeEthernetProfile, MeRs485Profile
-from drivers.me_ethernet import MeEthernetBus, MeEthernetDevice
-from drivers.me_rs485 import MeRs485Bus, MeRs485Device
-from drivers.modbus_bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
-from drivers.modbus_device import ModbusDevice, ModbusOptions
-from drivers.modbus_profile import ModbusProfile
+from drivers.can.bus import CanBus
+from drivers.can.dbc import CanDbcDevice, CanDbcProfile
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.cia404 import Cia404Device, Cia404Options
+from drivers.canopen.profile import Cia404Profile
+from drivers.micro_epsilon.ethernet import MeEthernetBus, MeEthernetDevice
+from drivers.micro_epsilon.profile import DisplacementOptions, MeEthernetProfile, MeRs485Profile
+from drivers.micro_epsilon.rs485 import MeRs485Bus, MeRs485Device
+from drivers.modbus.bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
+from drivers.modbus.device import ModbusDevice, ModbusOptions
+from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import Profile, load_profile
 from drivers.tap import Tap
 

@@ -8,15 +8,15 @@ from importlib.resources import files
 from pathlib import Path
 
 from drivers.base import SetupError
-from drivers.can_dbc import DBC_ENCODING, CanDbcProfile, can_dbc_profile, dbc_path
-from drivers.canopen_profile import Cia404Profile, cia404_profile
-from drivers.displacement_profile import (
+from drivers.can.dbc import DBC_ENCODING, CanDbcProfile, can_dbc_profile, dbc_path
+from drivers.canopen.profile import Cia404Profile, cia404_profile
+from drivers.micro_epsilon.profile import (
     MeEthernetProfile,
     MeRs485Profile,
     me_ethernet_profile,
     me_rs485_profile,
 )
-from drivers.modbus_profile import ModbusProfile, modbus_profile
+from drivers.modbus.profile import ModbusProfile, modbus_profile
 from drivers.toml_table import Table
 
 Profile = ModbusProfile | Cia404Profile | CanDbcProfile | MeRs485Profile | MeEthernetProfile

@@ -8,12 +8,12 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.base import BadAnswer, NoAnswer, Refused
-from drivers.canopen_bus import CanObject, CanOpenBus
-from drivers.canopen_profile import Cia404Profile
-from drivers.me_ethernet import MeEthernetBus
-from drivers.me_rs485 import MeRs485Bus, decode_counted, decode_float
-from drivers.modbus_bus import ModbusBus
-from drivers.modbus_profile import Block, ModbusProfile, NumberFormat
+from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.profile import Cia404Profile
+from drivers.micro_epsilon.ethernet import MeEthernetBus
+from drivers.micro_epsilon.rs485 import MeRs485Bus, decode_counted, decode_float
+from drivers.modbus.bus import ModbusBus
+from drivers.modbus.profile import Block, ModbusProfile, NumberFormat
 from drivers.profiles import load_profile, profile_names
 
 _PROPOSED_RANGE_UM = 500.0

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import can
 
-from drivers.can_receiver import MonotonicInterface
+from drivers.can.receiver import MonotonicInterface
 
 
 class Tap(Protocol):

@@ -8,10 +8,10 @@ import numpy as np
 
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
-from gateway.sensor_watch import SeenBefore
+from gateway.control.sensor_watch import SeenBefore
+from gateway.control.trainer import has_failed
 from gateway.service import Past
-from gateway.store import History, StoredStep, StoreError
-from gateway.trainer import has_failed
+from gateway.storage.store import History, StoredStep, StoreError
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, TrainingJob
 from talc.names import THERMAL_ERRORS

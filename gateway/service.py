@@ -12,20 +12,20 @@ from pathlib import Path
 
 from drivers.base import Reading
 from drivers.tap import Tap
-from gateway.acquisition import Acquisition, Line, Notice
-from gateway.board import Board
+from gateway.acquisition.board import Board
+from gateway.acquisition.build import control_of, lines_of
+from gateway.acquisition.reload import Difference, ReloadError, apply
+from gateway.acquisition.runner import Acquisition, Line, Notice
+from gateway.acquisition.stale import StaleWatch
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
-from gateway.grid import GridSampler, Schedule
-from gateway.loop import GridLoop
-from gateway.measurement import Probe, poses_in_radians
-from gateway.nc_link import NcLink
-from gateway.outlet import Outlet
-from gateway.probing_schedule import ProbingSchedule
-from gateway.reload import Difference, ReloadError, apply
-from gateway.sensor_watch import SeenBefore, SensorWatch
-from gateway.stale_watch import StaleWatch
-from gateway.wiring import control_of, lines_of
+from gateway.control.grid import GridSampler, Schedule
+from gateway.control.loop import GridLoop
+from gateway.control.sensor_watch import SeenBefore, SensorWatch
+from gateway.events import Outlet
+from gateway.nc.link import NcLink
+from gateway.probing.cycle import Probe, poses_in_radians
+from gateway.probing.schedule import ProbingSchedule
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
 from talc.names import THERMAL_ERRORS

@@ -17,9 +17,9 @@ from drivers.base import DriverError
 from gateway.cli.report import write
 from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
+from gateway.cli.terminal import terminal
+from gateway.cli.view import LiveView, ViewOutlet, ViewState
 from gateway.config import GatewayConfig, load
-from gateway.terminal import terminal
-from gateway.view import LiveView, ViewOutlet, ViewState
 from simulators.clock import SharedClock
 
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)

@@ -18,14 +18,14 @@ import numpy as np
 from rich.table import Table
 
 from drivers.base import DriverError
-from drivers.linuxcnc import LinuxCnc
-from drivers.linuxcnc_settings import LinuxCncSettings
+from drivers.linuxcnc.control import LinuxCnc
+from drivers.linuxcnc.settings import LinuxCncSettings
+from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
-from gateway.measurement import Outcome, Probe, poses_in_radians
-from gateway.nc_link import NcLink
-from gateway.terminal import terminal
+from gateway.nc.link import NcLink
+from gateway.probing.cycle import Outcome, Probe, poses_in_radians
 from simulators.linuxcnc.machine import HURRY, Machine, machine, missing
 from simulators.plant import Environment, MachineDrive, Plant, load
 from talc.frame import Decision, FloatArray, Measurement, Phase, Why

@@ -1,7 +1,6 @@
 """`talc-gateway`: its commands, and what their exit codes mean."""
 
 import logging
-import os
 import sys
 from pathlib import Path
 
@@ -10,9 +9,9 @@ import click
 from drivers.base import DriverError, SetupError
 from drivers.bus_settings import is_multicast_group
 from gateway.config import ConfigError, GatewayConfig, cautions, load
-from gateway.recording_problems import RecordingError
-from gateway.store import StoreError
-from gateway.wire_log import WireLogError
+from gateway.recordings.problems import RecordingError
+from gateway.recordings.wire_log import WireLogError
+from gateway.storage.store import StoreError
 
 EXIT_CONFIG = 2
 """The configuration (or what was typed) cannot be."""
@@ -80,8 +79,8 @@ def read_config(path: Path) -> GatewayConfig:
 @ConfigPath
 def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
+    from gateway.acquisition.build import lines_of
     from gateway.clock import RealClock
-    from gateway.wiring import lines_of
 
     checked = read_config(config)
     lines_of(checked, RealClock())
@@ -221,7 +220,7 @@ def demo(
 @click.option("--machine", default="bench", show_default=True)
 def watch(connect: tuple[str, ...], prefix: str, machine: str) -> None:
     """Follow a running gateway as an ordinary Zenoh subscriber."""
-    from gateway.watch import watch as follow
+    from gateway.cli.watch import watch as follow
 
     sys.exit(follow(connect=connect, prefix=prefix, machine=machine))
 
@@ -251,8 +250,8 @@ def replay(
     gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), every other column an input. The controller runs over it as if it
     were live, and the report is written. The options are for recordings.
     """
-    from gateway.recording_columns import Columns
-    from gateway.recording_files import is_database
+    from gateway.recordings.columns import Columns
+    from gateway.recordings.files import is_database
 
     if is_database(file):
         from gateway.cli.replay import show
@@ -297,29 +296,3 @@ def report(database: Path, output: Path | None) -> None:
     from gateway.cli.report import write
 
     write(database, _page(output, database))
-
-
-@main.command()
-@click.argument("name", required=False)
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Default: out/studies/NAME, NAME-small.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes. Default: one per core.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-@click.option("--small", is_flag=True, help="A few runs only, to see it work.")
-@click.option("--readme", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Renew its table there.")
-def study(name: str | None, out: Path | None, workers: int | None, seed: int, small: bool, readme: Path | None) -> None:
-    """Run the study NAME, or go on with it; without NAME list the studies."""
-    from simulators.studies import STUDIES
-
-    if name is None:
-        for known in STUDIES.values():
-            click.echo(f"{known.name:16} {known.summary}")
-        return
-    if name not in STUDIES:
-        raise click.BadParameter(f"{name!r}: expected one of {', '.join(STUDIES)}", param_hint="NAME")
-    from gateway.cli.study import run_study
-
-    folder = out or Path("out/studies") / (f"{name}-small" if small else name)
-    if not run_study(name, folder, seed, small, workers or os.cpu_count() or 1, readme):
-        raise click.BadParameter(
-            f"{readme}: has no lines <!-- study {name} --> and <!-- end -->", param_hint="--readme"
-        )

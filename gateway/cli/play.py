@@ -11,12 +11,12 @@ from typing import Protocol
 import can
 
 from gateway.cli.signals import stop_on_signals
+from gateway.cli.terminal import terminal
 from gateway.config.buses import Bus, CanBus, CanopenBus, MeEthernetBus, ModbusTcpBus
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import unpacked
 from gateway.config.wires import toml_value, wires_toml
-from gateway.terminal import terminal
-from gateway.wire_log import Event, WireLogError, is_wire_log, read_wire_log
+from gateway.recordings.wire_log import Event, WireLogError, is_wire_log, read_wire_log
 from simulators.devices.playback import PlayedAdapter, PlayedGroup, PlayedHost, PlayedLine
 from simulators.devices.script import EXTENDED, Passed, Script, can_script, stream_script, unnumbered
 

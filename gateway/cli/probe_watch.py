@@ -16,13 +16,13 @@ from rich.live import Live
 from rich.text import Text
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, Line, Notice
+from gateway.acquisition.build import lines_of
+from gateway.acquisition.runner import Acquisition, Line, Notice
 from gateway.cli.numbers import shown
 from gateway.cli.signals import stop_on_signals
+from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
-from gateway.terminal import terminal
-from gateway.wiring import lines_of
 
 _WINDOW = 60
 """Reads over which rate and jitter are taken."""
@@ -211,7 +211,7 @@ def watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -
 
     every_s: how often it is shown; None: twice a second on a terminal, each 10 s elsewhere
     """
-    logging.getLogger("gateway.acquisition").setLevel(logging.ERROR)  # what it tells is shown here
+    logging.getLogger("gateway.acquisition.runner").setLevel(logging.ERROR)  # what it tells is shown here
     return asyncio.run(_watch(config, seconds, every_s))
 
 

@@ -8,21 +8,21 @@ from pathlib import Path
 from time import monotonic
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, Notice
+from gateway.acquisition.build import lines_of
+from gateway.acquisition.runner import Acquisition, Notice
 from gateway.cli.signals import stop_on_signals
+from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
 from gateway.config.packed import packed_toml
-from gateway.terminal import terminal
-from gateway.wire_log import WireLogWriter
-from gateway.wiring import lines_of
+from gateway.recordings.wire_log import WireLogWriter
 
 _SHOWN_EVERY_S = 1.0
 
 
 def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> None:
     """Until Ctrl-C, or for so many seconds, or until the file has that size. Raises OSError when it cannot be made."""
-    logging.getLogger("gateway.acquisition").setLevel(logging.ERROR)  # what it tells is said here
+    logging.getLogger("gateway.acquisition.runner").setLevel(logging.ERROR)  # what it tells is said here
     asyncio.run(_record(config, path, seconds, most_mb))
 
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from rich.progress import Progress
 
+from gateway.cli.terminal import terminal
 from gateway.config.talc_only import TalcOnly, load_talc_only
-from gateway.recording import Recording, read_recording
-from gateway.recording_columns import Columns
+from gateway.recordings.columns import Columns
+from gateway.recordings.grid import Recording, read_recording
 from gateway.replay import replay
-from gateway.store import History
-from gateway.terminal import terminal
+from gateway.storage.store import History
 
 _DAY_H = 24.0
 
@@ -61,7 +61,7 @@ class Request:
 
 def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
-    from gateway.rehearsal import rehearse
+    from gateway.recordings.rehearsal import rehearse
     from gateway.report import build, summary, table
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)

@@ -9,14 +9,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from drivers.base import DriverError
+from gateway.acquisition.reload import ReloadError
 from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, load
 from gateway.config.packed import packed_toml
-from gateway.reload import ReloadError
+from gateway.recordings.wire_log import WireLogWriter
 from gateway.service import Service
-from gateway.wire_log import WireLogWriter
 
 log = logging.getLogger(__name__)
 

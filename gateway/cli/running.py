@@ -7,13 +7,13 @@ from contextlib import AsyncExitStack
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 from gateway.config.packed import packed_toml
-from gateway.outlet import Fanout, Outlet
+from gateway.events import Fanout, Outlet
+from gateway.recordings.wire_log import WireLogWriter
 from gateway.replay import past_of
 from gateway.service import Service
-from gateway.store import History, Store, boot_id
-from gateway.telemetry import Telemetry
+from gateway.storage.store import History, Store, boot_id
+from gateway.telemetry.publisher import Telemetry
 from gateway.versions import versions
-from gateway.wire_log import WireLogWriter
 from talc.frame import Decision
 
 _WIRES = ("pymodbus", "canopen", "asyncua", "eclipse-zenoh")

@@ -15,6 +15,7 @@ from rich.table import Table
 from drivers.bus_settings import CAN_BITRATES, CAN_INTERFACES, CanOpenSettings, settings_from
 from drivers.recognition import describe
 from gateway.cli.signals import stop_on_signals
+from gateway.cli.terminal import terminal
 from gateway.config import ConfigError, Problem
 from gateway.config.load import read
 from gateway.scan import can, serial, tcp
@@ -22,7 +23,6 @@ from gateway.scan.found import Progress as Told
 from gateway.scan.found import Report, Stopped
 from gateway.scan.fragment import check, merged
 from gateway.scan.ports import ports
-from gateway.terminal import terminal
 
 Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
 """Takes also whether a report's question was answered with yes."""

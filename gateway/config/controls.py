@@ -12,10 +12,10 @@ from urllib.parse import urlsplit
 from pydantic import Field, model_validator
 
 from drivers.base import SetupError
-from drivers.linuxcnc import STATES as LINUXCNC_STATES
-from drivers.linuxcnc_settings import DEFAULT_PORT, LARGEST_UM, LinuxCncSettings
-from drivers.opcua_settings import OpcUaSettings, valid_certificate
-from drivers.sinumerik_settings import (
+from drivers.linuxcnc.control import STATES as LINUXCNC_STATES
+from drivers.linuxcnc.settings import DEFAULT_PORT, LARGEST_UM, LinuxCncSettings
+from drivers.opcua.settings import OpcUaSettings, valid_certificate
+from drivers.sinumerik.settings import (
     Compensation,
     Handshake,
     Lease,

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 from drivers.base import BadAnswer, NoAnswer
 from drivers.bus_settings import CanOpenSettings
-from drivers.can_survey import CanSurvey, Heard
-from drivers.canopen_bus import CanOpenBus
+from drivers.can.survey import CanSurvey, Heard
+from drivers.canopen.bus import CanOpenBus
 from drivers.recognition import Recognition, recognise_canopen
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
 

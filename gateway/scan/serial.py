@@ -7,9 +7,9 @@ from typing import Literal
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
 from drivers.bus_settings import MeRs485Settings, ModbusRtuSettings
-from drivers.me_rs485 import MeRs485Bus
-from drivers.modbus_bus import ModbusRtuBus
-from drivers.modbus_profile import Block
+from drivers.micro_epsilon.rs485 import MeRs485Bus
+from drivers.modbus.bus import ModbusRtuBus
+from drivers.modbus.profile import Block
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.bus_settings import MeEthernetSettings, ModbusTcpSettings
-from drivers.me_ethernet import MeEthernetBus
-from drivers.modbus_bus import ModbusTcpBus
+from drivers.micro_epsilon.ethernet import MeEthernetBus
+from drivers.modbus.bus import ModbusTcpBus
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
 from gateway.scan.serial import ANY_REGISTER

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.base import ConnectError, DriverError, NoAnswer, Quality, WrongDevice
 from drivers.build import make_bus
-from tests.drivers.rigs import NEIGHBOUR, RIGS, SHARED, TIMEOUT_S, TYPED, Rig
+from tests.benches.rigs import NEIGHBOUR, RIGS, SHARED, TIMEOUT_S, TYPED, Rig
 
 
 @pytest.fixture(params=RIGS)

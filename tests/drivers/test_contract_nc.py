@@ -11,7 +11,7 @@ import pytest
 
 from drivers.base import DriverError, Quality, Refused
 from drivers.nc import NcSnapshot, OperatingMode, ProbingState, Watch
-from tests.drivers.nc_benches import BENCHES, NEEDS_DEBIAN, SLOW, NcBench
+from tests.benches.nc_benches import BENCHES, NEEDS_DEBIAN, SLOW, NcBench
 
 WATCH = Watch(silence_s=60.0, ramp_um_per_s=2.0)
 

@@ -7,9 +7,9 @@ import pytest
 
 from drivers.base import Refused
 from drivers.nc import Watch
-from drivers.sinumerik import Sinumerik
-from drivers.sinumerik_settings import SinumerikSettings
-from tests.drivers.emulated_bench import Bench, sinumerik_bench
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
+from tests.benches.emulated_bench import Bench, sinumerik_bench
 
 WATCH = Watch(silence_s=5.0, ramp_um_per_s=1.0)
 

@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 from drivers.base import NoAnswer
 from drivers.bus_settings import ModbusTcpSettings
 from drivers.byte_stream import TcpStream
-from drivers.modbus_bus import ModbusTcpBus
+from drivers.modbus.bus import ModbusTcpBus
 from drivers.patience import Patience
 from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.me_sensor import answer_frame
 from simulators.devices.slcan_adapter import Frame, SlcanAdapter
-from tests.drivers.test_can_bytes import NODE, VALUE, talking
-from tests.drivers.test_displacement import line as me_line
-from tests.drivers.test_displacement import value
-from tests.drivers.test_modbus_line import TWO, honest, registers
-from tests.drivers.test_modbus_line import line as rtu_line
+from tests.drivers.can.test_can_bytes import NODE, VALUE, talking
+from tests.drivers.micro_epsilon.test_displacement import line as me_line
+from tests.drivers.micro_epsilon.test_displacement import value
+from tests.drivers.modbus.test_modbus_line import TWO, honest, registers
+from tests.drivers.modbus.test_modbus_line import line as rtu_line
 
 LONGEST_S = 0.5
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.base import SetupError, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.modbus_profile import ModbusProfile, NumberFormat
+from drivers.modbus.profile import ModbusProfile, NumberFormat
 from drivers.profiles import load_profile, profile_names
 from simulators.devices.scenario import Scenario
 

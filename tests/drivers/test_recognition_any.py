@@ -20,12 +20,12 @@ from drivers.bus_settings import (
     ModbusRtuSettings,
     ModbusTcpSettings,
 )
-from drivers.canopen_bus import CanObject, CanOpenBus
-from drivers.canopen_profile import Cia404Profile
-from drivers.me_ethernet import MeBlock, MeEthernetBus
-from drivers.me_rs485 import MeRs485Bus
-from drivers.modbus_bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
-from drivers.modbus_profile import Block, ModbusProfile
+from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.profile import Cia404Profile
+from drivers.micro_epsilon.ethernet import MeBlock, MeEthernetBus
+from drivers.micro_epsilon.rs485 import MeRs485Bus
+from drivers.modbus.bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
+from drivers.modbus.profile import Block, ModbusProfile
 from drivers.profiles import load_profile, profile_names
 from drivers.recognition import (
     Recognition,

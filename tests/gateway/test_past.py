@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.apart import WorkError
 from gateway.config import GatewayConfig, parse
+from gateway.control.sensor_watch import SeenBefore
+from gateway.control.subprocess import WorkError
+from gateway.control.trainer import failed
 from gateway.replay import past_of, replay
-from gateway.sensor_watch import SeenBefore
-from gateway.store import History, Store
-from gateway.trainer import failed
+from gateway.storage.store import History, Store
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement
-from tests.gateway.stepped_clock import SteppedClock
+from tests.benches.stepped_clock import SteppedClock
 
 TEXT = """
 [machine]

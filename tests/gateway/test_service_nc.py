@@ -10,17 +10,17 @@ import pytest
 
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
-from gateway.measurement import End, Outcome
-from gateway.nc_link import NcLink
+from gateway.nc.link import NcLink
+from gateway.probing.cycle import End, Outcome
 from gateway.replay import past_of
 from gateway.service import Past, Service
-from gateway.store import History, Store
+from gateway.storage.store import History, Store
 from simulators.nc.nck import R_WITHDRAW
 from simulators.nc.watchdog import R_OWNER
 from talc.control import Controller
 from talc.frame import Why
-from tests.gateway.nc_link_bench import decision
-from tests.gateway.wire_bench import WireBench, wire_bench
+from tests.benches.nc_link_bench import decision
+from tests.benches.wire_bench import WireBench, wire_bench
 
 
 def config(bench: WireBench, store: str) -> GatewayConfig:

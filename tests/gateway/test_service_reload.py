@@ -7,19 +7,19 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Reading
-from gateway.compensation import Write
+from gateway.acquisition.reload import ReloadError
 from gateway.config import GatewayConfig, parse
-from gateway.measurement import Outcome
-from gateway.probing_schedule import Outlook
-from gateway.reload import ReloadError
+from gateway.nc.slew import Write
+from gateway.probing.cycle import Outcome
+from gateway.probing.schedule import Outlook
 from gateway.service import Past, Service
 from talc.control import Controller
 from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
-from tests.gateway.stepped_clock import SteppedClock
+from tests.benches.stepped_clock import SteppedClock
 
-FILE = Path(__file__).parent / "cases" / "valid" / "gateway.toml"
+FILE = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
 TEXT = """
 [machine]
 name = "mill"

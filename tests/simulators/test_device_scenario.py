@@ -7,7 +7,7 @@ import pytest
 from simulators.devices.m7015 import M7015
 from simulators.devices.modbus_unit import answer
 from simulators.devices.scenario import Scenario
-from tests.manual_clock import ManualClock
+from tests.benches.manual_clock import ManualClock
 
 SCENARIO = """
 [[at]]

@@ -11,12 +11,12 @@ import pytest
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.modbus_bus import ModbusBus
+from drivers.modbus.bus import ModbusBus
 from drivers.profiles import load_profile
 from drivers.recognition import recognise_modbus
 from simulators.devices.__main__ import DEVICES, emulate
 from simulators.devices.scenario import Scenario
-from tests.drivers.logger_files import logger_profile
+from tests.benches.logger_files import logger_profile
 
 PROFILES = {
     "m7015": ("icpdas_m7015", 6),

@@ -12,12 +12,12 @@ import pytest
 
 from drivers.base import Driver, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
-from gateway.acquisition import Acquisition, Line
+from gateway.acquisition.runner import Acquisition, Line
 from gateway.clock import RealClock
 from simulators.devices.__main__ import DEVICES, emulate
 from simulators.devices.scenario import SWITCHES, NotOfThisDeviceError, Scenario
-from tests.drivers.logger_files import logger_profile
-from tests.manual_clock import ManualClock
+from tests.benches.logger_files import logger_profile
+from tests.benches.manual_clock import ManualClock
 from tests.simulators.test_emulate import PROFILES, options
 
 COMM, BROKEN, STALE = Quality.COMM_FAULT, Quality.SENSOR_FAULT, Quality.STALE

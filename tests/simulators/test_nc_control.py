@@ -12,7 +12,7 @@ from asyncua.ua.status_codes import StatusCodes
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
 from simulators.nc.control import NAMESPACE_URI
 from simulators.nc.nck import R_REQUEST
-from tests.manual_clock import ManualClock
+from tests.benches.manual_clock import ManualClock
 
 
 class Touched:

@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 
 from drivers.nc import NumericalControl
-from drivers.sinumerik import Sinumerik
-from drivers.sinumerik_settings import PAIRS, Compensation, SinumerikSettings
-from drivers.sinumerik_slope import SinumerikWithSlopes
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import PAIRS, Compensation, SinumerikSettings
+from drivers.sinumerik.slope import SinumerikWithSlopes
 from gateway.config.model import validate
-from gateway.measurement import Probe, poses_in_radians
-from gateway.nc_link import NcLink
+from gateway.nc.link import NcLink
+from gateway.probing.cycle import Probe, poses_in_radians
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
 from simulators.nc.nck import CEC_TABLES, MachineState, MachineUnderControl
 from simulators.plant import Environment, MachineDrive, Plant, load
 from simulators.plant.plant import RADIUS_MM
 from talc.frame import Decision, FloatArray, Phase, Why
-from tests.gateway.wire_clock import WireClock
+from tests.benches.wire_clock import WireClock
 
 WARM_S = 6 * 3600.0
 SETTLED_S, END_S, SAMPLE_S = 90.0, 240.0, 0.5

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 import zenoh
 
-from gateway import keys
 from gateway.cli.report import collect
 from gateway.replay import replay
 from gateway.report import summary
-from gateway.store import History
+from gateway.storage.store import History
+from gateway.telemetry import keys
 from talc.frame import EventKind, Phase
 
 HOURS, CALIBRATION_HOURS = 20.0, 8.0

@@ -20,11 +20,11 @@ import pytest
 
 from gateway.cli.running import serve
 from gateway.config import GatewayConfig, load
-from gateway.store import History
+from gateway.storage.store import History
 from simulators.clock import SharedClock
 from talc.frame import EventKind, Phase
-from tests.gateway.test_trainer import children
-from tests.system.faulty_machine import FAULT_EVERY_S
+from tests.benches.faulty_machine import FAULT_EVERY_S
+from tests.gateway.control.test_trainer import children
 from tests.system.test_demo import free_port
 
 EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
@@ -57,7 +57,7 @@ def held(hour: float) -> Held:
 @asynccontextmanager
 async def machine(folder: Path) -> AsyncIterator[dict[str, int]]:
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "tests.system.faulty_machine", str(folder), EPOCH.isoformat(), str(SPEED), str(SEED)),
+        *(sys.executable, "-m", "tests.benches.faulty_machine", str(folder), EPOCH.isoformat(), str(SPEED), str(SEED)),
         str(HOURS),
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,

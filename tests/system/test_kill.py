@@ -19,7 +19,7 @@ import pytest
 from drivers.base import SystemClock
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, load
-from gateway.store import Store
+from gateway.storage.store import Store
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.modbus_servers import TcpHost
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
@@ -175,7 +175,7 @@ async def test_a_gateway_killed_at_any_moment_makes_no_step(kills: int, tmp_path
     await asyncio.to_thread(calibrated, config)
     with (tmp_path / "log").open("wb") as errors:
         zygote = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "tests.system.gateways_to_kill", str(path)),
+            *(sys.executable, "-m", "tests.benches.gateways_to_kill", str(path)),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=errors,

@@ -12,14 +12,14 @@ import pytest
 from drivers.nc import OperatingMode
 from gateway.clock import RealClock
 from gateway.config.model import validate
-from gateway.measurement import End
-from gateway.probing_schedule import Standing
+from gateway.probing.cycle import End
+from gateway.probing.schedule import Standing
 from gateway.service import Past, Service
 from simulators.linuxcnc.machine import HURRY
 from talc.control import Controller
 from talc.frame import Why
-from tests.drivers.linuxcnc_bench import running, until
-from tests.gateway.test_loop import Told
+from tests.benches.linuxcnc_bench import running, until
+from tests.gateway.control.test_loop import Told
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 

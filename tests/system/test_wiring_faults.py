@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.wiring_faults import DOCUMENT, FAULTS, blocks, comparable, shown
+from tests.benches.wiring_faults import DOCUMENT, FAULTS, blocks, comparable, shown
 
 SHOWN = blocks(DOCUMENT.read_text(encoding="utf-8"))
 

@@ -13,7 +13,7 @@ from talc.admm import admm
 from talc.arx import Regression
 from talc.pso import Chosen, select
 from talc.window import Structure, Window
-from tests.talc.thermal_series import series
+from tests.benches.thermal_series import series
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from talc.models import ModelSet
 from talc.record import Record
 from talc.settings import ControlSettings, TalcSettings
 from talc.training import train
-from tests.talc.thermal_series import Series, series
+from tests.benches.thermal_series import Series, series
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from talc._kernel import Progress
 from talc.output_error import Design, fit
 from talc.search import BLOCKS, RIDGE, Candidates
-from tests.talc.thermal_series import series
+from tests.benches.thermal_series import series
 
 Array = NDArray[np.float64]
 

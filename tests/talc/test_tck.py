@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from talc.arx import Regression
 from talc.tck import Ensemble, offered, select
 from talc.window import Structure, Window
-from tests.talc.thermal_series import series
+from tests.benches.thermal_series import series
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from talc.models import ModelSet
 from talc.output_error import Design, fit
 from talc.settings import TrainingSettings
 from talc.training import Cancelled, train
-from tests.talc.thermal_series import Series, series
+from tests.benches.thermal_series import Series, series
 
 Array = NDArray[np.float64]
 

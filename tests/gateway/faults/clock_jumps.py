@@ -1,4 +1,4 @@
-"""Every wire while the computer's wall clock jumps by an hour, forwards and back. Run by `tests.wall_clock`."""
+"""Every wire while the computer's wall clock jumps by an hour, forwards and back. Run by `tests.benches.wall_clock`."""
 
 import asyncio
 import time
@@ -8,12 +8,12 @@ from itertools import pairwise
 from pathlib import Path
 
 from drivers.base import Quality, Reading
-from gateway.board import Board
-from tests.gateway.faults.actions import PERIOD_S
-from tests.gateway.faults.bench import Metronome, acquiring, keeps_period, shows_what_was_said
-from tests.gateway.faults.plants import PLANTS
-from tests.gateway.faults.play import all_at_once
-from tests.wall_clock import HOUR_S, jump
+from gateway.acquisition.board import Board
+from tests.benches.faults.actions import PERIOD_S
+from tests.benches.faults.bench import Metronome, acquiring, keeps_period, shows_what_was_said
+from tests.benches.faults.plants import PLANTS
+from tests.benches.faults.play import all_at_once
+from tests.benches.wall_clock import HOUR_S, jump
 
 LASTS_S = 5 * PERIOD_S
 CLOSES_S = 1.0

@@ -18,12 +18,12 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, Line, Notice
+from gateway.acquisition.runner import Acquisition, Line, Notice
 from gateway.clock import RealClock
-from tests.gateway.faults.actions import restarted, whole
-from tests.gateway.faults.matrix import HARMLESS, MATRIX
-from tests.gateway.faults.plants import PLANTS, Plant
-from tests.gateway.faults.play import done
+from tests.benches.faults.actions import restarted, whole
+from tests.benches.faults.matrix import HARMLESS, MATRIX
+from tests.benches.faults.plants import PLANTS, Plant
+from tests.benches.faults.play import done
 
 PERIOD_S = 0.05
 WARM_UP, ROUNDS = 2, 8
@@ -90,7 +90,7 @@ async def mended(plant: Plant, latest: Latest, where: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("wires", WIRES)
 async def test_nothing_grows(tmp_path: Path, wires: str, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.CRITICAL, logger="gateway.acquisition")  # pytest keeps every record
+    caplog.set_level(logging.CRITICAL, logger="gateway.acquisition.runner")  # pytest keeps every record
     plants: dict[str, tuple[Plant, Latest]] = {}
     tracemalloc.start()  # before anything is made: what is made anew for each fault takes the place of what was there
     async with AsyncExitStack() as stack:

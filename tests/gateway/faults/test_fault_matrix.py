@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality
-from tests.gateway.faults.actions import LONG_TIMEOUT_S, PERIOD_S, silent, talking
-from tests.gateway.faults.bench import FAULT_PERIODS, Metronome, acquiring, keeps_period, logged, shows_what_was_said
-from tests.gateway.faults.matrix import ASKED, COMM, MATRIX, Case
-from tests.gateway.faults.plants import PLANTS, other
-from tests.gateway.faults.play import all_at_once, done
+from tests.benches.faults.actions import LONG_TIMEOUT_S, PERIOD_S, silent, talking
+from tests.benches.faults.bench import FAULT_PERIODS, Metronome, acquiring, keeps_period, logged, shows_what_was_said
+from tests.benches.faults.matrix import ASKED, COMM, MATRIX, Case
+from tests.benches.faults.plants import PLANTS, other
+from tests.benches.faults.play import all_at_once, done
 
 LEARNING_PERIODS = 5
 """After so many polls a bus knows how long its devices take, and waits no longer for a silent one."""

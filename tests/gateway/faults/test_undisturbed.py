@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality
-from gateway.plausibility import Plausible
-from tests.gateway.faults.actions import PERIOD_S
-from tests.gateway.faults.bench import FAULT_PERIODS, Metronome, acquiring, keeps_period, shows_what_was_said
-from tests.gateway.faults.matrix import HARMLESS, Harmless
-from tests.gateway.faults.plants import PLANTS
-from tests.gateway.faults.play import ONE_AFTER_THE_OTHER_S, all_at_once, done
-from tests.wall_clock import run_tests
+from gateway.acquisition.plausibility import Plausible
+from tests.benches.faults.actions import PERIOD_S
+from tests.benches.faults.bench import FAULT_PERIODS, Metronome, acquiring, keeps_period, shows_what_was_said
+from tests.benches.faults.matrix import HARMLESS, Harmless
+from tests.benches.faults.plants import PLANTS
+from tests.benches.faults.play import ONE_AFTER_THE_OTHER_S, all_at_once, done
+from tests.benches.wall_clock import run_tests
 
 LASTS_S = 8 * PERIOD_S
 

@@ -10,7 +10,7 @@ import can as python_can
 import pytest
 
 from drivers.bus_settings import CanOpenSettings
-from drivers.can_survey import Heard
+from drivers.can.survey import Heard
 from gateway.config import load
 from gateway.scan.can import CanScan, scan_can
 from gateway.scan.found import Report
@@ -18,7 +18,7 @@ from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node, Nmt
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.slcan_adapter import CanNode, Frame, SlcanAdapter
-from tests.gateway.command import talc_gateway
+from tests.benches.command import talc_gateway
 
 TEMPERATURES = [20.0, 21.5, -3.0, 40.0]
 

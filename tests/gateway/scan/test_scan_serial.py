@@ -20,7 +20,7 @@ from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.pty_port import PtyPort
 from simulators.devices.source import Fault
 from simulators.devices.voltage_input import VoltageInput
-from tests.gateway.command import talc_gateway
+from tests.benches.command import talc_gateway
 
 TIMEOUT_S = 0.2
 SIX = [20.04, 21.26, -3.3, 40.0, 99.96, 22.22]

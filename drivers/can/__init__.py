@@ -1,0 +1,1 @@
+"""CAN interfaces, and devices that send by themselves."""

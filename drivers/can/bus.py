@@ -1,0 +1,129 @@
+"""A CAN interface with devices that send by themselves: the latest frame of each identifier somebody wants.
+
+One thread receives while connected; frames that nobody wants are dropped there.
+"""
+
+import asyncio
+from collections.abc import Collection
+from contextlib import suppress
+from time import monotonic
+
+import can
+
+from drivers.base import ConnectError, NoAnswer
+from drivers.bus_settings import CanSettings
+from drivers.can.interface import failed, open_interface, shut
+from drivers.can.receiver import Receiver
+from drivers.tap import Tap
+
+FrameId = tuple[int, bool]
+"""Identifier, and whether it has 29 bits."""
+
+
+class CanBus:
+    """Listens; sends nothing."""
+
+    kind = "can"
+    units = (1, 127)
+
+    def __init__(self, name: str, settings: CanSettings, tap: Tap | None = None) -> None:
+        self._name, self._settings, self._tap = name, settings, tap
+        self._wanted: set[FrameId] = set()
+        self._ears: _Ears | None = None
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        return self._settings.timeout_s
+
+    def want(self, frames: Collection[FrameId]) -> None:
+        """Keep the latest of these frames from now on."""
+        self._wanted |= set(frames)
+
+    async def connect(self) -> None:
+        """Open the interface; an open one stays. Raises ConnectError."""
+        if self._ears is not None:
+            if self._ears.lost is None:
+                return
+            await self.close()
+        interface = await asyncio.to_thread(open_interface, self._name, self._settings, tap=self._tap)
+        self._ears = _Ears(interface, self._wanted)
+
+    async def close(self) -> None:
+        ears, self._ears = self._ears, None
+        if ears is not None:
+            await asyncio.shield(asyncio.to_thread(ears.end))
+
+    async def latest(self, device: str, frames: Collection[FrameId]) -> dict[FrameId, bytes]:
+        """The newest of these frames, none older than the timeout. Waits for those that are missing only until the
+        interface has been open for that long: later they had their time, and waiting would cost other devices theirs.
+
+        Raises NoAnswer when none came, or ConnectError.
+        """
+        ears = self._ears
+        if ears is None:
+            raise ConnectError("not connected", bus=self._name, device=device, hint="connect the bus first")
+        now = monotonic()
+        oldest = now - self._settings.timeout_s
+        with suppress(TimeoutError):
+            async with asyncio.timeout(max(0.0, ears.opened_s + self._settings.timeout_s - now)):
+                while ears.lost is None and len(ears.since(oldest, frames)) < len(set(frames)):
+                    await ears.news()
+        if ears.lost is not None:
+            raise failed(self._name, device, self._settings, ears.lost)
+        found = ears.since(oldest, frames)
+        if not found:
+            listed = ", ".join(f"0x{identifier:X}" for identifier, _ in sorted(frames))
+            raise NoAnswer(
+                f"none of the frames {listed} came within {self._settings.timeout_s:g} s",
+                bus=self._name,
+                device=device,
+                hint="check power, termination, bitrate and identifiers; is timeout_s longer than the device's cycle?",
+            )
+        return found
+
+
+class _Ears:
+    """Written by the receiving thread, read from the event loop; whole entries are replaced."""
+
+    def __init__(self, interface: can.BusABC, wanted: set[FrameId]) -> None:
+        self.opened_s = monotonic()
+        self._latest: dict[FrameId, tuple[float, bytes]] = {}
+        self._interface, self._wanted = interface, wanted
+        self._loop, self._arrived = asyncio.get_running_loop(), asyncio.Event()
+        self._receiver = Receiver(interface, self._hear, self._tell)
+
+    @property
+    def lost(self) -> Exception | None:
+        """Why the interface failed."""
+        return self._receiver.exception
+
+    def since(self, oldest: float, frames: Collection[FrameId]) -> dict[FrameId, bytes]:
+        """Those of the frames that came since then."""
+        kept = {key: self._latest[key] for key in frames if key in self._latest}
+        return {key: data for key, (came, data) in kept.items() if came >= oldest}
+
+    async def news(self) -> None:
+        """Wait for a wanted frame, or for the end."""
+        self._arrived.clear()
+        await self._arrived.wait()
+
+    def end(self) -> None:
+        """End the thread and close the interface. Blocks."""
+        self._receiver.stop()
+        shut(self._interface)
+
+    def _hear(self, message: can.Message) -> None:
+        """In the receiving thread. Error and remote frames carry no value."""
+        key = message.arbitration_id, bool(message.is_extended_id)
+        if key in self._wanted and not (message.is_error_frame or message.is_remote_frame):
+            self._latest[key] = monotonic(), bytes(message.data)
+            self._tell()
+
+    def _tell(self) -> None:
+        """In the receiving thread."""
+        with suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(self._arrived.set)

@@ -1,0 +1,198 @@
+"""Opening and closing a CAN interface with python-can, and saying what is wrong with it. All of it blocks.
+
+Its classes are taken in a form of our own: theirs wait by the wall clock, and two of them end at the first line or
+packet that is no frame, so a disturbed byte would cost the whole bus a period.
+"""
+
+import errno
+import os
+import re
+import socket
+from collections import deque
+from contextlib import suppress
+from time import monotonic
+from typing import Any
+
+import can
+from can.interfaces.slcan import slcanBus
+from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.udp_multicast.bus import UdpMulticastBus
+from can.interfaces.udp_multicast.utils import unpack_message
+from can.interfaces.virtual import VirtualBus
+
+from drivers.base import ConnectError
+from drivers.bus_settings import CanInterfaceSettings
+from drivers.byte_stream import serial_port_hint
+from drivers.can.receiver import MonotonicInterface
+from drivers.tap import Tap, TappedInterface
+
+_SERIAL_WAIT_S = 0.1
+"""How long a read of the adapter's port blocks. A shorter wait would wake the thread for nothing; a byte that comes
+ends it at once, so a longer one costs no latency."""
+
+_LINE_END = re.compile(rb"[\r\a]")
+_LINE = re.compile(rb"(?:t([0-9A-F]{3})|T([01][0-9A-F]{7}))([0-8])((?:[0-9A-F]{2})*)", re.IGNORECASE)
+_LONGEST_LINE = 64
+_TIMESTAMP_BYTES = 2
+
+
+def open_interface(
+    bus: str, settings: CanInterfaceSettings, *, listen_only: bool = False, tap: Tap | None = None
+) -> can.BusABC:
+    """The interface, open. Raises ConnectError.
+
+    listen_only: an slcan adapter then sends nothing, not even acknowledgements; the other kinds do not know it
+    """
+    try:
+        interface = _open(settings, listen_only)
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        hint = serial_port_hint(error) if settings.interface == "slcan" else _remedy(settings, error)
+        raise ConnectError(
+            f"cannot open {settings.interface} {settings.channel}: {error}",
+            bus=bus,
+            hint=hint or "is the adapter plugged in, or the interface up? another program may have it open",
+        ) from error
+    if tap is None:
+        return interface
+    return TappedInterface(interface, tap, echoes=settings.interface == "udp_multicast")
+
+
+def _open(settings: CanInterfaceSettings, listen_only: bool) -> can.BusABC:
+    match settings.interface:
+        case "slcan":
+            options: dict[str, Any] = {"sleep_after_open": 0.0, "timeout": _SERIAL_WAIT_S}
+            return _Slcan(settings.channel, bitrate=settings.bitrate, listen_only=listen_only, **options)
+        case "udp_multicast":
+            return _Multicast(settings.channel, port=settings.port, hop_limit=0)
+        case "socketcan":
+            return _Socketcan(settings.channel)
+        case _:
+            return _Virtual(settings.channel)
+
+
+def shut(interface: can.BusABC) -> None:
+    """Close it, whatever state it is in."""
+    with suppress(can.CanError, OSError):  # an unplugged adapter cannot be told anything any more
+        interface.shutdown()
+    port = getattr(interface, "serialPortOrig", None)
+    with suppress(OSError):
+        if port is not None:  # python-can leaves it open when its own shutdown failed
+            port.close()
+
+
+def failed(
+    bus: str, device: str, settings: CanInterfaceSettings, error: Exception, hint: str = "connect the bus again"
+) -> ConnectError:
+    """What became of an interface that was open; `hint` for what the kernel does not name."""
+    full = _number(error) == errno.ENOBUFS
+    what = "cannot send on" if full else "interface"
+    return ConnectError(
+        f"{what} {settings.channel}{'' if full else ' is gone'}: {error}",
+        bus=bus,
+        device=device,
+        hint=_remedy(settings, error) or hint,
+    )
+
+
+def _number(error: Exception) -> int | None:
+    return error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
+
+
+def _remedy(settings: CanInterfaceSettings, error: Exception) -> str | None:
+    """What to do about an error of the kernel's CAN; None when it is another."""
+    if settings.interface != "socketcan":
+        return None
+    channel = settings.channel
+    missing = f"`ip link` shows which there are, and {channel} is none: is the adapter plugged in, its driver loaded?"
+    denied = "this user, service or container may not open CAN sockets: a container needs the host's network"
+    return {
+        errno.ENODEV: missing,
+        errno.ENXIO: missing,
+        errno.ENETDOWN: f"switch it on: ip link set {channel} up type can bitrate {settings.bitrate} restart-ms 100",
+        errno.ENOBUFS: "the queue is full as nobody acknowledges: check bit rate, 60 ohm termination, CAN_H and CAN_L, "
+        "power of the nodes",
+        errno.EAFNOSUPPORT: "the kernel has no CAN (modprobe can_raw), or the service may not use it "
+        "(RestrictAddressFamilies needs AF_CAN)",
+        errno.EPERM: denied,
+        errno.EACCES: denied,
+    }.get(_number(error) or 0)
+
+
+def slcan_frame(line: bytes) -> can.Message | None:
+    """The data frame in one line of the LAWICEL protocol, without its end; None when it is none, or not whole.
+
+    `tiiildd...` with an identifier of 11 bits or `Tiiiiiiiildd...` with one of 29, length, data; a time stamp of two
+    bytes may follow. Remote frames carry no value.
+    """
+    found = _LINE.fullmatch(line)
+    if found is None:
+        return None
+    short, long, length, digits = found.groups()
+    size, data = int(length), bytes.fromhex(digits.decode("ascii"))
+    identifier = int(short or long, 16)
+    if len(data) - size not in (0, _TIMESTAMP_BYTES) or (short is not None and identifier > 0x7FF):
+        return None
+    return can.Message(arbitration_id=identifier, is_extended_id=short is None, data=data[:size])
+
+
+class _Slcan(MonotonicInterface, slcanBus):
+    """An adapter with the LAWICEL protocol; lines that are no frame are passed over."""
+
+    def __init__(self, channel: str, **options: Any) -> None:
+        self._heard = b""
+        self._lines: deque[bytes] = deque()
+        super().__init__(channel, **options)
+
+    def set_bitrate(self, bitrate: int, data_bitrate: int | None = None) -> None:
+        """The first that python-can does with an open port: nothing is sent to an adapter that another program has."""
+        try:
+            self.serialPortOrig.exclusive = True
+        except OSError:
+            self.serialPortOrig.close()
+            raise
+        super().set_bitrate(bitrate, data_bitrate)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        deadline = None if timeout is None else monotonic() + timeout
+        while True:
+            while self._lines:
+                if (message := slcan_frame(self._lines.popleft())) is not None:
+                    return message, False
+            port = self.serialPortOrig
+            *lines, rest = _LINE_END.split(self._heard + port.read(max(1, port.in_waiting)))
+            self._lines.extend(lines)
+            self._heard = rest[-_LONGEST_LINE:]  # a babbling adapter must not fill the memory
+            if not self._lines and deadline is not None and monotonic() >= deadline:
+                return None, False
+
+
+class _Multicast(MonotonicInterface, UdpMulticastBus):
+    """A group on which anybody can send; packets that are no frame are passed over."""
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        received = self._multicast.recv(timeout)
+        if received is None:
+            return None, False
+        try:
+            return unpack_message(received[0], replace={"timestamp": received[2]}, check=True), False
+        except Exception:  # noqa: BLE001 - whatever the unpacking of a stranger's bytes raises
+            return None, False
+
+
+class _Socketcan(MonotonicInterface, SocketcanBus):
+    """An interface of the kernel. One that is down can be bound: it is refused here, not lost with the first frame."""
+
+    def __init__(self, channel: str) -> None:
+        try:
+            super().__init__(channel)
+        except OSError:
+            if hasattr(self, "socket"):  # bound to nothing, and python-can leaves it open
+                self.socket.close()
+            raise
+        if number := self.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+            self.shutdown()
+            raise OSError(number, os.strerror(number))
+
+
+class _Virtual(MonotonicInterface, VirtualBus):
+    """A bus inside this process."""

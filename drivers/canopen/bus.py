@@ -1,0 +1,287 @@
+"""A CAN interface with CANopen nodes. The canopen library blocks, so it lives in threads that this bus owns and joins.
+
+Two threads while connected: one receives, one asks. Nothing of the library is touched from the event loop.
+"""
+
+import asyncio
+import logging
+import queue
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import cycle
+from time import monotonic
+from typing import Any, TypeVar
+
+import can
+import canopen
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
+from drivers.bus_settings import CanOpenSettings
+from drivers.can.interface import failed, open_interface, shut
+from drivers.can.receiver import Receiver
+from drivers.canopen.events import NodeEvents
+from drivers.canopen.frames import LatestFrames, pass_on
+from drivers.patience import Patience
+from drivers.tap import Tap
+
+R = TypeVar("R")
+
+_SYNC = 0x080
+_SDO_READ = 0x40
+_NMT_START = 1
+_LONGEST_NUMBER = 8
+"""Bytes of the widest number that a node may hold; one that never ends its transfer is stopped there."""
+
+logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs, we raise
+
+
+@dataclass(frozen=True, slots=True)
+class CanObject:
+    """One entry of a node's object dictionary."""
+
+    index: int
+    subindex: int
+
+    def __str__(self) -> str:
+        return f"{self.index:04X}:{self.subindex:02X}"
+
+
+_NEVER_VALUES = CanObject(0x1000, 0), CanObject(0x1001, 0), CanObject(0x1018, 0)
+"""Objects that every node has (CiA 301) and no channel is read from."""
+
+
+class CanOpenBus:
+    """Nodes on one CAN interface. Reads of all nodes queue up in one thread."""
+
+    kind = "canopen"
+    units = (1, 127)
+
+    def __init__(self, name: str, settings: CanOpenSettings, tap: Tap | None = None) -> None:
+        self._name, self._settings, self._tap = name, settings, tap
+        self._network: Any = None
+        self._thread: ThreadPoolExecutor | None = None
+        self._patience = Patience(settings.timeout_s)
+        self._doubtful: set[int] = set()
+        self._never_values = cycle(_NEVER_VALUES)
+        self._events: dict[int, NodeEvents] = {}
+        self._frames = LatestFrames()
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        """How long one request may take at most."""
+        return self._settings.timeout_s
+
+    async def connect(self) -> None:
+        """Open the interface; an open one stays. Raises ConnectError."""
+        if self._thread is not None:
+            if self._network is not None and self._network.notifier.exception is None:
+                return
+            await self.close()
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"canopen {self._name}")
+        try:
+            await self._in_thread(self._open)
+        except BaseException:
+            await self.close()
+            raise
+
+    async def close(self) -> None:
+        if self._thread is None:
+            return
+        thread, self._thread = self._thread, None
+        try:
+            await asyncio.shield(asyncio.get_running_loop().run_in_executor(thread, self._shut))
+        except asyncio.CancelledError:
+            thread.shutdown(wait=False)  # it ends as soon as the interface is closed
+            raise
+        thread.shutdown(wait=True)
+
+    async def upload(
+        self, device: str, node: int, objects: Sequence[CanObject], most_bytes: int = _LONGEST_NUMBER
+    ) -> list[bytes]:
+        """Read objects of one node by SDO, little-endian bytes each; a longer one than `most_bytes` is a BadAnswer.
+
+        Raises NoAnswer, BadAnswer, Refused (SDO abort) or ConnectError (interface gone).
+        """
+        return await self._in_thread(lambda: self._upload(device, node, objects, most_bytes))
+
+    async def start_node(self, device: str, node: int) -> None:
+        """Make the node operational (NMT), so that it sends PDOs. Raises ConnectError."""
+        await self._in_thread(lambda: self._send(device, 0, bytes((_NMT_START, node))))
+
+    async def synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
+        """Send SYNC and wait for these TPDOs of the node. Raises NoAnswer or ConnectError."""
+        return await self._in_thread(lambda: self._synchronise(device, node, identifiers))
+
+    async def latest(
+        self, device: str, node: int, identifiers: Sequence[int], oldest_s: float, until_s: float
+    ) -> dict[int, bytes]:
+        """These TPDOs of the node as they came last, not before `oldest_s`; waits for the missing until `until_s`.
+
+        Both are monotonic seconds. Raises NoAnswer or ConnectError.
+        """
+        return await self._in_thread(
+            lambda: self._await_frames(device, node, identifiers, oldest_s, until_s, "does not come by itself")
+        )
+
+    def events(self, node: int) -> NodeEvents:
+        """What the node says unasked, since its first upload on this connection."""
+        return self._events.setdefault(node, NodeEvents())
+
+    async def _in_thread(self, work: Callable[[], R]) -> R:
+        """Run in the bus's thread; whoever stops waiting does not stop the work, so no answer is left unread."""
+        if self._thread is None:
+            raise ConnectError("not connected", bus=self._name, hint="connect the bus first")
+        future = asyncio.get_running_loop().run_in_executor(self._thread, work)
+        future.add_done_callback(lambda done: done.cancelled() or done.exception())
+        return await asyncio.shield(future)
+
+    def _open(self) -> None:
+        interface = open_interface(self._name, self._settings, tap=self._tap)
+        network = canopen.Network(interface)
+        network.unsubscribe(network.lss.LSS_RX_COBID)  # it would keep those frames for ever
+        # In place of `connect`, whose python-can notifier waits by the wall clock; before it sends, the library asks
+        # this one for the exception that ended it.
+        network.notifier = Receiver(interface, partial(pass_on, network))  # type: ignore[assignment]
+        self._network = network
+        self._doubtful.clear()
+        self._frames = LatestFrames()
+
+    def _shut(self) -> None:
+        network, self._network = self._network, None
+        if network is not None:
+            network.notifier.stop()
+            shut(network.bus)
+
+    def _upload(
+        self, device: str, node: int, objects: Sequence[CanObject], most_bytes: int = _LONGEST_NUMBER
+    ) -> list[bytes]:
+        if self._network is None:
+            raise ConnectError("not connected", bus=self._name, device=device)
+        if node not in self._network:
+            dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
+            self._network.add_node(canopen.RemoteNode(node, dictionary))
+            # The library keeps every emergency for ever, and breaks on a short heartbeat or command: it gets none.
+            for identifier in (0, 0x80 + node, 0x700 + node):
+                self._network.unsubscribe(identifier)
+            self._network.subscribe(0x80 + node, self.events(node).on_emergency)
+            self._network.subscribe(0x700 + node, self.events(node).on_heartbeat)
+        sdo = self._network[node].sdo
+        if node in self._doubtful:
+            self._let_late_answers_pass(sdo, device, node)
+        return [self._one(sdo, device, node, wanted, most_bytes) for wanted in objects]
+
+    def _let_late_answers_pass(self, sdo: Any, device: str, node: int) -> None:
+        """Ask for what is never a value until that is answered: a node answers in order, so nothing older can follow.
+
+        The library would give up at the late answer. Each time another object, lest a late answer to this be taken too.
+        """
+        wanted = next(self._never_values)
+        address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
+        sdo.responses = queue.Queue()
+        self._send(device, sdo.rx_cobid, bytes((_SDO_READ,)) + address + bytes(4))
+        until = monotonic() + self._settings.timeout_s
+        try:
+            while sdo.responses.get(timeout=max(0.0, until - monotonic()))[1:4] != address:
+                pass
+        except queue.Empty:
+            raise self._silence(device, node, "no answer", self._settings.timeout_s) from None
+        self._doubtful.discard(node)
+
+    def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
+        if node in self._doubtful:
+            self._upload(device, node, ())  # frames of an earlier SYNC are before this answer
+        self._listen(device, identifiers)
+        asked_s = monotonic()
+        self._send(device, _SYNC, b"")
+        wait_s = self._patience.wait_s(node, _SYNC)
+        failing, hurried = "did not come after SYNC", wait_s < self._settings.timeout_s
+        found = self._await_frames(device, node, identifiers, asked_s, asked_s + wait_s, failing, hurried=hurried)
+        self._patience.answered(node, _SYNC, monotonic() - asked_s)
+        return found
+
+    def _listen(self, device: str, identifiers: Sequence[int]) -> None:
+        if self._network is None:
+            raise ConnectError("not connected", bus=self._name, device=device)
+        for identifier in identifiers:
+            self._network.subscribe(identifier, self._frames.put)
+
+    def _await_frames(
+        self,
+        device: str,
+        node: int,
+        identifiers: Sequence[int],
+        oldest_s: float,
+        until_s: float,
+        failing: str,
+        *,
+        hurried: bool = False,
+    ) -> dict[int, bytes]:
+        self._listen(device, identifiers)
+        found = self._frames.since(oldest_s, identifiers, until_s)
+        if missing := sorted(set(identifiers) - set(found)):
+            listed = ", ".join(f"0x{identifier:03X}" for identifier in missing)
+            raise self._silence(device, node, f"TPDO {listed} {failing}", until_s - oldest_s, hurried=hurried)
+        return found
+
+    def _send(self, device: str, identifier: int, data: bytes) -> None:
+        if self._network is None:
+            raise ConnectError("not connected", bus=self._name, device=device)
+        try:
+            self._network.send_message(identifier, data)
+        except (can.CanError, OSError) as error:
+            raise failed(self._name, device, self._settings, error) from error
+
+    def _one(self, sdo: Any, device: str, node: int, wanted: CanObject, most_bytes: int) -> bytes:
+        data = b""
+        sdo.RESPONSE_TIMEOUT = self._patience.wait_s(node, wanted)
+        asked_s = monotonic()
+        try:
+            with sdo.open(wanted.index, wanted.subindex, buffering=0) as segments:
+                while len(data) <= most_bytes and (segment := segments.read(most_bytes)):
+                    data += segment
+        except SdoAbortedError as error:
+            raise Refused(
+                f"node {node} refused object {wanted}: {error}",
+                bus=self._name,
+                device=device,
+                hint="does the profile fit the device?",
+            ) from error
+        except SdoCommunicationError as error:
+            raise self._communication(device, node, wanted, error, sdo.RESPONSE_TIMEOUT) from error
+        except (can.CanError, OSError) as error:
+            raise failed(self._name, device, self._settings, error) from error
+        if not 0 < len(data) <= most_bytes:
+            self._doubtful.add(node)
+            size = f"more than {most_bytes} bytes" if data else "nothing"
+            raise BadAnswer(f"node {node}, object {wanted} holds {size}", bus=self._name, device=device)
+        self._patience.answered(node, wanted, monotonic() - asked_s)
+        return data
+
+    def _communication(
+        self, device: str, node: int, wanted: CanObject, error: Exception, waited_s: float
+    ) -> DriverError:
+        if "No SDO response" in str(error):
+            hurried = waited_s < self._settings.timeout_s
+            return self._silence(device, node, "no answer", waited_s, hurried=hurried)
+        self._doubtful.add(node)
+        return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self._name, device=device)
+
+    def _silence(self, device: str, node: int, what: str, waited_s: float, *, hurried: bool = False) -> DriverError:
+        self._doubtful.add(node)
+        self._patience.missed(node)
+        if (lost := self._network.notifier.exception) is not None:
+            return failed(self._name, device, self._settings, lost)
+        return NoAnswer(
+            f"node {node}: {what} within {waited_s:.3g} s",
+            hurried=hurried,
+            bus=self._name,
+            device=device,
+            hint="check power, termination (60 ohm between CAN_H and CAN_L), node id and bitrate",
+        )

@@ -1,0 +1,54 @@
+"""Transmit PDOs: which objects of a node lie where in which frame (CiA 301, objects 1800.. and 1A00..)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.canopen.bus import CanObject
+
+COMMUNICATION = 0x1800
+MAPPING = 0x1A00
+TPDOS = 4
+"""TPDOs that are looked at; CiA 404 uses the first four."""
+EVERY_SYNC = 1
+"""Transmission type: sent after each SYNC."""
+ON_EVENTS = (254, 255)
+"""Transmission types: sent when something happens, and whenever the event timer of sub-index 5 has run out."""
+
+_INVALID = 1 << 31
+_LONGEST_FRAME = 8
+
+
+@dataclass(frozen=True, slots=True)
+class PdoMap:
+    """One TPDO: its identifier, and each mapped object with its place (first byte, size)."""
+
+    identifier: int
+    places: Mapping[CanObject, tuple[int, int]]
+    event_s: float = 0.0
+    """Event timer, s; 0: it is not sent by time."""
+
+    def decode(self, data: bytes) -> dict[CanObject, bytes]:
+        """Objects in one frame, little-endian bytes each; those that a short frame does not hold are missing."""
+        return {
+            entry: data[start : start + size]
+            for entry, (start, size) in self.places.items()
+            if len(data) >= start + size
+        }
+
+
+def pdo_map(cob_id: int, mapped: Sequence[int]) -> PdoMap | None:
+    """From objects 18xx:01 and 1Axx:01.. (index, sub-index, bits); None when the TPDO is switched off or empty.
+
+    Raises ValueError when the mapping cannot be read: parts of bytes, or more than a frame holds.
+    """
+    if cob_id & _INVALID or not mapped:
+        return None
+    places: dict[CanObject, tuple[int, int]] = {}
+    start = 0
+    for entry in mapped:
+        index, subindex, bits = entry >> 16, entry >> 8 & 0xFF, entry & 0xFF
+        if bits % 8 or start + bits // 8 > _LONGEST_FRAME:
+            raise ValueError(f"object {index:04X}:{subindex:02X} is mapped with {bits} bits at byte {start}")
+        places[CanObject(index, subindex)] = start, bits // 8
+        start += bits // 8
+    return PdoMap(cob_id & 0x7FF, places)

@@ -1,0 +1,1 @@
+"""LinuxCNC through its agent."""

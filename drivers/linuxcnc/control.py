@@ -1,0 +1,180 @@
+"""LinuxCNC through its agent (deploy/nc/linuxcnc): snapshot, probing cycle, compensation, claim and heartbeat."""
+
+import asyncio
+import math
+from contextlib import suppress
+from typing import Any, Final
+
+from drivers.base import BadAnswer, Clock, DriverError, Refused
+from drivers.linuxcnc.line import Json, LinuxCncLine
+from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.nc import (
+    LINEAR_AXES,
+    ROTARY_AXES,
+    NcSnapshot,
+    OperatingMode,
+    ProbingState,
+    ProbingStatus,
+    ProgramState,
+    Watch,
+    check_number,
+    check_offsets,
+)
+
+AXES = LINEAR_AXES + ROTARY_AXES
+_POLL_S, _THERE_UM = 0.02, 1e-3
+STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
+"""Every machine state that the agent tells: 1/min, mm/min, 0 or 1."""
+EMERGENCY_STOP: Final = 1
+"""Shown as an alarm; LinuxCNC itself has no alarm numbers."""
+
+
+class LinuxCnc:
+    """One control. Making it validates and touches no network; see NumericalControl for the verbs.
+
+    Every verb raises a DriverError: after all but Refused the line is closed and `connect` is needed.
+    """
+
+    def __init__(self, settings: LinuxCncSettings, clock: Clock) -> None:
+        self._settings, self._clock = settings, clock
+        self._line = LinuxCncLine(settings)
+        self._owner = 0
+
+    async def connect(self) -> None:
+        """Log in and read everything once."""
+        self._owner = 0
+        try:
+            await self._line.connect()
+            await self.snapshot()
+            await self.read_compensation()
+        except BaseException:
+            await self._line.close()
+            raise
+
+    async def close(self) -> None:
+        await self._line.close()
+
+    async def snapshot(self) -> NcSnapshot:
+        """Positions: the tool's tip from where A and C meet. Speeds: the mean since the last snapshot."""
+        status = self._table(await self._line.ask("status"), "status")
+        positions = self._numbers(status.get("positions"), "positions")
+        if missing := set(AXES) - set(positions):
+            raise self._bad(f"positions without {', '.join(sorted(missing))}")
+        tool, probing, cannot_probe = (status.get(name) for name in ("tool", "probing", "cannot_probe"))
+        return NcSnapshot(
+            time=self._clock.utc(),
+            monotonic_s=self._clock.monotonic(),
+            positions={axis: positions[axis] for axis in AXES},
+            states=self._numbers(status.get("states"), "states"),
+            mode=_member(OperatingMode, status.get("mode"), OperatingMode.UNKNOWN),
+            program=_member(ProgramState, status.get("program"), ProgramState.UNKNOWN),
+            tool=tool if isinstance(tool, int) else None,
+            probe_in_spindle=bool(status.get("probe")),
+            alarms=(EMERGENCY_STOP,) if status.get("estop") else (),
+            probing=probing if isinstance(probing, bool) else None,
+            ready=bool(status.get("on")) and bool(status.get("homed")) and not status.get("estop"),
+            cannot_probe=cannot_probe if isinstance(cannot_probe, str) else None,
+        )
+
+    async def request_probing(self, number: int) -> None:
+        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last or has
+        another one to do."""
+        check_number(number, "request number")
+        await self._line.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s)
+
+    async def probing_status(self, number: int) -> ProbingStatus:
+        """Where request `number` stands; idle when the control has heard of another one since, or of none."""
+        check_number(number, "request number")
+        told = self._table(await self._line.ask("probing", number=number), "probing")
+        state = _member(ProbingState, told.get("state"), None)
+        if state is None:
+            raise self._bad(f"probing state {told.get('state')!r} is unknown")
+        if state is not ProbingState.DONE:
+            return ProbingStatus(number, state, reason=str(told.get("reason", "")))
+        centres = told.get("centres")
+        if not isinstance(centres, list) or len(centres) != self._settings.poses:
+            raise self._bad(f"cycle {number} is done without {self._settings.poses} centres")
+        return ProbingStatus(
+            number,
+            state,
+            centres_mm=tuple(self._three(centre, "centre") for centre in centres),
+            spread_mm=self._number(told.get("spread"), "spread"),
+        )
+
+    async def withdraw_probing(self, number: int) -> None:
+        """Take the request back; a cycle under way is stopped before its next touch."""
+        check_number(number, "request number")
+        await self._line.ask("withdraw", number=number)
+
+    async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
+        """Returns when they are in force, or after timeout_s.
+
+        Raises ValueError, before anything is sent, for a number that is not finite or beyond `largest_um`.
+        """
+        check_offsets(offsets_um, self._settings.largest_um)
+        await self._line.ask("write", owner=self._owner, um=[float(v) for v in offsets_um])
+        # The control slews. Who reads back next shall find what was written, unless something else is wrong.
+        with suppress(TimeoutError):
+            async with asyncio.timeout(self._settings.timeout_s):
+                while not self._near(await self.read_compensation(), offsets_um):
+                    await asyncio.sleep(_POLL_S)
+
+    def _near(self, in_force: tuple[float, float, float], wanted: tuple[float, float, float]) -> bool:
+        return all(abs(a - b) < _THERE_UM for a, b in zip(in_force, wanted, strict=True))
+
+    async def read_compensation(self) -> tuple[float, float, float]:
+        return self._three(await self._line.ask("read"), "offsets in force")
+
+    async def claim(self, owner: int, watch: Watch) -> None:
+        """Returns when the watchdog watches, or after timeout_s.
+
+        Raises ValueError for an owner outside 1 .. 2**31 - 1.
+        """
+        check_number(owner, "owner")
+        try:
+            await self._line.ask("claim", owner=owner, silence_s=watch.silence_s, ramp_um_per_s=watch.ramp_um_per_s)
+        except Refused as error:
+            hint = "stop the other gateway, or run this one in the mode monitor or advise"
+            raise Refused(error.what, device=self._settings.device, hint=hint) from error
+        # The claim is a beat, which real time sees in its next cycle; who beats next shall find the watchdog watching.
+        with suppress(TimeoutError):
+            async with asyncio.timeout(self._settings.timeout_s):
+                while not await self.heartbeat(owner):
+                    await asyncio.sleep(_POLL_S)
+
+    async def heartbeat(self, owner: int) -> bool:
+        check_number(owner, "owner")
+        watched = await self._line.ask("heartbeat", owner=owner) is True
+        self._owner = owner
+        return watched
+
+    async def release(self, owner: int) -> None:
+        check_number(owner, "owner")
+        await self._line.ask("release", owner=owner)
+
+    def _table(self, answer: Json, what: str) -> dict[str, Json]:
+        if not isinstance(answer, dict):
+            raise self._bad(f"{what}: expected an object")
+        return answer
+
+    def _numbers(self, answer: Json, what: str) -> dict[str, float]:
+        return {name: self._number(value, f"{what} {name}") for name, value in self._table(answer, what).items()}
+
+    def _three(self, answer: Json, what: str) -> tuple[float, float, float]:
+        if not isinstance(answer, list) or len(answer) != 3:
+            raise self._bad(f"{what}: expected three numbers")
+        x, y, z = (self._number(value, what) for value in answer)
+        return x, y, z
+
+    def _number(self, value: Json, what: str) -> float:
+        with suppress(OverflowError):  # JSON's integers may be longer than any float
+            if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
+                return float(value)
+        raise self._bad(f"{what} = {value!r}: expected a finite number")
+
+    def _bad(self, what: str) -> DriverError:
+        return BadAnswer(what, device=self._settings.device, hint="is the agent of another version?")
+
+
+def _member(kind: Any, value: Json, default: Any) -> Any:
+    return next((member for member in kind if member.value == value), default)

@@ -1,0 +1,105 @@
+"""One connection to LinuxCNC's agent: lines of JSON, each signed with a key of this session. docs/nc.md, LinuxCNC."""
+
+import asyncio
+import hmac
+import json
+import secrets
+
+from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused, WrongDevice
+from drivers.byte_stream import TcpStream
+from drivers.linuxcnc.settings import LinuxCncSettings
+
+_LONGEST_LINE = 65536
+Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
+
+
+class LinuxCncLine:
+    """Asks one question at a time. After any fault of the line it is closed: answers could come one question late."""
+
+    def __init__(self, settings: LinuxCncSettings) -> None:
+        self._settings, self._device = settings, settings.device
+        self._stream = TcpStream(settings.device, settings.host, settings.port)
+        self._lock = asyncio.Lock()
+        self._session = b""
+        self._rest = b""
+        self._count = 0
+
+    async def connect(self) -> None:
+        """Open and prove that we hold the key; the agent proves it too. Raises ConnectError, NoAnswer, Refused."""
+        key = self._settings.key()
+        async with self._lock:
+            await self._stream.close()
+            try:
+                await self._stream.open(self._settings.timeout_s)
+                self._rest, self._count, self._session = b"", 0, b""
+                greeting = _parsed(await self._line(), self._device)
+                if not isinstance(challenge := greeting.get("challenge"), str):
+                    raise self._stranger()
+                nonce = secrets.token_hex(32)
+                self._session = hmac.digest(key, f"{challenge} {nonce}".encode(), "sha256")
+                await self._exchange({"nonce": nonce})
+            except BaseException:
+                await self._stream.close()
+                raise
+
+    async def close(self) -> None:
+        async with self._lock:
+            await self._stream.close()
+
+    async def ask(self, do: str, **arguments: Json) -> Json:
+        """The answer. Raises Refused with the agent's reason; ConnectError, NoAnswer, BadAnswer close the line."""
+        async with self._lock:
+            if not self._stream.is_open:
+                raise ConnectError("not connected", device=self._device, hint="connect first")
+            try:
+                return await self._exchange({"do": do, **arguments})
+            except Refused:
+                raise
+            except BaseException:  # cancelled too: the answer that still comes belongs to nobody
+                await self._stream.close()
+                raise
+
+    async def _exchange(self, message: dict[str, Json]) -> Json:
+        text = json.dumps(message).encode()
+        self._stream.write(self._mac("client", text) + b" " + text + b"\n")
+        line = await self._line()
+        mac, _, text = line.partition(b" ")
+        if self._count == 0 and line.startswith(b"{") and "error" in (refusal := _parsed(line, self._device)):
+            # Before the proof nothing can be signed; all that this can do is to keep us out.
+            raise Refused(str(refusal["error"]), device=self._device, hint="compare key_file with the agent's talc.key")
+        if not hmac.compare_digest(self._mac("agent", text), mac):
+            raise self._stranger()
+        self._count += 1
+        answer = _parsed(text, self._device)
+        if "error" in answer:
+            raise Refused(str(answer["error"]), device=self._device)
+        return answer.get("answer")
+
+    def _mac(self, who: str, text: bytes) -> bytes:
+        return hmac.new(self._session, f"{who} {self._count} ".encode() + text, "sha256").hexdigest().encode()
+
+    async def _line(self) -> bytes:
+        try:
+            async with asyncio.timeout(self._settings.timeout_s):
+                while b"\n" not in self._rest:
+                    if len(self._rest) > _LONGEST_LINE:
+                        raise self._stranger()
+                    self._rest += await self._stream.read(self._settings.timeout_s)
+        except TimeoutError:
+            raise NoAnswer(f"no answer within {self._settings.timeout_s:g} s", device=self._device) from None
+        line, _, self._rest = self._rest.partition(b"\n")
+        return line
+
+    def _stranger(self) -> WrongDevice:
+        where = f"{self._settings.host}:{self._settings.port}"
+        return WrongDevice(f"what answers at {where} is not the agent with our key", device=self._device)
+
+
+def _parsed(text: bytes, device: str) -> dict[str, Json]:
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        message = None
+    if not isinstance(message, dict):
+        raise BadAnswer(f"expected a JSON object, got {text[:60]!r}", device=device)
+    return message

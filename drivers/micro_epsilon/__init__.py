@@ -1,0 +1,1 @@
+"""Micro-Epsilon displacement sensors on RS-485 and Ethernet."""

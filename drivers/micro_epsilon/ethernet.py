@@ -1,0 +1,198 @@
+"""Micro-Epsilon controllers on Ethernet: a stream of blocks on the data port, each with a header of its own.
+
+Little-endian: "MEAS", order number, serial number (u32), u64 channel field (2 bits a channel), u32 status, u16 frames,
+u16 bytes per frame, u32 counter, then frames of one int32 per channel.
+"""
+
+import asyncio
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.base import BadAnswer, Clock, DriverError, NoAnswer, Quality, Reading, WrongDevice
+from drivers.bus_settings import MeEthernetSettings
+from drivers.byte_stream import TcpStream
+from drivers.faults import Fault
+from drivers.micro_epsilon.profile import DisplacementOptions, MeEthernetProfile
+from drivers.readings import ReadingMaker
+from drivers.tap import Tap
+
+_START = b"MEAS"
+_HEADER = struct.Struct("<4sIIQIHHI")
+_NAME_SIZE = 12
+"""Of MEAS, order and serial number, which all blocks of one controller begin with."""
+_MOST_CHANNELS = 32
+_LONGEST_BLOCK = 65536
+
+
+@dataclass(frozen=True, slots=True)
+class MeBlock:
+    """The newest frame of one block."""
+
+    order: int
+    serial: int
+    values: Mapping[int, int]
+    """Channel, counted from 0, to raw value; only those that are fitted."""
+
+
+class MeEthernetBus:
+    """The data port of one controller."""
+
+    kind = "me_ethernet"
+    units = (1, 1)
+
+    def __init__(self, name: str, settings: MeEthernetSettings, tap: Tap | None = None) -> None:
+        self._name, self._timeout_s = name, settings.timeout_s
+        self._stream = TcpStream(name, settings.host, settings.port, tap)
+        self._lock = asyncio.Lock()
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        return self._timeout_s
+
+    async def connect(self) -> None:
+        """Open the connection; an open one stays. Raises ConnectError."""
+        async with self._lock:
+            if not self._stream.is_open:
+                await self._stream.open(self._timeout_s)
+
+    async def close(self) -> None:
+        async with self._lock:
+            await self._stream.close()
+
+    async def next_block(self, device: str) -> MeBlock:
+        """The next block that comes whole; what came before is old and thrown away.
+
+        Raises NoAnswer, BadAnswer or ConnectError.
+        """
+        async with self._lock:
+            self._stream.discard()
+            heard = bytearray()
+            loop = asyncio.get_running_loop()
+            deadline = loop.time() + self._timeout_s
+            try:
+                while (block := find_block(heard)) is None:
+                    heard += await self._stream.read(deadline - loop.time())
+                    del heard[: -2 * _LONGEST_BLOCK]
+            except TimeoutError:
+                raise self._nothing_valid(device, heard) from None
+            return block
+
+    def _nothing_valid(self, device: str, heard: bytearray) -> DriverError:
+        if not heard:
+            return NoAnswer(
+                f"no measured values within {self._timeout_s:g} s",
+                bus=self._name,
+                device=device,
+                hint="is the controller measuring? is its trigger off?",
+            )
+        return BadAnswer(
+            f"{len(heard)} bytes came, no whole block among them: {heard[:16].hex(' ')}",
+            bus=self._name,
+            device=device,
+            hint="is this the data port?",
+        )
+
+
+class MeEthernetDevice:
+    """A controller; `channels` maps names to its channels, counted from 0."""
+
+    def __init__(
+        self,
+        device: str,
+        bus: MeEthernetBus,
+        profile: MeEthernetProfile,
+        channels: Mapping[str, int],
+        options: DisplacementOptions,
+        clock: Clock,
+    ) -> None:
+        self._device, self._bus, self._profile, self._options = device, bus, profile, options
+        self._channels = dict(channels)
+        self._maker = ReadingMaker(profile.unit, clock)
+
+    @property
+    def device(self) -> str:
+        return self._device
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(self._channels)
+
+    async def connect(self) -> None:
+        """Check that the channels in use are fitted. Raises WrongDevice, or what the bus raises."""
+        await self._block()
+
+    async def read(self) -> Sequence[Reading]:
+        """One reading per channel, in µm, from the next block."""
+        block = await self._block()
+        return self._maker.make({name: self._distance(block.values[i]) for name, i in self._channels.items()})
+
+    async def close(self) -> None:
+        """Nothing of a controller's own stays open."""
+
+    async def _block(self) -> MeBlock:
+        block = await self._bus.next_block(self._device)
+        for channel, number in self._channels.items():
+            if number not in block.values:
+                fitted = ", ".join(map(str, block.values)) or "none"
+                raise WrongDevice(
+                    f"controller {block.order}, serial number {block.serial}, has no channel {number}",
+                    bus=self._bus.name,
+                    device=self._device,
+                    channel=channel,
+                    hint=f"channels fitted: {fitted}",
+                )
+        return block
+
+    def _distance(self, raw: int) -> float | Fault:
+        fraction = raw / self._profile.full_scale
+        if not 0.0 <= fraction <= 1.0:
+            return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
+        return fraction * self._options.range_um - self._options.zero_um
+
+
+def find_block(heard: bytes | bytearray) -> MeBlock | None:
+    """The last whole block in `heard`, or None.
+
+    There is no checksum: a block counts when nothing follows it, or the next block. So neither the word MEAS among the
+    values of another block is one, nor a block that lost bytes and would be filled up with those of the next. As long
+    as the next has not begun, a block that ends as the next would begin does not count either.
+    """
+    found = None
+    start = 0
+    while (start := heard.find(_START, start)) >= 0:
+        block = _block_at(heard, start)
+        if block is None:
+            start += 1
+        else:
+            found, size = block
+            start += size
+    return found
+
+
+def _block_at(heard: bytes | bytearray, start: int) -> tuple[MeBlock, int] | None:
+    if len(heard) < start + _HEADER.size:
+        return None
+    _, order, serial, field, _status, frames, frame_size, _counter = _HEADER.unpack_from(heard, start)
+    fitted = [channel for channel in range(_MOST_CHANNELS) if field >> 2 * channel & 3]
+    size = _HEADER.size + frames * frame_size
+    end = start + size
+    if not fitted or not frames or frame_size != 4 * len(fitted) or len(heard) < end:
+        return None
+    following = heard[end : end + len(_START)]
+    if not _START.startswith(following):
+        return None
+    if len(following) < len(_START) and _another_begins(bytes(heard[start:end])):
+        return None
+    newest = struct.unpack_from(f"<{len(fitted)}i", heard, end - frame_size)
+    return MeBlock(order, serial, dict(zip(fitted, newest, strict=True))), size
+
+
+def _another_begins(block: bytes) -> bool:
+    """Whether the header of the next block, or the beginning of it, stands in this one: it lost bytes before that."""
+    name = block[:_NAME_SIZE]
+    return block.find(name, 1) >= 0 or any(block.endswith(name[:size]) for size in range(1, _NAME_SIZE))

@@ -1,0 +1,221 @@
+"""Micro-Epsilon displacement sensors on RS-485.
+
+Request `10 DA SA 4C FCS 16`; answer `68 LE LE 68 DA SA 08 data FCS 16`, LE counting DA to the last data byte, FCS
+their sum modulo 256. Answers carry no number: see `MeRs485Bus.measure` for what keeps a late one out.
+"""
+
+import asyncio
+import struct
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+from drivers.base import BadAnswer, Clock, NoAnswer, Quality, Reading
+from drivers.bus_settings import MeRs485Settings
+from drivers.byte_stream import SerialStream
+from drivers.faults import Fault
+from drivers.micro_epsilon.profile import DisplacementOptions, MeRs485Profile
+from drivers.patience import Patience
+from drivers.readings import ReadingMaker
+from drivers.tap import Tap
+
+_MASTER = 0x01
+_MEASURE = 0x4C
+_RESPONSE = 0x08
+_END = 0x16
+_SHORTEST_LE = 3
+_FLOATS = struct.Struct("<ff")
+_COUNTED = struct.Struct("<HBx")
+
+
+class MeRs485Bus:
+    """Sensors on one serial line; requests queue up."""
+
+    kind = "me_rs485"
+    units = (2, 126)
+
+    def __init__(self, name: str, settings: MeRs485Settings, tap: Tap | None = None) -> None:
+        self._name, self._timeout_s = name, settings.timeout_s
+        self._stream = SerialStream(name, settings.serial, tap)
+        self._patience = Patience(settings.timeout_s)
+        self._lock = asyncio.Lock()
+        self._owed: dict[int, int] = {}
+        """How many answers each sensor still owes, by address."""
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        return self._timeout_s
+
+    async def connect(self) -> None:
+        """Open the port; an open one stays. Raises ConnectError."""
+        async with self._lock:
+            if not self._stream.is_open:
+                await self._stream.open(self._timeout_s)
+
+    async def close(self) -> None:
+        async with self._lock:
+            await self._stream.close()
+
+    async def measure(self, device: str, address: int) -> bytes:
+        """The data of one answer. Raises NoAnswer, BadAnswer or ConnectError.
+
+        After a timeout or a cancelled wait an answer is still due, and it would look like the sensor's next one. Then
+        its next request waits until as many came as are due, or for all of the timeout when one was lost, and takes the
+        last. Other sensors have other addresses in their answers and need not wait.
+        """
+        async with self._lock:
+            self._count(self._stream.discard())
+            owed = self._owed.get(address, 0)
+            self._stream.write(request_frame(address))
+            self._owed[address] = owed + 1
+            heard = bytearray()
+            loop = asyncio.get_running_loop()
+            sent = answered = loop.time()
+            wait_s = self._timeout_s if owed else self._patience.wait_s(address, _MEASURE)
+            until = sent + wait_s
+            answers: list[bytes] = []
+            try:
+                while len(answers) <= owed:
+                    heard += await self._stream.read(until - loop.time())
+                    until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
+                    if len(found := find_answers(heard, address)) > len(answers):
+                        answers, answered = found, loop.time()
+            except TimeoutError:
+                if not answers:
+                    self._patience.missed(address)
+                    raise self._nothing_valid(device, address, heard, wait_s) from None
+            finally:
+                self._count(heard)
+            self._owed[address] = 0
+            self._patience.answered(address, _MEASURE, answered - sent)
+            return answers[-1]
+
+    def _count(self, heard: bytes | bytearray) -> None:
+        """Note the answers that are no longer due."""
+        for address, owed in self._owed.items():
+            if owed:
+                self._owed[address] = max(0, owed - len(find_answers(heard, address)))
+
+    def _nothing_valid(
+        self, device: str, address: int, heard: bytes | bytearray, waited_s: float
+    ) -> NoAnswer | BadAnswer:
+        if not heard:
+            return NoAnswer(
+                f"sensor 0x{address:02X} did not answer within {waited_s:.3g} s",
+                hurried=waited_s < self._timeout_s,
+                bus=self._name,
+                device=device,
+                hint="check power, wiring, address and baud",
+            )
+        return BadAnswer(
+            f"{len(heard)} bytes came, none of them a valid answer of 0x{address:02X}: {heard[:16].hex(' ')}",
+            bus=self._name,
+            device=device,
+            hint="wrong baud or parity, missing termination, or noise",
+        )
+
+
+class MeRs485Device:
+    """One sensor, one channel."""
+
+    def __init__(
+        self,
+        device: str,
+        bus: MeRs485Bus,
+        profile: MeRs485Profile,
+        address: int,
+        channels: Mapping[str, int],
+        options: DisplacementOptions,
+        clock: Clock,
+    ) -> None:
+        self._device, self._bus, self._profile, self._address = device, bus, profile, address
+        (self._channel,) = channels
+        self._options = options
+        self._maker = ReadingMaker(profile.unit, clock)
+
+    @property
+    def device(self) -> str:
+        return self._device
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (self._channel,)
+
+    async def connect(self) -> None:
+        """Check that the sensor answers in the expected form. Raises what the bus raises."""
+        await self._distance()
+
+    async def read(self) -> Sequence[Reading]:
+        """One reading, in µm."""
+        return self._maker.make({self._channel: await self._distance()})
+
+    async def close(self) -> None:
+        """Nothing of a sensor's own stays open."""
+
+    async def _distance(self) -> float | Fault:
+        data = await self._bus.measure(self._device, self._address)
+        try:
+            unscaled = decode_float(data) if self._profile.payload == "float" else decode_counted(data)
+        except ValueError as error:
+            raise BadAnswer(
+                str(error), bus=self._bus.name, device=self._device, hint="the sensor has another payload form"
+            ) from error
+        if not isfinite(unscaled):
+            return Fault(Quality.SENSOR_FAULT, "the sensor sends no number: no target, or the probe is not connected")
+        fraction = unscaled / self._profile.full_scale
+        if not 0.0 <= fraction <= 1.0:
+            return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
+        return float(fraction * self._options.range_um - self._options.zero_um)
+
+
+def decode_float(data: bytes) -> float:
+    """The unscaled value of the `float` payload. Raises ValueError for another length."""
+    if len(data) != _FLOATS.size:
+        raise ValueError(f"{len(data)} data bytes, not {_FLOATS.size}")
+    return float(_FLOATS.unpack(data)[0])
+
+
+def decode_counted(data: bytes) -> float:
+    """The last value of the `counted` payload. Raises ValueError when number and length do not agree."""
+    if len(data) < _COUNTED.size + 4:
+        raise ValueError(f"{len(data)} data bytes, at least {_COUNTED.size + 4} expected")
+    _counter, number = _COUNTED.unpack_from(data)
+    if len(data) != _COUNTED.size + 4 * number:
+        raise ValueError(f"{len(data)} data bytes do not hold {number} values")
+    return float(int.from_bytes(data[-4:], "little", signed=True))
+
+
+def request_frame(address: int) -> bytes:
+    """The request for one measurement."""
+    body = bytes((address, _MASTER, _MEASURE))
+    return b"\x10" + body + bytes((sum(body) % 256, _END))
+
+
+def find_answers(heard: bytes | bytearray, address: int) -> list[bytes]:
+    """The data of every valid answer of this sensor in `heard`, in order; garbage and broken frames are passed over."""
+    answers: list[bytes] = []
+    start = 0
+    while (start := heard.find(b"\x68", start)) >= 0:
+        data = _answer_at(heard, start, address)
+        if data is None:
+            start += 1
+        else:
+            answers.append(data)
+            start += 9 + len(data)
+    return answers
+
+
+def _answer_at(heard: bytes | bytearray, start: int, address: int) -> bytes | None:
+    if len(heard) < start + 4:
+        return None
+    length = heard[start + 1]
+    end = start + 4 + length + 2
+    if heard[start + 2] != length or heard[start + 3] != 0x68 or length < _SHORTEST_LE or len(heard) < end:
+        return None
+    body = bytes(heard[start + 4 : end - 2])
+    if heard[end - 1] != _END or sum(body) % 256 != heard[end - 2]:
+        return None
+    return body[3:] if body[:3] == bytes((_MASTER, address, _RESPONSE)) else None

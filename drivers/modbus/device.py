@@ -1,0 +1,239 @@
+"""A Modbus device as its profile describes it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from drivers.base import Clock, DriverError, Quality, Reading, WrongDevice
+from drivers.faults import Fault, first_fault
+from drivers.modbus.bus import ModbusBus
+from drivers.modbus.profile import BIT_FUNCTIONS, Block, ModbusProfile, Plausibility, Span, TypeCodes
+from drivers.readings import ReadingMaker
+
+_MOST_BITS = 2000
+
+Place = tuple[int, int, int]
+"""Function, address, width."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModbusOptions:
+    """What a configuration may say about one Modbus device."""
+
+    address_offset: int = 0
+    """Added to every address of the profile: where a module stands in a coupler's process image."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.address_offset <= 65535:
+            raise ValueError(f"address_offset = {self.address_offset!r}: expected 0 to 65535")
+
+
+class ModbusDevice:
+    """One unit; `channels` maps names to the device's channel numbers, counted from 0."""
+
+    def __init__(
+        self,
+        device: str,
+        bus: ModbusBus,
+        profile: ModbusProfile,
+        unit: int,
+        channels: Mapping[str, int],
+        options: ModbusOptions,
+        clock: Clock,
+    ) -> None:
+        self._device, self._bus, self._profile, self._unit = device, bus, profile, unit
+        self._channels, self._offset = dict(channels), options.address_offset
+        self._maker = ReadingMaker(profile.unit, clock)
+        self._value_blocks = plan_blocks(
+            [place for index in channels.values() for place in (self._value_place(index), *self._fault_places(index))],
+            profile.max_registers,
+            profile.max_gap,
+        )
+        self._fault_blocks = plan_blocks(self._apart(), profile.max_registers, profile.max_gap)
+        self._code_blocks = plan_blocks(self._type_code_places(), profile.max_registers, profile.max_gap)
+        settings = [(setting.function, setting.address + self._offset, 1) for setting in profile.settings]
+        self._setting_blocks = plan_blocks(settings, profile.max_registers, profile.max_gap)
+        self._spans: dict[int, Span] = {}
+        self._checked = False
+        """Whether the unit is known to be what the profile says."""
+
+    @property
+    def device(self) -> str:
+        return self._device
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(self._channels)
+
+    @property
+    def last_address(self) -> int:
+        """Highest register or bit address that is read."""
+        return max(block.address + block.count - 1 for block in self._blocks)
+
+    @property
+    def _blocks(self) -> tuple[Block, ...]:
+        return self._value_blocks + self._code_blocks + self._setting_blocks
+
+    async def connect(self) -> None:
+        """Check the settings and the type codes of the channels in use, or just that the unit answers.
+
+        Raises WrongDevice and what the bus raises.
+        """
+        self._forget()
+        if self._profile.settings:
+            self._check_settings(await self._fetch(self._setting_blocks))
+        if self._profile.type_codes is not None:
+            self._spans = self._spans_of(self._profile.type_codes, await self._fetch(self._code_blocks))
+        elif not self._profile.settings:
+            await self._fetch(self._value_blocks[:1])
+        self._checked = True
+
+    def _check_settings(self, words: Mapping[tuple[int, int], int]) -> None:
+        for setting in self._profile.settings:
+            found = words[setting.function, setting.address + self._offset]
+            if found != setting.equals:
+                raise WrongDevice(
+                    f"{setting.name} is {found}, which profile {self._profile.name} cannot read",
+                    bus=self._bus.name,
+                    device=self._device,
+                    hint=setting.hint,
+                )
+
+    def _spans_of(self, codes: TypeCodes, words: Mapping[tuple[int, int], int]) -> dict[int, Span]:
+        """The scaling of each channel in use."""
+        spans: dict[int, Span] = {}
+        for channel, index in self._channels.items():
+            code = words[codes.function, codes.address + self._offset + index]
+            if code not in codes.spans:
+                known = ", ".join(f"0x{c:04X}" for c in codes.spans)
+                raise WrongDevice(
+                    f"type code 0x{code:04X} at input {index}, which profile {self._profile.name} cannot read",
+                    bus=self._bus.name,
+                    device=self._device,
+                    channel=channel,
+                    hint=f"set the input to one of {known}, or check the unit id",
+                )
+            spans[index] = codes.spans[code]
+        return spans
+
+    async def read(self) -> Sequence[Reading]:
+        """One reading per channel. The unit is checked again after it was silent: another may stand there."""
+        if not self._checked and (self._code_blocks or self._setting_blocks):
+            await self.connect()
+        try:
+            words = await self._fetch(self._value_blocks)
+            later = words | await self._fetch(self._fault_blocks)
+        except DriverError as error:
+            if not error.hurried:
+                self._forget()
+            raise
+        values = {name: self._value(index, words) for name, index in self._channels.items()}
+        for name, index in self._channels.items():
+            if self._fault_blocks and not isinstance(values[name], Fault):
+                values[name] = self._value(index, later)
+        return self._maker.make(values)
+
+    async def close(self) -> None:
+        """Forget what was learnt about the unit; another one may stand there next time."""
+        self._forget()
+
+    def _forget(self) -> None:
+        self._spans, self._checked = {}, False
+
+    async def _fetch(self, blocks: Iterable[Block]) -> dict[tuple[int, int], int]:
+        words: dict[tuple[int, int], int] = {}
+        for block in blocks:
+            answer = await self._bus.read(self._device, self._unit, block)
+            words.update(((block.function, block.address + i), word) for i, word in enumerate(answer))
+        return words
+
+    def _value(self, index: int, words: Mapping[tuple[int, int], int]) -> float | Fault:
+        profile, values = self._profile, self._profile.values
+        start = values.address + self._offset + index * values.stride
+        raw = values.format.decode([words[values.function, start + i] for i in range(values.format.registers)])
+        sentinel = next((s.fault for s in profile.sentinels if s.raw == raw), None)
+        if (bits := profile.fault_bits) is not None and words[bits.function, bits.address + self._offset + index]:
+            return (
+                bits.fault if sentinel is None else Fault(bits.fault.quality, f"{bits.fault.detail}; {sentinel.detail}")
+            )
+        if (status := profile.status) is not None:
+            code = status.code(index, words[status.function, status.register(index) + self._offset])
+            if code not in status.good:
+                unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{code:X}, which the profile does not explain")
+                return first_fault(status.rules, code) or unknown
+        if sentinel is not None:
+            return sentinel
+        if not isfinite(raw):
+            return Fault(Quality.SENSOR_FAULT, f"the device sends {raw} instead of a value")
+        span = self._spans.get(index)
+        value = span.apply(raw) if values.scaled_by_type_code and span else raw * values.scale + values.offset
+        if span is not None and not span.holds(value):
+            text = f"{value:.4g} {profile.unit} is beyond what the input is set to, {span.low:g} to {span.high:g}"
+            return Fault(Quality.OUT_OF_RANGE, text)
+        return _implausible(profile.plausibility, value, profile.unit) or value
+
+    def _value_place(self, index: int) -> Place:
+        values = self._profile.values
+        return values.function, values.address + self._offset + index * values.stride, values.format.registers
+
+    def _fault_places(self, index: int) -> list[Place]:
+        profile, places = self._profile, []
+        if (bits := profile.fault_bits) is not None:
+            places.append((bits.function, bits.address + self._offset + index, 1))
+        if (status := profile.status) is not None:
+            places.append((status.function, status.register(index) + self._offset, 1))
+        return places
+
+    def _apart(self) -> list[Place]:
+        """What must be read again after the values, lest a sensor that recovers in between go unnoticed.
+
+        That is where bits or status come with another request than the value, and no number of the value tells.
+        """
+        if self._profile.sentinels:
+            return []
+        return [
+            place
+            for index in self._channels.values()
+            for place in self._fault_places(index)
+            if not any(_holds(block, place) and _holds(block, self._value_place(index)) for block in self._value_blocks)
+        ]
+
+    def _type_code_places(self) -> list[Place]:
+        codes = self._profile.type_codes
+        if codes is None:
+            return []
+        return [(codes.function, codes.address + self._offset + i, 1) for i in self._channels.values()]
+
+
+def _holds(block: Block, place: Place) -> bool:
+    function, address, width = place
+    return block.function == function and block.address <= address and address + width <= block.address + block.count
+
+
+def plan_blocks(places: Iterable[Place], max_registers: int, max_gap: int) -> tuple[Block, ...]:
+    """The read requests that cover all places (function, address, width), few and within the device's limit.
+
+    Neighbours are joined over a gap of up to max_gap addresses: a request costs about as much as 8 registers.
+    """
+    blocks: list[Block] = []
+    for function, address, width in sorted(set(places)):
+        limit = _MOST_BITS if function in BIT_FUNCTIONS else max_registers
+        if blocks:
+            last = blocks[-1]
+            end = max(last.address + last.count, address + width)
+            gap = address - (last.address + last.count)
+            if last.function == function and gap <= max_gap and end - last.address <= limit:
+                blocks[-1] = Block(function, last.address, end - last.address)
+                continue
+        blocks.append(Block(function, address, width))
+    return tuple(blocks)
+
+
+def _implausible(rule: Plausibility | None, value: float, unit: str) -> Fault | None:
+    if rule is None:
+        return None
+    if rule.suspicious is not None and rule.suspicious[0] <= value <= rule.suspicious[1]:
+        return Fault(Quality.SENSOR_FAULT, f"{value:.4g} {unit} is what this device shows with an open input")
+    if not rule.low <= value <= rule.high:
+        return Fault(Quality.OUT_OF_RANGE, f"{value:.4g} {unit} is outside {rule.low:g} to {rule.high:g} {unit}")
+    return None

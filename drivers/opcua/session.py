@@ -1,0 +1,304 @@
+"""One OPC UA session: batch reads and writes by node name, and the library's errors as ours."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TypeVar
+
+from asyncua.client.client import Client
+from asyncua.client.ua_client import UaClientState
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.status_codes import StatusCodes
+from asyncua.ua.uaerrors import UaError, UaStatusCodeError
+from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Variant, VariantType
+
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
+from drivers.opcua.settings import OpcUaSettings, application_uri, valid_certificate, with_port
+from drivers.opcua.subscription import Watch
+
+# What the library has to say of a lost line is told by our errors; a handler that the service sets up still gets it.
+logging.getLogger("asyncua").addHandler(logging.NullHandler())
+
+SECURE = "set security = 'Basic256Sha256' and the certificates"
+T = TypeVar("T")
+Number = float | int | bool
+
+DENIED = frozenset(
+    {
+        StatusCodes.BadUserAccessDenied,
+        StatusCodes.BadNotWritable,
+        StatusCodes.BadNotReadable,
+        StatusCodes.BadIdentityTokenInvalid,
+        StatusCodes.BadIdentityTokenRejected,
+    }
+)
+UNKNOWN = frozenset(
+    {
+        StatusCodes.BadNodeIdUnknown,
+        StatusCodes.BadNodeIdInvalid,
+        StatusCodes.BadAttributeIdInvalid,
+    }
+)
+LOST = frozenset(
+    {
+        StatusCodes.BadSessionIdInvalid,
+        StatusCodes.BadSessionClosed,
+        StatusCodes.BadSessionNotActivated,
+        StatusCodes.BadSecureChannelClosed,
+        StatusCodes.BadConnectionClosed,
+        StatusCodes.BadServerHalted,
+        StatusCodes.BadShutdown,
+    }
+)
+CERTIFICATE = frozenset(
+    {
+        StatusCodes.BadSecurityChecksFailed,
+        StatusCodes.BadSecurityPolicyRejected,
+        StatusCodes.BadSecurityModeRejected,
+        StatusCodes.BadCertificateInvalid,
+        StatusCodes.BadCertificateUntrusted,
+        StatusCodes.BadCertificateTimeInvalid,
+        StatusCodes.BadCertificateUriInvalid,
+    }
+)
+
+
+class OpcUaSession:
+    """A session that reads and writes numbers by node name. Never retries.
+
+    After a ConnectError or NoAnswer the session is closed: connect again.
+    """
+
+    def __init__(self, settings: OpcUaSettings, device: str, rights: Mapping[str, str]) -> None:
+        """`rights`: what part of a node's name needs which right on the control, for hints."""
+        self._settings = settings
+        self._device = device
+        self._rights = rights
+        self._client: Client | None = None
+        self._namespace = 0
+        self._nodes: dict[tuple[str, ...], list[NodeId]] = {}
+        self._watches: dict[tuple[str, ...], Watch | None] = {}
+
+    @property
+    def connected(self) -> bool:
+        return self._client is not None
+
+    async def connect(self) -> None:
+        """Open the session and look up the namespace.
+
+        Raises ConnectError when nobody listens, Refused for user or certificate, WrongDevice when the namespace is
+        not there, SetupError when a file cannot be read.
+        """
+        await self.close()
+        settings = self._settings
+        client = Client(
+            with_port(settings.url), timeout=settings.timeout_s, watchdog_intervall=max(settings.timeout_s, 5.0)
+        )
+        client.name = "talc-gateway"
+        client.session_timeout = 60_000
+        if settings.user and settings.password_file is not None:
+            client.set_user(settings.user)
+            client.set_password(self._password(settings.password_file))
+        if settings.security != "none":
+            await self._secure(client)
+        try:
+            await client.connect()
+        except (UaError, OSError, TimeoutError, AssertionError) as error:
+            raise self._unreachable(error) from error
+        finally:
+            if client.state is not UaClientState.CONNECTED:
+                await _drop(client)
+        self._client = client
+        self._nodes.clear()
+        namespaces = await self._ask(client.get_namespace_array(), "reads the namespaces")
+        if settings.namespace_uri not in namespaces:
+            await self.close()
+            raise WrongDevice(
+                f"the server at {settings.url} has no namespace {settings.namespace_uri!r}",
+                device=self._device,
+                hint=f"it has {', '.join(namespaces)}",
+            )
+        self._namespace = namespaces.index(settings.namespace_uri)
+
+    async def close(self) -> None:
+        """Close the session; harmless when there is none."""
+        client, self._client = self._client, None
+        self._watches.clear()
+        if client is None:
+            return
+        with suppress(UaError, OSError, TimeoutError):
+            await client.disconnect()
+
+    async def read(self, paths: tuple[str, ...]) -> list[Number | None]:
+        """Values of several nodes in one request; None where the control has no good value just now.
+
+        Raises WrongDevice for a node that does not exist, Refused for a missing right.
+        """
+        client = self._open()
+        answer = await self._ask(client.uaclient.read_attributes(self._ids(paths), AttributeIds.Value), "reads")
+        if len(answer) != len(paths):
+            raise BadAnswer(f"{len(answer)} values for {len(paths)} nodes", device=self._device)
+        return [self._value(path, value) for path, value in zip(paths, answer, strict=True)]
+
+    async def watch(self, paths: tuple[str, ...], interval_s: float) -> bool:
+        """Have the server tell of changes of these nodes from now until the session ends; False when it will not."""
+        watch = Watch(self._open(), self._ids(paths), interval_s)
+        started = await self._ask(watch.start(), "subscribes")
+        self._watches[paths] = watch if started else None
+        return started
+
+    async def latest(self, paths: tuple[str, ...]) -> list[Number | None]:
+        """As `read`, without a request while a watch over the same nodes is alive."""
+        watch = self._watches.get(paths)
+        values = watch.latest() if watch is not None else None
+        if values is None:
+            return await self.read(paths)
+        return [self._value(path, value) for path, value in zip(paths, values, strict=True)]
+
+    async def write(self, values: Mapping[str, float]) -> None:
+        """Set several nodes in one request.
+
+        Raises Refused naming the first node that was not set; the others may have been.
+        """
+        client = self._open()
+        paths = tuple(values)
+        data = [DataValue(Variant(float(v), VariantType.Double)) for v in values.values()]
+        request = client.uaclient.write_attributes(self._ids(paths), data, AttributeIds.Value)
+        answer = await self._ask(request, "writes")
+        for path, status in zip(paths, answer, strict=True):
+            if not status.is_good():
+                raise self._bad_status(path, status, "write")
+
+    def _open(self) -> Client:
+        if self._client is None:
+            raise ConnectError(f"no session with {self._settings.url}", device=self._device, hint="connect first")
+        return self._client
+
+    def _ids(self, paths: tuple[str, ...]) -> list[NodeId]:
+        if paths not in self._nodes:
+            self._nodes[paths] = [NodeId(String(path), Int16(self._namespace)) for path in paths]
+        return self._nodes[paths]
+
+    async def _ask(self, request: Awaitable[T], what: str) -> T:
+        try:
+            return await request
+        except (UaError, OSError, TimeoutError) as error:
+            if not isinstance(error, UaStatusCodeError) or error.code in LOST:
+                await self.close()
+            raise self._translated(error, what) from error
+
+    def _value(self, path: str, value: DataValue) -> Number | None:
+        status = value.StatusCode
+        if status is not None and not status.is_good():
+            if status.value in UNKNOWN or status.value in DENIED:
+                raise self._bad_status(path, status, "read")
+            return None
+        number = value.Value.Value if value.Value is not None else None
+        return number if isinstance(number, (int, float)) else None
+
+    def _bad_status(self, path: str, status: StatusCode, verb: str) -> DriverError:
+        if status.value in UNKNOWN:
+            return WrongDevice(
+                f"{path} does not exist ({status.name})",
+                device=self._device,
+                hint="compare the path with the control's own names, case included",
+            )
+        right = next((f"{right}{verb.capitalize()}" for part, right in self._rights.items() if part in path), "")
+        who = f"user {self._settings.user!r}" if self._settings.user else "the anonymous user"
+        return Refused(
+            f"the control does not let us {verb} {path} ({status.name})",
+            device=self._device,
+            hint=f"give {who} the right {right} on the control (GiveUserAccess)" if right else "",
+        )
+
+    def _translated(self, error: Exception, what: str) -> DriverError:
+        """An error in an open session."""
+        if isinstance(error, TimeoutError):
+            return NoAnswer(
+                f"no answer within {self._settings.timeout_s:g} s while the gateway {what}", device=self._device
+            )
+        if isinstance(error, UaStatusCodeError) and error.code not in LOST:
+            kind = Refused if error.code in DENIED else BadAnswer
+            return kind(f"the control answers {_name(error)} when the gateway {what}", device=self._device)
+        return ConnectError(f"the connection to {self._settings.url} is lost: {_say(error)}", device=self._device)
+
+    def _unreachable(self, error: Exception) -> DriverError:
+        """An error while opening the session."""
+        url, device = self._settings.url, self._device
+        if isinstance(error, UaStatusCodeError):
+            if error.code in DENIED:
+                who = f"user {self._settings.user!r}" if self._settings.user else "anonymous access"
+                hint = "check user and password_file, and the control's list of OPC UA users"
+                return Refused(f"{url} refuses {who} ({_name(error)})", device=device, hint=hint)
+            if error.code in CERTIFICATE and self._settings.security == "none":
+                return Refused(f"{url} does not speak in the clear ({_name(error)})", device=device, hint=SECURE)
+            if error.code in CERTIFICATE:
+                hint = "check certificate, private_key and server_certificate; let the control trust our certificate"
+                return Refused(f"{url} refuses our certificate or security ({_name(error)})", device=device, hint=hint)
+        elif isinstance(error, UaError):
+            hint = SECURE if self._settings.security == "none" else ""
+            return Refused(f"{url} offers no such session: {_say(error)}", device=device, hint=hint)
+        if isinstance(error, AssertionError):  # how the library takes a fault in answer to opening the channel
+            hint = "does the control trust our certificate, and is server_certificate its own?"
+            return Refused(
+                f"{url} refuses the secure channel, so our certificate or its policy", device=device, hint=hint
+            )
+        if isinstance(error, TimeoutError):
+            hint = "is this an OPC UA server?"
+            if self._settings.security != "none":
+                hint = "is server_certificate this control's own, and does the control trust our certificate?"
+            return NoAnswer(f"{url} does not answer within {self._settings.timeout_s:g} s", device=device, hint=hint)
+        hint = "is the control on, is its OPC UA server licensed and running, is the port right?"
+        return ConnectError(f"cannot open {url}: {_say(error)}", device=device, hint=hint)
+
+    def _password(self, path: Path) -> str:
+        try:
+            return path.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeError) as error:
+            raise SetupError(f"password_file = {str(path)!r}: {_say(error)}", device=self._device) from error
+
+    async def _secure(self, client: Client) -> None:
+        settings = self._settings
+        ours = valid_certificate(settings.certificate, "certificate", self._device)
+        client.application_uri = application_uri(ours, settings.certificate, self._device)
+        theirs = None
+        if settings.server_certificate is not None:
+            valid_certificate(settings.server_certificate, "server_certificate", self._device)
+            theirs = str(settings.server_certificate)
+        try:
+            await client.set_security(
+                SecurityPolicyBasic256Sha256,
+                certificate=str(settings.certificate),
+                private_key=str(settings.private_key),
+                server_certificate=theirs,
+            )
+        except (ConnectionError, TimeoutError) as error:
+            raise self._unreachable(error) from error
+        except UaError as error:
+            raise Refused(
+                f"{settings.url} offers no Basic256Sha256 with SignAndEncrypt: {_say(error)}",
+                device=self._device,
+                hint="switch this endpoint on in the control's OPC UA settings",
+            ) from error
+        except (OSError, ValueError, TypeError) as error:
+            raise SetupError(
+                f"private_key = {str(settings.private_key)!r} cannot be used: {_say(error)}", device=self._device
+            ) from error
+
+
+async def _drop(client: Client) -> None:
+    """Close the socket of a session that never was one, which a cancelled or failed `connect` leaves open."""
+    if client.uaclient.has_transport:
+        client.disconnect_socket()
+        await asyncio.sleep(0)  # the transport closes in the loop's next round
+
+
+def _name(error: UaStatusCodeError) -> str:
+    return type(error).__name__
+
+
+def _say(error: Exception) -> str:
+    return str(error) or type(error).__name__

@@ -1,0 +1,1 @@
+"""SINUMERIK controls over OPC UA."""

@@ -1,0 +1,334 @@
+"""SINUMERIK over OPC UA: snapshot, probing handshake over R-parameters, compensation over setting data."""
+
+import math
+from typing import Final
+
+from drivers.base import BadAnswer, Clock, Quality, Refused
+from drivers.nc import (
+    LINEAR_AXES,
+    ROTARY_AXES,
+    NcSnapshot,
+    OperatingMode,
+    ProbingState,
+    ProbingStatus,
+    ProgramState,
+    Triple,
+    Watch,
+    check_number,
+    check_offsets,
+)
+from drivers.opcua.session import Number, OpcUaSession
+from drivers.sinumerik.settings import SinumerikSettings
+
+AXES = LINEAR_AXES + ROTARY_AXES
+
+RIGHTS: Final = {
+    "_SEA_ACX": "Sea",
+    "_TEA_ACX": "Tea",
+    "_N_NC_GD": "Gud",
+    "_N_CH_GD": "Gud",
+    "linShift": "Frame",
+    "/Plc/": "Plc",
+    "/Channel/": "State",
+    "/Bag/": "State",
+    "/Nck/": "State",
+}
+"""Part of a node's name, and the right it takes, to which Read or Write is added (manual, list of rights)."""
+
+MODES: Final = {0: OperatingMode.JOG, 1: OperatingMode.MDA, 2: OperatingMode.AUTO}
+PROGRAM_STATES: Final = {
+    1: ProgramState.INTERRUPTED,
+    2: ProgramState.STOPPED,
+    3: ProgramState.RUNNING,
+    4: ProgramState.WAITING,
+    5: ProgramState.ABORTED,
+}
+PROBING_STATES: Final = {
+    1: ProbingState.ACCEPTED,
+    2: ProbingState.RUNNING,
+    3: ProbingState.DONE,
+    4: ProbingState.REFUSED,
+    5: ProbingState.FAILED,
+}
+UNDER_WAY: Final = frozenset({ProbingState.ACCEPTED, ProbingState.RUNNING})
+FINAL: Final = frozenset({ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED})
+REASONS: Final = {
+    0: "",
+    1: "an alarm is active",
+    2: "the touch probe is missing or does not answer",
+    3: "the control is not in AUTO",
+    4: "withdrawn",
+    5: "no safe point before the request expired",
+    6: "a touch found no sphere",
+    7: "the program was stopped",
+}
+EMERGENCY_STOP: Final = 3000
+"""Alarm while an emergency stop is pressed or not yet acknowledged."""
+ALIVE: Final = 1
+"""State of the control's watchdog while it hears the gateway."""
+
+
+class Sinumerik:
+    """One control. Making it validates and touches no network; see NumericalControl for the verbs.
+
+    Every verb raises a DriverError: ConnectError and NoAnswer mean that the session is closed and `connect` is needed.
+    """
+
+    def __init__(self, settings: SinumerikSettings, clock: Clock) -> None:
+        self._settings = settings
+        self._clock = clock
+        self._session = OpcUaSession(settings, settings.device, RIGHTS)
+        paths = settings.paths
+        self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
+        self._states = settings.state_sources
+        names = ("mode", "program", "tool", "probe_in_spindle", "drives_on")
+        named = {name: getattr(paths, name) for name in names}
+        self._named = {name: path for name, path in named.items() if path}
+        state_paths = (source.path for source in self._states.values())
+        self._referenced = self._linear(paths.referenced) if paths.referenced else ()
+        self._snapshot = (
+            *self._positions,
+            *state_paths,
+            *self._named.values(),
+            *self._referenced,
+        )
+        self._probing = (settings.r(settings.handshake.state),)  # apart: a control may not tell of its R-parameters
+        self._alarms = paths.alarms  # the control's manual asks for them apart from all else
+        hand = settings.handshake
+        self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
+        results = range(hand.results, hand.results + 3 * settings.poses)
+        self._request = (*self._status, settings.r(hand.withdraw))
+        self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in (*results, hand.spread)))
+        self._offsets = self._offset_paths()
+        self._in_force = self._in_force_paths()
+        lease = settings.lease
+        self._lease = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.state))
+
+    async def connect(self) -> None:
+        """Open the session and read everything once, so that a wrong path or a missing right shows at once."""
+        try:
+            await self._session.connect()
+            for paths in filter(None, (self._snapshot, self._probing, self._alarms)):
+                await self._session.read(paths)
+                if self._settings.subscribe_s > 0:
+                    await self._session.watch(paths, self._settings.subscribe_s)
+            await self._session.read(self._result)
+            await self._session.read(self._in_force)
+        except BaseException:
+            await self._session.close()
+            raise
+
+    async def close(self) -> None:
+        await self._session.close()
+
+    async def snapshot(self) -> NcSnapshot:
+        """Three requests, or none while the control tells of changes. Raises BadAnswer for an axis without a position
+        that is a finite number; states that are none are missing."""
+        values = await self._session.latest(self._snapshot)
+        [probing] = await self._session.latest(self._probing)
+        shown = await self._session.latest(self._alarms) if self._alarms else []
+        time, monotonic_s = self._clock.utc(), self._clock.monotonic()
+        x, y, z, *rotary = self._numbers(self._positions, values[: len(AXES)])
+        values = values[len(AXES) :]
+        states = {
+            name: float(value) / source.divisor
+            for (name, source), value in zip(self._states.items(), values, strict=False)
+            if value is not None and math.isfinite(value)
+        }
+        values = values[len(self._states) :]
+        named = dict(zip(self._named, values, strict=False))
+        referenced = values[len(self._named) :]
+        alarms = tuple(_code(alarm) for alarm in shown if alarm)
+        tool, probe = named.get("tool"), named.get("probe_in_spindle")
+        return NcSnapshot(
+            time=time,
+            monotonic_s=monotonic_s,
+            positions=dict(zip(AXES, (*self._from_origin(x, y, z), *rotary), strict=True)),
+            states=states,
+            mode=MODES.get(_code(named.get("mode")), OperatingMode.UNKNOWN),
+            program=PROGRAM_STATES.get(_code(named.get("program")), ProgramState.UNKNOWN),
+            tool=None if tool is None or not math.isfinite(tool) else int(tool),
+            probe_in_spindle=None if probe is None or not math.isfinite(probe) else bool(probe),
+            alarms=alarms,
+            ready=not _may_be_stopped(shown) and _drives(named) and all(map(_is_odd, referenced)),
+            probing=PROBING_STATES.get(_code(probing)) in UNDER_WAY,
+            quality=Quality.GOOD,
+        )
+
+    async def request_probing(self, number: int) -> None:
+        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last or has
+        another one to do."""
+        check_number(number, "request number")
+        request, answers, state, _, taken_back = self._numbers(self._request, await self._session.read(self._request))
+        if number in (request, answers):
+            raise Refused(
+                f"request number {number} was the last one: its old result could be taken for a new one",
+                device=self._settings.device,
+                hint="go on counting from a higher number",
+            )
+        if PROBING_STATES.get(_code(state)) in UNDER_WAY:
+            raise self._busy(f"cycle {answers:.0f} is under way")
+        if request > 0 and request not in (answers, taken_back):
+            raise self._busy(f"request {request:.0f} waits for the control's next safe point")
+        hand = self._settings.handshake
+        # The number goes last and alone: the control acts on it.
+        await self._session.write({self._settings.r(hand.valid_for): hand.request_valid_for_s})
+        await self._session.write({self._settings.r(hand.request): float(number)})
+
+    async def probing_status(self, number: int) -> ProbingStatus:
+        """Where request `number` stands; idle when the control holds another request and has not answered this one."""
+        check_number(number, "request number")
+        request, answers, state, reason = self._numbers(self._status, await self._session.read(self._status))
+        if answers != number or not state:
+            return ProbingStatus(number, ProbingState.REQUESTED if request == number else ProbingState.IDLE)
+        known = self._state(state)
+        if known not in FINAL:
+            return ProbingStatus(number, known)
+        # The four parameters need not stem from one moment. What is final stands still: read it again with the results.
+        again = self._given(self._result, await self._session.read(self._result))
+        _, answers_again, state_again, reason, result_of, *values, spread = again
+        if answers_again != answers or state_again != state:
+            return ProbingStatus(number, ProbingState.REQUESTED)
+        if known is not ProbingState.DONE:
+            return ProbingStatus(number, known, reason=REASONS.get(_code(reason), f"reason {reason:g}"))
+        if result_of != number:
+            raise BadAnswer(
+                f"the control calls cycle {number} done, but its results belong to cycle {result_of:g}",
+                device=self._settings.device,
+                hint="the NC program must write the results and their number before the state",
+            )
+        centres = tuple(self._from_origin(*values[i : i + 3]) for i in range(0, len(values), 3))
+        return ProbingStatus(number, known, centres_mm=centres, spread_mm=spread)
+
+    async def withdraw_probing(self, number: int) -> None:
+        """Take the request back; a cycle under way is stopped at the control's next chance."""
+        check_number(number, "request number")
+        await self._session.write({self._settings.r(self._settings.handshake.withdraw): float(number)})
+
+    async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
+        """Raises ValueError, before anything is sent, for a number that is not finite or beyond `largest_um`.
+
+        On Refused some of the three may have been set: read back.
+        """
+        comp = self._settings.compensation
+        check_offsets(offsets_um, comp.largest_um)
+        values = {
+            path: comp.sign(axis) * offset * 1e-3
+            for axis, (path, offset) in enumerate(zip(self._offsets, offsets_um, strict=True))
+        }
+        await self._session.write(values)
+
+    async def read_compensation(self) -> tuple[float, float, float]:
+        """Route `k0`: K0 + tanβ (P - P0), with whatever slope somebody else has set (K3); route `r`: the parameters."""
+        values = self._numbers(self._in_force, await self._session.read(self._in_force))
+        if self._settings.compensation.route == "k0":
+            k0, slope, reference, position = (values[i : i + 3] for i in (0, 3, 6, 9))
+            values = [k + t * (p - p0) for k, t, p0, p in zip(k0, slope, reference, position, strict=True)]
+        x, y, z = (self._settings.compensation.sign(axis) * value * 1e3 for axis, value in enumerate(values))
+        return x, y, z
+
+    async def claim(self, owner: int, watch: Watch) -> None:
+        """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
+        check_number(owner, "owner")
+        holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
+        if holder not in (0, owner) and state == ALIVE:
+            raise self._anothers(holder)
+        lease, r = self._settings.lease, self._settings.r
+        await self._session.write(self._watch_values(watch))
+        await self._session.write({r(lease.owner): float(owner)})
+        await self._session.write({r(lease.beat): _next_beat(beat)})
+
+    async def heartbeat(self, owner: int) -> bool:
+        """Raises ValueError as `claim`."""
+        check_number(owner, "owner")
+        holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
+        if holder != owner:
+            raise self._anothers(holder)
+        await self._session.write({self._settings.r(self._settings.lease.beat): _next_beat(beat)})
+        return state == ALIVE
+
+    async def release(self, owner: int) -> None:
+        check_number(owner, "owner")
+        holder, _, _ = self._numbers(self._lease, await self._session.read(self._lease))
+        if holder == owner:
+            await self._session.write({self._settings.r(self._settings.lease.owner): 0.0})
+
+    def _watch_values(self, watch: Watch) -> dict[str, float]:
+        lease, r = self._settings.lease, self._settings.r
+        return {r(lease.silence): watch.silence_s, r(lease.ramp): watch.ramp_um_per_s * 1e-3}
+
+    def _busy(self, what: str) -> Refused:
+        hand = self._settings.handshake
+        hint = f"does another gateway probe? R{hand.withdraw} := its number takes a request back"
+        return Refused(what, device=self._settings.device, hint=hint)
+
+    def _anothers(self, holder: float) -> Refused:
+        return Refused(
+            f"the control's compensation belongs to gateway {holder:.0f}, not to this one",
+            device=self._settings.device,
+            hint="stop the other gateway, or run this one in the mode monitor or advise",
+        )
+
+    def _offset_paths(self) -> tuple[str, ...]:
+        comp = self._settings.compensation
+        if comp.route == "r":
+            return tuple(self._settings.r(comp.first_r + i) for i in range(3))
+        return self._linear(self._settings.paths.k0)
+
+    def _in_force_paths(self) -> tuple[str, ...]:
+        if self._settings.compensation.route == "r":
+            return self._offsets
+        paths = self._settings.paths
+        return tuple(p for path in (paths.k0, paths.slope, paths.reference, paths.position) for p in self._linear(path))
+
+    def _linear(self, path: str) -> tuple[str, ...]:
+        return tuple(path.format(n=self._settings.axis_numbers[axis]) for axis in LINEAR_AXES)
+
+    def _from_origin(self, x: float, y: float, z: float) -> Triple:
+        """Machine coordinates as the gateway counts them."""
+        x0, y0, z0 = self._settings.origin_mm
+        return x - x0, y - y0, z - z0
+
+    def _state(self, value: float) -> ProbingState:
+        state = PROBING_STATES.get(_code(value))
+        if state is None:
+            raise BadAnswer(f"probing state {value:g} is none of 0 to 5", device=self._settings.device)
+        return state
+
+    def _numbers(self, paths: tuple[str, ...], values: list[Number | None]) -> list[float]:
+        numbers = self._given(paths, values)
+        for path, value in zip(paths, numbers, strict=True):
+            if not math.isfinite(value):
+                raise BadAnswer(f"{path} = {value:g}: not a finite number", device=self._settings.device)
+        return numbers
+
+    def _given(self, paths: tuple[str, ...], values: list[Number | None]) -> list[float]:
+        """Also what is not finite: results of a cycle are judged by who asked for it."""
+        for path, value in zip(paths, values, strict=True):
+            if value is None:
+                raise BadAnswer(f"{path} has no value", device=self._settings.device)
+        return [float(value) for value in values if value is not None]
+
+
+def _next_beat(beat: float) -> float:
+    """Another number than the last: the watchdog looks for a change."""
+    return float((_code(beat) + 1) % 1_000_000)
+
+
+def _may_be_stopped(shown: list[Number | None]) -> bool:
+    """The list begins with the oldest: without a free place, or of one that has no value, nobody knows what follows."""
+    return bool(shown) and (EMERGENCY_STOP in map(_code, shown) or None in shown or all(shown))
+
+
+def _drives(named: dict[str, Number | None]) -> bool:
+    return "drives_on" not in named or bool(named["drives_on"])  # no value is no yes
+
+
+def _is_odd(value: Number | None) -> bool:
+    code = _code(value)
+    return code > 0 and code % 2 == 1  # no value is no yes
+
+
+def _code(value: Number | None) -> int:
+    """An R-parameter is a floating-point number even when it means a code; -1 for none."""
+    return -1 if value is None or not math.isfinite(value) else round(value)

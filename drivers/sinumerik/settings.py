@@ -1,0 +1,285 @@
+"""Where things are on a SINUMERIK control: node names, handshake parameters, compensation route. All replaceable."""
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Final, Literal
+
+from drivers.base import SetupError
+from drivers.nc import LINEAR_AXES, ROTARY_AXES, Triple
+from drivers.opcua.settings import OpcUaSettings
+
+_DEGREES_PER_TURN = 360.0
+PAIRS: Final = {
+    shifted + over: (LINEAR_AXES.index(shifted), LINEAR_AXES.index(over))
+    for shifted in LINEAR_AXES
+    for over in LINEAR_AXES
+    if shifted != over
+}
+"""Pairs of axes that a sag compensation table joins: shifted axis, axis whose position counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A machine state that the control shows."""
+
+    path: str
+    """Node name, such as `/Plc/Q4.0`."""
+    divisor: float = 1.0
+    """What the node's value is divided by."""
+
+    def __post_init__(self) -> None:
+        if not self.path.startswith("/"):
+            raise SetupError(f"path = {self.path!r}: expected a node name beginning with /")
+        if not (math.isfinite(self.divisor) and self.divisor):
+            raise SetupError(f"divisor = {self.divisor!r}: expected a number that is not 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Paths:
+    """Node names without namespace. `{n}` stands for the number of an axis or of an R-parameter."""
+
+    position: str = "/Channel/MachineAxis/actToolBasePos[u1,{n}]"
+    """Position of a machine axis, mm or degrees, machine coordinates."""
+    r_parameter: str = "/Channel/Parameter/R[u1,{n}]"
+    """R-parameters of the channel that probes."""
+    k0: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{n}]"
+    """K0 of an axis, SD43900, mm."""
+    slope: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"
+    """tanβ of an axis, SD43910."""
+    reference: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_REF_POSITION[u{n}]"
+    """P0 of an axis, SD43920, mm."""
+    weight: str = "/NC/_N_NC_SEA_ACX/$SN_CEC_TABLE_WEIGHT[{n}]"
+    """Weight of a sag compensation table, SD41310; `{n}` stands for the table's number from 1 on."""
+    mode: str = "/Bag/State/opMode[u1]"
+    """Operating mode: 0 JOG, 1 MDA, 2 AUTO. Empty: not read, as the next three."""
+    program: str = "/Channel/State/progStatus[u1]"
+    """State of the program: 1 interrupted, 2 stopped, 3 running, 4 waiting, 5 aborted."""
+    tool: str = "/Channel/State/actTNumber[u1]"
+    """Number of the tool in the spindle."""
+    referenced: str = "/Channel/MachineAxis/refPtStatus[u1,{n}]"
+    """Whether X, Y, Z are referenced: an odd number when so. Empty: not read."""
+    probe_in_spindle: str = ""
+    """A bit of the machine builder's PLC program, such as `/Plc/M120.1`; there is none that every control has."""
+    drives_on: str = ""
+    """A bit that is on while the drives are, such as `/Plc/M120.2`; there is none that every control has. While it is
+    off no offset is written. Empty: not read."""
+    alarms: tuple[str, ...] = tuple(f"/Nck/SequencedAlarms/textIndex[{n}]" for n in range(1, 17))
+    """Numbers of the NC's alarms, the oldest first, 0 where there is none. While all places are taken, or one has no
+    good value, an emergency stop may be among those not shown: no offset is written."""
+
+    def __post_init__(self) -> None:
+        for name in ("position", "r_parameter", "k0", "slope", "reference", "weight"):
+            path = getattr(self, name)
+            if not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", path):
+                raise SetupError(f"{name} = {path!r}: expected a node name beginning with / that holds {{n}} once")
+        if self.referenced and not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", self.referenced):
+            raise SetupError(
+                f"referenced = {self.referenced!r}: expected a node name that holds {{n}} once, or nothing"
+            )
+        for name in ("mode", "program", "tool", "probe_in_spindle", "drives_on"):
+            path = getattr(self, name)
+            if path and not path.startswith("/"):
+                raise SetupError(f"{name} = {path!r}: expected a node name beginning with /, or an empty text")
+        for path in self.alarms:
+            if not path.startswith("/"):
+                raise SetupError(f"alarms holds {path!r}: expected node names beginning with /")
+
+
+def default_states(axis_numbers: Mapping[str, int]) -> dict[str, Source]:
+    """Machine states that every control shows, under the names that models use.
+
+    The control shows rotary axes in degrees per minute; models take 1/min.
+    """
+    feed = "/Channel/MachineAxis/actFeedRate[u1,{n}]"
+    states = {"spindle_speed": Source("/Channel/Spindle/actSpeed[u1,1]")}
+    for axis, number in axis_numbers.items():
+        divisor = _DEGREES_PER_TURN if axis in ROTARY_AXES else 1.0
+        states[f"speed_{axis}"] = Source(feed.format(n=number), divisor)
+    return states
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Handshake:
+    """R-parameters of the probing handshake (docs/nc.md). The gateway writes the first three, the control the rest."""
+
+    request: int = 60
+    """Number of the request."""
+    withdraw: int = 61
+    """Number of a request that is taken back."""
+    valid_for: int = 62
+    """Seconds within which the cycle must begin."""
+    answers: int = 64
+    """Number of the request that state and reason speak of."""
+    state: int = 65
+    """0 idle, 1 accepted, 2 running, 3 done, 4 refused, 5 failed."""
+    reason: int = 66
+    """Why refused or failed."""
+    result_of: int = 67
+    """Number of the request that the results belong to."""
+    results: int = 70
+    """First of three per pose."""
+    spread: int = 88
+    """Largest difference of repeated touches in the cycle, mm."""
+    request_valid_for_s: float = 900.0
+    """A control that reaches its safe point later than this refuses: nobody may be listening any more. 0: no limit."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.request_valid_for_s) and self.request_valid_for_s >= 0):
+            raise SetupError(f"request_valid_for_s = {self.request_valid_for_s!r}: expected 0 or more")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compensation:
+    """How offsets reach the control."""
+
+    route: Literal["k0", "k0_slope", "r"] = "k0"
+    """`k0`: setting data SD43900 of X, Y, Z, acts at once; `k0_slope`: tanβ (SD43910) as well, so that the control
+    follows its position by itself; `r`: three R-parameters in mm that the NC program adds."""
+    signs: tuple[int, int, int] | None = None
+    """+1 where a positive value moves the tool in plus direction, -1 where in minus. None: -1, as a compensation value
+    stands for an error to be taken away, and +1 for route `r`. Check with a dial gauge (docs/nc.md)."""
+    travel_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None = None
+    """Route `k0_slope`: travel of X, Y, Z in machine coordinates; bound and slew hold at every point of it."""
+    reference_mm: Triple = (0.0, 0.0, 0.0)
+    """Route `k0_slope`: P0 of X, Y, Z (SD43920) and zero of the tables, machine coordinates."""
+    tables: Mapping[str, int] = field(default_factory=dict)
+    """Route `k0_slope`: sag compensation table ($AN_CEC, from 0 on) of each pair of axes, such as `{XY = 0}`: X is
+    shifted by Y's position. A pair without a table is followed by the gateway, once per period."""
+    table_signs: tuple[int, int, int] | None = None
+    """As `signs`, for the tables; None: as `signs`."""
+    first_r: int = 90
+    """First of the three R-parameters of route `r`."""
+    largest_um: float = 500.0
+    """No offset beyond this is ever sent, whoever asks: last line of defence against a wrong unit."""
+
+    def __post_init__(self) -> None:
+        if self.route not in ("k0", "k0_slope", "r"):
+            raise SetupError(f"route = {self.route!r}: expected 'k0', 'k0_slope' or 'r'")
+        for name in ("signs", "table_signs"):
+            signs = getattr(self, name)
+            if signs is not None and sorted({-1, 1, *signs}) != [-1, 1]:
+                raise SetupError(f"{name} = {signs!r}: expected three of +1 or -1")
+        if not 0 < self.largest_um < math.inf:
+            raise SetupError(f"largest_um = {self.largest_um!r}: expected more than 0")
+        if self.route == "k0_slope":
+            self._check_slopes()
+        elif self.tables or self.travel_mm is not None:
+            raise SetupError(f"tables and travel_mm are for route 'k0_slope', not for {self.route!r}")
+
+    def _check_slopes(self) -> None:
+        if self.travel_mm is None:
+            raise SetupError("travel_mm is missing: route 'k0_slope' needs it, to keep to the bound everywhere")
+        for axis, (low, high) in zip(LINEAR_AXES, self.travel_mm, strict=True):
+            if not -math.inf < low < high < math.inf:
+                raise SetupError(f"travel_mm of {axis} = {(low, high)!r}: expected the lower end before the upper one")
+        if not all(math.isfinite(v) for v in self.reference_mm):
+            raise SetupError(f"reference_mm = {self.reference_mm!r}: expected three finite numbers")
+        for pair, table in self.tables.items():
+            if pair not in PAIRS:
+                raise SetupError(f"tables.{pair}: expected one of {', '.join(PAIRS)}")
+            if table < 0:
+                raise SetupError(f"tables.{pair} = {table}: expected the number of a table, 0 or more")
+        if len(set(self.tables.values())) != len(self.tables):
+            raise SetupError(f"tables = {dict(self.tables)!r}: expected another table for each pair")
+
+    def table_sign(self, axis: int) -> int:
+        """Of X, Y, Z (0, 1, 2)."""
+        return self.table_signs[axis] if self.table_signs is not None else self.sign(axis)
+
+    def sign(self, axis: int) -> int:
+        """Of X, Y, Z (0, 1, 2)."""
+        if self.signs is not None:
+            return self.signs[axis]
+        return 1 if self.route == "r" else -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lease:
+    """R-parameters of claim and watchdog (docs/nc.md). The gateway writes all but `state`."""
+
+    owner: int = 93
+    """Number of the gateway that writes offsets; 0: nobody."""
+    beat: int = 94
+    """Another number at every heartbeat."""
+    silence: int = 95
+    """Seconds without a new beat until the control takes the gateway for dead."""
+    state: int = 96
+    """0 the watchdog has seen no beat since power on, 1 alive, 2 silent."""
+    ramp: int = 97
+    """mm/s towards zero on silence; 0 holds."""
+    slope_ramp: int = 98
+    """Route `k0_slope`: the same for slopes, mm/mm per second."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinumerikSettings(OpcUaSettings):
+    """One SINUMERIK control. Raises SetupError naming the field that cannot be."""
+
+    device: str = "nc"
+    """Name in messages."""
+    axis_numbers: Mapping[str, int] = field(default_factory=lambda: {"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
+    """Number of each machine axis on the control."""
+    origin_mm: Triple = (0.0, 0.0, 0.0)
+    """Machine coordinates of X, Y, Z at which the tip of the tool is where A and C meet; positions count from there."""
+    paths: Paths = field(default_factory=Paths)
+    subscribe_s: float = 0.0
+    """Have the control tell of changes this often instead of asking at every snapshot; 0: ask. A control that offers
+    no subscription, or falls silent, is asked."""
+    states: Mapping[str, Source] | None = None
+    """Machine states to read; None: default_states."""
+    poses: int = 6
+    """Number of poses that one probing cycle touches."""
+    handshake: Handshake = field(default_factory=Handshake)
+    compensation: Compensation = field(default_factory=Compensation)
+    lease: Lease = field(default_factory=Lease)
+
+    def __post_init__(self) -> None:
+        OpcUaSettings.__post_init__(self)
+        if not (math.isfinite(self.subscribe_s) and self.subscribe_s >= 0):
+            raise SetupError(f"subscribe_s = {self.subscribe_s!r}: expected 0 or more")
+        if not all(math.isfinite(v) for v in self.origin_mm):
+            raise SetupError(f"origin_mm = {self.origin_mm!r}: expected three finite numbers")
+        if self.poses < 1:
+            raise SetupError(f"poses = {self.poses!r}: expected 1 or more")
+        wanted = set(LINEAR_AXES + ROTARY_AXES)
+        numbers = list(self.axis_numbers.values())
+        if set(self.axis_numbers) != wanted or len(set(numbers)) != len(wanted) or min(numbers) < 1:
+            raise SetupError(
+                f"axis_numbers = {dict(self.axis_numbers)!r}: expected for each of X Y Z A C its own number from 1 on"
+            )
+        self._check_r_parameters()
+
+    def _check_r_parameters(self) -> None:
+        """No number below 0, and none with two meanings."""
+        meaning: dict[int, str] = {}
+        for name, number in self.r_numbers():
+            if number < 0:
+                raise SetupError(f"{name} = {number}: expected the number of an R-parameter, 0 or more")
+            if number in meaning:
+                raise SetupError(
+                    f"R{number} is {meaning[number]} as well as {name}", hint="give one of them another R-parameter"
+                )
+            meaning[number] = name
+
+    def r_numbers(self) -> Iterator[tuple[str, int]]:
+        """Every R-parameter in use, with what it is for; a field of several gives several."""
+        for group in ("handshake", "lease"):
+            section = getattr(self, group)
+            for item in fields(section):
+                number = getattr(section, item.name)
+                if item.name == "results":
+                    yield from ((f"{group}.results (of {self.poses} poses)", number + i) for i in range(3 * self.poses))
+                elif item.type is int:
+                    yield f"{group}.{item.name}", number
+        if self.compensation.route == "r":
+            yield from (("compensation.first_r (and the next two)", self.compensation.first_r + i) for i in range(3))
+
+    @property
+    def state_sources(self) -> Mapping[str, Source]:
+        return self.states if self.states is not None else default_states(self.axis_numbers)
+
+    def r(self, number: int) -> str:
+        """Node name of an R-parameter."""
+        return self.paths.r_parameter.format(n=number)

@@ -1,0 +1,162 @@
+"""SINUMERIK that follows its own position: K0, tanβ and P0 of each axis, and sag compensation tables across axes.
+
+ΔK = K0 + tanβ (P - P0) per axis (SD43900, SD43910, SD43920; Function Manual Extended Functions, K3, temperature
+compensation). What one axis needs because of another's position goes over sag compensation: a table that rises by 1 µm
+per mm from its zero at P0, times its weight SD41310 (K3, sag and angularity error compensation).
+"""
+
+import math
+from typing import Final
+
+from drivers.base import Clock, Refused
+from drivers.nc import LINEAR_AXES, LinearOffsets, Triple, Watch
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import PAIRS, SinumerikSettings
+
+_SAME_MM: Final = 1e-6
+
+
+class SinumerikWithSlopes(Sinumerik):
+    """One control with route `k0_slope`. Implements FollowsPosition; errors as Sinumerik's."""
+
+    def __init__(self, settings: SinumerikSettings, clock: Clock) -> None:
+        comp = settings.compensation
+        if comp.route != "k0_slope" or comp.travel_mm is None:
+            raise ValueError(f"route = {comp.route!r}: expected 'k0_slope'")
+        tables = [(PAIRS[pair], settings.paths.weight.format(n=table + 1)) for pair, table in comp.tables.items()]
+        self._tables = dict(tables)
+        super().__init__(settings, clock)
+        self._slopes = self._linear(settings.paths.slope)
+        self._references = self._linear(settings.paths.reference)
+        self._form = (*self._offsets, *self._slopes, *self._references, *self._tables.values())
+        low_high = zip(comp.travel_mm, comp.reference_mm, strict=True)
+        x, y, z = (max(abs(low - p0), abs(high - p0)) for (low, high), p0 in low_high)
+        self._reach: Triple = (x, y, z)
+        self._found: tuple[list[float], list[float]] | None = None
+        """P0 and slopes as they were read last; not None while connected."""
+
+    @property
+    def pairs(self) -> frozenset[tuple[int, int]]:
+        return frozenset(self._tables) | {(axis, axis) for axis in range(3)}
+
+    @property
+    def reference_mm(self) -> Triple:
+        return self._from_origin(*self._settings.compensation.reference_mm)
+
+    @property
+    def reach_mm(self) -> Triple:
+        return self._reach
+
+    async def connect(self) -> None:
+        await super().connect()
+        try:
+            await self.read_linear()  # a write looks at the P0 that was read last
+        except BaseException:
+            await self.close()
+            raise
+
+    async def claim(self, owner: int, watch: Watch) -> None:
+        """As Sinumerik's; also sets each P0 to ours. Raises Refused when another one is in use under a slope."""
+        await super().claim(owner, watch)
+        await self.read_linear()
+        wrong = {path: wanted for path, wanted, _, slope in self._wrong_references() if not slope}
+        if wrong:
+            await self._session.write(wrong)
+            await self.read_linear()
+        self._check_references()
+
+    async def write_linear(self, offsets: LinearOffsets) -> None:
+        """Raises ValueError, before anything is sent, for what is not finite, beyond `largest_um` somewhere in the
+        travel, about another reference, or over a pair without a table; Refused when another P0 was read last.
+
+        K0, slopes and weights go in one request, and nothing is asked before it: who calls has just looked whether it
+        may still be sent. On Refused some may have been set: read back.
+        """
+        self._check(offsets)
+        self._check_references()
+        comp = self._settings.compensation
+        values = {}
+        for axis in range(3):
+            values[self._offsets[axis]] = comp.sign(axis) * offsets.k0_um[axis] * 1e-3
+            values[self._slopes[axis]] = comp.sign(axis) * offsets.slope_um_per_mm[axis][axis] * 1e-3
+        for (axis, over), path in self._tables.items():
+            values[path] = comp.table_sign(axis) * offsets.slope_um_per_mm[axis][over]
+        await self._session.write(values)
+
+    async def read_linear(self) -> LinearOffsets:
+        return self._offsets_from(self._numbers(self._form, await self._session.read(self._form)))
+
+    async def write_compensation(self, offsets_um: Triple) -> None:
+        """The same shift wherever the axes stand."""
+        zero = (0.0, 0.0, 0.0)
+        await self.write_linear(LinearOffsets(offsets_um, (zero, zero, zero), self.reference_mm))
+
+    async def read_compensation(self) -> Triple:
+        """At the present position."""
+        values = self._numbers(self._in_force, await self._session.read(self._in_force))
+        x, y, z = values[len(self._form) :]
+        return self._offsets_from(values[: len(self._form)]).at(self._from_origin(x, y, z))
+
+    def _in_force_paths(self) -> tuple[str, ...]:
+        paths = self._settings.paths
+        form = [p for path in (paths.k0, paths.slope, paths.reference) for p in self._linear(path)]
+        return (*form, *self._tables.values(), *self._linear(paths.position))
+
+    def _watch_values(self, watch: Watch) -> dict[str, float]:
+        """Half of the rate for K0 and half for all slopes together, so that nothing moves faster than agreed."""
+        lease, r = self._settings.lease, self._settings.r
+        half = watch.ramp_um_per_s * 1e-3 / 2
+        return {r(lease.silence): watch.silence_s, r(lease.ramp): half, r(lease.slope_ramp): half / sum(self._reach)}
+
+    def _offsets_from(self, values: list[float]) -> LinearOffsets:
+        """From the values of `_form`, about our reference whichever the control has; that one is kept."""
+        comp = self._settings.compensation
+        k0, slope, p0 = values[0:3], values[3:6], values[6:9]
+        self._found = p0, slope
+        rows = [[0.0] * 3 for _ in range(3)]
+        at_reference = [0.0] * 3
+        for axis in range(3):
+            rows[axis][axis] = comp.sign(axis) * slope[axis] * 1e3
+            moved = slope[axis] * (comp.reference_mm[axis] - p0[axis])
+            at_reference[axis] = comp.sign(axis) * (k0[axis] + moved) * 1e3
+        for ((axis, over), _), weight in zip(self._tables.items(), values[9:], strict=True):
+            rows[axis][over] = comp.table_sign(axis) * weight
+        x, y, z = ((row[0], row[1], row[2]) for row in rows)
+        return LinearOffsets((at_reference[0], at_reference[1], at_reference[2]), (x, y, z), self.reference_mm)
+
+    def _check(self, offsets: LinearOffsets) -> None:
+        largest = self._settings.compensation.largest_um
+        if offsets.reference_mm != self.reference_mm:
+            raise ValueError(f"reference_mm = {offsets.reference_mm}: expected {self.reference_mm}; nothing was sent")
+        for axis, name in enumerate(LINEAR_AXES):
+            row = offsets.slope_um_per_mm[axis]
+            if any(slope and (axis, over) not in self.pairs for over, slope in enumerate(row)):
+                raise ValueError(f"{name} has a slope over an axis that no table joins it to; nothing was sent")
+            effect = abs(offsets.k0_um[axis]) + sum(abs(s) * r for s, r in zip(row, self._reach, strict=True))
+            if not math.isfinite(effect):
+                raise ValueError(f"offsets of {name}: expected finite numbers; nothing was sent")
+            if effect > largest:
+                raise ValueError(
+                    f"offsets of {name} reach {effect:.1f} µm within the travel, beyond largest_um = {largest:g}; "
+                    "nothing was sent"
+                )
+
+    def _wrong_references(self) -> list[tuple[str, float, float, float]]:
+        """Of each axis whose P0 is not ours: its path, ours, what was found, and the slope in force."""
+        if self._found is None:
+            return []
+        found = zip(self._references, self._settings.compensation.reference_mm, *self._found, strict=True)
+        return [(path, wanted, p0, slope) for path, wanted, p0, slope in found if abs(p0 - wanted) > _SAME_MM]
+
+    def _check_references(self) -> None:
+        """A reference can be moved without a step only while its slope is zero."""
+        for path, wanted, p0, slope in self._wrong_references():
+            name = LINEAR_AXES[self._references.index(path)]
+            raise Refused(
+                f"P0 of {name} (SD43920) is {p0:g} {'with a' if slope else 'without a'} slope in force, "
+                f"expected {wanted:g}",
+                device=self._settings.device,
+                hint="set its slope (SD43910) to 0 on the control, or reference_mm to what stands there"
+                if slope
+                else "claim the control again: that sets it",
+            )

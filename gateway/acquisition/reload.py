@@ -1,0 +1,106 @@
+"""Another configuration while the gateway runs: checked as a whole, applied by its difference, or not at all."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.tap import Tap
+from gateway.acquisition.board import Board
+from gateway.acquisition.build import lines_of
+from gateway.acquisition.runner import Acquisition
+from gateway.clock import ServiceClock
+from gateway.config import GatewayConfig
+
+_NEEDS_RESTART = (
+    "machine",
+    "grid",
+    "storage",
+    "telemetry",
+    "states",
+    "nc",
+    "probing",
+    "compensation",
+    "talc",
+    "sensor_check",
+)
+"""Sections that the controller, the store, the session or the NC's link were made from."""
+
+
+class ReloadError(Exception):
+    """The new configuration cannot be applied while the gateway runs; the old one goes on. The text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """What happens to the buses, by name."""
+
+    stopped: tuple[str, ...]
+    started: tuple[str, ...]
+    """Also in `stopped` when the bus was there before."""
+    kept: tuple[str, ...]
+
+
+def difference(old: GatewayConfig, new: GatewayConfig) -> Difference:
+    """Which buses must be stopped and started. One is kept when it, its devices, profiles and limits are as before.
+
+    Raises ReloadError when something else changed that only a restart can change.
+    """
+    changed = [name for name in _NEEDS_RESTART if getattr(old, name) != getattr(new, name)]
+    if changed:
+        raise ReloadError(f"[{'], ['.join(changed)}] changed: restart the gateway to apply that")
+    if old.input_names != new.input_names:
+        gone, come = set(old.input_names) - set(new.input_names), set(new.input_names) - set(old.input_names)
+        what = "; ".join(
+            f"{word}: {', '.join(sorted(names))}" for word, names in (("gone", gone), ("new", come)) if names
+        )
+        raise ReloadError(f"the model inputs changed ({what or 'their order'}): restart the gateway to learn anew")
+    before, after = _parts(old), _parts(new)
+    return Difference(
+        stopped=tuple(name for name in before if before[name] != after.get(name)),
+        started=tuple(name for name in after if after[name] != before.get(name)),
+        kept=tuple(name for name in after if after[name] == before.get(name)),
+    )
+
+
+async def apply(
+    acquisition: Acquisition,
+    board: Board,
+    clock: ServiceClock,
+    old: GatewayConfig,
+    new: GatewayConfig,
+    tap: Callable[[str], Tap] | None = None,
+) -> Difference:
+    """Bring the running acquisition from `old` to `new`, both already checked by `load`.
+
+    Every new driver is made before the first bus is stopped; when the exchange fails, the buses of `old` run again, as
+    the lines that ran: its files may be gone.
+    tap: gives who listens in on the bus of that name
+
+    Raises ReloadError or SetupError when nothing was changed, or what the exchange raised after it was taken back.
+    """
+    change = difference(old, new)
+    lines = {line.bus.name: line for line in lines_of(new, clock, tap)}
+    former = {name: runner.line for name, runner in acquisition.runners.items()}
+    try:
+        await acquisition.exchange(change.stopped, [lines[name] for name in change.started])
+    except Exception:
+        running = [name for name in change.started if name in acquisition.runners]
+        missing = [former[name] for name in change.stopped if name in running or name not in acquisition.runners]
+        await acquisition.exchange(running, missing)
+        raise
+    board.configure({channel.name: channel.period_s for channel in new.channels})
+    return change
+
+
+def _parts(config: GatewayConfig) -> dict[str, object]:
+    """All that a bus's runner is made from."""
+    limits = config.limits
+    return {
+        bus.name: (
+            bus,
+            [
+                (d, config.profiles.get(d.profile), list(d.channels), {c: limits[c] for c in d.channels if c in limits})
+                for d in config.devices_of(bus.name)
+            ],
+        )
+        for bus in config.buses
+    }

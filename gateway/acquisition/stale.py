@@ -1,0 +1,38 @@
+"""Tells of a channel that goes stale at the moment it does: also while a read hangs and its runner can say nothing."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from drivers.base import Reading
+from gateway.acquisition.board import Board
+from gateway.clock import ServiceClock
+
+
+class StaleWatch:
+    """One task for all channels; it wakes when the oldest value is due to go stale, or looks again before any can.
+
+    Parameters
+    ----------
+    board: has every channel's latest reading
+    clock: the one that the readings' monotonic seconds are of
+    number: gives the next reading's sequence number
+    publish: takes the stale readings, once each; time and age are those of the last value
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        clock: ServiceClock,
+        number: Callable[[], int],
+        publish: Callable[[Sequence[Reading]], None],
+    ) -> None:
+        self._board, self._clock, self._number, self._publish = board, clock, number, publish
+
+    async def run(self) -> None:
+        """Until cancelled."""
+        while True:
+            gone, again_s = self._board.expire(self._clock.monotonic())
+            if gone:
+                number = self._number()
+                self._publish([replace(reading, sequence=number) for reading in gone])
+            await self._clock.sleep_until(again_s)

@@ -1,0 +1,309 @@
+"""What a person sees of a running gateway, in the demo and in `watch` alike: decoded telemetry, drawn by rich."""
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from drivers.base import Clock, Reading
+from gateway.cli.terminal import terminal
+from gateway.nc.slew import Write
+from gateway.probing.cycle import Outcome
+from gateway.probing.schedule import Outlook
+from gateway.telemetry import keys
+from talc.frame import Decision, Event, EventKind, Frame
+from talc.models import ModelSet
+from talc.names import ERROR_UNITS, THERMAL_ERRORS
+from talc.sensor_check import Judgement
+
+_EVENTS_SHOWN = 5
+_REFRESH_PER_S = 4
+_SUMMARY_EVERY_S = 6 * 3600.0
+_GOOD = ("good", "simulated")
+_PHASE_STYLE = {"calibration": "yellow", "compensation": "green", "no_good": "red"}
+_NOTABLE = frozenset(
+    {
+        EventKind.PHASE_CHANGED,
+        EventKind.MODEL_REJECTED,
+        EventKind.PROBLEM,
+        EventKind.PROBLEM_ENDED,
+        EventKind.MEASUREMENT_REJECTED,
+        EventKind.OPERATOR,
+        EventKind.SENSOR_SUSPECT,
+        EventKind.SENSORS_AGREE,
+    }
+)
+
+
+@dataclass(slots=True)
+class ViewState:
+    """The latest of everything. Times are UTC as published."""
+
+    machine: str
+    progress_until_s: float | None = None
+    """Length of the run, if it has an end."""
+    time: datetime | None = None
+    began: datetime | None = None
+    simulated: bool = False
+    alive: bool = True
+    phase: str = ""
+    k: int = 0
+    predicted: dict[str, float | None] = field(default_factory=dict)
+    corrected: dict[str, float | None] = field(default_factory=dict)
+    sigma: dict[str, float | None] = field(default_factory=dict)
+    limits: dict[str, float | None] = field(default_factory=dict)
+    measured: dict[str, float | None] = field(default_factory=dict)
+    measured_at: datetime | None = None
+    inputs: dict[str, list[str]] = field(default_factory=dict)
+    channels: dict[str, str] = field(default_factory=dict)
+    """Channel to quality."""
+    offsets_um: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    mode: str = ""
+    source: str = ""
+    probing: str = ""
+    sensors: list[str] = field(default_factory=list)
+    """What does not agree with the other sensors."""
+    """Why a wanted measurement waits."""
+    measurements: int = 0
+    rejected: int = 0
+    state_updates: int = 0
+    model_updates: int = 0
+    events: deque[tuple[datetime, str, str]] = field(default_factory=lambda: deque(maxlen=200))
+    events_seen: int = 0
+    _last_models_k: int | None = None
+
+    def apply(self, suffix: str, p: keys.Payload) -> None:
+        """Take one message: the key below `<prefix>/<machine>/` and its payload. Unknown kinds are passed over."""
+        now = datetime.fromisoformat(p["time"])
+        self.time = now if self.time is None else max(self.time, now)
+        self.began = self.began or now
+        self.simulated = p.get("clock") == "simulated"
+        match suffix.split("/")[0]:
+            case keys.READING:
+                self.channels[p["channel"]] = p["quality"]
+            case keys.DECISION:
+                self.phase, self.k = p["phase"], p["k"]
+                self.predicted, self.corrected = p["predicted"], p["corrected"]
+                self.sigma, self.limits = p["sigma"], p["limits"]
+            case keys.MEASUREMENT:
+                self.measurements += 1
+                if p["errors"] is None:
+                    self.rejected += 1
+                else:
+                    self.measured, self.measured_at = p["errors"], datetime.fromisoformat(p["ended"])
+            case keys.MODEL:
+                self.inputs[p["error"]] = p["inputs"]
+                if p["after_k"] != self._last_models_k:
+                    self._last_models_k = p["after_k"]
+                    self.model_updates += 1
+            case keys.COMPENSATION:
+                self.offsets_um, self.mode, self.source = p["offsets_um"], p["mode"], p["source"]
+            case keys.SENSORS:
+                self.sensors = [finding["text"] for finding in p["findings"]]
+            case keys.PROBING:
+                self.probing = p["reason"]
+            case keys.EVENT:
+                if p["kind"] == EventKind.STATE_UPDATE:
+                    self.state_updates += 1
+                self.events.append((now, p["kind"], p["text"]))
+                self.events_seen += 1
+
+    @property
+    def elapsed_s(self) -> float:
+        """Since the first message."""
+        return 0.0 if self.time is None or self.began is None else (self.time - self.began).total_seconds()
+
+
+def render(state: ViewState) -> RenderableType:
+    """The whole picture; 80 columns are enough."""
+    return Group(_header(state), _errors(state), _footer(state), _events(state))
+
+
+def _header(s: ViewState) -> RenderableType:
+    text = Text()
+    text.append(f"{s.machine}  ", style="bold")
+    text.append(f"{s.time:%Y-%m-%d %H:%M} UTC" if s.time else "waiting for the first message")
+    text.append(" (simulated)  " if s.simulated else "  ", style="dim")
+    text.append(s.phase.replace("_", " ") or "starting", style=f"bold {_PHASE_STYLE.get(s.phase, 'white')}")
+    if not s.alive:
+        text.append("  the gateway is gone", style="bold red")
+    parts: list[RenderableType] = [text]
+    if s.progress_until_s:
+        grid = Table.grid(padding=(0, 1), expand=True)
+        grid.add_column(ratio=1)
+        grid.add_column(justify="right")
+        bar = ProgressBar(total=s.progress_until_s, completed=min(s.elapsed_s, s.progress_until_s))
+        grid.add_row(bar, f"{s.elapsed_s / 3600:.1f} of {s.progress_until_s / 3600:g} h")
+        parts.append(grid)
+    bad = sorted(c for c, q in s.channels.items() if q not in _GOOD)
+    health = Text(f"channels: {len(s.channels) - len(bad)} of {len(s.channels)} good", style="red" if bad else "green")
+    if bad:
+        health.append("; " + ", ".join(f"{c} {s.channels[c]}" for c in bad[:4]) + (" ..." if len(bad) > 4 else ""))
+    parts.append(health)
+    parts += [Text(f"sensors: {text}", style="red") for text in s.sensors]
+    return Panel(Group(*parts), padding=(0, 1))
+
+
+def _errors(s: ViewState) -> RenderableType:
+    table = Table(expand=True, pad_edge=False, header_style="bold")
+    for name in ("error", "unit", "predicted", "± (2σ)", "measured", "ACL", "inputs"):
+        right = name in ("predicted", "± (2σ)", "measured", "ACL")
+        table.add_column(
+            name, justify="right" if right else "left", no_wrap=True, ratio=1 if name == "inputs" else None
+        )
+    for name in THERMAL_ERRORS:
+        sigma = s.sigma.get(name)
+        table.add_row(
+            name,
+            ERROR_UNITS[name],
+            _shown(s.predicted.get(name)),
+            _shown(None if sigma is None else 2 * sigma),
+            _shown(s.measured.get(name)),
+            _shown(s.limits.get(name)),
+            Text(", ".join(s.inputs.get(name, [])), overflow="ellipsis", style="dim"),
+        )
+    return table
+
+
+def _footer(s: ViewState) -> RenderableType:
+    x, y, z = s.offsets_um
+    age = (
+        ""
+        if s.measured_at is None or s.time is None
+        else f", last {_age((s.time - s.measured_at).total_seconds())} ago"
+    )
+    return Text(
+        f"compensation {s.mode or '-'} ({s.source or 'nothing yet'})  X {x:+.1f}  Y {y:+.1f}  Z {z:+.1f} µm\n"
+        f"{s.measurements} measurements ({s.rejected} rejected{age}), {s.state_updates} state updates, "
+        f"{s.model_updates} model updates" + (f"\nprobing: {s.probing}" if s.probing else "")
+    )
+
+
+def _events(s: ViewState) -> RenderableType:
+    lines = [f"{at:%d. %H:%M}  {text}" for at, _, text in list(s.events)[-_EVENTS_SHOWN:]]
+    lines += [""] * (_EVENTS_SHOWN - len(lines))
+    return Text("\n".join(lines), style="dim", no_wrap=True, overflow="ellipsis")
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
+def _age(seconds: float) -> str:
+    return f"{seconds / 3600:.1f} h" if seconds >= 3600 else f"{seconds / 60:.0f} min"
+
+
+class ViewOutlet:
+    """An Outlet that feeds a ViewState in this process with just what telemetry would carry."""
+
+    def __init__(self, state: ViewState, input_names: Sequence[str], clock: Clock, *, simulated: bool) -> None:
+        self._state, self._names, self._clock = state, tuple(input_names), clock
+        self._clock_state = "simulated" if simulated else "system"
+
+    def _apply(self, suffix: str, payload: keys.Payload) -> None:
+        self._state.apply(suffix, {"time": self._clock.utc().isoformat(), "clock": self._clock_state} | payload)
+
+    def readings(self, readings: Sequence[Reading]) -> None:
+        now_s = self._clock.monotonic()
+        for r in readings:
+            self._apply(f"{keys.READING}/{r.channel}", keys.reading(r, now_s))
+
+    def frame(self, frame: Frame) -> None:
+        self._apply(keys.FRAME, keys.frame(frame, self._names))
+
+    def decision(self, decision: Decision) -> None:
+        self._apply(keys.DECISION, keys.decision(decision))
+
+    def requested(self, number: int) -> None: ...
+
+    def measurement(self, outcome: Outcome) -> None:
+        self._apply(keys.MEASUREMENT, keys.measurement(outcome))
+
+    def models(self, models: ModelSet, after_k: int) -> None:
+        for m in models.models:
+            if m is not None:
+                self._apply(f"{keys.MODEL}/{m.error}", keys.model(m, after_k))
+
+    def event(self, event: Event, k: int | None) -> None:
+        self._apply(keys.EVENT, keys.event(event, k))
+
+    def compensation(self, write: Write) -> None:
+        self._apply(keys.COMPENSATION, keys.compensation(write))
+
+    def sensors(self, judgement: Judgement, k: int) -> None:
+        self._apply(keys.SENSORS, keys.sensors(judgement, k))
+
+    def probing(self, outlook: Outlook) -> None:
+        self._apply(keys.PROBING, keys.probing(outlook))
+
+
+class LiveView:
+    """Shows a ViewState while the context lasts: redrawn on a terminal, a line per notable event elsewhere.
+
+    Parameters
+    ----------
+    plain: lines also on a terminal
+    console: where to; None: standard output
+    """
+
+    def __init__(self, state: ViewState, *, plain: bool = False, console: Console | None = None) -> None:
+        self._state, self._console = state, console or terminal()
+        self._live: Live | None = None
+        if self._console.is_terminal and not plain:
+            self._live = Live(
+                get_renderable=lambda: render(state),
+                console=self._console,
+                refresh_per_second=_REFRESH_PER_S,
+                screen=False,
+            )
+        self._seen, self._summarised = 0, 0.0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._lines, name="view", daemon=True)
+
+    def __enter__(self) -> Self:
+        if self._live is not None:
+            self._live.start(refresh=True)
+        else:
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+        else:
+            self._stop.set()
+            self._thread.join()
+
+    def _lines(self) -> None:
+        while not self._stop.wait(1.0 / _REFRESH_PER_S):
+            self._print_news()
+        self._print_news()
+
+    def _print_news(self) -> None:
+        s = self._state
+        fresh = s.events_seen - self._seen
+        self._seen += fresh
+        for at, kind, text in list(s.events)[len(s.events) - min(fresh, len(s.events)) :]:
+            if kind in _NOTABLE:
+                self._print(f"{at:%Y-%m-%d %H:%M}  {text}")
+        if s.elapsed_s - self._summarised >= _SUMMARY_EVERY_S:
+            self._summarised = s.elapsed_s - s.elapsed_s % _SUMMARY_EVERY_S
+            self._print(
+                f"{s.time:%Y-%m-%d %H:%M}  {s.phase}: {s.measurements} measurements, {s.model_updates} model updates, "
+                f"offsets {', '.join(f'{v:+.1f}' for v in s.offsets_um)} µm"
+            )
+
+    def _print(self, line: str) -> None:
+        self._console.print(line, highlight=False, soft_wrap=True)

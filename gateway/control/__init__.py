@@ -1,0 +1,1 @@
+"""The grid loop around the pure controller, and what computes beside it."""

@@ -1,0 +1,156 @@
+"""The grid loop: once per step make a frame, let the controller decide, and see to what it wants."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+from gateway.clock import ServiceClock
+from gateway.config.sections import Probing
+from gateway.control.grid import GridSampler, Instant, Schedule
+from gateway.control.trainer import failed, train_apart
+from gateway.events import Outlet
+from gateway.nc.link import NcLink
+from gateway.probing.cycle import End, Outcome
+from gateway.probing.schedule import Bulletin, Outlook, ProbingSchedule, Standing
+from talc.control import Controller
+from talc.frame import Decision, Event, EventKind, Frame, Measurement, TrainingJob, Why
+from talc.models import ModelSet
+
+log = logging.getLogger(__name__)
+
+
+class GridLoop:
+    """Drives the pure controller on the grid.
+
+    Parameters
+    ----------
+    controller: fresh, or rebuilt from the store
+    sampler, schedule: the grid
+    link: the NC; None when the gateway runs without one
+    plan: when to ask for a measurement
+    probing: `lead_s` and `poll_s` are used
+    outlet: told of frames, decisions, measurements, models and events
+    decided: told of every decision, after the outlet
+    pending: a training and a measurement that an earlier run still wanted
+    train: runs a training
+    seen: told of every frame after all that follows from it
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        sampler: GridSampler,
+        schedule: Schedule,
+        clock: ServiceClock,
+        link: NcLink | None,
+        plan: ProbingSchedule,
+        probing: Probing,
+        outlet: Outlet,
+        decided: Callable[[Decision], None],
+        pending: tuple[TrainingJob | None, Why | None] = (None, None),
+        train: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
+        seen: Callable[[Frame], None] = lambda _: None,
+    ) -> None:
+        self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
+        self._link, self._plan, self._probing = link, plan, probing
+        self._outlet, self._decided = outlet, decided
+        self._job, wish = pending
+        self._plan.wish(wish, clock.monotonic())
+        self._run_training, self._seen = train, seen
+        self._bulletin, self._outlook = Bulletin(), Outlook(Standing.NOT_WANTED, None)
+        self._finished: Measurement | None = None
+        self._measuring: asyncio.Task[None] | None = None
+        self._training: asyncio.Task[None] | None = None
+        self._last_k = -1
+
+    async def run(self) -> None:
+        """Until cancelled."""
+        async with asyncio.TaskGroup() as tasks:
+            while True:
+                instant = self._schedule.next(self._clock.utc(), self._clock.monotonic())
+                if instant.clock_moved_s:
+                    log.warning("the clock was set by %+.0f s; the grid follows", instant.clock_moved_s)
+                self._see_to_wishes(tasks, instant)
+                await self._clock.sleep_until(instant.monotonic_s)
+                with self._clock.hold():
+                    self._step(instant)
+                    # Let the other tasks of this instant begin while time still stands.
+                    await asyncio.sleep(0)
+
+    def _see_to_wishes(self, tasks: asyncio.TaskGroup, instant: Instant) -> None:
+        if self._job is not None and (self._training is None or self._training.done()):
+            job, self._job = self._job, None
+            self._training = tasks.create_task(self._train(job), name="training")
+        if (
+            self._plan.wanted
+            and self._link is not None
+            and self._link.may_probe
+            and (self._measuring is None or self._measuring.done())
+            and self._finished is None
+        ):
+            at = max(self._clock.monotonic(), instant.monotonic_s - self._probing.lead_s)
+            self._measuring = tasks.create_task(self._measure(self._link, at), name="measurement")
+
+    def _step(self, instant: Instant) -> None:
+        measurement, self._finished = self._finished, None
+        frame = self._sampler.frame(instant, measurement)
+        decision = self._controller.step(frame)
+        self._last_k = frame.k
+        self._outlet.frame(frame)
+        self._outlet.decision(decision)
+        for event in decision.events:
+            self._outlet.event(event, decision.k)
+        self._plan.wish(decision.measure, self._clock.monotonic())
+        if decision.training is not None:
+            self._job = decision.training
+        if self._link is not None:
+            self._link.follow(decision)
+        self._decided(decision)
+        self._seen(frame)
+
+    async def _measure(self, link: NcLink, at_s: float) -> None:
+        """See one wish through: wait for the moment, ask, hand the result on."""
+        due = at_s
+        while True:
+            await self._clock.sleep_until(due)
+            outlook = self._plan.look(link.present, self._clock.monotonic())
+            self._tell(outlook)
+            if outlook.standing is Standing.DUE:
+                break
+            if not self._plan.wanted:
+                return
+            due = self._clock.monotonic() + self._probing.poll_s
+        why = self._plan.asked()
+        self._tell(self._plan.look(link.present, self._clock.monotonic()))
+        outcome: Outcome = await link.measure(why)
+        self._outlet.measurement(outcome)
+        if outcome.end is End.REJECTED:
+            log.warning("measurement rejected: %s", outcome.reason)
+            self._outlet.event(Event(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._last_k)
+        self._finished = outcome.measurement
+        self._tell(self._plan.ended(outcome.end, outcome.reason, self._clock.monotonic()))
+
+    def _tell(self, outlook: Outlook) -> None:
+        """Publish what changed; log each reason once for as long as it lasts."""
+        if outlook == self._outlook:
+            return
+        if outlook.standing is Standing.WAITING and outlook.reason != self._outlook.reason:
+            log.info("a measurement (%s) %s", outlook.why, outlook.reason)
+        self._outlook = outlook
+        self._outlet.probing(outlook)
+        for event in self._bulletin.of(outlook):
+            log.log(logging.INFO if event.kind is EventKind.PROBLEM_ENDED else logging.WARNING, "%s", event.text)
+            self._outlet.event(event, self._last_k)
+
+    async def _train(self, job: TrainingJob) -> None:
+        # A training takes seconds; on a real machine that is less than a grid step.
+        with self._clock.hold():
+            try:
+                models = await self._run_training(job)
+            except Exception as error:
+                log.exception("the training of step %d failed", job.k)
+                models = failed(job, error)
+            events = self._controller.adopt(models)
+        self._outlet.models(models, self._last_k)
+        for event in events:
+            self._outlet.event(event, self._last_k)

@@ -1,0 +1,236 @@
+"""Watches whether the sensors still agree with each other: learns once a day, judges once an hour, tells once."""
+
+import asyncio
+import logging
+import math
+from collections import deque
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from gateway.clock import ServiceClock
+from gateway.control.subprocess import WorkError, apart
+from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame
+from talc.sensor_check import Finding, Judgement, judge
+from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
+from talc.settings import SensorCheckSettings
+
+log = logging.getLogger(__name__)
+
+_JUDGE_EVERY_STEPS = 12
+_LEARN_EVERY_STEPS = 288
+_LEARN_FIRST_STEPS = 288
+"""A day: less does not show how the hall's temperature goes."""
+
+_LEAST_TEMPERATURES = 3
+_MOST_IN_A_THREAD = 64
+"""Temperatures; the work grows with their square, and beyond it the buses would feel it."""
+
+Learn = Callable[[Sequence[str], FloatArray, BoolArray, SensorCheckSettings], Awaitable[SensorModel | None]]
+
+
+class Told(Protocol):
+    """Who hears of it; a part of an Outlet."""
+
+    def event(self, event: Event, k: int | None) -> None: ...
+
+    def sensors(self, judgement: Judgement, k: int) -> None: ...
+
+
+@dataclass(slots=True)
+class _Standing:
+    """A finding that has not gone."""
+
+    finding: Finding
+    first: int
+    last: int
+    """Numbers of judgements."""
+    told: bool = False
+
+    def is_about(self, finding: Finding) -> bool:
+        """Sensors side by side take turns in being the likeliest."""
+        mine = {*self.finding.inputs, *self.finding.alternatives}
+        return finding.kind == self.finding.kind and not mine.isdisjoint({*finding.inputs, *finding.alternatives})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenBefore:
+    """What an earlier run saw."""
+
+    first_k: int
+    inputs: FloatArray
+    """(T, n) consecutive grid steps; `valid` likewise."""
+    valid: BoolArray
+    suspect_since_k: int | None
+    """When the findings that still stood were first told."""
+
+
+async def _learn_apart(
+    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+) -> SensorModel | None:
+    return await apart(learn, names, inputs, valid, settings)
+
+
+class SensorWatch:
+    """Keeps the last frames and compares them with what earlier ones taught.
+
+    An exchange is told when it has stood for half a window, an offset when for a whole one; both end when a whole
+    window has passed without them. Nothing is learnt from what has not been judged for a whole window, nor while there
+    are findings: a fault does not become normal.
+
+    Parameters
+    ----------
+    input_names: order of a frame's inputs
+    settings: window, thresholds
+    is_temperature: whether an input is one, by the unit of its readings; asked when learning
+    told: of findings that begin and of their end, and of every judgement
+    clock: held while it computes
+    before: what an earlier run saw
+    """
+
+    def __init__(
+        self,
+        input_names: Sequence[str],
+        settings: SensorCheckSettings,
+        is_temperature: Callable[[str], bool],
+        told: Told,
+        clock: ServiceClock,
+        before: SeenBefore | None = None,
+        learn: Learn = _learn_apart,
+    ) -> None:
+        self._names, self._settings, self._is_temperature = tuple(input_names), settings, is_temperature
+        self._told, self._clock, self._learn = told, clock, learn
+        self._rows: deque[tuple[FloatArray, BoolArray]] = deque(maxlen=settings.learn_steps + settings.window_steps)
+        self._last_k: int | None = None
+        self._model: SensorModel | None = None
+        self._learnt_k: int | None = None
+        self._failures: dict[str, set[str]] = {}
+        """What was told of each part that fails, until it works again."""
+        self._judged = self._quiet = 0
+        """Judgements in all, and those without a finding since the last one with."""
+        self._findings: list[_Standing] = []
+        self._suspect_since_k = None if before is None else before.suspect_since_k
+        self._due = asyncio.Event()
+        if before is not None:
+            for k, (inputs, valid) in enumerate(zip(before.inputs, before.valid, strict=True), before.first_k):
+                self._append(k, inputs, valid)
+
+    def frame(self, frame: Frame) -> None:
+        """Take a frame; returns at once."""
+        self._append(frame.k, frame.inputs, frame.valid)
+        if self._settings.enabled and frame.k % _JUDGE_EVERY_STEPS == 0:
+            self._due.set()
+
+    async def run(self) -> None:
+        """Look whenever it is due, until cancelled."""
+        while True:
+            await self._due.wait()
+            self._due.clear()
+            with self._clock.hold():
+                await self.look()
+
+    async def look(self) -> None:
+        """Judge the last window; then learn, when a day has passed and nothing is suspect.
+
+        Advice is not worth the gateway: what a part raises is told once, and the part is tried again when it is due.
+        """
+        await self._attempt("not judged", self._judge)
+        await self._attempt("how they predict each other could not be learnt", self._learn_when_due)
+
+    async def _attempt(self, failing: str, part: Callable[[], Awaitable[bool]]) -> None:
+        try:
+            if await part() and failing in self._failures:
+                del self._failures[failing]
+                self._told.event(Event(EventKind.PROBLEM_ENDED, f"sensors, no longer: {failing}"), self._last_k)
+        except Exception as error:
+            expected = isinstance(error, WorkError)
+            text = f"sensors: {failing}: " + (str(error) if expected else f"unexpected {type(error).__name__}: {error}")
+            told = self._failures.setdefault(failing, set())
+            if text in told:
+                return
+            told.add(text)
+            log.error("%s", text, exc_info=None if expected else error)
+            self._told.event(Event(EventKind.PROBLEM, text), self._last_k)
+
+    def _append(self, k: int, inputs: FloatArray, valid: BoolArray) -> None:
+        if self._last_k is not None:
+            nothing = np.full(len(self._names), np.nan), np.zeros(len(self._names), dtype=np.bool_)
+            gap = min(k - self._last_k - 1, self._rows.maxlen or 0)
+            self._rows.extend([nothing] * gap)
+        self._rows.append((inputs, valid))
+        self._last_k = k
+
+    def _record(self, rows: slice) -> tuple[FloatArray, BoolArray]:
+        chosen = list(self._rows)[rows]
+        return np.array([inputs for inputs, _ in chosen]), np.array([valid for _, valid in chosen], dtype=np.bool_)
+
+    async def _judge(self) -> bool:
+        """Whether it was judged; a machine at rest is not."""
+        k, model = self._last_k, self._model
+        if model is None or k is None:
+            return False
+        inputs, valid = self._record(slice(-self._settings.window_steps - CHANGE_STEPS, None))
+        given = model, self._names, inputs, valid, self._settings
+        if len(model.names) <= _MOST_IN_A_THREAD:
+            judgement = await asyncio.to_thread(judge, *given)
+        else:
+            judgement = await apart(judge, *given)
+        self._told.sensors(judgement, k)
+        if not judgement.smallest_offset_K:
+            return False
+        self._compare(judgement.findings, k)
+        return True
+
+    def _compare(self, findings: Sequence[Finding], k: int) -> None:
+        """Counts judgements, not time: a weekend at rest, which is not judged, mends nothing."""
+        self._judged += 1
+        window = math.ceil(self._settings.window_steps / _JUDGE_EVERY_STEPS)
+        for finding in findings:
+            standing = next((s for s in self._findings if s.is_about(finding)), None)
+            if standing is None:
+                self._findings.append(standing := _Standing(finding, self._judged, self._judged))
+            standing.finding, standing.last = finding, self._judged
+            # While the window holds the begin or the end of an exchange, that looks like an offset.
+            wait = window if finding.kind == "offset" else window // 2
+            if not standing.told and self._judged - standing.first >= wait:
+                standing.told = True
+                self._tell(finding, k)
+        self._findings = [s for s in self._findings if self._judged - s.last < (window if s.told else 1)]
+        self._quiet = 0 if findings else self._quiet + 1
+        if self._suspect_since_k is not None and self._quiet >= window and not self._findings:
+            self._suspect_since_k = None
+            log.info("sensors: all agree again")
+            self._told.event(Event(EventKind.SENSORS_AGREE, "the sensors agree with each other again"), k)
+
+    def _tell(self, finding: Finding, k: int) -> None:
+        self._suspect_since_k = k if self._suspect_since_k is None else self._suspect_since_k
+        log.warning("sensors: %s", finding.text())
+        value = None if finding.kind == "swap" else finding.offset_K
+        self._told.event(Event(EventKind.SENSOR_SUSPECT, finding.text(), value=value), k)
+
+    async def _learn_when_due(self) -> bool:
+        """Whether it was tried."""
+        k = self._last_k
+        if k is None or (self._learnt_k is not None and k - self._learnt_k < _LEARN_EVERY_STEPS):
+            return False
+        if self._findings or (self._model is not None and self._suspect_since_k is not None):
+            return False
+        window = self._settings.window_steps
+        end = len(self._rows)
+        if self._suspect_since_k is not None:  # of an earlier run
+            end -= k - self._suspect_since_k + 2 * window
+        elif self._model is not None:
+            end -= window
+        if end < _LEARN_FIRST_STEPS:
+            return False
+        columns = [i for i, name in enumerate(self._names) if self._is_temperature(name)]
+        if len(columns) < _LEAST_TEMPERATURES:
+            return False
+        inputs, valid = self._record(slice(max(0, end - self._settings.learn_steps), end))
+        names = [self._names[i] for i in columns]
+        found = await self._learn(names, inputs[:, columns], valid[:, columns], self._settings)
+        if found is not None:
+            self._model, self._learnt_k = found, k
+        return True

@@ -1,0 +1,95 @@
+"""Work in a process of its own: it computes for seconds, and the buses must keep their periods meanwhile.
+
+The process gets the work on its standard input, answers on its standard output, and gives its memory back by ending.
+It runs at a lower priority than the gateway and ends at once when the gateway is gone.
+"""
+
+import asyncio
+import os
+import pickle
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from typing import ParamSpec, TypeVar
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+
+_LIMIT_S = 3600.0
+"""Real seconds; the papers' particle swarm over weeks of data takes minutes on a small computer."""
+_NICENESS = 10
+_STDIN, _STDOUT = 0, 1
+
+
+class WorkError(Exception):
+    """The process ended without an answer; the message says how."""
+
+
+async def apart(work: Callable[Given, Found], *given: Given.args, **named: Given.kwargs) -> Found:
+    """What `work`, a module's function, gives for these arguments. Cancelling ends the process.
+
+    Raises WorkError: no process could be started, or the work raised, was killed, or took longer than an hour.
+    """
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "gateway.control.subprocess"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for the gateway, which ends the work itself
+        )
+    except OSError as error:  # no memory, no descriptor: of this moment, not of the gateway
+        raise WorkError(f"no process could be started: {error}") from error
+    if process.stdin is None or process.stdout is None or process.stderr is None:
+        raise RuntimeError("the process has no pipes")
+    try:
+        async with asyncio.timeout(_LIMIT_S):
+            with suppress(BrokenPipeError, ConnectionResetError):  # it died: its exit status says more
+                process.stdin.write(pickle.dumps((work, given, named)))
+                await process.stdin.drain()
+            answer, complaint = await asyncio.gather(process.stdout.read(), process.stderr.read())
+            status = await process.wait()
+    except TimeoutError:
+        raise WorkError(f"it did not finish within {_LIMIT_S:g} s") from None
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        process.stdin.close()
+    if status < 0:
+        raise WorkError(f"its process was ended by {signal.Signals(-status).name}; out of memory?")
+    if status > 0:
+        lines = complaint.decode(errors="replace").strip().splitlines() or ["it left no message"]
+        raise WorkError(f"{lines[-1]} (exit status {status})")
+    found: Found = pickle.loads(answer)
+    return found
+
+
+def main() -> int:
+    """The process. Its exit status is 0 with an answer on the standard output, 1 with a traceback on the other."""
+    os.nice(_NICENESS)
+    answer = os.dup(_STDOUT)
+    os.dup2(sys.stderr.fileno(), _STDOUT)  # what a library prints is no answer
+    try:
+        work, given, named = pickle.load(sys.stdin.buffer)
+        threading.Thread(target=_end_with_the_gateway, daemon=True).start()
+        found = pickle.dumps(work(*given, **named))
+    except Exception:  # noqa: BLE001 - whatever it was, the gateway reports it
+        traceback.print_exc()
+        return 1
+    with os.fdopen(answer, "wb") as out:
+        out.write(found)
+    return 0
+
+
+def _end_with_the_gateway() -> None:
+    """The gateway holds the other end of our standard input open for as long as it wants the answer."""
+    os.read(_STDIN, 1)
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""What goes to the numerical control: bounded, slewed, under a lease, read back."""

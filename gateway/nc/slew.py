@@ -1,0 +1,165 @@
+"""From predicted errors to offsets that are safe to send: bounded, slewed, declared when nothing is known. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+
+from talc.frame import FloatArray
+
+Offsets = tuple[float, float, float]
+ZERO: Offsets = (0.0, 0.0, 0.0)
+
+
+class Source(StrEnum):
+    """What the present target rests on."""
+
+    PREDICTION = "prediction"
+    STALE = "stale"
+    NO_MODEL = "no_model"
+    INPUTS_STALE = "inputs_stale"
+    """An input of a live model has had no good value for too long."""
+    FROZEN = "frozen"
+    """The control probes."""
+    NOT_READY = "not_ready"
+    """Emergency stop, drives off, axes not referenced."""
+    STOPPED = "stopped"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of the compensation, as stored and published. Micrometres, X Y Z at the tool centre point."""
+
+    target_um: Offsets
+    """Wanted, after the bound, before the slew."""
+    offsets_um: Offsets
+    """What is to be in force from now on."""
+    source: Source
+    bounded: tuple[bool, bool, bool]
+    """Which axes were cut by the bound."""
+    coefficients_um: tuple[tuple[float, ...], ...] = ()
+    """What stands behind `offsets_um`: rows X, Y, Z; see gateway.nc.routes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """One step of the compensation with all that it rests on."""
+
+    time: datetime
+    mode: Literal["monitor", "advise", "compensate"]
+    step: Step
+    k: int | None
+    """Grid index of the decision that was used."""
+    positions: Mapping[str, float]
+    """Axis positions: X Y Z in mm, A C in degrees."""
+    written: bool
+    """Whether the offsets were sent to the control. It may have them also when it did not answer."""
+    read_back_um: Offsets | None
+    """What the control reports to have in force after the write; None when nothing was written or no answer came."""
+
+
+class Slew:
+    """Follows a target at a bounded rate inside bounds. Starts from what the control has in force, so it never steps.
+
+    Offsets are coefficients (3, n) of a route (gateway.nc.routes); (3,) counts as (3, 1). Bound and rate hold for the
+    sum of the magnitudes of each row, and so at every position.
+
+    Parameters
+    ----------
+    bound_um: largest magnitude per axis, µm, > 0
+    slew_um_per_s: largest rate of change per axis, µm/s, > 0
+    when_stale: `zero` ramps to zero, `hold` keeps the last offsets, when there is nothing to rest on
+    period_s: nominal time between steps; a longer pause counts as one period, so that no step is larger and a
+        gateway that hung does not make up for it in one stride
+    in_force_um: (3,) or (3, n), what the control reports at start
+    now_s: monotonic seconds of that report
+    """
+
+    def __init__(
+        self,
+        bound_um: Sequence[float],
+        slew_um_per_s: float,
+        when_stale: Literal["zero", "hold"],
+        period_s: float,
+        in_force_um: FloatArray | Offsets,
+        now_s: float,
+    ) -> None:
+        self._bound = np.asarray(bound_um, dtype=float)
+        self._rate = slew_um_per_s
+        self._when_stale = when_stale
+        self._period = period_s
+        self._now = _matrix(in_force_um)
+        self._time = now_s
+        if self._bound.shape != (3,) or not np.all(np.isfinite(self._bound)) or np.any(self._bound <= 0):
+            raise ValueError(f"bound_um = {bound_um!r}: expected three positive numbers")
+        if not slew_um_per_s > 0:
+            raise ValueError(f"slew_um_per_s = {slew_um_per_s!r}: expected more than 0")
+        if len(self._now) != 3 or not np.all(np.isfinite(self._now)):
+            raise ValueError(f"in_force_um = {in_force_um!r}: expected finite numbers of shape (3,) or (3, n)")
+
+    @property
+    def largest_um(self) -> float:
+        """The most that is added to any axis at any position."""
+        return float(np.abs(self._now).sum(axis=1).max())
+
+    def freeze(self, now_s: float, basis: FloatArray | None = None, source: Source = Source.FROZEN) -> Step:
+        """Keep the offsets and let time pass: while the NC probes, or cannot follow, what it adds must stand still."""
+        self._time = now_s
+        return self._step(self._now, source, np.zeros(3, dtype=bool), basis)
+
+    def follow(
+        self,
+        now_s: float,
+        wanted_um: FloatArray | None,
+        source: Source = Source.PREDICTION,
+        basis: FloatArray | None = None,
+    ) -> Step:
+        """One step towards `wanted_um`, or towards the declared value when it is None or not finite.
+
+        wanted_um: (3,) or (3, n); basis: (n,), where the machine stands; None: the reference.
+        """
+        if wanted_um is None or not np.all(np.isfinite(wanted_um)):
+            source = Source.NO_MODEL if source is Source.PREDICTION else source
+            wanted = np.zeros_like(self._now) if self._when_stale == "zero" else self._now
+        else:
+            wanted = _matrix(wanted_um)
+        target = _within(wanted, self._bound)
+        reach = self._rate * min(max(0.0, now_s - self._time), self._period)
+        self._now = self._now + _within(target - self._now, np.full(3, reach))
+        self._time = now_s
+        return self._step(target, source, np.abs(wanted).sum(axis=1) > self._bound, basis)
+
+    def _step(self, target: FloatArray, source: Source, cut: np.ndarray, basis: FloatArray | None) -> Step:
+        here = np.eye(self._now.shape[1])[0] if basis is None else basis
+        return Step(
+            as_offsets(target @ here),
+            as_offsets(self._now @ here),
+            source,
+            (bool(cut[0]), bool(cut[1]), bool(cut[2])),
+            tuple(tuple(row) for row in self._now.tolist()),
+        )
+
+
+def _matrix(values: FloatArray | Offsets) -> FloatArray:
+    """(3, n) from (3,) or (3, n)."""
+    array = np.asarray(values, dtype=float)
+    return array[:, None] if array.ndim == 1 else array
+
+
+def _within(rows: FloatArray, largest: FloatArray) -> FloatArray:
+    """Rows scaled down to where the sum of their magnitudes is within `largest`."""
+    if rows.shape[1] == 1:  # the same without rounding
+        return np.clip(rows, -largest[:, None], largest[:, None])
+    size = np.abs(rows).sum(axis=1)
+    scale = np.divide(largest, size, out=np.ones(3), where=size > largest)
+    scaled: FloatArray = rows * scale[:, None]
+    return scaled
+
+
+def as_offsets(values: FloatArray) -> Offsets:
+    """(3,) as plain numbers."""
+    x, y, z = (float(v) for v in values)
+    return x, y, z

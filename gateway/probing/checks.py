@@ -1,0 +1,105 @@
+"""Whether a probing cycle's result is to be believed. Pure but for the one result that waits to be confirmed.
+
+In this order: do repeated touches agree, do the centres fit a rigid body that moved (a chip under one touch does not),
+does the result agree with what was expected. A surprise that is not absurd may be the machine's new truth: it must be
+found a second time, in a cycle for which the probe was fetched anew.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gateway.config.sections import Probing
+from gateway.probing.cycle import Rejected
+from talc.frame import FloatArray, Measurement
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.probing import ProbingResult
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What the nine errors should be by all that is known; NaN: nothing is known."""
+
+    errors: FloatArray
+    """(9,) the latest prediction, or the last measurement where there is none and that is recent."""
+    sigma: FloatArray
+    """(9,) its standard uncertainty; NaN: unknown, as of a last measurement."""
+    limits: FloatArray
+    """(9,) action control limits; NaN: none."""
+
+
+class MeasurementChecks:
+    """Judges results with the settings of [probing].
+
+    Parameters
+    ----------
+    settings: max_repeat_um, max_residual_um, outlier_sigmas, surprise_sigmas and max_surprise_um are used
+    radius_m: distance of the sphere from the C axis: turns µm into µm/m
+    """
+
+    def __init__(self, settings: Probing, radius_m: float) -> None:
+        self._settings, self._radius = settings, radius_m
+        self._candidate: Measurement | None = None
+
+    def repeats(self, spread_um: float | None) -> None:
+        """Raises Rejected when repeated touches of a point differ by too much. None: the control does not tell."""
+        if spread_um is not None and not spread_um <= self._settings.max_repeat_um:
+            raise Rejected(
+                f"repeated touches of a point differ by {spread_um:.1f} µm, more than max_repeat_um = "
+                f"{self._settings.max_repeat_um:g}: is the sphere loose, or the stylus, or is fluid on them?"
+            )
+
+    def fits(self, result: ProbingResult) -> None:
+        """Raises Rejected when the centres are not those of a rigid body that moved; names the pose that stands out."""
+        pose, axis = divmod(int(np.nanargmax(np.abs(result.standardised))), 3)
+        worst = abs(float(result.standardised[pose, axis]))
+        where = f"pose {pose + 1} stands out in {'XYZ'[axis]}: is the sphere clean and fixed there?"
+        if result.residual_rms > self._settings.max_residual_um:
+            raise Rejected(
+                f"the centres differ from the best fit by {result.residual_rms:.1f} µm RMS, "
+                f"more than max_residual_um = {self._settings.max_residual_um:g}; {where}"
+            )
+        if worst > self._settings.outlier_sigmas:
+            raise Rejected(
+                f"one centre differs from what the others say by {worst:.1f} standard deviations, "
+                f"more than outlier_sigmas = {self._settings.outlier_sigmas:g}; {where}"
+            )
+
+    def plausible(self, found: Measurement, expected: Expected) -> None:
+        """Raises Rejected for what is absurd, and for a surprise that the result before did not show as well."""
+        difference = np.abs(found.errors - expected.errors)
+        both = self._settings.surprise_sigmas * np.hypot(expected.sigma, found.sigma)
+        absurd = np.fmax(self._largest(), both)
+        i = _worst(difference, absurd)
+        if i is not None:
+            self._candidate = None
+            raise Rejected(
+                f"{_said(i, difference)} from what was expected, more than can be believed ({absurd[i]:.0f}): was the "
+                "sphere or the probe moved? After a crash or a new set-up begin a new store, with a new reference"
+            )
+        before, self._candidate = self._candidate, None
+        i = _worst(difference, np.fmax(both, expected.limits))
+        if i is None:
+            return
+        if before is not None:
+            again = self._settings.surprise_sigmas * np.hypot(before.sigma, found.sigma)
+            if _worst(np.abs(found.errors - before.errors), again) is None:
+                return
+        self._candidate = found
+        raise Rejected(f"{_said(i, difference)} from the prediction: a second cycle must find the same")
+
+    def _largest(self) -> FloatArray:
+        most = self._settings.max_surprise_um
+        return np.array([most if ERROR_UNITS[n] == MICROMETRE else most / self._radius for n in THERMAL_ERRORS])
+
+
+def _worst(difference: FloatArray, limit: FloatArray) -> int | None:
+    """Index of the error that passes its limit most; None: none does. NaN on either side passes nothing."""
+    share = np.nan_to_num(difference / limit, nan=0.0)
+    i = int(np.argmax(share))
+    return i if share[i] > 1.0 else None
+
+
+def _said(i: int, difference: FloatArray) -> str:
+    name = THERMAL_ERRORS[i]
+    return f"{name} differs by {difference[i]:.1f} {ERROR_UNITS[name]}"

@@ -1,0 +1,148 @@
+"""Runs probing cycles on one control and makes measurements of their results, or says why there is none."""
+
+import logging
+import math
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+
+from drivers.base import DriverError, Refused
+from drivers.nc import NumericalControl
+from gateway.clock import ServiceClock
+from gateway.config.sections import Probing
+from gateway.probing.checks import Expected, MeasurementChecks
+from gateway.probing.cycle import (
+    End,
+    Held,
+    InForce,
+    NotBegun,
+    Outcome,
+    Probe,
+    Rejected,
+    at_rest,
+    centres,
+    run_cycle,
+)
+from talc.frame import Decision, FloatArray, Measurement, Why
+
+log = logging.getLogger(__name__)
+
+_RECENT_S = 3600.0
+"""A last measurement younger than this stands in for a prediction that does not exist."""
+
+
+class Prober:
+    """Asks for cycles and judges what comes.
+
+    Parameters
+    ----------
+    settings: the [probing] section
+    reference_mm: (poses, 3) centres that deviations are measured from; None: the first measurement sets them, from
+        the mean of `reference_cycles` cycles
+    first_number: number of the first request; must differ from every earlier one
+    abandoned: number of a request that an earlier run may have left behind
+    requested: told of every number before it is asked for
+    """
+
+    def __init__(
+        self,
+        nc: NumericalControl,
+        settings: Probing,
+        clock: ServiceClock,
+        probe: Probe,
+        reference_mm: FloatArray | None,
+        first_number: int,
+        abandoned: int | None = None,
+        requested: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        self._nc, self._settings, self._clock, self._probe = nc, settings, clock, probe
+        self._checks = MeasurementChecks(settings, probe.radius_m)
+        self._reference, self._number = reference_mm, first_number
+        self._last: tuple[Measurement, float] | None = None
+        self._requested = requested
+        self._waiting_for = abandoned if settings.armed else None
+
+    async def measure(self, why: Why, hold: Callable[[], Awaitable[Held]], decision: Decision | None) -> Outcome:
+        """One cycle, or those of the reference. Never raises for what the control does: the outcome says why there is
+        no result.
+
+        hold: makes the offsets stand still, or raises NotBegun; decision: the latest, None before the first
+        """
+        asked = self._clock.utc()
+        in_force: InForce = (0.0, 0.0, 0.0)
+        found: FloatArray | None = None
+        measurement: Measurement | None = None
+        residual, reason, end = math.nan, "", End.MEASURED
+        try:
+            held = await hold()
+            in_force = held.at(None)
+            # Noise of the reference would stand in every later measurement, so it is a mean of several cycles.
+            count = self._settings.reference_cycles if self._reference is None else 1
+            cycles = [await self._probed() for _ in range(count)]
+            found = np.mean(cycles, axis=0)
+            in_force = held.at(found)
+            await held.still()
+            at_rest(cycles, self._settings.max_repeat_um)
+            if self._reference is None:
+                self._reference = found + np.asarray(in_force) * 1e-3
+            result = self._probe.solve(self._probe.deviations_um(found, self._reference, in_force))
+            residual = result.residual_rms
+            self._checks.fits(result)
+            candidate = Measurement(result.errors, result.sigma)
+            self._checks.plausible(candidate, self._expected(decision))
+            measurement = candidate
+            self._last = candidate, self._clock.monotonic()
+        except Rejected as error:
+            reason, end = str(error), End.REJECTED
+        except NotBegun as error:
+            reason, end = str(error), End.REFUSED
+        except DriverError as error:
+            reason, end = f"the control could not be asked: {error}", End.REFUSED
+        return Outcome(
+            self._number - 1, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason, end
+        )
+
+    async def withdraw(self) -> None:
+        """Take a request back that nobody waits for any more. Raises DriverError."""
+        number = self._waiting_for
+        if number is not None:
+            await self._nc.withdraw_probing(number)
+            if self._waiting_for == number:
+                self._waiting_for = None
+
+    async def settle(self) -> None:
+        """While no measurement runs: take back what a lost line or an earlier run left behind. Raises DriverError, but
+        not for what the control will not have."""
+        try:
+            await self.withdraw()
+        except Refused as error:
+            log.warning("probing request %s could not be taken back: %s", self._waiting_for, error)
+            self._waiting_for = None
+
+    async def _probed(self) -> FloatArray:
+        await self.settle()
+        number = self._number
+        self._number += 1
+        self._requested(number)  # a number that is forgotten would be used again
+        self._waiting_for = number
+        try:
+            status = await run_cycle(
+                self._nc, number, self._clock, poll_s=self._settings.poll_s, timeout_s=self._settings.timeout_s
+            )
+        except (NotBegun, Rejected):
+            self._waiting_for = None
+            raise
+        self._waiting_for = None
+        found = centres(status, len(self._probe.poses_rad))
+        self._checks.repeats(None if status.spread_mm is None else status.spread_mm * 1e3)
+        return found
+
+    def _expected(self, decision: Decision | None) -> Expected:
+        nothing = np.full(9, np.nan)
+        last = nothing
+        if self._last is not None and self._clock.monotonic() - self._last[1] <= _RECENT_S:
+            last = self._last[0].errors
+        if decision is None:
+            return Expected(last, nothing, nothing)
+        modelled = np.isfinite(decision.sigma)
+        return Expected(np.where(modelled, decision.corrected, last), decision.sigma, decision.limits)

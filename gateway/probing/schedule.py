@@ -1,0 +1,234 @@
+"""When to ask for a measurement: between the controller's wish and the machine's day. Pure: time is an argument.
+
+The request itself is an offer: the control begins the cycle at its next safe point, between two operations, never in a
+cut. What is decided here is when to make the offer, so that probing costs as little of a program's time as it can.
+
+standing     leaves when                                                                      to
+not_wanted   the controller wishes for a measurement                                          waiting or blocked
+waiting      the machine's moment is good enough, or the wish is urgent or old                due
+blocked      alarm, control or its mode, connection, or the pause after rejected results is over   waiting
+due          the caller has asked the control                                                 asked
+asked        the cycle has ended                                                              as the result is
+any but asked: the controller no longer wishes for a measurement                              not_wanted
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.nc import NcSnapshot, OperatingMode, ProgramState
+from gateway.probing.cycle import End
+from talc.frame import Event, EventKind, Why
+
+URGENT = frozenset({Why.CALIBRATION, Why.NO_GOOD, Why.RETRY})
+"""Wishes that belong to the next grid step and do not wait for a better moment."""
+_SPEEDS = ("spindle_speed", "speed_X", "speed_Y", "speed_Z", "speed_A", "speed_C")
+_STILL = 1e-3
+"""Speeds below (1/min, mm/min) are standstill."""
+
+
+class Moment(StrEnum):
+    """What the machine's present moment is good for, from bad to good."""
+
+    CUT = "in a cut"
+    TOOL_CHANGE = "tool change"
+    PROGRAM_END = "program end"
+    IDLE = "idle"
+
+
+def moment(before: NcSnapshot | None, now: NcSnapshot) -> Moment:
+    """The moment of `now`; `before` is the snapshot seen last, by which a change is known.
+
+    A program that is interrupted or stopped with something still turning counts as a cut.
+    """
+    turning = any(abs(now.states.get(name, 0.0)) > _STILL for name in _SPEEDS)
+    if now.program is ProgramState.RUNNING:
+        changed = before is not None and before.tool is not None and now.tool is not None and now.tool != before.tool
+        return Moment.TOOL_CHANGE if changed else Moment.CUT
+    if turning or now.program in (ProgramState.INTERRUPTED, ProgramState.UNKNOWN):
+        return Moment.CUT
+    if before is not None and before.program is ProgramState.RUNNING:
+        return Moment.PROGRAM_END
+    return Moment.IDLE
+
+
+class Standing(StrEnum):
+    """Where a wish stands."""
+
+    NOT_WANTED = "not_wanted"
+    WAITING = "waiting"
+    BLOCKED = "blocked"
+    DUE = "due"
+    ASKED = "asked"
+
+
+@dataclass(frozen=True, slots=True)
+class Outlook:
+    """Where the wish stands, and why."""
+
+    standing: Standing
+    why: Why | None
+    """What the measurement is wanted for; `retry` after a rejected one."""
+    reason: str = ""
+    """Why nothing is asked for yet, in words that do not change while the reason is the same."""
+    rejected: int = 0
+    """Results rejected in a row."""
+    operator: str = ""
+    """What somebody at the machine should know or do; empty: nothing."""
+
+
+class ProbingSchedule:
+    """Holds a wish back until the machine's moment suits it.
+
+    Parameters
+    ----------
+    prefer_idle_s: a routine wish waits so long for the machine to stand idle or a program to end; then a tool
+        change will do as well
+    insist_after_s: after that it is asked for whatever the program does, and the operator is told
+    retries: rejected results are asked for again at most so often in a row
+    pause_s: then nothing is asked for so long
+    """
+
+    def __init__(self, *, prefer_idle_s: float, insist_after_s: float, retries: int, pause_s: float) -> None:
+        if not 0 <= prefer_idle_s <= insist_after_s:
+            raise ValueError(
+                f"prefer_idle_s = {prefer_idle_s!r}, insist_after_s = {insist_after_s!r}: expected 0 <= first <= second"
+            )
+        if retries < 0 or not pause_s >= 0:
+            raise ValueError(f"retries = {retries!r}, pause_s = {pause_s!r}: expected 0 or more")
+        self._prefer_idle, self._insist_after = prefer_idle_s, insist_after_s
+        self._retries, self._pause = retries, pause_s
+        self._why: Why | None = None
+        self._since = 0.0
+        self._before: NcSnapshot | None = None
+        self._asked = False
+        self._refused = ""
+        self._rejected = 0
+        self._paused_until: float | None = None
+        self._operator = ""
+
+    @property
+    def wanted(self) -> bool:
+        """Whether a measurement is wished for and not yet asked for."""
+        return self._why is not None and not self._asked
+
+    def wish(self, why: Why | None, now_s: float) -> None:
+        """The controller's wish from now on; None: none. A wish that only changes its reason goes on waiting."""
+        if why is None or self._why is None:
+            self._since = now_s
+            self._refused = self._operator = ""
+        if why is None and not self._asked and self._paused_until is None:
+            self._rejected = 0  # the next wish is another one, and no repeat of what was rejected
+        self._why = why
+
+    def look(self, snapshot: NcSnapshot | None, now_s: float) -> Outlook:
+        """Judge the present moment. `snapshot`: the latest; None: the control cannot be reached."""
+        before, self._before = self._before, snapshot
+        if self._why is None or self._asked:
+            return self._outlook(Standing.ASKED if self._asked else Standing.NOT_WANTED)
+        late = now_s - self._since >= self._insist_after
+        blocked = self._blocked(snapshot, now_s)
+        if blocked or snapshot is None:
+            if late and not self._operator:
+                self._operator = f"no measurement for {self._insist_after / 60:.0f} min: {blocked}"
+            return self._outlook(Standing.BLOCKED, blocked)
+        if self._paused_until is not None:
+            self._paused_until, self._rejected, self._operator = None, 0, ""
+        here = moment(before, snapshot)
+        if self._why in URGENT or self._rejected or here in (Moment.IDLE, Moment.PROGRAM_END):
+            return self._outlook(Standing.DUE)
+        if late:
+            self._operator = (
+                f"a measurement ({self._why.value}) has waited {self._insist_after / 60:.0f} min for the machine to "
+                "stand; the control is asked to probe at its next safe point"
+            )
+            return self._outlook(Standing.DUE)
+        if now_s - self._since < self._prefer_idle:
+            return self._outlook(Standing.WAITING, "waits for the machine to stand idle or a program to end")
+        if here is Moment.TOOL_CHANGE:
+            return self._outlook(Standing.DUE)
+        return self._outlook(Standing.WAITING, "waits for a tool change, a program's end or an idle machine")
+
+    def asked(self) -> Why:
+        """The control is being asked; what for. ValueError: nothing is wanted."""
+        if self._why is None:
+            raise ValueError("nothing is wanted")
+        self._asked, self._refused = True, ""
+        return Why.RETRY if self._rejected else self._why
+
+    def ended(self, end: End, reason: str, now_s: float) -> Outlook:
+        """The request that was asked for has ended; `reason` tells why there is no result.
+
+        The wish is fulfilled, or stays: it is the controller's to renew or drop.
+        """
+        self._asked = False
+        match end:
+            case End.MEASURED:
+                self._why, self._rejected, self._refused, self._operator = None, 0, "", ""
+                return self._outlook(Standing.NOT_WANTED)
+            case End.REFUSED:
+                self._refused = reason
+            case End.REJECTED:
+                self._rejected += 1
+                self._refused = reason
+                if self._rejected > self._retries:
+                    self._paused_until = now_s + self._pause
+                    self._operator = (
+                        f"{self._rejected} measurements in a row could not be used; the last: {reason}. "
+                        "Clean the sphere and the probe and see that both are fixed"
+                    )
+                    # What makes results fail outlasts the wish.
+                    return self._without_result(Standing.BLOCKED, self._blocked_by_rejects())
+                return self._without_result(Standing.WAITING, f"is asked for again: {reason}")
+        return self._without_result(Standing.BLOCKED, reason)
+
+    def _without_result(self, standing: Standing, reason: str) -> Outlook:
+        """Where the wish stands after a request without a result; it may have been dropped meanwhile."""
+        if self._why is not None:
+            return self._outlook(standing, reason)
+        if self._paused_until is None:
+            self._rejected, self._refused = 0, ""
+        return self._outlook(Standing.NOT_WANTED)
+
+    def _blocked(self, snapshot: NcSnapshot | None, now_s: float) -> str:
+        if snapshot is None:
+            return "the control cannot be reached"
+        if snapshot.alarms:
+            return f"alarm {', '.join(map(str, snapshot.alarms))}"
+        if snapshot.cannot_probe:
+            return snapshot.cannot_probe
+        # The control checks its mode itself when it answers: one that it does not tell is no reason to wait.
+        if snapshot.cannot_probe is None and snapshot.mode not in (OperatingMode.AUTO, OperatingMode.UNKNOWN):
+            return f"the control is in {snapshot.mode.value.upper()}, not in AUTO"
+        if self._paused_until is not None and now_s < self._paused_until:
+            return self._blocked_by_rejects()
+        return ""
+
+    def _blocked_by_rejects(self) -> str:
+        return f"pause after {self._rejected} rejected results: {self._refused}"
+
+    def _outlook(self, standing: Standing, reason: str = "") -> Outlook:
+        why = Why.RETRY if self._rejected and self._why is not None else self._why
+        return Outlook(standing, why, reason, self._rejected, self._operator)
+
+
+class Bulletin:
+    """What of the outlooks is worth telling, each thing once for as long as it lasts."""
+
+    def __init__(self) -> None:
+        self._problem = self._operator = ""
+
+    def of(self, outlook: Outlook) -> tuple[Event, ...]:
+        """What is new in this outlook."""
+        events = []
+        blocked = outlook.reason if outlook.standing is Standing.BLOCKED else ""
+        over = outlook.standing in (Standing.WAITING, Standing.NOT_WANTED)
+        if self._problem and (over or blocked not in ("", self._problem)):
+            events.append(Event(EventKind.PROBLEM_ENDED, f"probing, no longer: {self._problem}"))
+            self._problem = ""
+        if blocked and blocked != self._problem:
+            events.append(Event(EventKind.PROBLEM, f"probing: {blocked}"))
+            self._problem = blocked
+        if outlook.operator not in ("", self._operator):
+            events.append(Event(EventKind.OPERATOR, outlook.operator))
+        self._operator = outlook.operator
+        return tuple(events)

@@ -1,0 +1,1 @@
+"""Recordings of machines and of wires: read, checked, replayed."""

@@ -1,0 +1,111 @@
+"""Cells of a recording: times and numbers, or what is wrong with them."""
+
+import math
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from decimal import Decimal
+from typing import TypeVar
+
+import numpy as np
+
+from gateway.config.problems import shown
+from gateway.recordings.problems import Problems
+from talc.frame import FloatArray
+
+Where = Callable[[int], str]
+"""Place of a cell, for a person, by its position in the chunk."""
+
+_Else = TypeVar("_Else")
+
+_EARLIEST_S = datetime(1900, 1, 1, tzinfo=UTC).timestamp()
+_LATEST_S = datetime(2200, 1, 1, tzinfo=UTC).timestamp()
+_SINCE_S = datetime(1980, 1, 1, tzinfo=UTC).timestamp()
+_FRACTIONS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
+
+
+class Times:
+    """The time column, chunk by chunk: UTC seconds, ascending."""
+
+    def __init__(self, problems: Problems) -> None:
+        self._problems = problems
+        self._before: tuple[float, object] | None = None
+
+    def take(self, cells: Sequence[object], where: Where) -> FloatArray:
+        """(rows,) s; NaN where a cell is no time."""
+        found = np.full(len(cells), np.nan)
+        for i, cell in enumerate(cells):
+            second = _second(cell)
+            if second is None:
+                self._problems.add(where(i), f"{shown(cell)} is no time; expected ISO 8601 or seconds")
+            elif not _EARLIEST_S <= second <= _LATEST_S:
+                self._problems.add(where(i), f"{shown(cell)} is not within the years 1900 to 2200{_fraction(second)}")
+            else:
+                if self._before is not None and second <= self._before[0]:
+                    what = f"{shown(cell)} does not come after {shown(self._before[1])} before it"
+                    self._problems.add(where(i), what)
+                self._before = second, cell
+                found[i] = second
+        return found
+
+
+def _second(cell: object) -> float | None:
+    """UTC seconds; a time without a zone is UTC."""
+    if isinstance(cell, str):
+        cell = _number(cell, default=_iso(cell))
+    if isinstance(cell, datetime):
+        try:
+            return (cell if cell.tzinfo else cell.replace(tzinfo=UTC)).timestamp()
+        except (OverflowError, ValueError):  # the zone moves it out of the years that Python knows
+            return None
+    if isinstance(cell, int | float) and not isinstance(cell, bool) and math.isfinite(cell):
+        return float(cell)
+    return None
+
+
+def _iso(text: str) -> datetime | None:
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        return None
+
+
+def _fraction(second: float) -> str:
+    """What the numbers would be if they were dates of our days in a smaller unit."""
+    for unit, parts in _FRACTIONS:
+        if _SINCE_S <= second / parts <= _LATEST_S:
+            return f"; are these {unit}? Seconds are expected: divide them by {parts:.0f}"
+    return ""
+
+
+def numbers(cells: Sequence[object], largest: float, where: Where, problems: Problems) -> FloatArray:
+    """(rows,) NaN where the cell is empty or says `nan`. largest: magnitude that can be."""
+    try:
+        found = np.array([math.nan if cell in (None, "") else float(cell) for cell in cells])  # type: ignore[arg-type]
+        plain = not any(isinstance(cell, str) and "_" in cell for cell in cells)
+        if plain and not (np.abs(found) > largest).any():
+            return found
+    except (TypeError, ValueError, OverflowError):
+        pass
+    found = np.full(len(cells), np.nan)
+    for i, cell in enumerate(cells):
+        value = math.nan if cell in (None, "") else _number(cell, default=math.inf)
+        if math.isinf(value):
+            problems.add(where(i), f"{shown(cell)} is no finite number; an unknown value is left empty")
+        elif abs(value) > largest:
+            what = f"{shown(cell)} is beyond {largest:g}, the largest that can be; an unknown value is left empty"
+            problems.add(where(i), what)
+        else:
+            found[i] = value
+    return found
+
+
+def _number(cell: object, default: _Else) -> float | _Else:
+    """The float that a cell is; else `default`. Python takes `2_0` for 20, nobody's table means that."""
+    if isinstance(cell, str) and "_" in cell:
+        return default
+    if isinstance(cell, int | float | str | Decimal):
+        try:
+            return float(cell)
+        except (ValueError, OverflowError):
+            return default
+    return default

@@ -1,0 +1,104 @@
+"""Which column is what: the time, thermal errors, inputs. A column that looks like an error never becomes an input."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gateway.config.problems import suggestion
+from gateway.recordings.problems import Problems
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+
+_WORD = re.compile(r"[^0-9A-Za-z]+|_")
+_GEOMETRIC = re.compile(r"E[XYZABCR]0[A-Z]")
+"""Position and orientation errors as ISO 230 names them, the thermal errors among them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """What the file's columns are. An error's own name, or with its unit (`EX0C_um`), is found without being told."""
+
+    time: str = "time"
+    errors: Mapping[str, str] | None = None
+    """Thermal error to column."""
+    ignored: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Roles:
+    """The columns that are used, and those that are not."""
+
+    time: str
+    errors: Mapping[str, str]
+    """Thermal error to column."""
+    inputs: tuple[str, ...]
+    ignored: tuple[str, ...]
+    """As told, and a first column without a name: pandas writes its row numbers there."""
+
+
+def roles_of(head: Sequence[str], columns: Columns, problems: Problems) -> Roles:
+    """The role of each column of a heading; what cannot be goes to `problems`."""
+    for number, name in enumerate(head):
+        if name in head[:number]:
+            problems.add(f"column {number + 1}", f"{name!r} occurs twice")
+        elif not name and number:
+            problems.add(f"column {number + 1}", "has no name; give it one, then --ignore NAME leaves it out")
+    ignored = columns.ignored
+    if head[0] == "" and columns.time and "" not in ignored:
+        ignored = (*ignored, "")
+    if columns.time not in head:
+        named = suggestion(columns.time, [name for name in head if name])
+        first = 'column 1 has no name: if it is the time, say --time ""; else ' if head[0] == "" else ""
+        problems.add(f"column {columns.time!r}", f"is missing (time); {first}{named}")
+    errors = dict(columns.errors or {})
+    for name in (*errors.values(), *ignored):
+        if name not in head:
+            problems.add(f"column {name!r}", f"is missing; {suggestion(name, head)}")
+    _used_once(columns.time, errors, ignored, problems)
+    for error in THERMAL_ERRORS:
+        found = [name for name in _own_names(error) if name in head and name not in (*ignored, columns.time)]
+        if found and error not in errors:
+            errors[error] = found[0]
+    taken = {columns.time, *errors.values(), *ignored}
+    inputs = tuple(name for name in head if name not in taken)
+    for name in inputs:
+        _no_error(name, errors, problems)
+    if not errors:
+        expected = f"expected one or more of {', '.join(THERMAL_ERRORS)}, or --error NAME=COLUMN"
+        problems.add("", f"no column of a thermal error; {expected}")
+    if not inputs:
+        problems.add("", "no column is left as an input")
+    return Roles(columns.time, errors, inputs, ignored)
+
+
+def _own_names(error: str) -> tuple[str, str]:
+    return error, error + ("_um" if ERROR_UNITS[error] == MICROMETRE else "_um_per_m")
+
+
+def _used_once(time: str, errors: Mapping[str, str], ignored: Sequence[str], problems: Problems) -> None:
+    """What was told must not contradict itself."""
+    told = [(time, "the time"), *((name, error) for error, name in errors.items())]
+    told += [(name, "left out by --ignore") for name in dict.fromkeys(ignored)]
+    first: dict[str, str] = {}
+    for name, role in told:
+        if name in first:
+            problems.add(f"column {name!r}", f"is told to be {first[name]} and {role}; it can be one of them")
+        first.setdefault(name, role)
+
+
+def _no_error(name: str, errors: Mapping[str, str], problems: Problems) -> None:
+    """An error among the inputs would explain itself, and every figure would be worthless."""
+    words = [word.upper().replace("O", "0") for word in _WORD.split(name)]
+    like = next((word for word in words if _GEOMETRIC.fullmatch(word)), None)
+    if like is None:
+        return
+    where = f"column {name!r}"
+    leave_out = f"--ignore {name!r} leaves it out"
+    if like not in THERMAL_ERRORS:
+        problems.add(where, f"looks like an error, and errors are no inputs; {leave_out}, or rename it")
+    elif like in errors:
+        problems.add(where, f"looks like {like}, which is column {errors[like]!r} already; {leave_out}")
+    else:
+        own, exact = _own_names(like)
+        meant = "" if name in (own, exact) else f"; did you mean {own!r}?"
+        take = f"--error {f'{like}={name}'!r} takes it as {like} in {ERROR_UNITS[like]}"
+        problems.add(where, f"looks like a thermal error{meant} {take}, {leave_out}")

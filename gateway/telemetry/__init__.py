@@ -1,0 +1,1 @@
+"""What is published over Zenoh, and under which keys."""

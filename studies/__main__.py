@@ -1,0 +1,50 @@
+"""`python -m studies NAME`: run one of the papers' studies, with a progress bar, and renew its table in README.md."""
+
+import os
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from studies import STUDIES, carry_out, renew
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Default: out/studies/NAME, NAME-small.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes. Default: one per core.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--small", is_flag=True, help="A few runs only, to see it work.")
+@click.option("--readme", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Renew its table there.")
+def main(name: str | None, out: Path | None, workers: int | None, seed: int, small: bool, readme: Path | None) -> None:
+    """Run the study NAME, or continue it; without NAME list the studies."""
+    if name is None:
+        for known in STUDIES.values():
+            click.echo(f"{known.name:16} {known.summary}")
+        return
+    if name not in STUDIES:
+        raise click.BadParameter(f"{name!r}: expected one of {', '.join(STUDIES)}", param_hint="NAME")
+    folder = out or Path("out/studies") / (f"{name}-small" if small else name)
+    if not run_study(name, folder, seed, small, workers or os.cpu_count() or 1, readme):
+        raise click.BadParameter(
+            f"{readme}: has no lines <!-- study {name} --> and <!-- end -->", param_hint="--readme"
+        )
+
+
+def run_study(name: str, folder: Path, seed: int, small: bool, workers: int, readme: Path | None) -> bool:
+    """Run what is missing in `folder`, write its report and renew its table in `readme`; False: no place for it."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the processes that do the runs share the cores already
+    console = Console(markup=False, emoji=False)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    total = 0
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(name, total=None)
+        for done, total in carry_out(STUDIES[name], folder, seed, small, workers):
+            bar.update(task, completed=done, total=total)
+    console.print(f"{name}: {total} runs; report: {folder / 'report.html'}", soft_wrap=True)
+    return readme is None or renew(readme, name, (folder / "summary.md").read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    main()

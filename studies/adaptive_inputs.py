@@ -1,0 +1,135 @@
+"""Inputs chosen once or again at every model update, by three selectors, over Z22's 340 h in three seasons."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from simulators.cases import long_term
+from simulators.plant import MachineDrive, Plant, Recording, load, record
+from studies.adaptive_inputs_report import report
+from studies.frame import Parameters, Study
+from studies.loop import TEMPERATURES, Course, Days, control, days, held, regressed
+from talc import indicators
+from talc.frame import FloatArray
+from talc.names import THERMAL_ERRORS
+from talc.settings import ControlSettings, TalcSettings, TrainingSettings
+
+REPETITIONS = 25
+STEP_S = 300.0
+IDLE_S = 12 * 3600.0
+CALIBRATION = 288
+"""Steps: 24 h."""
+SENSOR_NOISE_K, GROWTH_NOISE_UM = 0.05, 0.2
+"""Of each repetition, beside the plant's own, which is the same in all."""
+SHOWN_EACH = 3
+"""Steps between the points of a drawn series."""
+SMALL_STEPS = 456
+"""The small version: 38 h of the first season."""
+
+SELECTORS: dict[str, tuple[TrainingSettings, ControlSettings]] = {
+    "pso": (
+        TrainingSettings(selector="pso", estimator="least_squares", max_na=5, max_nb=5),
+        ControlSettings(acl="training"),
+    ),
+    "tck": (
+        TrainingSettings(selector="tck", estimator="least_squares", max_na=1, max_nb=1),
+        ControlSettings(acl="training"),
+    ),
+    "search": (TrainingSettings(), ControlSettings()),
+}
+"""pso: Z22's Group-LASSO and swarm with its largest orders. tck: the earlier sequential way. search: the default."""
+
+
+def runs(seed: int, small: bool) -> list[Parameters]:
+    """The physics depend on the seed alone; a repetition draws sensor and probing noise and the selector's seed.
+
+    The small version has each selector once with adaptive inputs, and `search` with static ones.
+    """
+    return [
+        {"seed": seed, "repetition": r, "selector": selector, "inputs": inputs, "small": small}
+        for r in range(1 if small else REPETITIONS)
+        for selector in SELECTORS
+        for inputs in ("static", "adaptive")
+        if not small or selector == "search" or inputs == "adaptive"
+    ]
+
+
+def series(seed: int, repetition: int, small: bool) -> Days:
+    """The three seasons one after the other; errors count from the begin of the first."""
+    parts: list[Recording] = []
+    parameters, first = load(), None
+    for n, stretch in enumerate(long_term(seed, step_s=STEP_S)[: 1 if small else None]):
+        plant = Plant(parameters, stretch.environment, 10 * seed + n)
+        plant.advance(IDLE_S, MachineDrive())
+        plant.zero(first)
+        first = first or plant
+        parts.append(record(plant, stretch.drives[: SMALL_STEPS if small else None], STEP_S))
+    inputs, truth = np.concatenate([p.inputs for p in parts]), np.concatenate([p.errors for p in parts])
+    draw = np.random.default_rng([seed, repetition, 12])
+    size = np.zeros(inputs.shape[1])
+    size[:TEMPERATURES], size[TEMPERATURES] = SENSOR_NOISE_K, GROWTH_NOISE_UM
+    noisy = inputs + size * draw.normal(size=inputs.shape)
+    begins = np.cumsum([0, *(len(p.inputs) for p in parts[:-1])])
+    made = days(Recording(parts[0].input_names, noisy, truth), 1000 * seed + repetition)
+    return replace(made, begins=tuple(int(b) for b in begins))
+
+
+def run(parameters: Parameters) -> Mapping[str, Any]:
+    """E_PV and E_RMS of the nine errors after calibration, updates, chosen inputs; of repetition 0 a drawn series."""
+    here = series(parameters["seed"], parameters["repetition"], parameters["small"])
+    training, settings = SELECTORS[parameters["selector"]]
+    kept = parameters["inputs"] == "static"
+    own = replace(training, seed=parameters["repetition"], static_inputs=kept)
+    course = control(here, TalcSettings(control=settings, training=own))
+    # What stood there when a stretch begins is from another season, and replaced at once by its first measurement.
+    judged = np.arange(len(here.truth)) > CALIBRATION
+    judged[list(here.begins)] = False
+    result: dict[str, Any] = {
+        "none": _figures(here.truth[judged]),
+        "models": _figures((here.truth - course.estimate)[judged]),
+        "hold": _figures((here.truth - held(here, course.used))[judged]),
+        "updates": [k for k, _ in course.updates[1:]],
+        "measurements": int(course.used[CALIBRATION:].sum()),
+        "inputs": [
+            {"after": k, **{m.error: list(m.inputs) for m in models.models if m is not None}}
+            for k, models in course.updates
+        ],
+    }
+    if parameters["selector"] == "search" and not kept:
+        result["regression"] = _figures((here.truth - regressed(here, course.used))[judged])
+    if parameters["repetition"] == 0:
+        result["drawn"] = _drawn(here, course)
+    return result
+
+
+def _figures(left: FloatArray) -> dict[str, list[float]]:
+    """Per error, µm and µm/m."""
+    return {"E_PV": [indicators.peak_to_peak(e) for e in left.T], "E_RMS": [indicators.rms(e) for e in left.T]}
+
+
+def _drawn(here: Days, course: Course) -> dict[str, Any]:
+    """Truth, what was left and limits, each third step, rounded for the picture; None: not known yet."""
+    shown = slice(None, None, SHOWN_EACH)
+
+    def rounded(values: FloatArray) -> list[list[float | None]]:
+        return [[None if np.isnan(v) else round(float(v), 2) for v in line] for line in values[shown].T]
+
+    return {
+        "errors": list(THERMAL_ERRORS),
+        "step_h": SHOWN_EACH * STEP_S / 3600.0,
+        "truth": rounded(here.truth),
+        "left": rounded(here.truth - course.estimate),
+        "limits": rounded(course.limits),
+    }
+
+
+STUDY = Study(
+    "adaptive-inputs",
+    "Inputs chosen once or at every update, three selectors, 340 h",
+    runs,
+    run,
+    report,
+    goal_min=60.0,
+)

@@ -1,0 +1,163 @@
+"""Static, FIR and ARX models of a three-body machine, with TALC's own estimators and naive peers beside them.
+
+The paper's orders; one load case to learn from, another one to be judged on, free run without any measurement.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from simulators.three_body import DRIFTS, SENSORS, SOURCES, load
+from studies.arx_vs_static_report import report
+from studies.frame import Parameters, Study
+from talc import indicators
+from talc.arx import Regression, guarded_fit, least_squares_fit, refine, simulate
+from talc.frame import BoolArray, FloatArray, TrainingJob, Why
+from talc.names import THERMAL_ERRORS
+from talc.settings import TrainingSettings
+from talc.training import train
+from talc.window import Parameters as Coefficients
+from talc.window import Structure, Window
+
+PAIRS = 30
+STEPS = 576
+"""48 h at 5 min, each of the two load cases."""
+REST = 12
+"""Steps without load at the begin of each: the longest model's past; they are not judged."""
+HIGHEST_W = (150.0, 90.0)
+HOLD_STEPS = (12, 48)
+"""A load stands for 1 to 4 h."""
+ORDERS = {"Y": (2, 4), "Z": (10, 10)}
+"""nb of the base's and the spindle's sensor, the paper's."""
+PLACES = {"near": ("base_near", "spindle_near"), "far": ("base_far", "column_far")}
+TEMPERATURE_NOISE_K, TEMPERATURE_STEP_K, PROBING_NOISE_um = 0.05, 0.1, 1.0
+MEASURE_EACH = 24
+"""Steps between the measurements of measure-and-hold: 2 h."""
+
+
+def runs(seed: int, small: bool) -> list[Parameters]:
+    """Two load pairs in the small version."""
+    return [
+        {"seed": seed, "pair": pair, "sensors": place, "noise": noise}
+        for pair in range(2 if small else PAIRS)
+        for place in PLACES
+        for noise in (False, True)
+    ]
+
+
+def heat(rng: np.random.Generator) -> FloatArray:
+    """(STEPS, 2) W: after the rest each source stands at a random level for a random time."""
+    loads = np.zeros((STEPS, len(SOURCES)))
+    for s, highest in enumerate(HIGHEST_W):
+        k = REST
+        while k < STEPS:
+            hold = int(rng.integers(HOLD_STEPS[0], HOLD_STEPS[1] + 1))
+            loads[k : k + hold, s] = rng.uniform(0.0, highest)
+            k += hold
+    return loads
+
+
+def recordings(parameters: Parameters) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """To learn from, and to be judged on: sensors (STEPS, 2) degC as read, true drift and measured drift (STEPS, 3) µm.
+
+    The loads depend on seed and pair only: near and far, clean and noisy are the same days.
+    """
+    chosen = [SENSORS.index(name) for name in PLACES[parameters["sensors"]]]
+    rng = np.random.default_rng([parameters["seed"], parameters["pair"]])
+    loads = [heat(rng), heat(rng)]
+    made = []
+    for load_case in loads:
+        drift, sensors = load().respond(load_case)
+        read, measured = sensors[:, chosen], drift
+        if parameters["noise"]:
+            noisy = read + rng.normal(0.0, TEMPERATURE_NOISE_K, read.shape)
+            read = np.round(noisy / TEMPERATURE_STEP_K) * TEMPERATURE_STEP_K
+            measured = drift + rng.normal(0.0, PROBING_NOISE_um, drift.shape)
+        made.append((read, drift, measured))
+    return made
+
+
+def run(parameters: Parameters) -> Mapping[str, Any]:
+    """Indicators by direction and model; None where an estimator gave no model."""
+    (u, _, y), (new_u, truth, new_y) = recordings(parameters)
+    result: dict[str, Any] = {}
+    for direction in ORDERS:
+        axis = DRIFTS.index(direction)
+        predicted = predictions(direction, u, y[:, axis], new_u, new_y[:, axis])
+        result[direction] = {
+            model: None if values is None else judge(truth[REST:, axis], values[REST:])
+            for model, values in predicted.items()
+        }
+    return result
+
+
+def judge(truth: FloatArray, predicted: FloatArray) -> dict[str, float]:
+    """PV as a share of the drift's own peak-to-peak, %; RMSE and P99, µm; SMAPE, %."""
+    left = truth - predicted
+    return {
+        "PV": 100.0 * indicators.peak_to_peak(left) / indicators.peak_to_peak(truth),
+        "RMSE": indicators.rms(left),
+        "P99": indicators.p99(left),
+        "SMAPE": indicators.smape(truth, predicted),
+    }
+
+
+def predictions(
+    direction: str, u: FloatArray, y: FloatArray, new_u: FloatArray, new_y: FloatArray
+) -> dict[str, FloatArray | None]:
+    """(STEPS,) µm by model. u, y: to learn from, every row measured; new_y: only what a method may see is used."""
+    steps = np.arange(len(new_y))
+    found: dict[str, FloatArray | None] = {
+        "none": np.zeros(len(new_y)),
+        "hold": new_y[np.maximum(steps - 1, 0) // MEASURE_EACH * MEASURE_EACH],
+    }
+    u_mean, u_std, y_mean, y_std = u.mean(axis=0), u.std(axis=0), float(y.mean()), float(y.std())
+    scaled = (y - y_mean) / y_std
+    window = Window((u - u_mean) / u_std, scaled, scaled, y_std)
+    inputs, orders = (0, 1), ORDERS[direction]
+    # Which rows enter must not depend on the model.
+    regression = Regression(window, 1, max(orders))
+
+    def free_run(structure: Structure, coefficients: Coefficients) -> FloatArray:
+        past = np.full(len(new_y), np.nan)
+        past[0] = (new_y[0] - y_mean) / y_std  # one measurement of the machine at rest, nothing afterwards
+        record = Window((new_u - u_mean) / u_std, np.full(len(new_y), np.nan), past, y_std)
+        return np.asarray(simulate(record, structure, coefficients) * y_std + y_mean, dtype=np.float64)
+
+    plain = {
+        "static": Structure(0, inputs, (0, 0)),
+        "FIR": Structure(0, inputs, orders),
+        "ARX": Structure(1, inputs, orders),
+    }
+    for model, structure in plain.items():
+        found[model] = free_run(structure, least_squares_fit(regression, structure).parameters)
+    structure, settings = plain["ARX"], TrainingSettings()
+    try:
+        guarded = guarded_fit(regression, structure)
+    except RuntimeError:
+        found["ARX guarded"] = found["ARX refined"] = None
+    else:
+        found["ARX guarded"] = free_run(structure, guarded)
+        found["ARX refined"] = free_run(structure, refine(window, structure, guarded, max_pole=settings.max_pole))
+    found["output error"] = _by_training(u, y, new_u, new_y[0], settings)
+    return found
+
+
+def _by_training(
+    u: FloatArray, y: FloatArray, new_u: FloatArray, start: float, settings: TrainingSettings
+) -> FloatArray | None:
+    """What the gateway itself would learn with its default settings; the drift takes the place of the first error."""
+    measured = np.full((len(y), len(THERMAL_ERRORS)), np.nan)
+    measured[:, 0] = y
+    valid: BoolArray = np.ones(u.shape, dtype=np.bool_)
+    names = ("first", "second")
+    job = TrainingJob(len(y) - 1, Why.CALIBRATION, names, u, valid, measured, settings)
+    model = train(job).models[0]
+    if model is None:
+        return None
+    used = new_u[:, [names.index(name) for name in model.inputs]]
+    return model.free_run(used, np.full(len(new_u), np.nan), float(start))
+
+
+STUDY = Study("arx-vs-static", "Static, FIR and ARX models of a three-body machine", runs, run, report)

@@ -1,0 +1,179 @@
+"""What every study shares: runs keyed by their parameters, done once, in parallel, kept as one JSON file each."""
+
+import hashlib
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import version
+from multiprocessing import get_context, parent_process
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import simulators
+import talc
+from studies.page import Origin, Report, write
+from talc import _kernel
+
+Parameters = Mapping[str, Any]
+"""JSON-able; says all that a run depends on, its seed included."""
+_PHYSICS = ("plant", "cases", "three_body")
+"""Packages of the simulators that studies rest on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One finished run."""
+
+    parameters: Parameters
+    result: Mapping[str, Any]
+    """JSON-able; None stands for a figure that does not exist."""
+    seconds: float | None = None
+    """How long it took in its process, if that was kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A question, as runs that do not depend on each other, and a report on them."""
+
+    name: str
+    summary: str
+    """One line."""
+    runs: Callable[[int, bool], list[Parameters]]
+    """From a seed, and whether the small version is wanted."""
+    run: Callable[[Parameters], Mapping[str, Any]]
+    """A function of a module, so that other processes find it; the same parameters give the same result."""
+    report: Callable[[list[Run]], Report]
+    then: Callable[[list[Run]], list[Parameters]] | None = None
+    """Runs that rest on what the first ones gave, such as other seeds for what was chosen among them."""
+    goal_min: float | None = None
+    """How long all of it may take on two cores."""
+
+
+@cache
+def code_fingerprint(module: str) -> str:
+    """SHA-256 over the code that the results of a study's module rest on, in hexadecimal; not over how they are shown.
+
+    That is talc with its compiled kernel, the simulated physics, the module itself and the control's loop.
+    """
+    digest = hashlib.sha256()
+    physics = Path(str(simulators.__file__)).parent
+    roots = [Path(str(talc.__file__)).parent, *(physics / name for name in _PHYSICS)]
+    sources = [
+        Path(str(_kernel.__file__)),
+        Path(__file__).with_name("loop.py"),
+        Path(str(sys.modules[module].__file__)),
+    ]
+    for root in roots:
+        sources += sorted(p for p in root.rglob("*") if p.suffix in {".py", ".json", ".toml"})
+    for source in sources:
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def key(study: Study, parameters: Parameters) -> str:
+    """Name of a run's file: another study, parameter or version of the code is another run."""
+    code = code_fingerprint(study.run.__module__)
+    canonical = json.dumps([study.name, code, parameters], sort_keys=True, allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()[:20]
+
+
+def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) -> Iterator[tuple[int, int]]:
+    """Do what is not done yet, then write the report. Yields (runs done, runs in all), first with what was there.
+
+    A study that was stopped goes on where it was. ValueError: no worker. An exception of a run ends the study.
+    """
+    if workers < 1:
+        raise ValueError(f"workers = {workers}: expected 1 or more")
+    kept = folder / "runs"
+    kept.mkdir(parents=True, exist_ok=True)
+    runs = yield from _do(study, kept, study.runs(seed, small), workers, 0)
+    if study.then is not None:
+        runs += yield from _do(study, kept, study.then(runs), workers, len(runs))
+    write(folder, study.summary, study.report(runs), _origin(study, runs, seed, small, workers))
+
+
+def _do(
+    study: Study, kept: Path, wanted: list[Parameters], workers: int, before: int
+) -> Generator[tuple[int, int], None, list[Run]]:
+    """Runs that `kept` does not have yet, in parallel; `before` runs were done already. Returns all that is wanted."""
+    files = [kept / f"{key(study, parameters)}.json" for parameters in wanted]
+    runs = {file: run for file in files if (run := _stored(file)) is not None}
+    yield before + len(runs), before + len(wanted)
+    missing = [(file, p) for file, p in zip(files, wanted, strict=True) if file not in runs]
+    if missing:
+        # Spawned, not forked: the caller's progress bar has threads.
+        context = get_context("spawn")
+        pool = ProcessPoolExecutor(min(workers, len(missing)), mp_context=context, initializer=_end_with_parent)
+        try:
+            futures = {pool.submit(_timed, study.run, p): file for file, p in missing}
+            for future in as_completed(futures):
+                file = futures[future]
+                runs[file] = run = future.result()
+                content = {"parameters": run.parameters, "result": run.result, "seconds": run.seconds}
+                _keep(file, {"study": study.name, **content})
+                yield before + len(runs), before + len(wanted)
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return [runs[file] for file in files]
+
+
+def _timed(run: Callable[[Parameters], Mapping[str, Any]], parameters: Parameters) -> Run:
+    begin = time.perf_counter()
+    result = run(parameters)
+    return Run(parameters, result, round(time.perf_counter() - begin, 2))
+
+
+def _end_with_parent() -> None:
+    """A worker whose study was terminated would else go on with its run, for a minute or two."""
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_exit_after, args=[parent], daemon=True).start()
+
+
+def _exit_after(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
+
+
+def _stored(file: Path) -> Run | None:
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return Run(content["parameters"], content["result"], content.get("seconds"))
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None  # cut short by a power failure: done again
+
+
+def _keep(file: Path, content: Mapping[str, Any]) -> None:
+    part = file.with_suffix(".part")
+    part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    part.replace(file)
+
+
+def _origin(study: Study, runs: list[Run], seed: int, small: bool, workers: int) -> Origin:
+    packages = ", ".join(f"{p} {version(p)}" for p in ("talc-gateway", "numpy", "scipy", "osqp"))
+    return Origin(
+        runs=len(runs),
+        seed=seed,
+        versions=packages,
+        code=code_fingerprint(study.run.__module__)[:8],
+        took=_took(study, runs, small, workers),
+        again=f"python -m studies {study.name} --seed {seed}" + (" --small" if small else ""),
+        date=f"{datetime.now(UTC):%Y-%m-%d}",
+    )
+
+
+def _took(study: Study, runs: list[Run], small: bool, workers: int) -> str:
+    """All runs' time spread over the workers, also when they were done at several goes; beside the goal, if any."""
+    goal = "" if study.goal_min is None or small else f" (goal: {study.goal_min:g} min on 2)"
+    known = [run.seconds for run in runs if run.seconds is not None]
+    if len(known) < len(runs):
+        return f"time not kept{goal}"
+    return f"{sum(known) / workers / 60:.1f} min on {workers} {'core' if workers == 1 else 'cores'}{goal}"

@@ -1,0 +1,36 @@
+"""Differences between two ways over the same repetitions, with how sure their mean is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from studies.page import number
+from talc.frame import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Paired:
+    """Mean of what the second leaves less than the first, and twice its standard error; NaN for a single pair."""
+
+    less: float
+    reach: float
+    better: int
+    """Pairs in which the second is less."""
+    pairs: int
+
+    @property
+    def sure(self) -> bool:
+        """The second leaves less, by more than twice the standard error; of a single pair its sign tells."""
+        return bool(self.less > (0.0 if np.isnan(self.reach) else self.reach))
+
+    def __str__(self) -> str:
+        how_sure = "" if np.isnan(self.reach) else f" ± {number(self.reach, 2)}"
+        size = f"{number(abs(self.less), 2)}{how_sure} {'less' if self.less >= 0 else 'more'}"
+        return f"{size}, less in {self.better} of {self.pairs}"
+
+
+def paired(first: FloatArray, second: FloatArray) -> Paired:
+    """(runs,) each, in the same order of repetitions."""
+    less = first - second
+    reach = 2 * float(less.std(ddof=1)) / np.sqrt(len(less)) if len(less) > 1 else float("nan")
+    return Paired(float(less.mean()), reach, int((less > 0).sum()), len(less))

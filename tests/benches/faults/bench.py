@@ -1,0 +1,144 @@
+"""An acquisition on real wires and a real clock, and what was heard of it."""
+
+import asyncio
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.base import Quality, Reading
+from gateway.acquisition.plausibility import Plausible
+from gateway.acquisition.runner import Acquisition, Line, Notice
+from gateway.clock import RealClock
+from tests.benches.faults.actions import PERIOD_S
+from tests.benches.faults.plants import Plant
+
+FAULT_PERIODS = 6
+RETRY_MAX_PERIODS = 2
+RESOLUTION = 0.06
+"""Half of what any of the devices can tell, degC or µm."""
+_TIMER_S = 0.001
+"""Every timer is late by that much; it is no sign of a busy computer."""
+
+
+@dataclass
+class Heard:
+    """Everything the acquisition said."""
+
+    readings: list[Reading] = field(default_factory=list)
+    notices: list[Notice] = field(default_factory=list)
+    log: list[str] = field(default_factory=list)
+
+    def of(self, channel: str, since: float = 0.0) -> list[Reading]:
+        return [r for r in self.readings if r.channel == channel and r.monotonic_s >= since]
+
+    async def until(self, channel: str, quality: Quality, since: float, within_s: float) -> Reading:
+        """The first such reading; fails when none comes in time."""
+        async with asyncio.timeout(within_s):
+            while not (found := [r for r in self.of(channel, since) if r.quality is quality]):
+                await asyncio.sleep(0.005)
+        return found[0]
+
+
+class Metronome:
+    """How late this computer wakes a thread that wants nothing: what a busy machine takes, the gateway cannot give."""
+
+    def __init__(self) -> None:
+        self._late: list[tuple[float, float]] = []
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="metronome")
+
+    def lost_s(self, begin_s: float = 0.0, end_s: float = float("inf")) -> float:
+        """The most time that it lost within one period, of what ended between these monotonic times.
+
+        In sum, because a read is a chain of threads that wake each other, and each may be late.
+        """
+        window: deque[tuple[float, float]] = deque()
+        lost = most = 0.0
+        for at, late in self._late:
+            if begin_s <= at <= end_s:
+                window.append((at, late))
+                lost += late
+                while window[0][0] < at - PERIOD_S:
+                    lost -= window.popleft()[1]
+                most = max(most, lost)
+        return most
+
+    def _run(self) -> None:
+        while True:
+            before = time.monotonic()
+            if self._end.wait(0.005):
+                return
+            now = time.monotonic()
+            if (late := now - before - 0.005) > _TIMER_S:
+                self._late.append((now, late))
+
+    def __enter__(self) -> "Metronome":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+
+
+class _ToItsPlant(logging.Handler):
+    """Warnings of the acquisition go to what its own plant was heard to say; several run at once."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        _log.get().append(record.getMessage())
+
+
+_log: ContextVar[list[str]] = ContextVar("log")
+
+
+@contextmanager
+def logged() -> Iterator[None]:
+    """Inside, `Heard.log` is filled."""
+    logger, handler = logging.getLogger("gateway.acquisition.runner"), _ToItsPlant(logging.WARNING)
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+
+
+@asynccontextmanager
+async def acquiring(*plants: Plant, limits: Mapping[str, Plausible] | None = None) -> AsyncIterator[Heard]:
+    heard = Heard()
+    _log.set(heard.log)
+    lines = [Line(plant.bus, plant.drivers, PERIOD_S, RETRY_MAX_PERIODS, plausible=limits or {}) for plant in plants]
+    try:
+        async with Acquisition(lines, RealClock(), heard.readings.extend, heard.notices.append):
+            yield heard
+    finally:
+        for plant in plants:
+            for stop in plant.stop:
+                await stop()
+
+
+def shows_what_was_said(plant: Plant, heard: Heard) -> None:
+    """No good reading shows what belongs to an older request, or to nobody."""
+    for driver, source in zip(plant.drivers, plant.said, strict=True):
+        for channel in driver.channels:
+            before_s = 0.0
+            for reading in heard.of(channel):
+                said = source.between(before_s, reading.monotonic_s)[-1 if plant.last_word else 0 :]
+                if reading.quality is Quality.GOOD:
+                    right = [value for value in said if abs(value - reading.value) <= RESOLUTION]
+                    assert right, f"{channel} shows {reading.value:.4g}; since the last reading, {said} was said"
+                before_s = reading.monotonic_s
+
+
+def keeps_period(readings: Sequence[Reading], allowed_s: float) -> None:
+    assert len(readings) >= FAULT_PERIODS - 1
+    assert {r.quality for r in readings} == {Quality.GOOD}
+    intervals = np.diff([r.monotonic_s for r in readings])
+    late = np.percentile(np.abs(intervals - PERIOD_S), 99)
+    assert late <= 0.2 * PERIOD_S + allowed_s, f"intervals {np.round(intervals, 3)}"

@@ -1,0 +1,86 @@
+"""The real LinuxCNC, switched on and homed, with our driver connected through its agent."""
+
+import asyncio
+import socket
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.base import SystemClock
+from drivers.linuxcnc.control import LinuxCnc
+from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.nc import Watch
+from simulators.linuxcnc.machine import Machine, machine
+
+KEY = "0123456789abcdef0123456789abcdef"
+
+
+@dataclass
+class Bench:
+    """Both sides of the wire."""
+
+    operator: Machine
+    nc: LinuxCnc
+    settings: LinuxCncSettings
+
+    @asynccontextmanager
+    async def beating(self, owner: int, period_s: float = 0.05) -> AsyncIterator[None]:
+        """The gateway lives as long as this."""
+
+        async def beat() -> None:
+            while True:
+                await self.nc.heartbeat(owner)
+                await asyncio.sleep(period_s)
+
+        task = asyncio.create_task(beat())
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    async def pin(self, name: str) -> float:
+        return await self.operator.number("gets", name)
+
+
+@asynccontextmanager
+async def running(
+    folder: Path, settings: Mapping[str, object], *, sphere: bool = False, tools: str | None = None
+) -> AsyncIterator[Bench]:
+    """folder: an empty one. settings: of LinuxCNC's INI file."""
+    key_file = folder / "key"
+    key_file.write_text(KEY + "\n")
+    (folder / "machine").mkdir()
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        async with machine(
+            folder / "machine", listener, KEY, sphere=sphere, settings=settings, tools=tools
+        ) as operator:
+            await operator.ask("switch_on")
+            await operator.ask("home")
+            nc_settings = LinuxCncSettings(key_file=key_file, port=listener.getsockname()[1])
+            nc = LinuxCnc(nc_settings, SystemClock())
+            await nc.connect()
+            try:
+                yield Bench(operator, nc, nc_settings)
+            finally:
+                await nc.close()
+
+
+async def until(condition: Callable[[], Awaitable[bool]], limit_s: float = 10.0) -> float:
+    """Seconds that it took."""
+    began = time.monotonic()
+    async with asyncio.timeout(limit_s):
+        while not await condition():
+            await asyncio.sleep(0.005)
+    return time.monotonic() - began
+
+
+async def claimed(bench: Bench, watch: Watch) -> None:
+    await bench.nc.claim(7, watch)
+
+    async def watched() -> bool:
+        return await bench.nc.heartbeat(7)
+
+    await until(watched)

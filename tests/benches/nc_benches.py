@@ -1,0 +1,238 @@
+"""Every numerical control that the gateway can speak to, with what the contract's tests do to it.
+
+Another implementation joins by a class that derives from NcBench and an entry in BENCHES.
+"""
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from drivers.base import SystemClock
+from drivers.linuxcnc.control import LinuxCnc
+from drivers.nc import NumericalControl, ProbingState, ProbingStatus, Watch
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import Compensation, SinumerikSettings
+from drivers.sinumerik.slope import SinumerikWithSlopes
+from simulators.linuxcnc.machine import HURRY
+from simulators.nc import Nck
+from tests.benches import linuxcnc_bench
+from tests.benches.emulated_bench import Plant, day, sinumerik_bench, wired
+from tests.benches.in_process_nc import InProcess
+from tests.benches.manual_clock import ManualClock
+from tests.benches.node_opcua_site import secured
+from tests.benches.npm_peer import node_with, running
+
+_NO_SAFE_POINT_S = 10.0
+"""Well within an operation of the emulated control's program."""
+FINAL = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
+
+
+class NcBench(ABC):
+    """A control on the bench and the driver under test, connected; nobody has claimed it."""
+
+    nc: NumericalControl
+    working: Mapping[str, float]
+    """Machine states after `work`."""
+    tick_s = 0.05
+    """Of the control's time, between two looks."""
+
+    @abstractmethod
+    def another(self) -> NumericalControl:
+        """A second gateway's driver for the same control, not connected."""
+
+    @abstractmethod
+    async def wait(self, seconds: float) -> None:
+        """Let the control's time pass."""
+
+    @abstractmethod
+    async def work(self) -> None:
+        """Have the machine cut: spindle and cutting fluid on, a tool that is no probe."""
+
+    @abstractmethod
+    async def stop(self) -> None:
+        """An emergency stop, or what this control has of the kind."""
+
+    @abstractmethod
+    async def switch_on(self) -> None:
+        """After `stop`: ready again."""
+
+    @abstractmethod
+    async def allow_probing(self) -> None:
+        """From now on the control reaches a safe point."""
+
+    async def ends(self, number: int, limit_s: float = 300.0) -> ProbingStatus:
+        """The final status of a cycle."""
+        return await self.reaches(number, *FINAL, limit_s=limit_s)
+
+    async def reaches(self, number: int, *states: ProbingState, limit_s: float = 300.0) -> ProbingStatus:
+        """The first status in one of these states."""
+        for _ in range(round(limit_s / self.tick_s)):
+            status = await self.nc.probing_status(number)
+            if status.state in states:
+                return status
+            await self.wait(self.tick_s)
+        raise AssertionError(f"cycle {number} is {status.state} after {limit_s} s, expected {states}")
+
+    async def alive(self, owner: int, watch: Watch) -> None:
+        """Claim the control and beat until its watchdog watches."""
+        await self.nc.claim(owner, watch)
+        async with asyncio.timeout(10.0):
+            while not await self.nc.heartbeat(owner):
+                await self.wait(self.tick_s)
+
+
+class EmulatedBench(NcBench):
+    """The emulated control, whatever speaks to it."""
+
+    tick_s = 5.0
+
+    def __init__(self, nck: Nck, clock: ManualClock, driver: Callable[[], NumericalControl]) -> None:
+        self._nck, self._clock, self._driver = nck, clock, driver
+        self.working = {"spindle_speed": 6000.0, "coolant": 1.0, "speed_X": 1200.0, "speed_C": 30.0}
+        self.nc = driver()
+
+    def another(self) -> NumericalControl:
+        return self._driver()
+
+    async def wait(self, seconds: float) -> None:
+        self._clock.move_to(self._clock.now + seconds)
+        await asyncio.sleep(0)
+
+    async def work(self) -> None:
+        await self.wait(30.0)
+
+    async def stop(self) -> None:
+        self._nck.raise_alarm(3000, self._clock.now)
+
+    async def switch_on(self) -> None:
+        self._nck.clear_alarms(self._clock.now)
+
+    async def allow_probing(self) -> None:
+        """It comes by itself, at the end of an operation."""
+
+
+class LinuxCncBench(NcBench):
+    """The real LinuxCNC with its agent."""
+
+    def __init__(self, bench: linuxcnc_bench.Bench) -> None:
+        self._bench, self.nc = bench, bench.nc
+        self.working = {"spindle_speed": 1200.0, "coolant": 1.0}
+
+    def another(self) -> NumericalControl:
+        return LinuxCnc(self._bench.settings, SystemClock())
+
+    async def wait(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+
+    async def work(self) -> None:
+        await self._bench.operator.ask("mdi", "T5 M6 M3 S1200 M8")
+
+    async def stop(self) -> None:
+        await self._bench.operator.ask("estop")
+
+    async def switch_on(self) -> None:
+        await self._bench.operator.ask("switch_on")
+        await self._bench.operator.ask("home")
+
+    async def allow_probing(self) -> None:
+        await self._bench.operator.ask("hal", "setp", "talc.may-start", "1")
+
+
+class NodeOpcuaBench(NcBench):
+    """Our driver with another maker's OPC UA stack, which has a part program and a watchdog of its own."""
+
+    def __init__(self, process: asyncio.subprocess.Process, settings: SinumerikSettings) -> None:
+        self._process, self._settings = process, settings
+        self.working = {"spindle_speed": 8000.0, "coolant": 1.0, "speed_X": 720.0, "speed_C": 2.0}
+        self.nc = self.another()
+
+    def another(self) -> NumericalControl:
+        return Sinumerik(self._settings, SystemClock())
+
+    async def wait(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+
+    async def work(self) -> None:
+        """It always does."""
+
+    async def stop(self) -> None:
+        await self._tell("alarm 3000")
+
+    async def switch_on(self) -> None:
+        await self._tell("clear")
+
+    async def allow_probing(self) -> None:
+        await self._tell("allow")
+
+    async def _tell(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(line.encode() + b"\n")
+        await self._process.stdin.drain()
+
+
+Opened = AbstractAsyncContextManager[NcBench]
+
+
+@asynccontextmanager
+async def in_process(_: Path) -> AsyncIterator[NcBench]:
+    clock = ManualClock()
+    nck = Nck(Plant(), day())
+    bench = EmulatedBench(nck, clock, lambda: InProcess(nck, clock))
+    await bench.nc.connect()
+    await bench.wait(_NO_SAFE_POINT_S)
+    yield bench
+
+
+def sinumerik(compensation: Compensation, subscribe_s: float = 0.0) -> Callable[[Path], Opened]:
+    @asynccontextmanager
+    async def opened(_: Path) -> AsyncIterator[NcBench]:
+        async with sinumerik_bench() as inner:
+            settings: SinumerikSettings = replace(
+                wired(SinumerikSettings(url=inner.url)), compensation=compensation, subscribe_s=subscribe_s
+            )
+            kind = SinumerikWithSlopes if compensation.route == "k0_slope" else Sinumerik
+            bench = EmulatedBench(inner.control.nck, inner.clock, lambda: kind(settings, inner.clock))
+            await bench.nc.connect()
+            await bench.wait(_NO_SAFE_POINT_S)
+            try:
+                yield bench
+            finally:
+                await bench.nc.close()
+
+    return opened
+
+
+@asynccontextmanager
+async def linuxcnc(folder: Path) -> AsyncIterator[NcBench]:
+    settings = {**HURRY, "SLEW": 1.0, "FIND_FEED": 2000}
+    tools = "T99 P99 Z40 D6 ;probe\nT5 P5 Z17 D6 ;mill\n"
+    async with linuxcnc_bench.running(folder, settings, sphere=True, tools=tools) as inner:
+        yield LinuxCncBench(inner)
+
+
+@asynccontextmanager
+async def node_opcua(folder: Path) -> AsyncIterator[NcBench]:
+    node, site = node_with("node_opcua", "node-opcua"), await secured(folder, "gateway")
+    async with running(node, "node_opcua/server.js", *site.arguments, slow=True) as (url, process):
+        bench = NodeOpcuaBench(process, wired(site.settings(url, subscribe_s=0.05)))
+        await bench.nc.connect()
+        try:
+            yield bench
+        finally:
+            await bench.nc.close()
+
+
+TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
+BENCHES: dict[str, Callable[[Path], Opened]] = {
+    "in_process": in_process,
+    "sinumerik": sinumerik(Compensation()),
+    "sinumerik_told_and_by_r": sinumerik(Compensation(route="r"), subscribe_s=0.05),
+    "sinumerik_slopes": sinumerik(Compensation(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 0, "YX": 2})),
+    "sinumerik_encrypted_by_node_opcua": node_opcua,
+    "linuxcnc": linuxcnc,
+}
+NEEDS_DEBIAN = {"sinumerik_encrypted_by_node_opcua", "linuxcnc"}
+SLOW = {"sinumerik_told_and_by_r", "sinumerik_slopes", *NEEDS_DEBIAN}

@@ -1,0 +1,218 @@
+"""A control in memory, and the link at work on it in stepped time."""
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.base import ConnectError, NoAnswer, Refused
+from drivers.nc import NcSnapshot, OperatingMode, ProbingState, ProbingStatus, ProgramState, Watch
+from gateway.config import GatewayConfig
+from gateway.config.model import validate
+from gateway.nc.link import NcLink
+from gateway.nc.slew import Offsets, Write
+from gateway.probing.cycle import Probe, poses_in_radians
+from talc.frame import Decision, Phase
+from tests.benches.stepped_clock import SteppedClock
+
+POSES = ((0.0, 0.0), (0.0, 90.0), (0.0, 180.0), (0.0, 270.0), (90.0, 0.0), (-90.0, 0.0))
+
+
+@dataclass
+class Control:
+    """A control in memory: answers, and notes every write."""
+
+    clock: SteppedClock
+    in_force: Offsets = (0.0, 0.0, 0.0)
+    writes: list[tuple[float, Offsets]] = field(default_factory=list)
+    requests: list[int] = field(default_factory=list)
+    withdrawn: list[int] = field(default_factory=list)
+    busy: bool = False
+    """Takes no request for probing."""
+    absent: bool = False
+    deaf: bool = False
+    """Takes a write and does not apply it."""
+    spoils: bool = False
+    """Takes a write and has no number in force afterwards."""
+    answer: ProbingStatus | None = None
+    answers: dict[int, ProbingStatus] = field(default_factory=dict)
+    """By request number; the others get `answer`."""
+    beats: list[float] = field(default_factory=list)
+    watching: bool = True
+    owner: int = 0
+    mode: OperatingMode = OperatingMode.AUTO
+    program: ProgramState = ProgramState.ABORTED
+    speed: float = 0.0
+    ready: bool | None = None
+    probing: bool | None = None
+    slow: asyncio.Event | None = None
+    """A write lasts until it is set."""
+    in_write: bool = False
+    """One has been asked for whose answer has not come."""
+    late: asyncio.Event | None = None
+    """A write acts at once, and is answered when it is set."""
+    swallows: bool = False
+    """Takes a write and does not answer."""
+    closed: int = 0
+    looks: int = 0
+    hangs: str = ""
+    """Within its next "beat", "look" or "read back" the gateway stands still, and the watchdog has acted meanwhile."""
+
+    def _here(self) -> None:
+        if self.absent:
+            raise ConnectError("no answer", device="nc")
+
+    async def connect(self) -> None:
+        self._here()
+
+    async def close(self) -> None:
+        self.closed += 1
+
+    async def snapshot(self) -> NcSnapshot:
+        self._here()
+        positions = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": 0.0, "C": 0.0}
+        states = {"coolant": 1.0, "spindle_speed": self.speed}
+        return NcSnapshot(
+            self.clock.utc(), self.clock.monotonic(), positions, states, self.mode, self.program,
+            ready=self.ready, probing=self.probing,
+        )  # fmt: skip
+
+    async def request_probing(self, number: int) -> None:
+        if self.busy:
+            raise Refused("another cycle is under way", device="nc")
+        self.requests.append(number)
+
+    async def probing_status(self, number: int) -> ProbingStatus:
+        if self.late is not None:
+            self.in_write = True
+            await self._answer(self.late)
+        return self.answers.get(number, self.answer) or ProbingStatus(number, ProbingState.RUNNING)
+
+    async def withdraw_probing(self, number: int) -> None:
+        self._here()
+        if self.busy:
+            raise Refused("not now", device="nc")
+        self.withdrawn.append(number)
+
+    async def write_compensation(self, offsets_um: Offsets) -> None:
+        if self.slow is not None:
+            self.in_write = True
+            await self.slow.wait()
+        if max(map(abs, offsets_um)) > 500.0:
+            raise ValueError(f"offsets_um = {offsets_um!r}: beyond largest_um = 500; nothing was sent")
+        self.writes.append((self.clock.monotonic(), offsets_um))
+        if self.swallows:
+            self.in_force = offsets_um
+            raise NoAnswer("nothing within 2 s", device="nc")
+        if not self.deaf:
+            self.in_force = (math.nan, 0.0, 0.0) if self.spoils else offsets_um
+        if self.late is not None:
+            self.in_write = True
+            await self._answer(self.late)
+
+    async def _answer(self, when: asyncio.Event) -> None:
+        """As on a line whose answers come in turn: who does not wait for his own has no line any more."""
+        try:
+            await when.wait()
+        except asyncio.CancelledError:
+            self.absent = True
+            raise
+
+    async def claim(self, owner: int, watch: Watch) -> None:
+        if self.owner not in (0, owner):
+            raise Refused(f"belongs to gateway {self.owner}", device="nc")
+        self.owner = owner
+
+    async def heartbeat(self, owner: int) -> bool:
+        if self.owner != owner:
+            raise Refused(f"belongs to gateway {self.owner}", device="nc")
+        self.beats.append(self.clock.monotonic())
+        self._hang("beat")
+        return self.watching
+
+    async def release(self, owner: int) -> None:
+        self._here()
+        if self.owner == owner:
+            self.owner = 0
+
+    async def read_compensation(self) -> Offsets:
+        answer, self.looks = self.in_force, self.looks + 1
+        self._hang("look")
+        if self.looks % 2 == 0:  # the first look of a step comes before the write, the second after it
+            self._hang("read back")
+            return self.in_force
+        return answer
+
+    def _hang(self, within: str) -> None:
+        if self.hangs == within:
+            self.clock.spend(6.0)
+            self.hangs, self.in_force = "", (0.0, 0.0, 1.0)
+
+
+def config(mode: str, *, when_stale: str = "zero", armed: bool = True, **more: float) -> GatewayConfig:
+    return validate(
+        {
+            "machine": {"name": "mill"},
+            "nc": {"kind": "sinumerik", "url": "opc.tcp://127.0.0.1:4840", "security": "none", "period_s": 1.0},
+            "probing": {"armed": armed, "poll_s": 1.0},
+            "compensation": {"mode": mode, "when_stale": when_stale, "stale_after_s": 60.0} | more,
+        }
+    )
+
+
+def decision(ez0a: float) -> Decision:
+    errors = np.zeros(9)
+    errors[1] = ez0a  # at A = 0 this is the offset in Z
+    nan = np.full(9, math.nan)
+    return Decision(5, Phase.COMPENSATION, errors, errors, nan, nan, None, None, ())
+
+
+class Bench:
+    """A link, its control and what it told."""
+
+    def __init__(
+        self,
+        mode: str,
+        in_force: Offsets = (0.0, 0.0, 0.0),
+        *,
+        when_stale: str = "zero",
+        armed: bool = True,
+        abandoned: int | None = None,
+        measured: Sequence[float] | None = None,
+        **more: float,
+    ) -> None:
+        self.clock = SteppedClock()
+        self.control = Control(self.clock, in_force)
+        self.steps: list[Write] = []
+        self.disk_full = False
+        self.notices: list[str] = []
+        self.link = NcLink(
+            self.control,
+            config(mode, when_stale=when_stale, armed=armed, **more),
+            self.clock,
+            Probe(poses_in_radians(POSES), 0.12, 0.08, 1.0),
+            states=lambda *_: None,
+            written=self.store,
+            notify=lambda text, _: self.notices.append(text),
+            reference_mm=None,
+            first_number=41,
+            abandoned=abandoned,
+            measured=measured,
+        )
+
+    def store(self, write: Write) -> None:
+        if self.disk_full:
+            raise OSError("no space left on device")
+        self.steps.append(write)
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        task = asyncio.create_task(self.link.run())
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)

@@ -1,0 +1,121 @@
+"""A bus and devices that are scripts, on stepped time, with an acquisition that reads them."""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from typing import NoReturn
+
+from drivers.base import NoAnswer, Quality, Reading
+from gateway.acquisition.plausibility import Plausible
+from gateway.acquisition.runner import Acquisition, Line, Notice
+from tests.benches.stepped_clock import SteppedClock
+
+
+class ScriptedBus:
+    """A bus whose connection the test breaks."""
+
+    def __init__(self, name: str = "rtu1") -> None:
+        self.name = name
+        self.timeout_s = 0.5
+        self.fault: Exception | None = None
+        self.opened = self.closed = 0
+        self.is_open = False
+
+    async def connect(self) -> None:
+        if self.fault is not None:
+            raise self.fault
+        self.opened += 1
+        self.is_open = True
+
+    async def close(self) -> None:
+        self.closed += 1
+        self.is_open = False
+
+
+class ScriptedDevice:
+    """A device with one channel that the test silences. `takes_s`: simulated duration of a read.
+
+    `fault_takes_s`: of one that fails; `first_fault_takes_s`: of the first one after an answer, where the bus hurries.
+    """
+
+    def __init__(self, name: str, clock: SteppedClock, bus: ScriptedBus) -> None:
+        self.device, self.channels = name, (f"{name}_t",)
+        self.fault: Exception | None = None
+        self.fault_once: Exception | None = None
+        self.fault_at_connect: Exception | None = None
+        self.quality = Quality.GOOD
+        self.takes_s = self.fault_takes_s = 0.0
+        self.first_fault_takes_s: float | None = None
+        self._failed = False
+        self.asked: list[float] = []
+        self.connects = 0
+        self.hang = False
+        self._clock, self._bus = clock, bus
+
+    async def connect(self) -> None:
+        self.connects += 1
+        if self.fault_at_connect is not None:
+            self.asked.append(self._clock.monotonic())
+            raise self.fault_at_connect
+
+    async def read(self) -> Sequence[Reading]:
+        assert self._clock.holds > 0, "a wire is used while simulated time runs"
+        assert self._bus.is_open, "a device is read on a closed bus"
+        self.asked.append(self._clock.monotonic())
+        if self.hang:
+            await asyncio.Event().wait()
+        if self.fault is not None:
+            self._fail(self.fault)
+        if self.fault_once is not None:
+            fault, self.fault_once = self.fault_once, None
+            self._fail(fault)
+        self._failed = False
+        self._clock.spend(self.takes_s)
+        now = self._clock.monotonic()
+        return [Reading(self.channels[0], 20.0 + now / 1000, "degC", self.quality, self._clock.utc(), now, 0)]
+
+    def _fail(self, fault: Exception) -> NoReturn:
+        first_s = None if self._failed else self.first_fault_takes_s
+        self._failed = True
+        self._clock.spend(self.fault_takes_s if first_s is None else first_s)
+        if first_s is not None and isinstance(fault, NoAnswer):
+            raise NoAnswer(str(fault), hurried=True)
+        raise fault
+
+    async def close(self) -> None:
+        pass
+
+
+class Plant:
+    """One bus with devices, and everything the acquisition told."""
+
+    def __init__(self, *names: str) -> None:
+        self.clock = SteppedClock()
+        self.bus = ScriptedBus()
+        self.devices = {name: ScriptedDevice(name, self.clock, self.bus) for name in names}
+        self.readings: list[Reading] = []
+        self.notices: list[Notice] = []
+        self.plausible: dict[str, Plausible] = {}
+
+    def line(self, **policy: float) -> Line:
+        return Line(
+            self.bus,
+            tuple(self.devices.values()),
+            period_s=1.0,
+            retry_max_periods=int(policy.get("retry_max_periods", 8)),
+            read_limit_s=policy.get("read_limit_s", 5.0),
+            plausible=self.plausible,
+            phase_s=policy.get("phase_s", 0.0),
+        )
+
+    @asynccontextmanager
+    async def running(self, **policy: float) -> AsyncIterator[Acquisition]:
+        lines = [self.line(**policy)]
+        async with Acquisition(lines, self.clock, self.readings.extend, self.notices.append) as acquisition:
+            yield acquisition
+
+    def of(self, device: str) -> list[Reading]:
+        return [r for r in self.readings if r.channel == f"{device}_t"]
+
+    def told(self) -> list[tuple[str, bool]]:
+        return [(notice.subject, notice.ended) for notice in self.notices]

@@ -1,0 +1,38 @@
+"""Writes steps to a store until it is killed; prints each index once it is committed. Run by test_store.py."""
+
+import sys
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from drivers.base import Quality, Reading, SystemClock
+from gateway.storage.store import Store
+from talc.frame import Decision, Frame, Phase
+
+
+def step(k: int) -> tuple[Frame, Decision]:
+    """Numbers that follow from k alone."""
+    inputs = np.random.default_rng(k).normal(20.0, 5.0, 36)
+    nine = np.random.default_rng(-k % 2**32).normal(0.0, 10.0, 9)
+    frame = Frame(k, inputs, inputs > 15.0)
+    decision = Decision(k, Phase.CALIBRATION, nine, nine + 1.0, nine + 2.0, nine + 3.0, None, None, ())
+    return frame, decision
+
+
+def main(path: Path, first: int) -> None:
+    clock = SystemClock()
+    with Store(path, f"boot{first}", clock, commit_s=0.01) as store:
+        store.begin("{}", "hash", "versions")
+        for k in count(first):
+            frame, decision = step(k)
+            now = clock.utc()
+            store.readings([Reading(f"c{i}", 20.0 + i, "degC", Quality.GOOD, now, 0.0, k) for i in range(30)])
+            store.frame(frame)
+            store.decision(decision)
+            store.flush()
+            print(k, flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,150 @@
+"""A gateway's NC link and an emulated control on its real wire, in stepped time; the control keeps its own record."""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import numpy as np
+
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
+from gateway.config import GatewayConfig
+from gateway.config.model import validate
+from gateway.nc.link import NcLink
+from gateway.nc.slew import Offsets, Write
+from gateway.probing.cycle import Probe, poses_in_radians
+from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc.watchdog import Logged
+from tests.benches.stepped_clock import SteppedClock
+
+PERIOD_S = 1.0
+BOUND_UM = (12.0, 8.0, 16.0)
+STALE_S, INPUTS_STALE_S, SILENCE_S = 40.0, 25.0, 4.0
+
+
+class WireClock(SteppedClock):
+    """Lets no time pass while somebody holds it: what the link does on the wire takes none."""
+
+    async def _rest(self) -> None:
+        await super()._rest()
+        while self.holds:
+            await asyncio.sleep(0)
+            if not self.holds:
+                await super()._rest()
+
+
+class Still:
+    """A machine that does not deform."""
+
+    def tool_deviation_um(self, *_: float) -> tuple[float, float, float]:
+        return 0.0, 0.0, 0.0
+
+
+def config(
+    mode: str = "compensate",
+    when_stale: str = "zero",
+    path: str = "gateway.sqlite",
+) -> GatewayConfig:
+    return validate(
+        {
+            "machine": {"name": "mill"},
+            "storage": {"path": path},
+            "nc": {"kind": "sinumerik", "url": "opc.tcp://127.0.0.1:4840", "security": "none", "period_s": PERIOD_S},
+            "grid": {"step_s": 20.0},
+            "probing": {"armed": False, "lead_s": 10.0},
+            "compensation": {
+                "mode": mode,
+                "when_stale": when_stale,
+                "bound_um": BOUND_UM,
+                "stale_after_s": STALE_S,
+                "inputs_stale_after_s": INPUTS_STALE_S,
+                "watchdog_s": SILENCE_S,
+            },
+        }
+    )
+
+
+class WireBench:
+    """The control, and as many links to it as a test makes."""
+
+    def __init__(self, clock: WireClock, control: EmulatedControl, url: str, folder: Path) -> None:
+        self.clock, self.control, self.url, self.folder = clock, control, url, folder
+        self.writes: list[Write] = []
+        self.notices: list[str] = []
+
+    def link(self, mode: str = "compensate", when_stale: str = "zero", owner: int = 7) -> NcLink:
+        return NcLink(
+            Sinumerik(SinumerikSettings(url=self.url), self.clock),
+            config(mode, when_stale, str(self.folder / "gateway.sqlite")),
+            self.clock,
+            Probe(poses_in_radians(((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0))), 0.12, 0.08, 1.0),
+            states=lambda *_: None,
+            written=self.writes.append,
+            notify=lambda text, _: self.notices.append(text),
+            reference_mm=None,
+            first_number=41,
+            owner=owner,
+        )
+
+    @asynccontextmanager
+    async def running(self, link: NcLink, *, stop: bool = False) -> AsyncIterator[NcLink]:
+        """Run a link; at the end cut its line as a kill would, or stop it as asked."""
+        task = asyncio.create_task(link.run())
+        try:
+            yield link
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            if stop:
+                stopping = asyncio.create_task(link.stop())
+                await self.clock.run_until(self.clock.monotonic() + 200.0)
+                await stopping
+            else:
+                await link._nc.close()
+
+    @property
+    def in_force_um(self) -> Offsets:
+        """What the control adds now."""
+        self.control.nck.advance(self.clock.monotonic())
+        x, y, z = (-1e3 * value for value in self.control.nck.k0_mm)
+        return x, y, z
+
+    def assert_never_stepped(self, *, but_at_s: float | None = None) -> None:
+        """But at `but_at_s`, when the control itself took the offsets away, at power on."""
+        assert_never_stepped(self.control.nck.log, BOUND_UM, 1.0, PERIOD_S, but_at_s)
+
+
+def assert_never_stepped(
+    log: Sequence[Logged],
+    bound_um: Sequence[float],
+    rate_um_per_s: float,
+    period_s: float,
+    but_at_s: float | None = None,
+) -> None:
+    """By the control's own record: no axis changes faster than the rate, by more than one period's worth at once, or
+    beyond its bound. What the control's watchdog ramps is noted when somebody looks, so only its rate counts."""
+    value, since = np.zeros(3), np.zeros(3)
+    for entry in log:
+        now = np.array(entry.values_mm) * 1e3
+        changed = now != value
+        if entry.time_s != but_at_s:
+            reach = rate_um_per_s * (entry.time_s - since)
+            if not entry.ramped:
+                reach = np.minimum(reach, rate_um_per_s * period_s)
+            assert (np.abs(now - value)[changed] <= reach[changed] + 1e-6).all(), (entry, value, since)
+        assert (np.abs(now) <= np.array(bound_um) + 1e-6).all(), entry
+        value, since = now, np.where(changed, entry.time_s, since)
+
+
+@asynccontextmanager
+async def wire_bench(folder: Path) -> AsyncIterator[WireBench]:
+    clock = WireClock()
+    rest = LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())])
+    control = EmulatedControl(Still(), clock, rest, cycle=CycleSettings(noise_um=0.0))
+    url = await control.start()
+    try:
+        yield WireBench(clock, control, url, folder)
+    finally:
+        await control.stop()
+        await asyncio.get_running_loop().shutdown_default_executor()  # the server library loads its nodes in it

@@ -1,0 +1,15 @@
+"""Simulated time for tests in which something real is on the wire."""
+
+import asyncio
+
+from tests.benches.stepped_clock import SteppedClock
+
+
+class WireClock(SteppedClock):
+    """Simulated time that also waits for what goes over a real wire."""
+
+    async def _rest(self) -> None:
+        await super()._rest()
+        while self.holds:
+            await asyncio.sleep(0.0005)
+            await super()._rest()

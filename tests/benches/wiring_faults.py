@@ -1,0 +1,319 @@
+"""Boxes of modules with one mistake each, on real wires; what the commands say of them stands in docs/wiring.md.
+
+`python -m tests.benches.wiring_faults` renews the document's blocks.
+"""
+
+import asyncio
+import re
+import tempfile
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
+from pathlib import Path
+from struct import pack, unpack
+
+from simulators.devices.adam6015 import Adam6015
+from simulators.devices.cia404_node import Cia404Node, Nmt
+from simulators.devices.m7015 import M7015
+from simulators.devices.me_sensor import MeSensor
+from simulators.devices.modbus_servers import RtuLine, TcpHost
+from simulators.devices.modbus_unit import ModbusUnit
+from simulators.devices.pta8d08 import Pta8d08
+from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices.source import Fault
+from tests.benches.command import talc_gateway
+
+DOCUMENT = Path("docs/wiring.md")
+_BLOCK = re.compile(r"(<!-- shown (\w+) -->\n```text\n)(.*?)(```\n)", re.DOTALL)
+
+ROOM = [21.3, 21.4, 21.2, 21.3, 21.5, 21.2]
+"""A machine that stood over night: everything has the hall's temperature."""
+
+RTU = """[machine]
+name = "mill"
+
+[[bus]]
+name = "rtu1"
+kind = "modbus_rtu"
+port = "rs485"
+baud = 9600
+timeout_s = 0.5
+"""
+
+
+def device(name: str, bus: str, profile: str, unit: int, channels: Sequence[str], options: str = "") -> str:
+    """One `[[device]]`."""
+    lines = [f'\n[[device]]\nname = "{name}"\nbus = "{bus}"\nprofile = "{profile}"\nunit = {unit}']
+    lines += [f"[device.options]\n{options}"] if options else []
+    return "\n".join([*lines, "[device.channels]", *(f"{c} = {i}" for i, c in enumerate(channels))]) + "\n"
+
+
+def beds(unit: int = 1) -> str:
+    """A module with three sensors in use."""
+    return device("rtd1", "rtu1", "icpdas_m7015", unit, ("bed_front", "bed_rear", "column"))
+
+
+def canopen(node: int = 5, bitrate: int = 125_000) -> str:
+    """A node behind an slcan adapter."""
+    bus = f'\n[[bus]]\nname = "can1"\nkind = "canopen"\ninterface = "slcan"\nchannel = "canusb"\nbitrate = {bitrate}\n'
+    fluids = device("fluids", "can1", "cia404", node, ("coolant_in", "coolant_out"), 'vendor = "esd"')
+    return '[machine]\nname = "mill"\n' + bus + fluids
+
+
+class Box:
+    """A folder with a configuration, and wires whose names stand in it."""
+
+    def __init__(self, folder: Path, stack: AsyncExitStack) -> None:
+        self.folder, self._stack = folder, stack
+        self.told: list[str] = []
+
+    def write(self, text: str, name: str = "gateway.toml") -> None:
+        """A file of the folder."""
+        (self.folder / name).write_text(text, encoding="utf-8")
+
+    async def line(self, units: Mapping[int, ModbusUnit], baud: int = 9600) -> RtuLine:
+        """Modbus units on the port rs485."""
+        line = RtuLine(units, baud=baud)
+        (self.folder / "rs485").symlink_to(await line.start())
+        self._stack.push_async_callback(line.stop)
+        return line
+
+    async def sensor(self) -> MeSensor:
+        """A displacement sensor on the port growth."""
+        sensor = MeSensor(lambda: [123.4], range_um=500.0)
+        (self.folder / "growth").symlink_to(await sensor.start())
+        self._stack.push_async_callback(sensor.stop)
+        return sensor
+
+    async def host(self, units: Mapping[int, ModbusUnit]) -> int:
+        """Modbus TCP on a free port of this computer."""
+        host = TcpHost(units)
+        port = await host.start()
+        self._stack.push_async_callback(host.stop)
+        return port
+
+    async def can(self, nodes: Sequence[Cia404Node], bitrate: int = 125_000) -> SlcanAdapter:
+        """Nodes behind the adapter canusb."""
+        adapter = SlcanAdapter(nodes, bitrate=bitrate)
+        (self.folder / "canusb").symlink_to(await adapter.start())
+        self._stack.push_async_callback(adapter.stop)
+        return adapter
+
+    async def run(self, *arguments: str) -> None:
+        """A command as a user types it, and what it says."""
+        done = await talc_gateway(*arguments, columns=80, folder=self.folder, together=True)
+        self.told.append(f"$ talc-gateway {' '.join(arguments)}\n{done.out}")
+
+
+async def green(box: Box) -> None:
+    """Two modules and a displacement sensor, all well."""
+    await box.line({1: M7015(lambda: ROOM), 2: Pta8d08(lambda: [*ROOM, 21.3, 21.2])})
+    options = ("--protocol", "modbus_rtu", "--baud", "9600", "--baud", "19200", "--timeout", "0.4")
+    await box.run("scan", "serial", "rs485", "--units", "1-4", *options, "--toml", "gateway.toml")
+    await box.run("probe", "gateway.toml")
+
+
+async def silence(box: Box) -> None:
+    """A and B swapped, no power, another unit id, another speed: nobody hears us."""
+    box.write(RTU + beds())
+    await box.line({1: M7015(lambda: ROOM)}, baud=115200)
+    await box.run("probe", "gateway.toml")
+
+
+async def speed(box: Box) -> None:
+    """The same line, every speed tried."""
+    await box.line({1: M7015(lambda: ROOM)}, baud=115200)
+    await box.run("scan", "serial", "rs485", "--units", "1-2", "--protocol", "modbus_rtu", "--timeout", "0.4")
+
+
+async def duplicate(box: Box) -> None:
+    """Two units with one id answer at once; here the second one drowns the middle of the first one's answer."""
+    box.write(RTU + beds())
+    line = await box.line({1: M7015(lambda: ROOM)})
+    line.spoil = lambda _, frame: [(0.0, frame[:3] + bytes(a & 0x6D for a in frame[3:-2]) + frame[-2:])]
+    await box.run("probe", "gateway.toml")
+
+
+async def noise(box: Box) -> None:
+    """No termination beside a long cable: some answers are disturbed."""
+    box.write(
+        RTU.replace("timeout_s", "period_s = 0.25\nretry_max_periods = 1\ntimeout_s").replace("0.5", "0.1") + beds()
+    )
+    line = await box.line({1: M7015(lambda: ROOM)})
+    turn = 0
+
+    def disturb(_: int, frame: bytes) -> list[tuple[float, bytes]]:
+        nonlocal turn
+        turn += len(frame) > 8  # an answer with values
+        disturbed = len(frame) > 8 and turn in (3, 6)
+        return [(0.0, frame[:4] + bytes([frame[4] ^ 0x08]) + frame[5:] if disturbed else frame)]
+
+    line.spoil = disturb
+    await box.run("probe", "gateway.toml", "--watch", "--seconds", "5", "--every", "5")
+
+
+async def open_input(box: Box) -> None:
+    """A broken wire at a module that tells, and at one that does not."""
+    tells, guesses = M7015(lambda: ROOM), Pta8d08(lambda: [*ROOM, 21.3, 21.2])
+    tells.faults.set(1, Fault.OPEN)
+    guesses.faults.set(0, Fault.OPEN)
+    box.write(RTU + beds() + device("rtd2", "rtu1", "eletechsup_pta8d08", 2, ("spindle_front", "spindle_rear")))
+    await box.line({1: tells, 2: guesses})
+    await box.run("probe", "gateway.toml")
+
+
+async def two_wires(box: Box) -> None:
+    """A Pt100 wired with two conductors of 1.2 ohm in all: 1.2 / 0.385 = 3.1 K too warm, and good."""
+    box.write(RTU + beds())
+    await box.line({1: M7015(lambda: [21.3, 21.4 + 1.2 / 0.385, *ROOM[2:]])})
+    await box.run("probe", "gateway.toml")
+
+
+FLOATS = """protocol = "modbus"
+title = "Module with four float32 inputs"
+buses = ["modbus_rtu"]
+channels = 4
+unit = "degC"
+[value]
+function = 4
+address = 0
+type = "float32"
+word_order = "big"
+"""
+
+
+class FloatModule:
+    """A unit with float32 values, low register first."""
+
+    silent = False
+
+    def memory(self, function: int) -> dict[int, int]:
+        """Registers 0.. of function 4."""
+        if function != 4:
+            return {}
+        words = [unpack(">HH", pack(">f", value))[::-1] for value in ROOM[:4]]
+        return dict(enumerate(word for pair in words for word in pair))
+
+
+async def word_order(box: Box) -> None:
+    """A profile of one's own with the registers the wrong way round."""
+    box.write(FLOATS, "module.toml")
+    box.write(RTU + device("rtd1", "rtu1", "module.toml", 1, ("bed_front", "bed_rear")))
+    await box.line({1: FloatModule()})
+    await box.run("probe", "gateway.toml")
+
+
+async def wrong_device(box: Box) -> None:
+    """An input that is set to another sensor."""
+    box.write(RTU + beds())
+    module = M7015(lambda: ROOM)
+    module.set_type_code(2, 0x2B)
+    await box.line({1: module})
+    await box.run("probe", "gateway.toml")
+
+
+async def data_format(box: Box) -> None:
+    """A module whose numbers are parts of its range instead of tenths of a degree."""
+    box.write(RTU + beds())
+    module = M7015(lambda: ROOM)
+    module.engineering = False
+    await box.line({1: module})
+    await box.run("probe", "gateway.toml")
+
+
+async def absent_port(box: Box) -> None:
+    """The adapter is not plugged in."""
+    box.write(RTU + beds())
+    await box.run("probe", "gateway.toml")
+
+
+async def unit_behind_host(box: Box) -> None:
+    """The unit id behind a host is another one."""
+    port = await box.host({3: Adam6015(lambda: [*ROOM, 21.3])})
+    await box.run("scan", "tcp", f"127.0.0.1:{port}", "--timeout", "0.5")
+    await box.run("scan", "tcp", f"127.0.0.1:{port}", "--timeout", "0.5", "--units", "1-8")
+
+
+async def can_rate(box: Box) -> None:
+    """Nodes at another bit rate."""
+    box.write(canopen())
+    node = Cia404Node(5, lambda: ROOM[:2], inputs=2, vendor="esd", heartbeat_ms=200)
+    adapter = await box.can([node], bitrate=250_000)
+    node.start(adapter.send)
+    await box.run("probe", "gateway.toml")
+    await box.run("scan", "can", "canusb", "--interface", "slcan", "--listen", "1")
+    node.stop()
+
+
+async def can_duplicate(box: Box) -> None:
+    """Two nodes with one id, and one that was stopped."""
+    twins = [Cia404Node(5, lambda: ROOM[:2], inputs=2, vendor="esd") for _ in range(2)]
+    stopped = Cia404Node(6, lambda: ROOM[:2], inputs=2, vendor="esd", heartbeat_ms=200)
+    stopped.on_frame(0, bytes((Nmt.STOP, 6)))
+    adapter = await box.can([*twins, stopped])
+    stopped.start(adapter.send)
+    await box.run("scan", "can", "canusb", "--interface", "slcan", "--bitrate", "125000", "--listen", "1")
+    stopped.stop()
+
+
+async def no_target(box: Box) -> None:
+    """A displacement sensor without its target, or unplugged from its amplifier."""
+    sensor = await box.sensor()
+    sensor.faults.set(0, Fault.OPEN)
+    bus = '\n[[bus]]\nname = "growth1"\nkind = "me_rs485"\nport = "growth"\n'
+    box.write(
+        '[machine]\nname = "mill"\n' + bus + device("eddy", "growth1", "me_rs485", 126, ("growth",), "range_um = 500.0")
+    )
+    await box.run("probe", "gateway.toml")
+
+
+FAULTS: dict[str, Callable[[Box], Awaitable[None]]] = {
+    case.__name__: case
+    for case in (
+        green, silence, speed, duplicate, noise, open_input, two_wires, word_order, wrong_device, data_format,
+        absent_port, unit_behind_host, can_rate, can_duplicate, no_target,
+    )
+}  # fmt: skip
+
+
+@asynccontextmanager
+async def box_in(folder: Path) -> AsyncIterator[Box]:
+    """A box whose wires are taken away at the end."""
+    async with AsyncExitStack() as stack:
+        yield Box(folder, stack)
+
+
+async def shown(name: str, folder: Path) -> str:
+    """What the commands of one case say."""
+    async with box_in(folder) as box:
+        await FAULTS[name](box)
+    return "\n".join(box.told)
+
+
+def blocks(text: str) -> dict[str, str]:
+    """The document's shown output, by name."""
+    return {found[2]: found[3] for found in _BLOCK.finditer(text)}
+
+
+def comparable(text: str) -> str:
+    """Without what differs from run to run: times, ports, and the room that they take in a table."""
+    text = re.sub(r"\d\d:\d\d:\d\d", "TIME", re.sub(r"127\.0\.0\.1(:|, )\d+", "127.0.0.1:PORT", text))
+    text = re.sub(r"[\d.]+ (ms|Hz|s)\b", r"N \1", text)
+    text = re.sub(r"\d+ lost", "N lost", text)
+    return "\n".join(re.sub(r"[ ━─]+", " ", line).strip() for line in text.strip().splitlines())
+
+
+def renew() -> None:
+    """Put what the commands say now into the document."""
+    text = DOCUMENT.read_text(encoding="utf-8")
+
+    def output(found: re.Match[str]) -> str:
+        with tempfile.TemporaryDirectory() as folder:
+            said = asyncio.run(shown(found[2], Path(folder)))
+        return found[1] + "\n".join(line.rstrip() for line in said.splitlines()) + "\n" + found[4]
+
+    DOCUMENT.write_text(_BLOCK.sub(partial(output), text), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    renew()

@@ -1,0 +1,259 @@
+"""Plain CAN by DBC: the logger's frames are packed by hand, the driver reads them by the DBC file."""
+
+import asyncio
+import math
+import struct
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.base import ConnectError, Driver, NoAnswer, Quality, Reading, SetupError, SystemClock
+from drivers.build import make_bus, make_device
+from drivers.can.dbc import CanDbcProfile, DbcSignal
+from drivers.faults import Fault as Faulty
+from drivers.profiles import load_profile
+from simulators.devices.can_logger import CanLogger
+from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices.source import Fault
+from tests.benches.logger_files import logger_profile, logger_profile_text
+
+TEMPERATURES = [20.0, -3.3, 150.5, 0.0, 33.3]
+PROFILE = logger_profile_text("logger")
+
+
+@asynccontextmanager
+async def bench(profile: str) -> AsyncIterator[tuple[CanLogger, Driver, SlcanAdapter]]:
+    adapter = SlcanAdapter([])
+    logger = CanLogger(lambda: TEMPERATURES, adapter.send)
+    options = {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.2}
+    bus = make_bus("can1", "can", options)
+    channels = {f"t{i}": i for i in range(5)}
+    driver = make_device("logger", bus, profile, 1, channels, {}, SystemClock())
+    logger.start()
+    try:
+        await bus.connect()
+        await driver.connect()
+        yield logger, driver, adapter
+    finally:
+        logger.stop()
+        await bus.close()
+        await adapter.stop()
+
+
+async def read_on(driver: Driver) -> None:
+    """Read until an error comes; what came before the fault may still be fresh."""
+    async with asyncio.timeout(5):
+        while True:
+            await driver.read()
+            await asyncio.sleep(0.005)
+
+
+async def test_values_come_by_the_names_of_the_dbc_file(tmp_path: Path) -> None:
+    async with bench(logger_profile(tmp_path)) as (_, driver, _adapter):
+        readings = await driver.read()
+    assert [r.value for r in readings] == pytest.approx(TEMPERATURES, abs=1e-9)
+    assert {(r.quality, r.unit) for r in readings} == {(Quality.GOOD, "degC")}
+
+
+async def test_broken_sensors_and_what_is_beyond_the_range(tmp_path: Path) -> None:
+    expected = {
+        Fault.OPEN: Quality.SENSOR_FAULT,
+        Fault.SHORT: Quality.SENSOR_FAULT,
+        Fault.OVER: Quality.OUT_OF_RANGE,
+        Fault.UNDER: Quality.OUT_OF_RANGE,
+    }
+    async with bench(logger_profile(tmp_path)) as (logger, driver, _):
+        for fault, quality in expected.items():
+            logger.faults.set(1, fault)
+            async with asyncio.timeout(5):
+                while (readings := await driver.read())[1].quality is not quality:
+                    await asyncio.sleep(0.005)
+            assert math.isnan(readings[1].value)
+            assert [r.quality for i, r in enumerate(readings) if i != 1] == [Quality.GOOD] * 4
+            logger.faults.set(1, None)
+
+
+async def test_silent_logger_is_no_answer_and_back_again(tmp_path: Path) -> None:
+    async with bench(logger_profile(tmp_path)) as (logger, driver, _):
+        logger.faults.silent = True
+        with pytest.raises(NoAnswer, match=r"0x300, 0x301"):
+            await read_on(driver)
+        logger.faults.silent = False
+        async with asyncio.timeout(5):
+            assert (await until_answered(driver))[0].value == pytest.approx(20.0)
+
+
+async def test_missing_message_costs_its_own_channels_only(tmp_path: Path) -> None:
+    async with bench(logger_profile(tmp_path)) as (logger, driver, adapter):
+        logger.stop()
+        with pytest.raises(NoAnswer):
+            await read_on(driver)
+        adapter.send(logger.frames()[:1])
+        async with asyncio.timeout(0.15):  # as long as the frame is fresh
+            readings = await until_answered(driver)
+    assert [r.quality for r in readings] == [Quality.GOOD] * 4 + [Quality.COMM_FAULT]
+
+
+async def until_answered(driver: Driver) -> Sequence[Reading]:
+    while True:
+        try:
+            return await driver.read()
+        except NoAnswer:
+            await asyncio.sleep(0.005)
+
+
+async def test_logger_that_was_silent_for_long_is_not_waited_for(tmp_path: Path) -> None:
+    async with bench(logger_profile(tmp_path)) as (logger, driver, _):
+        logger.faults.silent = True
+        with pytest.raises(NoAnswer):
+            await read_on(driver)
+        begun = time.monotonic()
+        for _ in range(5):
+            with pytest.raises(NoAnswer):
+                await driver.read()
+        assert time.monotonic() - begun < 0.2
+
+
+async def test_unplugged_adapter_is_a_connection_fault(tmp_path: Path) -> None:
+    async with bench(logger_profile(tmp_path)) as (logger, driver, adapter):
+        logger.stop()
+        await adapter.stop()
+        with pytest.raises(ConnectError, match="is gone"):
+            await read_on(driver)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("logger.dbc", "nowhere.dbc", "dbc: .*nowhere.dbc cannot be read"),
+        ('"T2"', '"T9"', r"signal\[2\].name: 'T9' is none of T0, T1, T2, T3"),
+        ('"Second"', '"Third"', r"signal\[4\].message: 'Third' is none of First, Real, Second"),
+    ],
+)
+def test_mistakes_in_the_profile_are_named(tmp_path: Path, old: str, new: str, says: str) -> None:
+    with pytest.raises(SetupError, match=says):
+        load_profile(logger_profile(tmp_path, text=PROFILE.replace(old, new)))
+
+
+INVALID = PROFILE[PROFILE.index("invalid = ") : PROFILE.index("[[signal]]", PROFILE.index("invalid = "))]
+"""The rules of the first signal, 16 bits with a sign."""
+
+
+def ruled(folder: Path, *rules: str, old: str = INVALID, before: str = "") -> DbcSignal:
+    """The logger's first signal with these rules; `before` them, what else takes the place of `old` in the profile."""
+    text = PROFILE.replace(old, f"{before}invalid = [{', '.join(rules)}]\n", 1)
+    profile = load_profile(logger_profile(folder, text=text))
+    assert isinstance(profile, CanDbcProfile)
+    return profile.signals[0]
+
+
+def real(folder: Path, *rules: str) -> DbcSignal:
+    """The same with a real number in the place of the first signal."""
+    return ruled(
+        folder, *rules, old=f'message = "First"\nname = "T0"\n{INVALID}', before='message = "Real"\nname = "F"\n'
+    )
+
+
+def rule(text: str, quality: str = "sensor_fault") -> str:
+    return f'{{ {text}, quality = "{quality}", detail = "{text}" }}'
+
+
+@pytest.mark.parametrize(
+    ("stated", "inside", "outside"),
+    [
+        ("low = 7000, high = 7100", (7000, 7050, 7100), (6999, 7101, -7050)),
+        ("low = 8000", (8000, 8500, 32767), (7999, -8000)),
+        ("high = -1500", (-1500, -1999, -32768), (-1499, 0, 8000)),
+        ("low = -1, high = -1", (-1,), (0, -2)),
+    ],
+)
+def test_range_of_raw_numbers_is_a_fault(
+    tmp_path: Path, stated: str, inside: Sequence[int], outside: Sequence[int]
+) -> None:
+    signal = ruled(tmp_path, rule(stated))
+    for raw in inside:
+        assert signal.decode(struct.pack("<4h", raw, 0, 0, 0)) == Faulty(Quality.SENSOR_FAULT, stated)
+    for raw in outside:
+        value = signal.decode(struct.pack("<4h", raw, 0, 0, 0))
+        assert value == pytest.approx(raw / 10) if raw >= -2000 else isinstance(value, Faulty)
+
+
+def test_first_rule_that_fits_counts_whatever_its_form(tmp_path: Path) -> None:
+    rules = rule("equals = 7050"), rule("low = 7000"), rule("bit = 0", "out_of_range")
+    signal = ruled(tmp_path, *rules)
+    details = {}
+    for raw in (7050, 7051, 101, 100):
+        found = signal.decode(struct.pack("<4h", raw, 0, 0, 0))
+        details[raw] = found.detail if isinstance(found, Faulty) else found
+    assert details == {7050: "equals = 7050", 7051: "low = 7000", 101: "bit = 0", 100: pytest.approx(10.0)}
+
+
+def test_range_of_a_real_number_is_a_fault(tmp_path: Path) -> None:
+    signal = real(tmp_path, rule("low = 99.5"), rule("high = -1e3"))
+    for number, fault in ((99.25, None), (99.5, "low = 99.5"), (-999.0, None), (-1e3, "high = -1e3")):
+        found = signal.decode(struct.pack("<f", number))
+        assert found == (number if fault is None else Faulty(Quality.SENSOR_FAULT, fault))
+    for number in (math.inf, -math.inf, math.nan):
+        assert isinstance(signal.decode(struct.pack("<f", number)), Faulty)
+
+
+@pytest.mark.parametrize(
+    ("stated", "says"),
+    [
+        ("low = 5, high = 4", r"invalid\[0\].low: 5 is above high = 4"),
+        ("low = 40000", r"invalid\[0\].low: 40000 is not within -32768 to 32767"),
+        ("high = -32769", r"invalid\[0\].high: -32769 is not within -32768 to 32767"),
+        ("low = -32768", r"invalid\[0\].low: -32768 to 32767 are all the numbers there are"),
+        ("low = 1.5", r"invalid\[0\].low: 1.5 is not a whole number"),
+        ("low = 1, mask = 3", r"invalid\[0\].mask: unknown"),
+        ("low = 1, equals = 3", r"invalid\[0\].equals: unknown"),
+    ],
+)
+def test_ranges_that_cannot_be_are_named(tmp_path: Path, stated: str, says: str) -> None:
+    with pytest.raises(SetupError, match=says):
+        ruled(tmp_path, rule(stated))
+
+
+@pytest.mark.parametrize(
+    ("stated", "says"),
+    [
+        ("low = inf", r"low: inf is not a finite number"),
+        ("low = 2.5, high = 2.25", r"low: 2.5 is above high = 2.25"),
+        ("bit = 0", "mask: F is a real number and has no bits to look at; state low or high"),
+    ],
+)
+def test_ranges_of_a_real_number_that_cannot_be_are_named(tmp_path: Path, stated: str, says: str) -> None:
+    with pytest.raises(SetupError, match=says):
+        real(tmp_path, rule(stated))
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> CanDbcProfile:
+    text = PROFILE + '[[signal]]\nmessage = "Real"\nname = "F"\n'
+    profile = load_profile(logger_profile(tmp_path_factory.mktemp("dbc"), text=text))
+    assert isinstance(profile, CanDbcProfile)
+    return profile
+
+
+@given(data=st.binary(max_size=64))
+def test_any_frame_is_decoded_or_a_fault(loaded: CanDbcProfile, data: bytes) -> None:
+    *shorts, real = (signal.decode(data) for signal in loaded.signals)
+    for i, value in enumerate(shorts):
+        place = 2 * (i % 4)
+        if len(data) < (8 if i < 4 else 2):
+            assert isinstance(value, Faulty)
+            continue
+        (raw,) = struct.unpack_from("<h", data, place)
+        if -2000 <= raw <= 8500:
+            assert value == pytest.approx(raw / 10)
+        else:
+            assert isinstance(value, Faulty)
+    if len(data) >= 4 and math.isfinite(struct.unpack_from("<f", data)[0]):
+        assert real == struct.unpack_from("<f", data)[0]
+    else:
+        assert isinstance(real, Faulty)

@@ -1,0 +1,364 @@
+"""CANopen: nodes that start anew, emergencies, foreign frames; and a node of a library that is not ours."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager
+from importlib.resources import files
+from pathlib import Path
+
+import canopen
+import pytest
+from canopen.objectdictionary import ODArray, ODVariable
+from canopen.objectdictionary.datatypes import INTEGER32, UNSIGNED8, UNSIGNED16, UNSIGNED32
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.base import BadAnswer, ConnectError, Driver, NoAnswer, Quality, Reading, Refused, SystemClock, WrongDevice
+from drivers.build import make_bus, make_device
+from drivers.canopen.events import NodeEvents
+from simulators.devices.cia404_node import Cia404Node
+from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+from simulators.devices.source import Fault
+
+TEMPERATURES = [20.0, -3.3]
+JUMO: dict[str, object] = {"vendor": "jumo"}
+
+
+@asynccontextmanager
+async def bench(
+    node: Cia404Node, node_id: int = 5, profile: str = "cia404", **chosen: float
+) -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
+    adapter = SlcanAdapter([node])
+    options = {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.1}
+    bus = make_bus("can1", "canopen", options)
+    driver = make_device("node", bus, profile, node_id, {"a": 0, "b": 1}, JUMO | chosen, SystemClock())
+    try:
+        await bus.connect()
+        yield adapter, driver
+    finally:
+        await bus.close()
+        await adapter.stop()
+
+
+@pytest.fixture
+def node() -> Cia404Node:
+    return Cia404Node(5, lambda: TEMPERATURES, inputs=2)
+
+
+async def passed(adapter: SlcanAdapter, *frames: Frame) -> None:
+    """Send the frames and let the receiving thread see them."""
+    adapter.send(frames)
+    await asyncio.sleep(0.05)
+
+
+@pytest.mark.parametrize(("digits", "temperature"), [(0, -3.0), (1, -3.3), (2, -3.3)])
+async def test_values_of_16_bits_are_read_when_a_profile_says_so(
+    tmp_path: Path, digits: int, temperature: float
+) -> None:
+    supplied = (files("drivers") / "profiles" / "cia404.toml").read_text(encoding="utf-8")
+    (tmp_path / "short.toml").write_text(supplied.replace('object = "9130"', 'object = "7130"'), encoding="utf-8")
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=2, digits=digits)
+    async with bench(node, profile=str(tmp_path / "short.toml")) as (_, driver):
+        await driver.connect()
+        assert [r.value for r in await driver.read()] == pytest.approx([20.0, temperature])
+
+
+async def test_sensors_are_checked_again_after_the_node_started_anew(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        await driver.read()
+        node.set_sensor_type(1, 1)
+        assert len(await driver.read()) == 2  # nobody told
+        await passed(adapter, (0x705, b"\0"))
+        with pytest.raises(WrongDevice, match="sensor type 1 at input 1"):
+            await driver.read()
+        node.set_sensor_type(1, 30)
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+class Restarting(Cia404Node):
+    """Starts anew after so many SDO requests, with other sensors at its inputs; `starts` times, each so many later."""
+
+    def __init__(self, after: int, starts: int, sensor_type: int) -> None:
+        super().__init__(5, lambda: [21.0 + self.booted] * 2, inputs=2)
+        self.after, self.starts, self.sensor_type, self.requests, self.booted = after, starts, sensor_type, 0, 0
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        frames = super().on_frame(identifier, data)
+        if identifier != 0x605 or self.booted == self.starts:
+            return frames
+        self.requests += 1
+        if self.requests < self.after:
+            return frames
+        self.requests, self.booted = 0, self.booted + 1
+        self.set_sensor_type(0, self.sensor_type)
+        return *frames, (0x705, b"\0")
+
+
+SDOS_OF_A_READ = 6
+"""Status, value, status of two inputs. A start after the last is one between two reads."""
+
+
+@pytest.mark.parametrize("after", range(1, SDOS_OF_A_READ))
+async def test_node_that_starts_anew_while_it_is_read_is_checked_before_anything_is_taken(after: int) -> None:
+    node = Restarting(after, 0, sensor_type=1)
+    async with bench(node) as (_, driver):
+        await driver.connect()
+        node.starts = 1
+        with pytest.raises(WrongDevice, match="sensor type 1 at input 0"):
+            await driver.read()
+
+
+@pytest.mark.parametrize("after", range(1, SDOS_OF_A_READ))
+async def test_node_that_started_anew_while_it_was_read_is_read_again(after: int) -> None:
+    node = Restarting(after, 0, sensor_type=30)
+    async with bench(node) as (_, driver):
+        await driver.connect()
+        node.starts = 1
+        assert [r.value for r in await driver.read()] == [22.0, 22.0]
+
+
+async def test_node_that_starts_anew_again_and_again_gives_no_value() -> None:
+    node = Restarting(SDOS_OF_A_READ - 1, 0, sensor_type=30)
+    async with bench(node) as (_, driver):
+        await driver.connect()
+        node.starts = 50
+        with pytest.raises(BadAnswer, match=r"node 5 started anew twice while it was read \(check its power supply"):
+            await driver.read()
+        node.starts = node.booted
+        assert (await driver.read())[0].quality is Quality.GOOD
+
+
+async def test_emergency_explains_a_fault_until_it_is_taken_back(node: Cia404Node) -> None:
+    node.faults.set(0, Fault.OPEN)
+    async with bench(node) as (adapter, driver):
+        assert (await driver.read())[0].detail == "sensor fault"
+        await passed(adapter, (0x085, bytes.fromhex("30 FF 81 00 00 00 00 00")))
+        broken, good = await driver.read()
+        assert broken.detail == "sensor fault; the node reports emergency 0xFF30, error register 0x81"
+        assert good.quality is Quality.GOOD
+        await passed(adapter, (0x085, bytes(8)))
+        assert (await driver.read())[0].detail == "sensor fault"
+
+
+@pytest.mark.parametrize("breaks", [True, False])
+async def test_sensor_that_breaks_or_recovers_while_it_is_read_gives_no_value(breaks: bool) -> None:
+    """A broken input of this node shows the end of the range; the status alone tells."""
+
+    class Flickering(Cia404Node):
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+            value_is_read = identifier == 0x605 and data[:4] == bytes.fromhex("40 30 91 01")
+            if value_is_read and breaks:
+                self.faults.set(0, Fault.OPEN)
+            frames = super().on_frame(identifier, data)
+            if value_is_read and not breaks:
+                self.faults.set(0, None)
+            return frames
+
+    node = Flickering(5, lambda: TEMPERATURES, inputs=2)
+    async with bench(node) as (_, driver):
+        await driver.connect()
+        if not breaks:
+            node.faults.set(0, Fault.OPEN)
+        broken, good = await driver.read()
+    assert broken.quality is Quality.SENSOR_FAULT
+    assert good.value == pytest.approx(-3.3)
+
+
+async def test_storm_of_emergencies_does_not_disturb_reading(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        for _ in range(20):
+            adapter.send([(0x085, bytes.fromhex("00 10 01 00 00 00 00 00"))] * 20)
+            assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def test_answers_of_other_nodes_and_objects_are_not_taken(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        adapter.send([(0x586, bytes.fromhex("43 30 91 01 63 00 00 00"))])
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def test_answer_after_the_timeout_is_not_taken_for_the_next(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        node.faults.silent = True
+        with pytest.raises(NoAnswer):
+            await driver.read()
+        node.faults.silent = False
+        adapter.send([(0x585, bytes.fromhex("43 30 91 01 63 00 00 00"))])
+        await asyncio.sleep(0.02)
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def test_garbage_from_the_adapter_is_survived(node: Cia404Node) -> None:
+    async with bench(node) as (adapter, driver):
+        await driver.connect()
+        adapter.send([(0x7FF, b""), (0x000, bytes(8)), (0x705, b""), (0x085, b"\x01")])
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+async def turned(driver: Driver, quality: Quality) -> list[Reading]:
+    """The first readings of that quality; each before it is of the other."""
+    async with asyncio.timeout(5):
+        while (readings := list(await driver.read()))[0].quality is not quality:
+            await asyncio.sleep(0.005)
+    return readings
+
+
+async def test_node_that_answers_without_a_heartbeat_is_stale_until_it_beats_again() -> None:
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=2, heartbeat_ms=50)
+    node.faults.set(1, Fault.OPEN)
+    async with bench(node) as (adapter, driver):
+        node.start(adapter.send)
+        try:
+            await driver.connect()
+            begun = time.monotonic()
+            while time.monotonic() < begun + 0.5:
+                assert (await driver.read())[0].quality is Quality.GOOD
+                await asyncio.sleep(0.01)
+            node.heartbeat_stopped = True
+            stopped = time.monotonic()
+            stale, broken = await turned(driver, Quality.STALE)
+            assert time.monotonic() - stopped >= 2 * 0.05  # three beats less the one that was just sent
+            assert "heartbeat stopped" in stale.detail
+            assert broken.quality is Quality.SENSOR_FAULT
+            await driver.close()
+            await driver.connect()
+            assert (await driver.read())[0].quality is Quality.STALE  # connecting heals nothing
+            node.heartbeat_stopped = False
+            assert (await turned(driver, Quality.GOOD))[0].value == pytest.approx(20.0)
+        finally:
+            node.stop()
+
+
+async def test_consumer_time_of_the_configuration_counts() -> None:
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=2, heartbeat_ms=20)
+    async with bench(node, heartbeat_s=0.4) as (_, driver):  # a node that never beats
+        begun = time.monotonic()
+        await driver.connect()
+        await turned(driver, Quality.STALE)
+        assert 0.4 <= time.monotonic() - begun < 2.0
+
+
+@pytest.mark.parametrize(("sends_ms", "words"), [(0, "never"), (500, "every 0.5 s")])
+async def test_node_that_cannot_keep_the_consumer_time_is_refused(sends_ms: int, words: str) -> None:
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=2, heartbeat_ms=sends_ms)
+    async with bench(node, heartbeat_s=0.4) as (_, driver):
+        with pytest.raises(WrongDevice, match=f"sends its heartbeat {words}, but heartbeat_s = 0.4"):
+            await driver.connect()
+
+
+async def test_another_device_profile_is_refused() -> None:
+    class Drive(Cia404Node):
+        def _object(self, index: int, subindex: int) -> bytes | int:
+            return (402).to_bytes(4, "little") if index == 0x1000 else super()._object(index, subindex)
+
+    async with bench(Drive(5, lambda: TEMPERATURES, inputs=2)) as (_, driver):
+        with pytest.raises(WrongDevice, match="device profile 402, not 404"):
+            await driver.connect()
+
+
+async def test_input_that_does_not_exist_is_refused() -> None:
+    async with bench(Cia404Node(5, lambda: [20.0], inputs=1)) as (_, driver):
+        with pytest.raises(Refused, match="6110:02"):
+            await driver.connect()
+
+
+async def test_four_channels_take_less_than_15_ms() -> None:
+    node = Cia404Node(5, lambda: [20.0] * 4, inputs=4)
+    adapter = SlcanAdapter([node])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start()})
+    driver = make_device("node", bus, "cia404", 5, {f"c{i}": i for i in range(4)}, JUMO, SystemClock())
+    try:
+        await bus.connect()
+        await driver.connect()
+        times = []
+        for _ in range(30):
+            started = time.perf_counter()
+            await driver.read()
+            times.append(time.perf_counter() - started)
+    finally:
+        await bus.close()
+        await adapter.stop()
+    assert sorted(times)[15] < 0.015
+
+
+@given(st.lists(st.tuples(st.booleans(), st.binary(max_size=8))))
+def test_any_frames_from_a_node_are_survived(frames: list[tuple[bool, bytes]]) -> None:
+    events = NodeEvents()
+    for heartbeat, data in frames:
+        (events.on_heartbeat if heartbeat else events.on_emergency)(0, data, 0.0)
+    assert events.boots == sum(heartbeat and data[:1] == b"\0" for heartbeat, data in frames)
+
+
+def _variable(name: str, index: int, subindex: int, kind: int, value: int) -> ODVariable:
+    variable = ODVariable(name, index, subindex)
+    variable.data_type, variable.access_type, variable.default = kind, "ro", value
+    return variable
+
+
+def _dictionary() -> canopen.ObjectDictionary:
+    dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
+    dictionary.add_object(_variable("device type", 0x1000, 0, UNSIGNED32, 0x20000 + 404))
+    for index, kind, values in (
+        (0x6110, UNSIGNED16, (30, 30)),
+        (0x6131, UNSIGNED32, (0x002D0000, 0x002D0000)),
+        (0x6132, UNSIGNED8, (2, 2)),
+        (0x6150, UNSIGNED8, (0, 1)),
+        (0x9130, INTEGER32, (-1234, 0)),
+    ):
+        array = ODArray(f"array {index:04X}", index)
+        array.add_member(_variable("count", index, 0, UNSIGNED8, 2))
+        for subindex, value in enumerate(values, start=1):
+            array.add_member(_variable(f"input {subindex}", index, subindex, kind, value))
+        dictionary.add_object(array)
+    return dictionary
+
+
+VIRTUAL: dict[str, object] = {"interface": "virtual", "channel": "test_canopen"}
+
+
+@pytest.fixture
+def local_node() -> Iterator[dict[str, object]]:
+    """A node of the canopen library on a virtual interface; gives the bus options to reach it."""
+    network = canopen.Network()
+    network.NOTIFIER_CYCLE = 0.1
+    network.connect(**VIRTUAL)
+    network.add_node(canopen.LocalNode(5, _dictionary()))
+    yield VIRTUAL
+    network.disconnect()
+
+
+async def test_node_of_the_canopen_library_is_read(local_node: dict[str, object]) -> None:
+    bus = make_bus("can1", "canopen", local_node | {"timeout_s": 1.0})
+    driver = make_device("node", bus, "cia404", 5, {"a": 0, "b": 1}, JUMO, SystemClock())
+    try:
+        await bus.connect()
+        await driver.connect()
+        good, broken = await driver.read()
+    finally:
+        await bus.close()
+    assert good.quality is Quality.GOOD
+    assert good.value == pytest.approx(-12.34)
+    assert broken.quality is Quality.SENSOR_FAULT
+
+
+async def test_adapter_that_another_program_has_is_not_disturbed(node: Cia404Node) -> None:
+    """Two programs on one slcan adapter would take each other's frames."""
+    adapter = SlcanAdapter([node])
+    options = {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.1}
+    first, second = make_bus("can1", "canopen", options), make_bus("can2", "canopen", options)
+    driver = make_device("node", first, "cia404", 5, {"a": 0}, JUMO, SystemClock())
+    try:
+        await first.connect()
+        await driver.connect()
+        with pytest.raises(ConnectError, match="another program has it open"):
+            await second.connect()
+        assert (await driver.read())[0].quality is Quality.GOOD
+    finally:
+        await second.close()
+        await first.close()
+        await adapter.stop()

@@ -1,0 +1,180 @@
+"""TPDOs after SYNC or by timer: the node's mapping is read and believed, or refused with a reason."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.base import Driver, NoAnswer, Quality, SystemClock, WrongDevice
+from drivers.build import make_bus, make_device
+from drivers.canopen.bus import CanObject
+from drivers.canopen.pdo import pdo_map
+from simulators.devices.cia404_node import Cia404Node
+from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+
+TEMPERATURES = [20.0, -3.3, 40.5, 55.1, 60.0, 70.0]
+
+
+@asynccontextmanager
+async def bench(node: Cia404Node, inputs: int, transfer: str = "sync") -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
+    adapter = SlcanAdapter([node])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.2})
+    channels = {f"c{i}": i for i in range(inputs)}
+    driver = make_device("node", bus, "cia404", 5, channels, {"vendor": "jumo", "transfer": transfer}, SystemClock())
+    try:
+        await bus.connect()
+        node.start(adapter.send)
+        yield adapter, driver
+    finally:
+        node.stop()
+        await bus.close()
+        await adapter.stop()
+
+
+def test_mapping_of_the_standards_form() -> None:
+    """Two int32 process values in one frame: entries 9130 0120 and 9130 0220 (CiA 301, object 1A00)."""
+    pdo = pdo_map(0x185, [0x91300120, 0x91300220])
+    assert pdo is not None
+    assert pdo.identifier == 0x185
+    assert pdo.decode(bytes.fromhex("C8000000 DFFFFFFF")) == {
+        CanObject(0x9130, 1): bytes.fromhex("C8000000"),
+        CanObject(0x9130, 2): bytes.fromhex("DFFFFFFF"),
+    }
+
+
+def test_tpdo_that_is_off_or_empty_is_none() -> None:
+    assert pdo_map(0x80000185, [0x91300120]) is None
+    assert pdo_map(0x185, []) is None
+
+
+@pytest.mark.parametrize("mapped", [[0x91300104], [0x91300120, 0x91300220, 0x61500108]])
+def test_mapping_that_cannot_be_read_is_refused(mapped: list[int]) -> None:
+    with pytest.raises(ValueError, match="is mapped with"):
+        pdo_map(0x185, mapped)
+
+
+@given(st.lists(st.integers(0, 2**32 - 1), max_size=8), st.binary(max_size=8))
+def test_any_mapping_and_frame_give_whole_objects_or_an_error(mapped: list[int], data: bytes) -> None:
+    try:
+        pdo = pdo_map(0x185, mapped)
+    except ValueError:
+        return
+    if pdo is not None:
+        for place, part in pdo.decode(data).items():
+            assert len(part) == pdo.places[place][1]
+            assert part in data
+
+
+async def test_values_and_status_of_six_inputs() -> None:
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=6)
+    async with bench(node, 6) as (_, driver):
+        await driver.connect()
+        readings = await driver.read()
+    assert [r.value for r in readings] == pytest.approx(TEMPERATURES)
+    assert {r.quality for r in readings} == {Quality.GOOD}
+
+
+async def test_inputs_in_no_tpdo_are_refused() -> None:
+    node = Cia404Node(5, lambda: [20.0] * 8, inputs=8)
+    async with bench(node, 8) as (_, driver):
+        with pytest.raises(WrongDevice, match=r"9130:07 is in no TPDO \(map it, or use transfer = 'sdo'\)"):
+            await driver.connect()
+
+
+async def test_tpdos_on_events_are_refused() -> None:
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=6)
+    node.set_transmission_type(254)
+    async with bench(node, 2) as (_, driver):
+        with pytest.raises(WrongDevice, match="TPDO 1 has transmission type 254, not 1"):
+            await driver.connect()
+
+
+async def test_node_that_starts_anew_between_two_reads_is_made_operational_again() -> None:
+    node = Cia404Node(5, lambda: TEMPERATURES, inputs=6)
+    async with bench(node, 6) as (_, driver):
+        await driver.connect()
+        await driver.read()
+        node.on_frame(0, bytes((129, 5)))  # power cut: its boot-up frame is lost
+        with pytest.raises(NoAnswer, match="TPDO 0x185, 0x285, 0x385, 0x485 did not come after SYNC"):
+            await driver.read()
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
+
+
+def timed(event_ms: int = 80, *values: float) -> Cia404Node:
+    return Cia404Node(5, lambda: values or TEMPERATURES, inputs=2, event_ms=event_ms)
+
+
+async def test_node_sends_by_its_timer_and_is_asked_for_nothing() -> None:
+    asked = []
+
+    class Counting(Cia404Node):
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+            asked.append(identifier)
+            return super().on_frame(identifier, data)
+
+    temperatures = [20.0, -3.3]
+    node = Counting(5, lambda: temperatures, inputs=2, event_ms=80)
+    async with bench(node, 2, "timer") as (_, driver):
+        await driver.connect()
+        assert [r.value for r in await driver.read()] == pytest.approx([20.0, -3.3])
+        asked.clear()
+        temperatures[0] = 21.5
+        async with asyncio.timeout(2):
+            while (await driver.read())[0].value != pytest.approx(21.5):
+                await asyncio.sleep(0.005)
+    assert asked == []
+
+
+async def read_on(driver: Driver) -> None:
+    """Read until an error comes; what came before the fault may still be fresh."""
+    async with asyncio.timeout(2):
+        while True:
+            await driver.read()
+            await asyncio.sleep(0.005)
+
+
+async def test_timed_values_that_stop_are_no_answer_and_none_of_before_is_taken() -> None:
+    node = timed()
+    async with bench(node, 2, "timer") as (_, driver):
+        await driver.connect()
+        await driver.read()
+        node.faults.silent = True
+        begun = time.monotonic()
+        with pytest.raises(NoAnswer, match="TPDO 0x185, 0x285 does not come by itself"):
+            await read_on(driver)
+        assert time.monotonic() - begun >= 2 * 0.08  # three times the timer, less the frame that had just come
+        with pytest.raises(NoAnswer, match="no answer"):
+            await driver.read()
+        node.faults.silent = False
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES[:2])
+
+
+async def test_node_that_starts_anew_is_made_operational_before_its_values_are_due_again() -> None:
+    node = timed()
+    async with bench(node, 2, "timer") as (adapter, driver):
+        await driver.connect()
+        await driver.read()
+        adapter.send(node.on_frame(0, bytes((129, 5))))  # boots, and waits in the state before
+        await asyncio.sleep(0.05)
+        for _ in range(3):
+            assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES[:2])
+
+
+@pytest.mark.parametrize(
+    ("event_ms", "kind", "says"),
+    [
+        (0, 1, "TPDO 1 has transmission type 1, not 255"),
+        (0, 255, "TPDO 1 is sent never by time, but timeout_s = 0.2"),
+        (250, 255, r"every 0.25 s, but timeout_s = 0.2 \(set object 1800:05 to less"),
+    ],
+)
+async def test_node_without_a_fitting_timer_is_refused(event_ms: int, kind: int, says: str) -> None:
+    node = timed(event_ms)
+    node.set_transmission_type(kind)
+    async with bench(node, 2, "timer") as (_, driver):
+        with pytest.raises(WrongDevice, match=says):
+            await driver.connect()

@@ -1,0 +1,134 @@
+"""The CANopen driver against another maker's node: canopen (npm), behind an emulated serial CAN adapter.
+
+That library has no CAN hardware of its own: it takes and gives frames. Its process does so by lines, so nothing of our
+emulated node takes part; only the adapter's ASCII protocol is ours.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager, suppress
+from math import isnan
+
+import pytest
+
+from drivers.base import Bus, Driver, Quality, Reading, Refused, SystemClock
+from drivers.build import make_bus, make_device
+from drivers.canopen.bus import CanObject, CanOpenBus
+from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+from tests.benches.npm_peer import node_with, running
+
+pytestmark = pytest.mark.peer
+
+NODE = 5
+
+
+class Peer:
+    """The process as a node of the adapter."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self._process = process
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        self.tell(f"{identifier:x} {data.hex()}")
+        return ()
+
+    def tell(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(line.encode() + b"\n")
+
+    async def forward(self, adapter: SlcanAdapter) -> None:
+        """What it sends goes to the adapter, until cancelled or until it ends."""
+        assert self._process.stdout is not None
+        while line := await self._process.stdout.readline():
+            identifier, _, data = line.decode().strip().partition(" ")
+            adapter.send([(int(identifier, 16), bytes.fromhex(data))])
+
+
+@pytest.fixture
+async def wire() -> AsyncIterator[tuple[Bus, Peer]]:
+    async with joined() as (bus, peer):
+        yield bus, peer
+
+
+@asynccontextmanager
+async def joined(event_ms: int = 0) -> AsyncIterator[tuple[Bus, Peer]]:
+    """The node and a bus that reaches it."""
+    async with running(node_with("canopen_node", "canopen"), "canopen_node/node.js", event_ms) as (_, process):
+        peer = Peer(process)
+        adapter = SlcanAdapter([peer])
+        bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.5})
+        forwarding = asyncio.create_task(peer.forward(adapter))
+        await bus.connect()
+        yield bus, peer
+        await bus.close()
+        forwarding.cancel()
+        with suppress(asyncio.CancelledError):
+            await forwarding
+        await adapter.stop()
+
+
+def device(bus: Bus, transfer: str = "sdo") -> Driver:
+    options = {"vendor": "jumo", "transfer": transfer}
+    return make_device("node", bus, "cia404", NODE, {"a": 0, "b": 1}, options, SystemClock())
+
+
+async def until(driver: Driver, quality: Quality) -> Reading:
+    """The first reading of channel a with that quality."""
+    async with asyncio.timeout(5):
+        while (reading := (await driver.read())[0]).quality is not quality:
+            await asyncio.sleep(0.01)
+    return reading
+
+
+@pytest.mark.parametrize("transfer", ["sdo", "sync"])
+async def test_values_and_status(wire: tuple[Bus, Peer], transfer: str) -> None:
+    driver = device(wire[0], transfer)
+    await driver.connect()
+    for _ in range(3):
+        good, broken = await driver.read()
+        assert good.quality is Quality.GOOD
+        assert good.value == pytest.approx(-12.34)
+        assert broken.quality is Quality.SENSOR_FAULT
+        assert isnan(broken.value)
+
+
+async def test_values_that_it_sends_by_its_timer() -> None:
+    async with joined(event_ms=40) as (bus, _):
+        driver = device(bus, "timer")
+        await driver.connect()
+        for _ in range(5):
+            good, broken = await driver.read()
+            assert good.value == pytest.approx(-12.34)
+            assert broken.quality is Quality.SENSOR_FAULT
+            await asyncio.sleep(0.05)
+
+
+async def test_its_emergency_explains_the_fault(wire: tuple[Bus, Peer]) -> None:
+    bus, peer = wire
+    driver = device(bus)
+    await driver.connect()
+    peer.tell("emergency ff30 81")
+    async with asyncio.timeout(5):
+        while "emergency" not in (detail := (await driver.read())[1].detail):
+            await asyncio.sleep(0.01)
+    assert detail == "sensor fault; the node reports emergency 0xFF30, error register 0x81"
+
+
+async def test_its_heartbeat_is_watched(wire: tuple[Bus, Peer]) -> None:
+    bus, peer = wire
+    driver = device(bus)
+    await driver.connect()
+    await until(driver, Quality.GOOD)
+    peer.tell("stop heartbeat")
+    assert "heartbeat stopped" in (await until(driver, Quality.STALE)).detail
+    peer.tell("start heartbeat")
+    assert (await until(driver, Quality.GOOD)).value == pytest.approx(-12.34)
+
+
+async def test_object_that_does_not_exist_is_refused(wire: tuple[Bus, Peer]) -> None:
+    bus, _ = wire
+    assert isinstance(bus, CanOpenBus)
+    with pytest.raises(Refused, match="6110:03"):
+        await bus.upload("node", NODE, [CanObject(0x6110, 3)])
+    with pytest.raises(Refused, match="7130:01"):
+        await bus.upload("node", NODE, [CanObject(0x7130, 1)])

@@ -1,0 +1,209 @@
+"""The driver against the real LinuxCNC with the agent of deploy/nc/linuxcnc. Needs Debian's linuxcnc-uspace."""
+
+import asyncio
+import socket
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from drivers.base import ConnectError, Refused, SetupError, SystemClock
+from drivers.linuxcnc.control import LinuxCnc
+from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.nc import OperatingMode, ProgramState, Watch
+from tests.benches.linuxcnc_bench import Bench, claimed, running, until
+
+pytestmark = pytest.mark.peer
+
+
+@pytest.fixture
+async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
+    async with running(tmp_path, {"SLEW": 1.0}) as it:
+        yield it
+
+
+async def test_snapshot_tells_what_the_control_does(bench: Bench) -> None:
+    await bench.operator.ask("mdi", "G53 G0 X5 A-45 C90")
+    at_rest = await bench.nc.snapshot()
+    assert at_rest.positions == pytest.approx({"X": 5, "Y": 0, "Z": 0, "A": -45, "C": 90}, abs=1e-6)
+    assert (at_rest.mode, at_rest.program, at_rest.alarms) == (OperatingMode.MDA, ProgramState.STOPPED, ())
+    assert (at_rest.tool, at_rest.probe_in_spindle) == (0, False)
+    await bench.operator.ask("mdi", "T99 M6 G43 M3 S1200 M8")
+    await bench.nc.snapshot()
+    began = time.monotonic()
+    await bench.operator.ask("mdi", "G53 G1 X65 C450 F3000")
+    turning = await bench.nc.snapshot()
+    passed_min = (time.monotonic() - began) / 60.0
+    assert turning.tool == 99
+    assert turning.probe_in_spindle
+    assert (turning.states["spindle_speed"], turning.states["coolant"]) == (1200.0, 1.0)
+    # The mean since the last question, whatever the feed was at this moment: 60 mm and one turn.
+    assert turning.states["speed_X"] == pytest.approx(60.0 / passed_min, rel=0.1)
+    assert turning.states["speed_C"] == pytest.approx(1.0 / passed_min, rel=0.1)
+    assert turning.states["speed_Y"] == 0.0
+    await bench.operator.ask("estop")
+    assert (await bench.nc.snapshot()).alarms == (1,)
+
+
+@pytest.mark.parametrize("part", ["milltask", "rtapi_app"])
+async def test_a_control_whose_values_stand_still_is_not_believed(part: str, bench: Bench) -> None:
+    async def refused() -> bool:
+        try:
+            await bench.nc.snapshot()
+        except Refused as error:
+            return error.what == "LinuxCNC does not run, or its state stands still"
+        return False
+
+    assert not await refused()
+    await bench.operator.ask("freeze", part)
+    assert 1.5 < await until(refused) < 5.0
+    await bench.operator.ask("thaw", part)
+
+    async def believed() -> bool:
+        return not await refused()
+
+    assert await until(believed) < 5.0
+
+
+async def test_offsets_are_read_back_from_where_they_act(bench: Bench) -> None:
+    with pytest.raises(Refused, match="no heartbeat"):
+        await bench.nc.write_compensation((1.0, 0.0, 0.0))
+    await claimed(bench, Watch(60.0, 1.0))
+    await bench.nc.write_compensation((3.0, -2.0, 0.5))
+    assert await bench.nc.read_compensation() == pytest.approx((3.0, -2.0, 0.5), abs=1e-3)
+    assert await bench.pin("y-drive") == pytest.approx(-0.002, abs=1e-6)
+    with pytest.raises(Refused, match="BOUND"):
+        await bench.nc.write_compensation((0.0, 0.0, 250.0))
+    with pytest.raises(ValueError, match="largest_um"):
+        await bench.nc.write_compensation((0.0, 0.0, 501.0))
+    assert await bench.nc.read_compensation() == pytest.approx((3.0, -2.0, 0.5), abs=1e-3)
+
+
+async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends_the_ramp(bench: Bench) -> None:
+    await claimed(bench, Watch(1.0, 20.0))
+    await bench.nc.write_compensation((40.0, -10.0, 0.0))
+
+    async def written() -> bool:
+        return await bench.pin("talc-x-in-force") == pytest.approx(0.040, abs=1e-9)
+
+    async with bench.beating(7):
+        await until(written)
+    last_beat = time.monotonic()
+
+    async def begun() -> bool:
+        return await bench.pin("talc-x-in-force") < 0.0399
+
+    await until(begun)
+    assert time.monotonic() - last_beat > 0.9  # held until then
+    assert await bench.nc.heartbeat(7) is False
+    there = await bench.nc.read_compensation()
+    assert 0 < there[0] < 40.0
+    assert there[1] > -10.0
+    async with bench.beating(7):
+        await asyncio.sleep(0.2)
+        assert await bench.nc.read_compensation() == pytest.approx(there, abs=0.2)
+    began, from_um = time.monotonic(), there[0]
+
+    async def gone() -> bool:
+        return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
+
+    await until(gone)
+    assert time.monotonic() - began == pytest.approx(1.0 + from_um / 20.0, abs=0.3)
+
+
+async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_same(bench: Bench) -> None:
+    await claimed(bench, Watch(0.5, 10.0))
+    await bench.nc.write_compensation((5.0, 0.0, 0.0))
+
+    async def written() -> bool:
+        return await bench.pin("talc-x-in-force") == pytest.approx(0.005, abs=1e-9)
+
+    async with bench.beating(7):
+        await until(written)
+    await bench.operator.ask("kill_agent")
+    killed = time.monotonic()
+    with pytest.raises(ConnectError):
+        await bench.nc.read_compensation()
+
+    async def gone() -> bool:
+        return await bench.pin("talc-x-in-force") == 0.0
+
+    await until(gone)
+    assert 0.4 + 0.5 <= time.monotonic() - killed <= 0.5 + 0.5 + 0.5
+    assert (await bench.operator.ask("state"))["on"]  # the machine itself goes on
+
+
+async def test_ramp_zero_holds_and_release_acts_at_once(bench: Bench) -> None:
+    await claimed(bench, Watch(0.2, 0.0))
+    await bench.nc.write_compensation((2.0, 0.0, 0.0))
+
+    async def silent() -> bool:
+        return bool(await bench.operator.ask("hal", "getp", "talc.watching") == "FALSE")
+
+    await until(silent)
+    held = await bench.nc.read_compensation()
+    await asyncio.sleep(0.3)
+    assert await bench.nc.read_compensation() == held
+    assert held[0] > 0
+
+    await claimed(bench, Watch(60.0, 1000.0))
+    await bench.nc.release(8)  # not its own
+    assert await bench.nc.heartbeat(7)
+    await bench.nc.release(7)
+
+    async def gone() -> bool:
+        return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
+
+    assert await until(gone) < 2.0
+    with pytest.raises(Refused, match="belongs to gateway 0"):
+        await bench.nc.heartbeat(7)
+
+
+async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whatever_was_claimed(tmp_path: Path) -> None:
+    async with running(tmp_path, {"SLEW": 0.01}) as bench:
+        await claimed(bench, Watch(1.0, 1000.0))
+        async with bench.beating(7):
+            await bench.nc.write_compensation((6.0, 0.0, 0.0))
+            assert (await bench.nc.read_compensation())[0] == pytest.approx(6.0, abs=1e-3)
+        await bench.nc.release(7)
+
+        async def gone() -> bool:
+            return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
+
+        assert await until(gone) >= 6.0 / 10.0 * 0.9
+
+
+async def test_another_gateway_is_refused_while_the_first_is_alive(bench: Bench) -> None:
+    await claimed(bench, Watch(0.3, 1.0))
+    with pytest.raises(Refused, match="belongs to gateway 7"):
+        await bench.nc.claim(8, Watch(0.3, 1.0))
+    other = LinuxCnc(bench.settings, SystemClock())
+    with pytest.raises(Refused, match="another client is connected"):
+        await other.connect()
+
+    async def taken_over() -> bool:
+        try:
+            await bench.nc.claim(8, Watch(0.3, 1.0))
+        except Refused:
+            return False
+        return True
+
+    assert await until(taken_over) < 2.0
+    with pytest.raises(Refused, match="belongs to gateway 8"):
+        await bench.nc.heartbeat(7)
+
+
+async def test_a_wrong_key_and_a_closed_port_are_told(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "other").write_text("x" * 40)
+    port = bench.settings.port
+    with pytest.raises(Refused, match="same key"):
+        await LinuxCnc(LinuxCncSettings(key_file=tmp_path / "other", port=port), SystemClock()).connect()
+    (tmp_path / "short").write_text("x")
+    with pytest.raises(SetupError, match="at least 32"):
+        await LinuxCnc(LinuxCncSettings(key_file=tmp_path / "short", port=port), SystemClock()).connect()
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        settings = LinuxCncSettings(key_file=bench.settings.key_file, port=closed.getsockname()[1])
+        with pytest.raises(ConnectError):
+            await LinuxCnc(settings, SystemClock()).connect()

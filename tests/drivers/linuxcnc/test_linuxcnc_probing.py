@@ -1,0 +1,249 @@
+"""The probing request between driver, agent and talc_safe_point.ngc in the real LinuxCNC: where it runs, how it ends,
+and that the part program finds everything as it was. Needs Debian's linuxcnc-uspace.
+"""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Refused, SystemClock
+from drivers.linuxcnc.control import LinuxCnc
+from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.nc import ProbingState, ProbingStatus
+from simulators.linuxcnc.machine import HURRY
+from tests.benches.linuxcnc_bench import Bench, running, until
+
+pytestmark = [pytest.mark.peer, pytest.mark.slow]
+
+FINAL = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
+PARAMETERS = (
+    *("#5400", "#5401", "#5402", "#5403", "#5210", "#5211", "#5212", "#5213"),
+    *("#<_coord_system>", "#<_imperial>", "#<_incremental>", "#<_tool_offset>", "#<_feed>", "#<_motion_mode>"),
+)
+"""Tool, its offsets, G92; coordinate system, units and modes."""
+
+
+def told() -> str:
+    """The part program puts what holds for it on analog outputs."""
+    return "".join(f"M68 E{10 + i} Q{name}\n" for i, name in enumerate(PARAMETERS))
+
+
+PROGRAM = f"""\
+T5 M6
+G20 G91 G55 G43 H5
+G92 X1 Y2 Z3
+G1 X0.1 F10
+{told()}M68 E9 Q1
+M66 P3 L3 Q60
+o<talc_safe_point> call
+{told()}M68 E9 Q2
+M66 P3 L4 Q60
+o<talc_safe_point> call
+M2
+"""
+"""Inches, relative, with offsets of all sorts; waits for input 3 before and after its first safe point."""
+TOOLS = "T99 P99 Z40 D6 ;probe\nT5 P5 X2 Z17 D6 ;mill\n"
+MANUAL = 1
+
+
+@pytest.fixture
+async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
+    settings = {**HURRY, "PIVOT_X": 3, "PIVOT_Y": -4, "PIVOT_Z": -5, "FEED": 60, "FIND_FEED": 2000}
+    async with running(tmp_path, settings, sphere=True, tools=TOOLS) as it:
+        (tmp_path / "machine" / "nc" / "part.ngc").write_text(PROGRAM)
+        yield it
+
+
+async def reaches(bench: Bench, number: int, *states: ProbingState, limit_s: float = 60.0) -> ProbingStatus:
+    async def there() -> bool:
+        return (await bench.nc.probing_status(number)).state in states
+
+    await until(there, limit_s)
+    return await bench.nc.probing_status(number)
+
+
+async def operator_sees(bench: Bench, **wanted: object) -> None:
+    async def there() -> bool:
+        state = await bench.operator.ask("state")
+        return all(state[name] == value for name, value in wanted.items())
+
+    await until(there)
+
+
+async def told_at(bench: Bench, mark: float) -> list[float]:
+    """PARAMETERS when the part program has set its mark."""
+
+    async def there() -> bool:
+        return await bench.operator.number("getp", "motion.analog-out-09") == mark
+
+    await until(there)
+    return [await bench.operator.number("getp", f"motion.analog-out-{10 + i}") for i in range(len(PARAMETERS))]
+
+
+async def allow(bench: Bench) -> None:
+    """The door is closed and the key turned."""
+    await bench.operator.ask("hal", "setp", "talc.may-start", "1")
+
+
+async def test_a_part_program_lends_its_safe_point_and_finds_everything_as_it_was(bench: Bench) -> None:
+    await bench.operator.ask("run", "part.ngc")
+    before = await told_at(bench, 1)
+    assert before[:4] == pytest.approx([5, 2, 0, 17])
+    await bench.nc.request_probing(17)
+    assert (await bench.nc.probing_status(17)).state is ProbingState.REQUESTED
+    await bench.operator.ask("hal", "setp", "motion.digital-in-03", "1")
+    done = await reaches(bench, 17, *FINAL)
+    assert done.state is ProbingState.DONE
+    assert await told_at(bench, 2) == pytest.approx(before)
+    # The next safe point has nothing to do.
+    await bench.operator.ask("hal", "setp", "motion.digital-in-03", "0")
+    await operator_sees(bench, idle=True)
+    assert await bench.nc.probing_status(17) == done
+    assert done.spread_mm is not None
+    assert done.spread_mm <= 1e-3  # one servo period's way at this feed
+    # Where the sphere of an ideal machine is, whatever pivot and probe length are.
+    assert done.centres_mm is not None
+    ideal = [(120, 0, 80), (0, 120, 80), (-120, 0, 80), (0, -120, 80), (120, -80, 0), (120, 80, 0)]
+    for centre, expected in zip(done.centres_mm, ideal, strict=True):
+        assert centre == pytest.approx(expected, abs=2e-3)
+    with pytest.raises(Refused, match="was the last one"):
+        await bench.nc.request_probing(17)
+
+
+async def test_without_a_program_it_starts_by_itself_only_where_that_is_allowed(bench: Bench) -> None:
+    waiting = LinuxCncSettings(key_file=bench.settings.key_file, port=bench.settings.port, request_valid_for_s=0.5)
+    await bench.nc.close()
+    impatient = LinuxCnc(waiting, SystemClock())
+    await impatient.connect()
+    try:
+        await impatient.request_probing(1)
+        bench.nc = impatient
+        expired = await reaches(bench, 1, *FINAL)
+        assert (expired.state, expired.reason) == (ProbingState.REFUSED, "no safe point before the request expired")
+        assert (await bench.operator.ask("state"))["position"] == pytest.approx([0.0] * 5, abs=1e-6)
+        await bench.operator.ask("loosen", 8.0)
+        await bench.nc.request_probing(2)
+        await allow(bench)
+        loose = await reaches(bench, 2, *FINAL)
+        assert loose.state is ProbingState.DONE
+        assert loose.spread_mm == pytest.approx(8e-3, abs=1.5e-3)  # what the touches differ by
+        assert (await bench.nc.probing_status(1)).state is ProbingState.IDLE
+        await operator_sees(bench, mode=MANUAL, idle=True)
+    finally:
+        await impatient.close()
+
+
+async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_itself(bench: Bench) -> None:
+    assert (await bench.nc.snapshot()).cannot_probe == "no program runs, and the pin talc.may-start is FALSE"
+    await allow(bench)
+    assert (await bench.nc.snapshot()).cannot_probe == ""
+    await bench.operator.ask("jog", 0.5)
+    assert (await bench.nc.snapshot()).cannot_probe == "somebody moves the machine by hand"
+    await bench.nc.request_probing(1)
+    assert await stays_requested(bench, 1)
+    await bench.operator.ask("jog", 0.0)
+    await reaches(bench, 1, ProbingState.RUNNING)
+    assert (await bench.nc.snapshot()).cannot_probe == ""
+    await bench.nc.withdraw_probing(1)
+    await reaches(bench, 1, *FINAL)
+    await operator_sees(bench, mode=MANUAL, idle=True)
+
+    await bench.operator.ask("mdi", "M3 S800")  # a mill may be in the part, wheel in hand
+    assert (await bench.nc.snapshot()).cannot_probe == "somebody moves the machine by hand"
+    await bench.nc.request_probing(2)
+    assert await stays_requested(bench, 2)
+    await bench.operator.ask("mdi", "M5")
+    await reaches(bench, 2, ProbingState.RUNNING)
+
+
+async def stays_requested(bench: Bench, number: int) -> bool:
+    """For as many turns of the agent as a start would take many times over."""
+    for _ in range(25):
+        await bench.nc.snapshot()
+        await asyncio.sleep(0.02)
+        if (await bench.nc.probing_status(number)).state is not ProbingState.REQUESTED:
+            return False
+    return True
+
+
+async def test_every_way_to_end_without_a_result_is_told(bench: Bench) -> None:
+    await bench.nc.request_probing(1)
+    await bench.nc.withdraw_probing(1)
+    withdrawn = await reaches(bench, 1, *FINAL)
+    assert (withdrawn.state, withdrawn.reason) == (ProbingState.REFUSED, "withdrawn")
+
+    await allow(bench)
+    await bench.operator.ask("hal", "setp", "motion.switchkins-type", "1")
+    await bench.nc.request_probing(7)
+    refused = await reaches(bench, 7, *FINAL)
+    assert (refused.state, refused.reason) == (ProbingState.REFUSED, "the kinematics are not the identity")
+    await bench.operator.ask("hal", "setp", "motion.switchkins-type", "0")
+
+    await bench.nc.request_probing(2)
+    await reaches(bench, 2, ProbingState.RUNNING)
+    with pytest.raises(Refused, match="under way"):
+        await bench.nc.request_probing(3)
+    await bench.nc.withdraw_probing(2)
+    assert (await reaches(bench, 2, *FINAL)).reason == "withdrawn"
+    await operator_sees(bench, idle=True)
+
+    await bench.operator.ask("mdi", "G20 G91 G55 G92 X1")
+    before = await bench.operator.ask("state")
+    await bench.nc.request_probing(4)
+    await reaches(bench, 4, ProbingState.RUNNING)
+    await bench.operator.ask("abort")
+    stopped = await reaches(bench, 4, *FINAL)
+    assert (stopped.state, stopped.reason) == (ProbingState.FAILED, "the program was stopped")
+    await operator_sees(bench, idle=True, g5x_index=before["g5x_index"])
+    after = await bench.operator.ask("state")
+    assert after["g92"] == pytest.approx(before["g92"])
+    assert {200, 910} <= set(after["gcodes"])  # inches, relative
+
+    await bench.operator.ask("hal", "setp", "sphere-touch.in1", "-1")  # somebody took the sphere away
+    await bench.nc.request_probing(5)
+    missed = await reaches(bench, 5, *FINAL)
+    await operator_sees(bench, idle=True)
+    assert (missed.state, missed.reason) == (ProbingState.FAILED, "a touch found no sphere")
+
+    at = (await bench.operator.ask("state"))["position"]
+    await bench.operator.ask("hal", "setp", "sphere-touch.in1", "1e6")  # its wire is broken: it would not feel a touch
+    await bench.nc.request_probing(8)
+    dead = await reaches(bench, 8, *FINAL)
+    assert (dead.state, dead.reason) == (ProbingState.REFUSED, "the touch probe is missing or its contact is closed")
+    assert (await bench.operator.ask("state"))["position"] == pytest.approx(at, abs=1e-6)
+
+    await bench.operator.ask("estop")
+    await bench.nc.request_probing(6)
+    off = await reaches(bench, 6, *FINAL)
+    assert (off.state, off.reason) == (ProbingState.REFUSED, "the machine is off or not homed")
+
+
+async def test_without_a_probe_in_the_tool_table_no_program_is_disturbed(tmp_path: Path) -> None:
+    """LinuxCNC would end the part program that asks for a tool it does not know."""
+    async with running(tmp_path, HURRY, tools="T5 P5 Z17 D6 ;mill\n") as bench:
+        await allow(bench)
+        (tmp_path / "machine" / "nc" / "part.ngc").write_text("o<talc_safe_point> call\nM68 E9 Q1\nM2\n")
+        assert (await bench.nc.snapshot()).cannot_probe == "the touch probe is not in the tool table"
+        await bench.nc.request_probing(1)
+        missing = await reaches(bench, 1, *FINAL)
+        assert (missing.state, missing.reason) == (ProbingState.REFUSED, "the touch probe is not in the tool table")
+        await bench.operator.ask("run", "part.ngc")
+        await until(lambda: ran_to_its_end(bench))
+
+
+async def ran_to_its_end(bench: Bench) -> bool:
+    return await bench.operator.number("getp", "motion.analog-out-09") == 1.0
+
+
+async def test_a_program_that_does_not_start_is_waited_for_so_long(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "machine" / "nc" / "talc_safe_point.ngc").unlink()
+    await allow(bench)
+    began = time.monotonic()
+    await bench.nc.request_probing(1)
+    never = await reaches(bench, 1, *FINAL)
+    assert (never.state, never.reason) == (ProbingState.REFUSED, "the program did not start")
+    assert 10.0 <= time.monotonic() - began < 15.0
+    await operator_sees(bench, mode=MANUAL, idle=True)

@@ -1,0 +1,40 @@
+"""Block reads: few requests, within the device's limit, and never short of a register."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.modbus.device import plan_blocks
+from drivers.modbus.profile import Block
+
+
+def test_neighbours_are_read_at_once() -> None:
+    assert plan_blocks([(4, i, 1) for i in range(6)], 125, 8) == (Block(4, 0, 6),)
+
+
+def test_far_registers_and_other_functions_are_asked_for_apart() -> None:
+    places = [(4, 0, 2), (4, 200, 1), (3, 1, 1), (2, 128, 1)]
+    assert plan_blocks(places, 125, 8) == (Block(2, 128, 1), Block(3, 1, 1), Block(4, 0, 2), Block(4, 200, 1))
+
+
+def test_limit_of_the_device_is_kept() -> None:
+    assert plan_blocks([(3, i, 2) for i in range(0, 20, 2)], 8, 0) == (Block(3, 0, 8), Block(3, 8, 8), Block(3, 16, 4))
+
+
+def test_small_gap_costs_less_than_a_request() -> None:
+    assert plan_blocks([(3, 0, 1), (3, 9, 1)], 125, 8) == (Block(3, 0, 10),)
+    assert plan_blocks([(3, 0, 1), (3, 10, 1)], 125, 8) == (Block(3, 0, 1), Block(3, 10, 1))
+    assert plan_blocks([(3, 0, 1), (3, 2, 1)], 125, 0) == (Block(3, 0, 1), Block(3, 2, 1))
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([1, 2, 3, 4]), st.integers(0, 400), st.integers(1, 2))),
+    st.integers(2, 125),
+    st.integers(0, 20),
+)
+def test_every_place_lies_whole_in_one_block(places: list[tuple[int, int, int]], limit: int, gap: int) -> None:
+    blocks = plan_blocks(places, limit, gap)
+    for function, address, width in places:
+        assert any(
+            b.function == function and b.address <= address and address + width <= b.address + b.count for b in blocks
+        )
+    assert all(block.count <= (2000 if block.function <= 2 else limit) for block in blocks)

@@ -1,0 +1,97 @@
+"""The Modbus drivers against a slave that is not ours: libmodbus (Debian package libmodbus5)."""
+
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager
+from math import isnan
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Bus, NoAnswer, Quality, Reading, Refused, SystemClock
+from drivers.build import make_bus, make_device
+from drivers.modbus.bus import ModbusBus
+from drivers.modbus.profile import Block
+from simulators.devices.pty_port import PtyPort
+
+pytestmark = pytest.mark.peer
+
+SLAVE = Path(__file__).parents[2] / "benches" / "libmodbus_slave.py"
+
+
+@contextmanager
+def slave(*arguments: str) -> Iterator[str]:
+    """A slave process; gives the line it prints when it is ready."""
+    with subprocess.Popen([sys.executable, str(SLAVE), *arguments], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline().strip()
+            assert line, "the slave did not start: apt-get install libmodbus5"
+            yield line
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+async def rtu() -> AsyncIterator[Bus]:
+    """A line of two pseudo-terminals, libmodbus on the far one."""
+    near: PtyPort
+    far = PtyPort(lambda data: near.write(data))
+    near = PtyPort(far.write)
+    near_path, far_path = await near.start(), await far.start()
+    bus = make_bus("rtu1", "modbus_rtu", {"port": near_path, "baud": 19200, "timeout_s": 0.3})
+    with slave("rtu", far_path):
+        await bus.connect()
+        yield bus
+        await bus.close()
+    await near.stop()
+    await far.stop()
+
+
+@pytest.fixture
+async def tcp() -> AsyncIterator[Bus]:
+    with slave("tcp") as port:
+        bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": int(port), "timeout_s": 0.3})
+        await bus.connect()
+        yield bus
+        await bus.close()
+
+
+def qualities(readings: list[Reading]) -> list[Quality]:
+    return [reading.quality for reading in readings]
+
+
+async def test_m7015_on_a_serial_line(rtu: Bus) -> None:
+    channels = {f"c{i}": i for i in range(6)}
+    driver = make_device("rtd", rtu, "icpdas_m7015", 3, channels, {}, SystemClock())
+    await driver.connect()
+    for _ in range(3):
+        readings = list(await driver.read())
+        assert [r.value for r in readings if not isnan(r.value)] == pytest.approx([20.0, 21.3, -3.3, 40.0, 22.2])
+        assert qualities(readings) == [Quality.GOOD] * 4 + [Quality.SENSOR_FAULT, Quality.GOOD]
+
+
+async def test_adam6015_over_tcp(tcp: Bus) -> None:
+    channels = {f"c{i}": i for i in range(7)}
+    driver = make_device("rtd", tcp, "advantech_adam6015", 1, channels, {}, SystemClock())
+    await driver.connect()
+    for _ in range(3):
+        readings = list(await driver.read())
+        assert [r.value for r in readings][:5] == pytest.approx([50.0, 0.0, 100.0, -49.997, 149.997], abs=0.003)
+        assert qualities(readings) == [Quality.GOOD] * 5 + [Quality.OUT_OF_RANGE, Quality.SENSOR_FAULT]
+
+
+async def test_absent_unit_is_told(rtu: Bus) -> None:
+    """Its neighbour is not asked here: libmodbus takes the request after a foreign one for the foreign answer."""
+    absent = make_device("absent", rtu, "icpdas_m7015", 4, {"a": 0}, {}, SystemClock())
+    with pytest.raises(NoAnswer, match="unit 4"):
+        await absent.read()
+
+
+async def test_address_that_does_not_exist_is_refused(rtu: Bus, tcp: Bus) -> None:
+    for bus, unit in ((rtu, 3), (tcp, 1)):
+        assert isinstance(bus, ModbusBus)
+        with pytest.raises(Refused, match="exception 2: illegal data address"):
+            await bus.read("d", unit, Block(4, 6, 1))
+        assert await bus.read("d", unit, Block(4, 0, 2)) == (200, 213)

@@ -1,0 +1,184 @@
+"""Modbus RTU on a bad line: late, foreign, broken and doubled answers never become a value."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
+from drivers.bus_settings import ModbusRtuSettings
+from drivers.modbus.bus import ModbusRtuBus, find_rtu_answer
+from drivers.modbus.profile import Block
+from simulators.devices.modbus_servers import crc16
+from simulators.devices.pty_port import PtyPort
+
+TIMEOUT_S = 0.1
+TWO = Block(4, 0, 2)
+
+
+def frame(body: bytes) -> bytes:
+    return body + crc16(body)
+
+
+def registers(unit: int, *words: int) -> bytes:
+    return frame(bytes((unit, 4, 2 * len(words))) + b"".join(word.to_bytes(2, "big") for word in words))
+
+
+class Peer:
+    """The other end of the line, played by the test: it answers each request with what `reply` makes of it."""
+
+    def __init__(self) -> None:
+        self.requests: list[bytes] = []
+        self.path = ""
+        self.reply: Callable[[bytes], bytes] = lambda _: b""
+        self.port = PtyPort(self._on_bytes)
+
+    def _on_bytes(self, data: bytes) -> None:
+        for start in range(0, len(data), 8):
+            self.requests.append(data[start : start + 8])
+            if answer := self.reply(self.requests[-1]):
+                self.port.write(answer)
+
+
+def honest(request: bytes, first: int = 100) -> bytes:
+    """What a device with registers first, first + 1, ... answers."""
+    count = int.from_bytes(request[4:6], "big")
+    return registers(request[0], *range(first, first + count))
+
+
+@asynccontextmanager
+async def line(timeout_s: float = TIMEOUT_S) -> AsyncIterator[tuple[ModbusRtuBus, Peer]]:
+    peer = Peer()
+    peer.path = await peer.port.start()
+    bus = ModbusRtuBus("bus1", ModbusRtuSettings(port=peer.path, baud=115200, timeout_s=timeout_s))
+    try:
+        await bus.connect()
+        yield bus, peer
+    finally:
+        await bus.close()
+        await peer.port.stop()
+
+
+async def test_request_is_the_standards_example() -> None:
+    """MODBUS over serial line: unit 1, function 4, address 0, count 2 has the checksum 71 CB."""
+    async with line() as (bus, peer):
+        peer.reply = honest
+        assert await bus.read("d", 1, TWO) == (100, 101)
+    assert peer.requests == [bytes.fromhex("01 04 00 00 00 02 71 CB")]
+
+
+async def test_late_answer_is_not_taken_for_the_next() -> None:
+    async with line() as (bus, peer):
+        with pytest.raises(NoAnswer):
+            await bus.read("d", 1, TWO)
+        late = [registers(1, 1, 1)]
+
+        def late_first(request: bytes) -> bytes:
+            return (late.pop() if late else b"") + honest(request)
+
+        peer.reply = late_first
+        assert await bus.read("d", 1, TWO) == (100, 101)
+        assert await bus.read("d", 1, TWO) == (100, 101)
+
+
+async def test_late_answer_of_a_cancelled_request_is_not_taken_for_the_next() -> None:
+    async with line() as (bus, peer):
+        asked = asyncio.ensure_future(bus.read("d", 1, TWO))
+        while not peer.requests:
+            await asyncio.sleep(0)
+        asked.cancel()
+        with suppress(asyncio.CancelledError):
+            await asked
+        peer.reply = honest
+        following = asyncio.ensure_future(bus.read("d", 1, TWO))
+        peer.port.write(registers(1, 1, 1))
+        assert await following == (100, 101)
+
+
+async def test_line_stays_quiet_while_a_cancelled_request_is_answered() -> None:
+    async with line() as (bus, peer):
+        asked = asyncio.ensure_future(bus.read("d", 1, TWO))
+        while not peer.requests:
+            await asyncio.sleep(0)
+        asked.cancel()
+        with suppress(asyncio.CancelledError):
+            await asked
+        peer.reply = honest
+        loop = asyncio.get_running_loop()
+        started = loop.time()
+        assert await bus.read("d", 2, TWO) == (100, 101)
+        assert loop.time() - started > TIMEOUT_S / 2
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        pytest.param(registers(2, 7, 7), id="another unit"),
+        pytest.param(frame(bytes.fromhex("01 03 04 00 07 00 07")), id="another function"),
+        pytest.param(registers(1, 7), id="too few registers"),
+        pytest.param(registers(1, 7, 7, 7), id="too many registers"),
+        pytest.param(registers(1, 7, 7)[:-1] + b"\0", id="wrong checksum"),
+        pytest.param(registers(1, 7, 7)[:-3], id="truncated"),
+        pytest.param(b"\xff" * 300, id="babble"),
+    ],
+)
+async def test_what_is_not_our_answer_is_told_and_not_used(answer: bytes) -> None:
+    async with line() as (bus, peer):
+        peer.reply = lambda _: answer
+        with pytest.raises(BadAnswer, match="none of them a valid answer of unit 1"):
+            await bus.read("d", 1, TWO)
+        peer.reply = honest
+        assert await bus.read("d", 1, TWO) == (100, 101)
+
+
+async def test_answer_is_found_among_garbage() -> None:
+    async with line() as (bus, peer):
+        peer.reply = lambda request: b"\x00\x01\x04\xff" + registers(2, 7, 7) + honest(request)
+        assert await bus.read("d", 1, TWO) == (100, 101)
+
+
+async def test_answer_may_come_byte_by_byte() -> None:
+    async with line() as (bus, peer):
+        asked = asyncio.ensure_future(bus.read("d", 1, TWO))
+        while not peer.requests:
+            await asyncio.sleep(0)
+        for byte in registers(1, 7, 8):
+            peer.port.write(bytes([byte]))
+            await asyncio.sleep(0.001)
+        assert await asked == (7, 8)
+
+
+@pytest.mark.parametrize(("code", "error"), [(2, Refused), (4, Refused), (10, NoAnswer), (11, NoAnswer), (99, Refused)])
+async def test_exception_codes_are_named(code: int, error: type[DriverError]) -> None:
+    async with line() as (bus, peer):
+        peer.reply = lambda _: frame(bytes((1, 0x84, code)))
+        with pytest.raises(error, match=f"exception {code}"):
+            await bus.read("d", 1, TWO)
+
+
+async def test_port_that_is_missing_or_taken_says_what_to_do() -> None:
+    with pytest.raises(ConnectError, match="/dev/serial/by-id"):
+        await ModbusRtuBus("b", ModbusRtuSettings(port="/dev/does-not-exist")).connect()
+    async with line() as (_, peer):
+        taken = ModbusRtuBus("b", ModbusRtuSettings(port=peer.path))
+        with pytest.raises(ConnectError, match="another program has it open"):
+            await taken.connect()
+
+
+@given(st.binary(max_size=300))
+def test_arbitrary_bytes_are_no_answer(heard: bytes) -> None:
+    """A message is only found where a complete frame of our request with the right checksum stands."""
+    message = find_rtu_answer(heard, 1, TWO)
+    assert message is None or frame(b"\x01" + message) in heard
+
+
+@given(before=st.binary(max_size=40), after=st.binary(max_size=40), words=st.tuples(*[st.integers(0, 65535)] * 2))
+def test_answer_is_found_wherever_it_stands(before: bytes, after: bytes, words: tuple[int, int]) -> None:
+    answer = registers(1, *words)
+    message = find_rtu_answer(before + answer + after, 1, TWO)
+    assert message is not None
+    if message != answer[1:-2]:  # then the garbage held a valid frame itself
+        assert frame(b"\x01" + message) in before + answer + after

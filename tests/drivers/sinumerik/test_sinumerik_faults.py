@@ -1,0 +1,295 @@
+"""What goes wrong between the gateway and a control, and what the driver makes of it."""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from time import monotonic
+
+import pytest
+from asyncua import ua
+from asyncua.ua.status_codes import StatusCodes
+from asyncua.ua.uatypes import StatusCode, UInt32
+
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SystemClock, WrongDevice
+from drivers.nc import OperatingMode, ProbingState
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import Compensation, Paths, SinumerikSettings, Source
+from gateway.clock import RealClock
+from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads, User
+from simulators.nc.nck import R_ANSWERS, R_REQUEST, R_RESULT_OF, R_STATE
+from simulators.nc.variables import Right
+from tests.benches.cut_line import line_to
+from tests.benches.emulated_bench import Rigid
+
+
+class FrozenProgram(EmulatedControl):
+    """A control whose part program never looks at the handshake: what the test writes to R-parameters stays."""
+
+    def now(self) -> float:
+        return 0.0
+
+
+@asynccontextmanager
+async def running(control: EmulatedControl) -> AsyncIterator[str]:
+    url = await control.start()
+    try:
+        yield url
+    finally:
+        await control.stop()
+        await asyncio.get_running_loop().shutdown_default_executor()
+
+
+def emulated(users: dict[str, User] | None = None, kind: type[EmulatedControl] = EmulatedControl) -> EmulatedControl:
+    work = Loads(x=60.0)  # 1 mm/s
+    return kind(Rigid(), RealClock(), LoadCase([Block(0.0, 1e9, Kind.ROUGHING, work)]), users=users)
+
+
+async def test_a_server_that_accepts_and_says_nothing() -> None:
+    hung_up = asyncio.Event()
+
+    async def sink(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+        writer.close()
+        await writer.wait_closed()
+        hung_up.set()
+
+    server = await asyncio.start_server(sink, "127.0.0.1", 0)
+    url = f"opc.tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    nc = Sinumerik(SinumerikSettings(url=url, timeout_s=0.3), SystemClock())
+    began = monotonic()
+    with pytest.raises(NoAnswer, match=r"does not answer within 0\.3 s"):
+        await nc.connect()
+    assert monotonic() - began < 2.0
+    async with asyncio.timeout(1.0):
+        await hung_up.wait()
+    await nc.close()
+    server.close()
+    await server.wait_closed()
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"ACKF\x08\x00\x00\x00", b"\x00" * 64, b"MSGF\xff\xff\xff\x7f"],
+    ids=["hangs_up", "http", "short_ack", "zeros", "huge"],
+)
+async def test_something_that_is_no_opc_ua_server(answer: bytes) -> None:
+    ended = asyncio.Event()
+
+    async def speak(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(1)
+        writer.write(answer)
+        if not answer:
+            writer.close()
+        await reader.read()
+        writer.close()
+        ended.set()
+
+    server = await asyncio.start_server(speak, "127.0.0.1", 0)
+    url = f"opc.tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    nc = Sinumerik(SinumerikSettings(url=url, timeout_s=0.3), SystemClock())
+    with pytest.raises((ConnectError, NoAnswer), match="OPC UA server"):
+        await nc.connect()
+    async with asyncio.timeout(1.0):
+        await ended.wait()
+    server.close()
+    await server.wait_closed()
+
+
+async def test_a_line_that_goes_silent_in_a_session_and_comes_back() -> None:
+    async with running(emulated()) as url, line_to(url) as (line, joined):
+        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=0.3), SystemClock())
+        await nc.connect()
+        line.silent = True
+        began = monotonic()
+        with pytest.raises(NoAnswer):
+            await nc.snapshot()
+        with pytest.raises(ConnectError, match="connect first"):
+            await nc.snapshot()
+        assert monotonic() - began < 2.0
+        line.silent = False
+        await nc.connect()
+        await nc.snapshot()
+        await nc.close()
+
+
+async def test_a_line_that_is_cut_in_a_session(caplog: pytest.LogCaptureFixture) -> None:
+    async with running(emulated()) as url, line_to(url) as (line, joined):
+        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=0.5), SystemClock())
+        await nc.connect()
+        await line.cut()
+        with pytest.raises(ConnectError):
+            await nc.snapshot()
+        ours = [r for r in caplog.records if r.name.startswith("asyncua.client") and r.levelno >= logging.ERROR]
+        assert not ours, "a lost line is told once, by the driver"
+        await nc.connect()
+        await nc.snapshot()
+        await nc.close()
+
+
+async def test_connecting_can_be_cancelled_and_leaves_nothing() -> None:
+    async with running(emulated()) as url, line_to(url) as (line, joined):
+        line.silent = True
+        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=5.0), SystemClock())
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.2):
+                await nc.connect()
+        line.silent = False
+        await nc.connect()
+        await nc.close()
+
+
+async def test_what_is_written_is_in_force_after_reconnecting() -> None:
+    control = emulated()
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        await nc.write_compensation((4.0, 5.0, 6.0))
+        await nc.request_probing(8)
+        await control.stop()
+        with pytest.raises(DriverError):
+            await nc.read_compensation()
+        await control.start()
+        await nc.connect()
+        assert await nc.read_compensation() == pytest.approx((4.0, 5.0, 6.0))
+        assert (await nc.probing_status(8)).state is not ProbingState.IDLE
+        await nc.close()
+
+
+async def test_a_server_that_is_no_sinumerik() -> None:
+    async with running(emulated()) as url:
+        nc = Sinumerik(SinumerikSettings(url=url, namespace_uri="urn:some:lathe"), SystemClock())
+        with pytest.raises(WrongDevice, match=r"no namespace 'urn:some:lathe' \(it has .*SinumerikVarProvider"):
+            await nc.connect()
+
+
+async def test_a_path_that_does_not_exist_is_named_when_connecting() -> None:
+    async with running(emulated()) as url:
+        wrong_state = SinumerikSettings(url=url, states={"coolant": Source("/Plc/Q77.7")})
+        wrong_axis = SinumerikSettings(url=url, paths=Paths(position="/Channel/machineAxis/pos[u1,{n}]"))
+        for settings, path in ((wrong_state, r"/Plc/Q77\.7"), (wrong_axis, r"machineAxis/pos\[u1,1\]")):
+            with pytest.raises(WrongDevice, match=f"{path} does not exist"):
+                await Sinumerik(settings, SystemClock()).connect()
+
+
+@pytest.mark.parametrize("right", [Right.STATE_READ, Right.SEA_READ, Right.PLC_READ])
+async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, right: Right) -> None:
+    password = tmp_path / "password"
+    password.write_text("secret")
+    async with running(emulated({"watcher": User("secret", frozenset(Right) - {right})})) as url:
+        settings = SinumerikSettings(
+            url=url, user="watcher", password_file=password, states={"coolant": Source("/Plc/M120.0")}
+        )
+        nc = Sinumerik(settings, SystemClock())
+        with pytest.raises(Refused, match=f"'watcher' the right {right.value}"):
+            await nc.connect()
+        await nc.close()
+
+
+async def test_done_without_the_results_of_this_request_is_no_answer() -> None:
+    control = emulated(kind=FrozenProgram)
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        r = control.nck.r
+        r[R_REQUEST], r[R_ANSWERS], r[R_STATE], r[R_RESULT_OF] = 7.0, 7.0, 3.0, 6.0
+        with pytest.raises(BadAnswer, match="results belong to cycle 6"):
+            await nc.probing_status(7)
+        r[R_STATE] = 11.0
+        with pytest.raises(BadAnswer, match="probing state 11"):
+            await nc.probing_status(7)
+        await nc.close()
+
+
+async def test_a_slope_that_somebody_set_shows_in_what_is_in_force() -> None:
+    control = emulated(kind=FrozenProgram)
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        await nc.write_compensation((10.0, 0.0, 0.0))
+        control.nck.slope[2], control.nck.reference_mm[2] = 20e-6, 100.0  # Z stands at 150 mm
+        assert await nc.read_compensation() == pytest.approx((10.0, 0.0, -1.0))
+        assert control.nck.shift_um((0.0, 0.0, 150.0)) == pytest.approx((10.0, 0.0, -1.0))
+        await nc.close()
+
+
+@pytest.mark.parametrize("route", ["k0", "r"])
+@pytest.mark.parametrize("machine_sign", [-1, 1])
+async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: int) -> None:
+    work = LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())])
+    control = EmulatedControl(Rigid(), RealClock(), work, compensation_sign=machine_sign)
+    async with running(control) as url:
+        signs = (machine_sign,) * 3 if route == "k0" else None
+        compensation = Compensation(route="r" if route == "r" else "k0", signs=signs)
+        nc = Sinumerik(SinumerikSettings(url=url, compensation=compensation), SystemClock())
+        await nc.connect()
+        await nc.write_compensation((10.0, -20.0, 30.0))
+        assert control.nck.shift_um((0.0, 0.0, 0.0)) == pytest.approx((10.0, -20.0, 30.0))
+        assert await nc.read_compensation() == pytest.approx((10.0, -20.0, 30.0))
+        await nc.close()
+
+
+@pytest.mark.parametrize("state", [3.0, 4.0, 5.0])
+async def test_what_changes_between_two_looks_at_the_same_answer_is_no_answer_yet(state: float) -> None:
+    control = emulated(kind=FrozenProgram)
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        r, read = control.nck.r, nc._session.read
+        r[R_REQUEST] = r[R_ANSWERS] = r[R_RESULT_OF] = 41.0
+        r[R_STATE] = state
+
+        async def read_and_go_on(paths: tuple[str, ...]) -> list[float | int | bool | None]:
+            values = await read(paths)
+            r[R_ANSWERS], r[R_STATE], r[R_RESULT_OF] = 42.0, 1.0, 0.0
+            return values
+
+        nc._session.read = read_and_go_on  # type: ignore[method-assign]
+        assert (await nc.probing_status(41)).state is ProbingState.REQUESTED
+        await nc.close()
+
+
+def spoil(control: EmulatedControl, path: str) -> None:
+    """The control shows a value there, and that it is not good."""
+    assert control._server is not None
+    service = control._server.iserver.attribute_service
+    read, bad = service.read, StatusCode(UInt32(StatusCodes.BadOutOfService))
+
+    def spoiled(params: ua.ReadParameters) -> list[ua.DataValue]:
+        answers = zip(params.NodesToRead, read(params), strict=True)
+        return [ua.DataValue(v.Value, StatusCode=bad) if i.NodeId.Identifier == path else v for i, v in answers]
+
+    service.read = spoiled  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("what", ["a position", "a state", "the mode", "an alarm", "a result"])
+async def test_a_value_that_the_control_itself_calls_bad_is_no_value(what: str) -> None:
+    control = emulated(kind=FrozenProgram)
+    async with running(control) as url:
+        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        await nc.connect()
+        good = await nc.snapshot()
+        assert (good.ready, good.mode) == (True, OperatingMode.AUTO)
+        if what == "a position":
+            spoil(control, "/Channel/MachineAxis/actToolBasePos[u1,2]")
+            with pytest.raises(BadAnswer, match=r"actToolBasePos\[u1,2\] has no value"):
+                await nc.snapshot()
+        elif what == "a state":
+            spoil(control, "/Channel/Spindle/actSpeed[u1,1]")
+            assert set(good.states) - set((await nc.snapshot()).states) == {"spindle_speed"}
+        elif what == "the mode":
+            spoil(control, "/Bag/State/opMode[u1]")
+            assert (await nc.snapshot()).mode is OperatingMode.UNKNOWN
+        elif what == "an alarm":
+            spoil(control, "/Nck/SequencedAlarms/textIndex[2]")
+            assert (await nc.snapshot()).ready is False, "it may be the emergency stop"
+        else:
+            r = control.nck.r
+            r[R_REQUEST] = r[R_ANSWERS] = r[R_RESULT_OF] = 41.0
+            r[R_STATE] = 3.0
+            assert (await nc.probing_status(41)).state is ProbingState.DONE
+            spoil(control, "/Channel/Parameter/R[u1,75]")
+            with pytest.raises(BadAnswer, match=r"R\[u1,75\] has no value"):
+                await nc.probing_status(41)
+        await nc.close()

@@ -1,0 +1,199 @@
+"""The NC programs that are shipped keep to the handshake that the driver speaks.
+
+They cannot run here: this reads them, it does not prove that a control takes them.
+"""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from drivers.nc import LINEAR_AXES, ProbingState
+from drivers.sinumerik.control import PROBING_STATES, REASONS
+from drivers.sinumerik.settings import Compensation, Handshake, Lease, SinumerikSettings
+from gateway.config.sections import Probing
+from simulators.nc.cycle import CycleSettings
+from simulators.nc.nck import CEC_TABLES
+
+FOLDER = Path(__file__).parents[3] / "deploy" / "nc" / "sinumerik"
+PROGRAMS = sorted(FOLDER.glob("*.SPF"))
+HAND, LEASE = Handshake(), Lease()
+SETTINGS = SinumerikSettings(url="opc.tcp://nc")
+
+
+def statements(name: str) -> list[str]:
+    """Lines without comments."""
+    lines = (line.split(";")[0].strip() for line in (FOLDER / name).read_text().splitlines())
+    return [line for line in lines if line]
+
+
+def assigned(name: str) -> list[tuple[int, str]]:
+    """R-parameter and what it is set to, in order."""
+    found = (re.fullmatch(r"R(\d+) = (.+)", line) for line in statements(name))
+    return [(int(match[1]), match[2]) for match in found if match]
+
+
+def test_the_control_writes_its_own_parameters_only() -> None:
+    own = {HAND.answers, HAND.state, HAND.reason, HAND.result_of, HAND.spread}
+    for program in PROGRAMS:
+        assert {number for number, _ in assigned(program.name)} <= own
+
+
+def test_what_the_gateway_writes_is_what_the_program_reads() -> None:
+    text = "\n".join(statements("TALC_SAFE_POINT.SPF"))
+    for number in (HAND.request, HAND.withdraw, HAND.valid_for):
+        assert re.search(rf"\bR{number}\b", text)
+
+
+def test_each_request_has_its_own_age_also_one_after_a_request_without_an_answer() -> None:
+    lines = statements("TALC_START.SPF")
+    action = next(line for line in lines if line.startswith("IDS=60 "))
+    found = re.fullmatch(r"IDS=60 WHENEVER (\S+) <> (\S+) DO (\S+) = (\S+) (\S+) = 0", action)
+    assert found, action
+    new, seen, kept, from_, timer = found.groups()
+    assert (new, timer) == (f"$R[{HAND.request}]", "$AC_TIMER[1]")
+    control = {new: 41.0, f"$R[{HAND.answers}]": 40.0, timer: 700.0}
+    control[seen] = float(next(line for line in lines if line.startswith(f"{seen} = ")).split(" = ")[1])
+    ages = []
+    for number in (41.0, 41.0, 42.0, 42.0):  # each twice; nobody answers
+        control[new] = number
+        if control[new] != control[seen]:
+            control[kept], control[timer] = control[from_], 0.0
+        control[timer] += 700.0
+        ages.append(control[timer])
+    assert ages == [700.0, 1400.0, 700.0, 1400.0]
+
+
+def test_states_and_reasons_are_those_the_driver_knows() -> None:
+    for program in PROGRAMS:
+        for number, value in assigned(program.name):
+            if number == HAND.state:
+                assert int(value) in {0, *PROBING_STATES}
+    reasons = re.findall(r"\bREASON = (\d+)|\bR66 = (\d+)", "\n".join(statements("TALC_SAFE_POINT.SPF")))
+    assert {int(a or b) for a, b in reasons} <= set(REASONS)
+
+
+def test_old_state_and_results_go_before_the_new_number_comes() -> None:
+    order = assigned("TALC_SAFE_POINT.SPF")
+    new_number = order.index((HAND.answers, "NUMBER"))
+    assert order.index((HAND.state, "0")) < new_number
+    assert order.index((HAND.result_of, "0")) < new_number
+    accepted = next(code for code, state in PROBING_STATES.items() if state is ProbingState.ACCEPTED)
+    assert new_number < order.index((HAND.state, str(accepted)))
+
+
+def test_results_have_their_number_before_the_state_vouches_for_them() -> None:
+    lines = statements("TALC_SAFE_POINT.SPF")
+    finished = next(code for code, state in PROBING_STATES.items() if state is ProbingState.DONE)
+    at = lines.index(f"R{HAND.state} = {finished}")
+    assert lines[at - 2 : at] == [f"R{HAND.result_of} = NUMBER", "STOPRE"]
+    assert lines.index("TALC_SPHERE(POSE)") < at - 2
+
+
+def test_eighteen_results_in_their_order() -> None:
+    found = [re.fullmatch(r"R\[(\d+) \+ 3 \* POSE\] = C([XYZ])", line) for line in statements("TALC_SPHERE.SPF")]
+    assert [(int(m[1]), m[2]) for m in found if m] == [(HAND.results + i, axis) for i, axis in enumerate("XYZ")]
+    assert f"FOR POSE = 0 TO {SinumerikSettings(url='opc.tcp://nc').poses - 1}" in statements("TALC_SAFE_POINT.SPF")
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.name)
+def test_blocks_are_closed_and_the_interpreter_waits_before_it_tells(program: Path) -> None:
+    lines = statements(program.name)
+    for opening, closing in (("IF ", "ENDIF"), ("FOR ", "ENDFOR")):
+        assert sum(line.startswith(opening) for line in lines) == sum(line == closing for line in lines)
+    assert lines[-1] == "RET"
+    assert "HAS NOT RUN ON A REAL CONTROL" in program.read_text()
+    touches = [index for index, line in enumerate(lines) if line.startswith("MEAS=1")]
+    assert all(lines[index + 1] == "STOPRE" for index in touches)
+    finals = [i for i, line in enumerate(lines) if re.fullmatch(rf"R{HAND.state} = [35]", line)]
+    assert all(lines[index - 1] == "STOPRE" for index in finals)
+
+
+def test_the_spread_of_the_touches_is_there_before_the_results_are_vouched_for() -> None:
+    order = assigned("TALC_SAFE_POINT.SPF")
+    assert order.index((HAND.spread, "TALC_SPREAD")) < order.index((HAND.result_of, "NUMBER"))
+
+
+def test_the_tables_rise_by_one_um_per_mm_and_join_the_pairs_that_the_emulated_control_has() -> None:
+    values = dict(re.findall(r"^\$AN_CEC(\S+) = (\S+)$", (FOLDER / "TALC_CEC.INI").read_text(), re.MULTILINE))
+    for table, (shifted, over) in enumerate(CEC_TABLES):
+        assert values[f"_OUTPUT_AXIS[{table}]"] == f"({LINEAR_AXES[shifted]})"
+        assert values[f"_INPUT_AXIS[{table}]"] == f"({LINEAR_AXES[over]})"
+        low, high = float(values[f"_MIN[{table}]"]), float(values[f"_MAX[{table}]"])
+        assert float(values[f"_STEP[{table}]"]) == high - low
+        assert float(values[f"[{table},0]"]) == pytest.approx(low * 1e-3)
+        assert float(values[f"[{table},1]"]) == pytest.approx(high * 1e-3)
+
+
+def test_on_silence_every_slope_and_weight_goes_to_zero_from_either_side() -> None:
+    text = "\n".join(statements("TALC_SLOPES.SPF"))
+    slopes = [f"$SA_TEMP_COMP_SLOPE[{axis}]" for axis in LINEAR_AXES]
+    weights = [f"$SN_CEC_TABLE_WEIGHT[{table}]" for table in range(len(CEC_TABLES))]
+    for name in slopes + weights:
+        rate = f"{'1000 * ' if name in weights else ''}$R[{LEASE.slope_ramp}] * $AC_PARAM[2]"
+        assert f"\n{name} = 0\n" in text
+        assert f"($R[{LEASE.state}] == 2) AND (${name} > 0) DO ${name} = ${name} - MINVAL({rate}, ${name})" in text
+        assert f"($R[{LEASE.state}] == 2) AND (${name} < 0) DO ${name} = ${name} + MINVAL({rate}, -${name})" in text
+
+
+def test_no_synchronised_action_has_two_meanings() -> None:
+    numbers = [n for p in PROGRAMS for line in statements(p.name) for n in re.findall(r"^IDS=(\d+) ", line)]
+    assert len(numbers) == len(set(numbers)) == 27
+
+
+REFERENCE = re.compile(r"(?<![A-Z$_\d])\$?R(?:(\d+)|\[(\d+)(?: \+ 3 \* POSE)?\])")
+WRITTEN = re.compile(r"(?<![<>=(])(?<![A-Z$_\d])\$?R(?:(\d+)|\[(\d+)(?: \+ 3 \* POSE)?\]) = ")
+"""An R-parameter on the left of an assignment, at the start of a line or after DO."""
+
+
+def numbers(pattern: re.Pattern[str], program: Path) -> set[int]:
+    """R-parameters that a program uses, or sets, results of all poses included."""
+    found = {int(a or b) for line in statements(program.name) for a, b in pattern.findall(line)}
+    firsts = {n for n in found if n in range(HAND.results, HAND.results + 3)}
+    return found | {first + 3 * pose for first in firsts for pose in range(SETTINGS.poses)}
+
+
+def test_programs_use_the_r_parameters_of_the_settings_and_no_others() -> None:
+    meant = {number: name for name, number in SETTINGS.r_numbers()}
+    offsets = SinumerikSettings(url="opc.tcp://nc", compensation=Compensation(route="r"))
+    meant |= {number: name for name, number in offsets.r_numbers()}
+    used = set().union(*(numbers(REFERENCE, program) for program in PROGRAMS))
+    assert used == set(meant), "R-parameters that one side knows and the other does not"
+
+
+def test_what_the_gateway_writes_no_program_writes_but_at_power_on() -> None:
+    gateways = {HAND.request, HAND.withdraw, HAND.valid_for, LEASE.owner, LEASE.beat, LEASE.silence, LEASE.ramp}
+    gateways |= {LEASE.slope_ramp, *(Compensation().first_r + i for i in range(3))}
+    controls = {HAND.answers, HAND.state, HAND.reason, HAND.result_of, HAND.spread, LEASE.state}
+    controls |= set(range(HAND.results, HAND.results + 3 * SETTINGS.poses))
+    at_power_on = {"TALC_START.SPF", "TALC_SLOPES.SPF"}
+    written = set()
+    for program in PROGRAMS:
+        sets = numbers(WRITTEN, program)
+        written |= sets
+        if program.name in at_power_on:
+            assert sets <= gateways | controls
+            reset = {n for line in statements(program.name) for n in re.findall(r"R\[(\d+)\] = 0", line)}
+            assert {str(n) for n in sets & gateways} <= reset, "to zero and to nothing else"
+        else:
+            assert sets <= controls
+    assert controls <= written
+
+
+def test_poses_are_those_of_the_configuration_and_of_the_emulated_control() -> None:
+    text = (FOLDER / "TALC_GUD.DEF").read_text()
+    a, c = (
+        [float(value) for value in re.search(rf"TALC_{axis}\[6\] = SET\(([^)]*)\)", text)[1].split(",")]  # type: ignore[index]
+        for axis in "AC"
+    )
+    assert list(zip(a, c, strict=True)) == list(Probing().poses_deg) == list(CycleSettings().poses_deg)
+
+
+def test_the_page_and_the_programs_speak_of_the_same_parameters() -> None:
+    """docs/nc.md is what somebody reads who writes such programs for another control."""
+    page = (FOLDER.parents[2] / "docs" / "nc.md").read_text()
+    for name, number in SETTINGS.r_numbers():
+        if not name.startswith("handshake.results"):
+            assert re.search(rf"^\| R{number} \|", page, re.MULTILINE), f"{name} = R{number}"
+    last = HAND.results + 3 * SETTINGS.poses - 1
+    assert f"| R{HAND.results}–R{last} |" in page

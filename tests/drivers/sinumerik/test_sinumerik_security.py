@@ -1,0 +1,194 @@
+"""Signed, encrypted, with user and certificates; and what is said when one of them is wrong."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from drivers.base import DriverError, Refused, SetupError, SystemClock
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
+from gateway.clock import RealClock
+from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads, Security, User
+from simulators.nc.access import APPLICATION_URI
+from tests.benches.emulated_bench import Rigid
+
+GATEWAY_URI = "urn:talc:gateway:test"
+
+
+@dataclass(frozen=True)
+class Pair:
+    certificate: Path
+    key: Path
+
+
+def make_pair(folder: Path, name: str, uri: str | None, *, days: tuple[float, float] = (-1, 30)) -> Pair:
+    """A self-signed application instance certificate (OPC UA Part 6, 6.2.2) and its key."""
+    key = rsa.generate_private_key(public_exponent=65537, key_size=2048)
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+    begin, end = (datetime.now(UTC) + timedelta(days=d) for d in days)
+    builder = x509.CertificateBuilder().subject_name(subject).issuer_name(subject).public_key(key.public_key())
+    builder = builder.serial_number(x509.random_serial_number()).not_valid_before(begin).not_valid_after(end)
+    builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+    usage = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
+    builder = builder.add_extension(x509.ExtendedKeyUsage(usage), critical=False)
+    if uri is not None:
+        names = [x509.UniformResourceIdentifier(uri), x509.DNSName("localhost")]
+        builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
+    certificate = builder.sign(key, hashes.SHA256())
+    pair = Pair(folder / f"{name}.der", folder / f"{name}_key.pem")
+    pair.certificate.write_bytes(certificate.public_bytes(serialization.Encoding.DER))
+    pair.key.write_bytes(
+        key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    )
+    return pair
+
+
+@dataclass(frozen=True)
+class Site:
+    """A control that only speaks encrypted, and what the gateway needs to get in."""
+
+    folder: Path
+    control: EmulatedControl
+    url: str
+    ours: Pair
+    theirs: Pair
+
+    def driver(self, **changes: object) -> Sinumerik:
+        password = self.folder / "password"
+        password.write_text(str(changes.pop("password", "secret")) + "\n")
+        fields: dict[str, object] = {
+            "url": self.url,
+            "security": "Basic256Sha256",
+            "user": "gateway",
+            "password_file": password,
+            "certificate": self.ours.certificate,
+            "private_key": self.ours.key,
+            "server_certificate": self.theirs.certificate,
+        }
+        return Sinumerik(SinumerikSettings(**(fields | changes)), SystemClock())  # type: ignore[arg-type]
+
+
+@pytest.fixture
+async def site(tmp_path: Path) -> AsyncIterator[Site]:
+    ours, theirs = make_pair(tmp_path, "gateway", GATEWAY_URI), make_pair(tmp_path, "control", APPLICATION_URI)
+    control = EmulatedControl(
+        Rigid(),
+        RealClock(),
+        LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())]),
+        users={"gateway": User("secret")},
+        security=Security(theirs.certificate, theirs.key, (ours.certificate,)),
+    )
+    url = await control.start()
+    yield Site(tmp_path, control, url, ours, theirs)
+    await control.stop()
+    await asyncio.get_running_loop().shutdown_default_executor()
+
+
+@pytest.mark.parametrize("pinned", [True, False])
+async def test_signed_and_encrypted_with_user_and_certificate(site: Site, pinned: bool) -> None:
+    nc = site.driver() if pinned else site.driver(server_certificate=None)
+    await nc.connect()
+    await nc.write_compensation((1.0, -2.0, 3.0))
+    assert await nc.read_compensation() == pytest.approx((1.0, -2.0, 3.0))
+    await nc.close()
+
+
+async def test_nothing_readable_goes_over_the_wire(site: Site) -> None:
+    heard = bytearray()
+
+    async def pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while data := await reader.read(65536):
+            heard.extend(data)
+            writer.write(data)
+        writer.close()
+
+    async def tap(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        port = int(site.url.rsplit(":", 1)[1])
+        onward_reader, onward_writer = await asyncio.open_connection("127.0.0.1", port)
+        await asyncio.gather(pass_on(reader, onward_writer), pass_on(onward_reader, writer))
+
+    server = await asyncio.start_server(tap, "127.0.0.1", 0)
+    port = server.sockets[0].getsockname()[1]
+    nc = site.driver(url=f"opc.tcp://127.0.0.1:{port}")
+    await nc.connect()
+    await nc.request_probing(3)
+    await nc.close()
+    server.close()
+    await server.wait_closed()
+    assert len(heard) > 2000
+    assert b"secret" not in heard
+    assert b"actToolBasePos" not in heard
+
+
+async def test_a_certificate_that_the_control_does_not_trust(site: Site) -> None:
+    stranger = make_pair(site.folder, "stranger", GATEWAY_URI)
+    nc = site.driver(certificate=stranger.certificate, private_key=stranger.key)
+    with pytest.raises(Refused, match=r"refuses our certificate .*BadCertificateUntrusted.*let the control trust"):
+        await nc.connect()
+
+
+async def test_a_server_that_is_not_the_control(site: Site) -> None:
+    other = make_pair(site.folder, "other", APPLICATION_URI)
+    nc = site.driver(server_certificate=other.certificate, timeout_s=1.0)
+    with pytest.raises(DriverError, match="server_certificate"):
+        await nc.connect()
+
+
+async def test_a_wrong_password(site: Site) -> None:
+    with pytest.raises(Refused, match="refuses user 'gateway'"):
+        await site.driver(password="guess").connect()
+
+
+async def test_a_gateway_that_speaks_in_the_clear(site: Site) -> None:
+    nc = site.driver(security="none")
+    with pytest.raises(DriverError, match=r"Basic256Sha256"):
+        await nc.connect()
+
+
+@pytest.mark.parametrize("which", ["certificate", "server_certificate"])
+@pytest.mark.parametrize("days", [(-30, -1), (1, 30)])
+async def test_a_certificate_out_of_its_time_is_told_before_connecting(
+    tmp_path: Path, which: str, days: tuple[float, float]
+) -> None:
+    good, bad = make_pair(tmp_path, "good", GATEWAY_URI), make_pair(tmp_path, "bad", GATEWAY_URI, days=days)
+    files = {"certificate": good.certificate, "server_certificate": good.certificate} | {which: bad.certificate}
+    settings = SinumerikSettings(
+        url="opc.tcp://127.0.0.1:1",
+        security="Basic256Sha256",
+        certificate=files["certificate"],
+        private_key=good.key,
+        server_certificate=files["server_certificate"],
+    )
+    with pytest.raises(SetupError, match=rf"{which} = .*bad\.der' is valid from"):
+        await Sinumerik(settings, SystemClock()).connect()
+
+
+async def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
+    good, nameless = make_pair(tmp_path, "good", GATEWAY_URI), make_pair(tmp_path, "nameless", None)
+    rubbish, missing = tmp_path / "rubbish.pem", tmp_path / "missing.pem"
+    rubbish.write_text("not a certificate")
+    cases = [
+        (missing, good.key, r"certificate = .*missing\.pem"),
+        (rubbish, good.key, r"certificate = .*rubbish\.pem"),
+        (nameless.certificate, nameless.key, "application URI"),
+        (good.certificate, missing, r"private_key = .*missing\.pem"),
+        (good.certificate, rubbish, r"private_key = .*rubbish\.pem"),
+    ]
+    for certificate, key, message in cases:
+        settings = SinumerikSettings(
+            url="opc.tcp://127.0.0.1:1",
+            security="Basic256Sha256",
+            certificate=certificate,
+            private_key=key,
+            server_certificate=good.certificate,
+        )
+        with pytest.raises(SetupError, match=message):
+            await Sinumerik(settings, SystemClock()).connect()

@@ -1,0 +1,199 @@
+"""`probe --watch`: what it counts, that it fits a small terminal, and that it is lines where there is none."""
+
+import asyncio
+import os
+import pty
+import struct
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from fcntl import ioctl
+from math import nan
+from pathlib import Path
+from signal import SIGINT
+from termios import TIOCSWINSZ
+
+import pytest
+
+from drivers.base import Quality, Reading, SystemClock
+from drivers.build import make_bus, make_device
+from gateway.acquisition.runner import Acquisition, Line
+from gateway.cli.probe_watch import DeviceWatch, Watch
+from simulators.devices.adam6015 import Adam6015
+from simulators.devices.modbus_servers import TcpHost
+from simulators.devices.source import Fault
+from tests.benches.command import talc_gateway
+from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice
+from tests.benches.stepped_clock import SteppedClock
+
+NOW = datetime(2026, 1, 5, tzinfo=UTC)
+
+
+def readings(
+    channels: Sequence[str], at_s: float, quality: Quality = Quality.GOOD, detail: str = "", value: float = 20.0
+) -> list[Reading]:
+    number = value if quality is Quality.GOOD else nan
+    return [Reading(channel, number, "degC", quality, NOW, at_s, 1, detail) for channel in channels]
+
+
+def watched() -> DeviceWatch:
+    return DeviceWatch("rtd1", "rtu1", ("a", "b"))
+
+
+def test_rate_and_jitter_are_those_of_the_answers() -> None:
+    device = watched()
+    for at_s in (0.0, 1.0, 2.0, 3.25, 4.0):
+        device.take(readings(device.channels, at_s))
+    assert device.rate_hz == pytest.approx(1.0)
+    assert device.jitter_s == pytest.approx(0.25)
+    assert (device.lost, device.good, device.complete) == (0, 2, True)
+
+
+async def test_healthy_devices_on_several_buses_have_no_jitter() -> None:
+    """Each bus reads at once and then on its own share of the period: the step between is none of the wire's."""
+    clock, lines = SteppedClock(), []
+    for number in range(4):
+        bus = ScriptedBus(f"bus{number}")
+        lines.append(Line(bus, (ScriptedDevice(f"device{number}", clock, bus),), phase_s=number / 4))
+    watch = Watch("mill", lines, 0.0)
+    async with Acquisition(lines, clock, watch.take, lambda _: None):
+        await clock.run_until(0.1)
+        assert [device.answered_at for device in watch.devices] == [0.0] * 4
+        await clock.run_until(3.0)
+    assert [device.jitter_s for device in watch.devices] == pytest.approx([0.0] * 4)
+    assert [device.rate_hz for device in watch.devices] == pytest.approx([1.0] * 4)
+
+
+def test_silent_device_counts_lost_periods_and_keeps_the_age_of_its_last_value() -> None:
+    device = watched()
+    device.take(readings(device.channels, 1.0))
+    for at_s in (2.0, 3.0):
+        device.take(readings(device.channels, at_s, Quality.COMM_FAULT, "unit 1 did not answer"))
+    assert (device.lost, device.error, device.error_at) == (2, "unit 1 did not answer", 3.0)
+    assert device.answered_at == 1.0
+    assert device.good_at == {"a": 1.0, "b": 1.0}
+
+
+def test_broken_sensor_is_no_lost_period() -> None:
+    device = watched()
+    device.take([*readings(["a"], 1.0), *readings(["b"], 1.0, Quality.SENSOR_FAULT, "broken wire")])
+    assert (device.lost, device.good, device.error) == (0, 1, "b: broken wire")
+
+
+def big_watch() -> Watch:
+    """Five devices with six channels each, as on a machine; the third is silent, one sensor is broken."""
+    clock, lines = SystemClock(), []
+    bus = make_bus("rtu1", "modbus_rtu", {"port": "/dev/null"})
+    for number in range(1, 6):
+        channels = {f"somewhere_on_the_machine_{number}_{i}": i for i in range(6)}
+        lines.append(Line(bus, (make_device(f"rtd{number}", bus, "icpdas_m7015", number, channels, {}, clock),)))
+    watch = Watch("mill", lines, 0.0)
+    for device in watch.devices:
+        silent = device.name == "rtd3"
+        text = "bus rtu1, device rtd3: unit 3 did not answer within 0.5 s (check power, wiring, unit id and baud)"
+        watch.take(
+            readings(device.channels, 1.0, Quality.COMM_FAULT if silent else Quality.GOOD, text if silent else "")
+        )
+    last = watch.devices[-1]
+    broken = readings(last.channels[-1:], 2.0, Quality.SENSOR_FAULT, "the module reports this input broken")
+    watch.take([*readings(last.channels[:-1], 2.0), *broken])
+    return watch
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (80, 40), (132, 24), (40, 30)])
+def test_table_fits_the_terminal_and_shows_every_fault(width: int, height: int) -> None:
+    lines = big_watch().table(5.0, width, height).plain.split("\n")
+    assert len(lines) <= height
+    assert max(map(len, lines)) <= width
+    text = "\n".join(lines)
+    assert "23 of 30 good" in text
+    assert text.count("comm_fault") == 6
+    assert text.count("sensor_fault") == 1
+    assert "unit 3 did not answer" in text
+
+
+def test_what_has_no_room_is_counted() -> None:
+    lines = big_watch().table(5.0, 80, 20).plain.split("\n")
+    channels = lines[lines.index("") :]
+    shown = sum(line.count("somewher…") for line in channels)
+    assert 0 < shown < 30
+    assert "somewher…hine_3_0     comm_fault" in channels[1]  # faults come first; names lose their middle
+    assert lines[-1].strip() == f"... and {30 - shown} more, {30 - shown} of them good"
+
+
+CONFIG = """[machine]
+name = "mill"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = {port}
+period_s = 0.1
+timeout_s = 0.05
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+[device.channels]
+bed = 0
+column = 1
+"""
+
+
+async def test_lines_tell_values_and_problems_where_there_is_no_terminal(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    adam = Adam6015(lambda: [20.0, 30.0, *[0.0] * 5])
+    adam.faults.set(1, Fault.OPEN)
+    host = TcpHost({1: adam})
+    file.write_text(CONFIG.format(port=await host.start()), encoding="utf-8")
+    try:
+        done = await talc_gateway("probe", str(file), "--watch", "--seconds", "1", "--every", "0.5")
+    finally:
+        await host.stop()
+    first, *_, last = done.out.splitlines()
+    assert first.split(" ", 1)[1] == "channel column: sensor_fault: burnout: open circuit at this input" + (
+        "; at or above the end of the input's range"
+    )
+    assert "tcp1 adam: 1/2 good, " in last
+    assert last.endswith("bed=20.00 column=sensor_fault")
+    assert done.code == 3
+
+
+async def test_table_is_drawn_on_a_terminal_until_ctrl_c(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    host = TcpHost({1: Adam6015(lambda: [20.0, 30.0, *[0.0] * 5])})
+    file.write_text(CONFIG.format(port=await host.start()), encoding="utf-8")
+    ours, theirs = pty.openpty()
+    ioctl(ours, TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    environment = {**os.environ, "TERM": "xterm"}
+    for name in ("COLUMNS", "LINES"):
+        environment.pop(name, None)
+    seen = bytearray()
+    good = asyncio.Event()
+
+    def read() -> None:
+        seen.extend(os.read(ours, 65536))
+        if b"2 of 2 good" in seen:
+            good.set()
+
+    loop = asyncio.get_running_loop()
+    loop.add_reader(ours, read)
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "gateway", "probe", str(file), "--watch"), stdout=theirs, stderr=theirs, env=environment
+    )
+    try:
+        async with asyncio.timeout(30):
+            await good.wait()
+            process.send_signal(SIGINT)
+            assert await process.wait() == 0
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        loop.remove_reader(ours)
+        os.close(ours)
+        os.close(theirs)
+        await host.stop()
+    text = seen.decode()
+    assert "bed                   20.00 degC" in text
+    assert "Hz" in text

@@ -1,0 +1,231 @@
+"""The configuration: golden cases of every mistake, and what a good file becomes."""
+
+import tomllib
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from gateway.config import ConfigError, GatewayConfig, cautions, load, parse
+from gateway.config.load import from_data
+from gateway.config.model import validate
+from gateway.config.reference import reference
+
+CASES = Path(__file__).parent / "cases"
+BENCH = Path(__file__).parents[3] / "simulators" / "bench" / "gateway.toml"
+PLACES = {
+    "zenoh_connect": "[]",
+    "calibration_steps": "288",
+    "folder": "/tmp",
+    "zenoh_port": "7447",
+    "rtu_port": "/dev/pts/1",
+    "tcp_port": "5020",
+    "can_port": "/dev/pts/2",
+    "growth_port": "/dev/pts/3",
+    "nc_port": "4840",
+}
+
+
+def bench() -> GatewayConfig:
+    text = BENCH.read_text(encoding="utf-8")
+    for name, value in PLACES.items():
+        text = text.replace(f"{{{name}}}", value)
+    return parse(text, BENCH)
+
+
+def valid_text() -> str:
+    return (CASES / "valid" / "gateway.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("case", sorted(CASES.iterdir()), ids=lambda case: case.name)
+def test_every_mistake_gets_its_line(case: Path) -> None:
+    file = case / "gateway.toml"
+    expected = (case / "expected.txt").read_text(encoding="utf-8")
+    try:
+        load(file)
+        found = ""
+    except ConfigError as error:
+        found = str(error).replace(str(file), "gateway.toml") + "\n"
+    assert found == expected
+
+
+def test_no_message_shows_the_validation_library() -> None:
+    texts = [(case / "expected.txt").read_text(encoding="utf-8") for case in CASES.iterdir()]
+    assert not [text for text in texts if "pydantic" in text or "http" in text or "Input should" in text]
+
+
+def test_bench_has_thirty_channels_then_the_states_in_file_order() -> None:
+    config = bench()
+    names = config.input_names
+    assert len(config.channels) == 30
+    assert names[:2] == ("bed_front_left", "bed_front_right")
+    assert names[29:] == ("spindle_growth", "spindle_speed", "speed_X", "speed_Y", "speed_A", "speed_C", "coolant")
+    assert [c.name for c in config.channels] == list(names[:30])
+    assert (config.channels[18].device, config.channels[18].bus) == ("adam", "tcp1")
+
+
+def test_canonical_text_is_the_same_configuration_again() -> None:
+    config = bench()
+    again = validate(config.canonical())
+    assert again == config
+    assert again.fingerprint() == config.fingerprint()
+
+
+def test_fingerprint_tells_behaviour_not_layout() -> None:
+    text = valid_text()
+    path = CASES / "valid" / "gateway.toml"
+    plain = parse(text, path).fingerprint()
+    assert parse("# a remark\n" + text.replace("unit = 1\n", "unit = 1   # left\n"), path).fingerprint() == plain
+    assert parse(text + "period_s = 1.0\n", path).fingerprint() == plain, "a default written out changes nothing"
+    assert parse(text.replace("unit = 1", "unit = 2"), path).fingerprint() != plain
+    swapped = text.replace("bed_front = 0\nbed_rear = 1\n", "bed_rear = 1\nbed_front = 0\n")
+    assert parse(swapped, path).fingerprint() != plain, "the order of channels is the order of inputs"
+
+
+def test_fingerprints_of_supplied_profiles_are_of_the_canonical_text_alone() -> None:
+    """Databases of earlier programs hold such fingerprints."""
+    assert bench().fingerprint() == sha256(bench().canonical().encode()).hexdigest()
+
+
+def test_stored_text_with_a_profile_of_the_user_needs_no_file(tmp_path: Path) -> None:
+    supplied = Path(__file__).parents[3] / "drivers" / "profiles" / "icpdas_m7015.toml"
+    (tmp_path / "mine.toml").write_bytes(supplied.read_bytes())
+    config = parse(valid_text().replace("icpdas_m7015", "mine.toml"), tmp_path / "gateway.toml")
+    (tmp_path / "mine.toml").unlink()
+    assert validate(config.canonical()).canonical() == config.canonical()
+
+
+def test_configuration_cannot_be_changed() -> None:
+    config = bench()
+    with pytest.raises(ValidationError):
+        config.grid.step_s = 10.0  # type: ignore[misc]
+
+
+def test_relative_paths_start_at_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(valid_text() + '\n[storage]\npath = "data/mill.sqlite"\n')
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    assert load(file).storage.path == tmp_path / "data" / "mill.sqlite"
+    file.write_text(valid_text())
+    assert load(file).storage.path == tmp_path / "gateway.sqlite"
+    file.write_text(valid_text() + "\n[storage]\ncommit_s = 2.0\n")
+    assert load(file).storage.path == tmp_path / "gateway.sqlite"
+
+
+def test_unreadable_files_say_so(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file"):
+        load(tmp_path / "none.toml")
+    with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
+        load(tmp_path)
+    (tmp_path / "latin.toml").write_bytes(b'name = "M\xfchle"')
+    with pytest.raises(ConfigError, match=r"is not UTF-8 text: byte 9 is 0xfc"):
+        load(tmp_path / "latin.toml")
+
+
+def test_profile_of_the_user_is_found_beside_the_file(tmp_path: Path) -> None:
+    supplied = Path(__file__).parents[3] / "drivers" / "profiles" / "icpdas_m7015.toml"
+    (tmp_path / "mine.toml").write_text(supplied.read_text(encoding="utf-8"))
+    file = tmp_path / "gateway.toml"
+    file.write_text(valid_text().replace("icpdas_m7015", "mine.toml"))
+    assert load(file).devices[0].profile == str(tmp_path / "mine.toml")
+
+
+def test_raw_usb_port_is_a_caution_not_an_error() -> None:
+    path = CASES / "valid" / "gateway.toml"
+    text = valid_text().replace("192.168.214.1", "127.0.0.1")
+    assert cautions(parse(text, path)) == []
+    raw = parse(text.replace("/dev/serial/by-id/usb-adapter", "/dev/ttyUSB0"), path)
+    (caution,) = cautions(raw)
+    assert caution.where == "bus 'rtu1', port"
+    assert "/dev/serial/by-id" in caution.what
+
+
+def test_a_timeout_longer_than_the_period_is_a_caution_where_devices_are_asked() -> None:
+    path = CASES / "valid" / "gateway.toml"
+    text = valid_text().replace("192.168.214.1", "127.0.0.1")
+    slow = text.replace('name = "tcp1"', 'name = "tcp1"\ntimeout_s = 2.0')
+    assert cautions(parse(slow, path)) == [], "nobody else is on it"
+    second = """[[device]]
+name = "second"
+bus = "tcp1"
+profile = "advantech_adam6015"
+unit = 2
+channels.roof = 0
+"""
+    (caution,) = cautions(parse(slow.replace("[[state]]", f"{second}\n[[state]]"), path))
+    assert caution.where == "bus 'tcp1', timeout_s"
+    assert caution.what.startswith("2 is longer than period_s = 1: one device that falls silent costs the others")
+    listening = 'name = "can1"\nkind = "can"\nchannel = "can0"\ntimeout_s = 2.0\n'
+    assert cautions(parse(f"{text}\n[[bus]]\n{listening}", path)) == []
+
+
+def test_password_is_not_in_the_canonical_text(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("hunter2")
+    file = tmp_path / "gateway.toml"
+    file.write_text(valid_text() + 'user = "gw"\npassword_file = "secret"\n')
+    assert "hunter2" not in load(file).canonical()
+
+
+def test_reference_is_the_program_s() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "configuration.md").read_text(encoding="utf-8")
+    assert page == reference(), "run: python -m gateway.config.reference > docs/configuration.md"
+
+
+def test_every_key_of_the_reference_says_what_it_means() -> None:
+    rows = [line for line in reference().splitlines() if line.startswith("| `")]
+    assert len(rows) > 60
+    assert not [row for row in rows if row.endswith("|  |")]
+
+
+JUNK = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(2**70), 2**70),
+    st.floats(),
+    st.text(max_size=8),
+    st.lists(st.integers(), max_size=3),
+    st.dictionaries(st.text(max_size=5), st.integers(), max_size=3),
+    st.lists(st.dictionaries(st.sampled_from(["name", "kind", "channels", "x"]), st.text(max_size=4)), max_size=3),
+)
+
+
+def _places(data: object, here: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """Every place in the data."""
+    found = [here] if here else []
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in items:
+        found += _places(value, (*here, key))
+    return found
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_whatever_stands_in_the_file_it_is_a_configuration_or_a_list_of_lines(data: st.DataObject) -> None:
+    content = tomllib.loads(valid_text())
+    for place in data.draw(st.lists(st.sampled_from(_places(content)), min_size=1, max_size=3)):
+        holder: Any = content
+        with suppress(KeyError, IndexError, TypeError):
+            for part in place[:-1]:
+                holder = holder[part]
+            if data.draw(st.booleans()) and isinstance(holder, dict):
+                holder[data.draw(st.text(min_size=1, max_size=6))] = data.draw(JUNK)
+            else:
+                holder[place[-1]] = data.draw(JUNK)
+    found: ConfigError | None = None
+    try:
+        config = from_data(content, Path("gateway.toml"))
+    except ConfigError as error:
+        found = error
+    if found is None:
+        assert validate(config.canonical()) == config
+    else:
+        lines = str(found).splitlines()
+        assert len(lines) == len(found.problems) > 0
+        assert all(line.startswith("gateway.toml: ") for line in lines)

@@ -1,0 +1,217 @@
+"""`[nc]`: what the file says reaches the driver, and what is less safe than it could be is told."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import NameOID
+
+from drivers.sinumerik.settings import Compensation, Handshake, Lease, SinumerikSettings, Source
+from gateway.config import ConfigError, GatewayConfig, cautions, parse
+from gateway.config.controls import LinuxCncNc, SinumerikNc
+
+HEAD = """
+[machine]
+name = "mill"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "192.168.0.10"
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+[device.channels]
+ambient = 0
+"""
+SECURE = """
+[nc]
+kind = "sinumerik"
+url = "opc.tcp://192.168.214.1:4840"
+user = "gateway"
+password_file = "password"
+certificate = "gateway.pem"
+private_key = "gateway_key.pem"
+"""
+EVERYTHING = """
+[probing]
+poses_deg = [[0, 0], [0, 72], [0, 144], [0, 216], [0, 288], [90, 0], [-90, 0]]
+[[state]]
+name = "speed_C"
+[[state]]
+name = "coolant"
+
+[nc]
+kind = "sinumerik"
+url = "opc.tcp://192.168.214.1:4850"
+security = "Basic256Sha256"
+user = "gateway"
+password_file = "secret/password"
+certificate = "gateway.der"
+private_key = "/etc/talc/gateway_key.pem"
+server_certificate = "control.der"
+namespace_uri = "urn:some:control"
+timeout_s = 1.5
+subscribe_s = 0.25
+axis_numbers = {X = 3, Y = 2, Z = 1, A = 6, C = 5}
+origin_mm = [400.0, 0, -120.5]
+[nc.nodes]
+position = "/Channel/MachineAxis/measPos1[u2,{n}]"
+r_parameter = "/Channel/Parameter/R[u2,{n}]"
+k0 = "/NC/a[u{n}]"
+slope = "/NC/b[u{n}]"
+reference = "/NC/c[u{n}]"
+mode = ""
+program = "/Channel/State/progStatus[u2]"
+tool = "/Plc/DB21.DBW4:INT"
+probe_in_spindle = "/Plc/DB21.DBX0.1"
+alarms = ["/Nck/SequencedAlarms/textIndex[1]"]
+[nc.states.coolant]
+path = "/Plc/Q4.0"
+[nc.states.speed_C]
+path = "/Channel/Parameter/R[u2,40]"
+[nc.handshake]
+request = 160
+withdraw = 161
+valid_for = 162
+answers = 163
+state = 164
+reason = 165
+result_of = 166
+results = 170
+request_valid_for_s = 600.0
+[nc.lease]
+owner = 193
+beat = 194
+silence = 195
+state = 196
+ramp = 197
+[nc.compensation]
+route = "r"
+signs = [1, -1, 1]
+first_r = 200
+largest_um = 80.0
+"""
+
+
+def config(text: str, folder: Path = Path("/etc/talc")) -> GatewayConfig:
+    return parse(HEAD + text, folder / "gateway.toml")
+
+
+def driver_settings(config: GatewayConfig) -> SinumerikSettings:
+    assert isinstance(config.nc, SinumerikNc)
+    return config.nc.settings(len(config.probing.poses_deg), [state.name for state in config.states])
+
+
+def test_every_key_reaches_the_driver() -> None:
+    settings = driver_settings(config(EVERYTHING))
+    assert settings.url == "opc.tcp://192.168.214.1:4850"
+    assert (settings.security, settings.user) == ("Basic256Sha256", "gateway")
+    assert settings.password_file == Path("/etc/talc/secret/password")
+    assert settings.certificate == Path("/etc/talc/gateway.der")
+    assert settings.private_key == Path("/etc/talc/gateway_key.pem")
+    assert settings.server_certificate == Path("/etc/talc/control.der")
+    assert settings.namespace_uri == "urn:some:control"
+    assert (settings.timeout_s, settings.subscribe_s) == (1.5, 0.25)
+    assert settings.axis_numbers == {"X": 3, "Y": 2, "Z": 1, "A": 6, "C": 5}
+    assert settings.origin_mm == (400.0, 0.0, -120.5)
+    paths = settings.paths
+    assert (paths.k0, paths.slope, paths.reference) == ("/NC/a[u{n}]", "/NC/b[u{n}]", "/NC/c[u{n}]")
+    assert paths.position == "/Channel/MachineAxis/measPos1[u2,{n}]"
+    assert (paths.mode, paths.program) == ("", "/Channel/State/progStatus[u2]")
+    assert (paths.tool, paths.probe_in_spindle) == ("/Plc/DB21.DBW4:INT", "/Plc/DB21.DBX0.1")
+    assert paths.alarms == ("/Nck/SequencedAlarms/textIndex[1]",)
+    assert settings.r(160) == "/Channel/Parameter/R[u2,160]"
+    assert settings.poses == 7
+    assert settings.state_sources == {
+        "speed_C": Source("/Channel/Parameter/R[u2,40]", 1.0),
+        "coolant": Source("/Plc/Q4.0"),
+    }
+    assert settings.handshake == Handshake(
+        request=160, withdraw=161, valid_for=162, answers=163, state=164, reason=165, result_of=166, results=170,
+        request_valid_for_s=600.0,
+    )  # fmt: skip
+    assert settings.lease == Lease(owner=193, beat=194, silence=195, state=196, ramp=197)
+    assert settings.compensation == Compensation(route="r", signs=(1, -1, 1), first_r=200, largest_um=80.0)
+
+
+def test_what_is_left_out_is_as_the_driver_has_it() -> None:
+    found = driver_settings(config(SECURE))
+    usual = SinumerikSettings(url="opc.tcp://nc")
+    assert found.security == "Basic256Sha256"
+    assert (found.paths, found.handshake, found.lease) == (usual.paths, usual.handshake, usual.lease)
+    assert (found.compensation, found.axis_numbers) == (usual.compensation, usual.axis_numbers)
+    assert found.namespace_uri == usual.namespace_uri
+    assert found.state_sources == {}, "nothing is read that nobody uses"
+
+
+def write_files(folder: Path, *, days: float, mode: int = 0o600) -> None:
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "gateway")])
+    now = datetime.now(UTC)
+    builder = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key())
+    builder = builder.serial_number(1).not_valid_before(now - timedelta(days=400))
+    certificate = builder.not_valid_after(now + timedelta(days=days)).sign(key, hashes.SHA256())
+    for file in ("gateway.pem", "control.pem"):
+        (folder / file).write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    for file in ("password", "gateway_key.pem"):
+        (folder / file).write_text("secret")
+        (folder / file).chmod(mode)
+
+
+def told(config: GatewayConfig) -> dict[str, str]:
+    return {caution.where: caution.what for caution in cautions(config)}
+
+
+def test_a_sound_setup_gives_no_caution(tmp_path: Path) -> None:
+    write_files(tmp_path, days=365)
+    assert told(config(SECURE + 'server_certificate = "control.pem"\n', tmp_path)) == {}
+
+
+@pytest.mark.parametrize(("days", "said"), [(-1, "is valid from"), (29, "ends on")])
+def test_a_certificate_that_has_ended_or_soon_will_is_a_caution(tmp_path: Path, days: float, said: str) -> None:
+    write_files(tmp_path, days=days)
+    found = told(config(SECURE + 'server_certificate = "control.pem"\n', tmp_path))
+    assert set(found) == {"[nc] certificate", "[nc] server_certificate"}
+    assert all(said in text for text in found.values())
+
+
+def test_secrets_that_others_can_read_and_files_that_are_missing_are_cautions(tmp_path: Path) -> None:
+    write_files(tmp_path, days=365, mode=0o640)
+    found = told(config(SECURE + 'server_certificate = "elsewhere.pem"\n', tmp_path))
+    assert set(found) == {"[nc] password_file", "[nc] private_key", "[nc] server_certificate"}
+    assert "chmod 600" in found["[nc] password_file"]
+    assert "No such file" in found["[nc] server_certificate"]
+
+
+def test_believing_anybody_is_a_caution(tmp_path: Path) -> None:
+    write_files(tmp_path, days=365)
+    assert set(told(config(SECURE, tmp_path))) == {"[nc] server_certificate"}
+
+
+@pytest.mark.parametrize(
+    ("host", "where"),
+    [("192.168.214.1", ["[nc] security"]), ("mill", ["[nc] security"]), ("127.0.0.1", []), ("localhost", [])],
+)
+def test_speaking_in_the_clear_beyond_this_computer_is_a_caution(host: str, where: list[str]) -> None:
+    text = f'[nc]\nkind = "sinumerik"\nurl = "opc.tcp://{host}:4840"\nsecurity = "none"\n'
+    assert list(told(config(text))) == where
+
+
+def test_linuxcnc_gets_its_settings_and_its_cautions(tmp_path: Path) -> None:
+    (tmp_path / "talc.key").write_text("k" * 64)
+    (tmp_path / "talc.key").chmod(0o640)
+    text = '[nc]\nkind = "linuxcnc"\nhost = "192.168.0.20"\nport = 7700\nkey_file = "talc.key"\n'
+    states = '[[state]]\nname = "speed_C"\n'
+    made = config(states + text, tmp_path)
+    assert isinstance(made.nc, LinuxCncNc)
+    settings = made.nc.settings(6, ["speed_C"])
+    assert (settings.host, settings.port, settings.key()) == ("192.168.0.20", 7700, b"k" * 64)
+    told = [str(problem) for problem in cautions(made)]
+    assert any("beyond this computer" in line for line in told)
+    assert any("can be read by others" in line for line in told)
+    with pytest.raises(ConfigError, match="state 'door': not every control shows it; possible: coolant, speed_A, "):
+        config('[[state]]\nname = "door"\n' + text, tmp_path)

@@ -1,0 +1,131 @@
+"""From readings to frames, and the numbering of grid instants."""
+
+import math
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.base import Quality, Reading
+from gateway.control.grid import GridSampler, Instant, Schedule, grid_index
+from talc.frame import Measurement
+
+UTC_0 = datetime(2026, 3, 2, 6, 2, 10, tzinfo=UTC)  # 130 s into a step
+K_0 = int(datetime(2026, 3, 2, 6, 0, tzinfo=UTC).timestamp()) // 300
+
+
+def reading(channel: str, value: float, at: float, quality: Quality = Quality.GOOD) -> Reading:
+    return Reading(channel, value, "degC", quality, UTC_0 + timedelta(seconds=at), at, 1)
+
+
+def test_an_input_is_the_mean_of_its_good_readings() -> None:
+    sampler = GridSampler(("a", "b", "c"), 300.0)
+    sampler.add([reading("a", 20.0, 10.0), reading("a", 21.0, 20.0), reading("a", 99.0, 30.0, Quality.OUT_OF_RANGE)])
+    sampler.add([reading("b", math.nan, 10.0, Quality.COMM_FAULT), reading("stranger", 1.0, 10.0)])
+    sampler.add([reading("c", math.nan, 10.0)])
+    measurement = Measurement(np.arange(9.0), np.ones(9))
+    frame = sampler.frame(Instant(7, 300.0), measurement)
+    assert frame.k == 7
+    assert frame.inputs[0] == 20.5
+    assert frame.valid.tolist() == [True, False, False]
+    assert np.isnan(frame.inputs[1:]).all()
+    assert frame.measurement is measurement
+
+
+def test_a_state_becomes_its_share_of_the_step() -> None:
+    sampler = GridSampler(("coolant",), 300.0)
+    for second in range(0, 300, 60):
+        sampler.add_states({"coolant": 1.0 if second < 60 else 0.0, "other": 5.0}, float(second + 1))
+    assert sampler.frame(Instant(1, 300.0)).inputs[0] == pytest.approx(0.2)
+
+
+def test_what_comes_after_the_instant_belongs_to_the_next_frame() -> None:
+    sampler = GridSampler(("a",), 300.0)
+    sampler.add([reading("a", 20.0, 300.0), reading("a", 30.0, 300.1)])
+    assert sampler.frame(Instant(1, 300.0)).inputs[0] == 20.0
+    assert sampler.frame(Instant(2, 600.0)).inputs[0] == 30.0
+    assert not sampler.frame(Instant(3, 900.0)).valid.any()
+
+
+def test_readings_older_than_a_step_do_not_enter_a_late_frame() -> None:
+    sampler = GridSampler(("a",), 300.0)
+    sampler.add([reading("a", 10.0, 50.0), reading("a", 20.0, 1150.0)])
+    assert sampler.frame(Instant(4, 1200.0)).inputs[0] == 20.0
+
+
+@given(st.lists(st.floats(-50, 100), min_size=1, max_size=50))
+def test_the_mean_lies_between_the_readings(values: list[float]) -> None:
+    sampler = GridSampler(("a",), 300.0)
+    sampler.add([reading("a", value, float(i)) for i, value in enumerate(values, start=1)])
+    found = float(sampler.frame(Instant(1, 300.0)).inputs[0])
+    assert min(values) - 1e-9 <= found <= max(values) + 1e-9
+
+
+def test_index_counts_steps_of_utc() -> None:
+    assert grid_index(UTC_0, 300.0) == K_0
+    with pytest.raises(ValueError, match="aware"):
+        grid_index(UTC_0.replace(tzinfo=None), 300.0)
+
+
+def test_instants_lie_on_utc_and_do_not_drift() -> None:
+    schedule = Schedule(300.0)
+    mono = 5.0
+    for step in range(1, 2000):
+        instant = schedule.next(UTC_0 + timedelta(seconds=mono - 5.0), mono)
+        assert instant.k == K_0 + step
+        assert instant.monotonic_s == pytest.approx(5.0 + 170.0 + 300.0 * (step - 1), abs=1e-5)
+        mono = instant.monotonic_s + 0.001 * (step % 7)  # waking is late by some milliseconds
+
+
+def test_waking_a_hair_early_does_not_repeat_or_skip() -> None:
+    schedule = Schedule(300.0)
+    first = schedule.next(UTC_0, 0.0)
+    early = math.nextafter(first.monotonic_s, 0.0)
+    second = schedule.next(UTC_0 + timedelta(seconds=early), early)
+    assert second.k == first.k + 1
+    assert second.monotonic_s == pytest.approx(first.monotonic_s + 300.0, abs=1e-5)
+
+
+def test_a_restart_goes_on_with_the_index() -> None:
+    before = Schedule(300.0).next(UTC_0, 1000.0)
+    after = Schedule(300.0, last_k=before.k).next(UTC_0 + timedelta(seconds=3600), 3.0)
+    assert after.k == before.k + 12
+
+
+def test_a_late_wake_leaves_a_gap() -> None:
+    schedule = Schedule(300.0)
+    first = schedule.next(UTC_0, 0.0)
+    late = schedule.next(UTC_0 + timedelta(seconds=1000), 1000.0)
+    assert late.k == first.k + 3
+    assert late.monotonic_s > 1000.0
+
+
+@pytest.mark.parametrize("jump_h", [-1, 1])
+def test_a_clock_that_jumps_keeps_the_index_rising_and_the_step_whole(jump_h: int) -> None:
+    schedule = Schedule(300.0)
+    instants = []
+    mono, shift = 0.0, timedelta()
+    for step in range(20):
+        if step == 10:
+            shift = timedelta(hours=jump_h)
+        instants.append(schedule.next(UTC_0 + timedelta(seconds=mono) + shift, mono))
+        mono = instants[-1].monotonic_s
+    ks = [instant.k for instant in instants]
+    assert all(b > a for a, b in pairwise(ks))
+    assert [i for i in range(20) if instants[i].clock_moved_s] == [10]
+    assert instants[10].clock_moved_s == pytest.approx(3600 * jump_h)
+    assert ks[10] - ks[9] == (13 if jump_h > 0 else 1)
+    gaps = np.diff([instant.monotonic_s for instant in instants])
+    assert gaps == pytest.approx(300.0, abs=1e-5)
+
+
+def test_a_clock_behind_the_store_numbers_on() -> None:
+    schedule = Schedule(300.0, last_k=K_0 + 100)
+    assert [schedule.next(UTC_0 + timedelta(seconds=s), s).k for s in (0.0, 200.0, 500.0)] == [
+        K_0 + 101,
+        K_0 + 102,
+        K_0 + 103,
+    ]

@@ -1,0 +1,229 @@
+"""The sensor watch on days of a plant: what is told and when, what is learnt from, and what a restart keeps."""
+
+import asyncio
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from rich.console import Console
+
+from gateway.cli.view import ViewState, render
+from gateway.control.sensor_watch import SeenBefore, SensorWatch
+from gateway.control.subprocess import WorkError
+from gateway.telemetry import keys
+from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame
+from talc.sensor_check import Judgement
+from talc.sensor_model import SensorModel, learn
+from talc.settings import SensorCheckSettings
+from tests.benches.stepped_clock import SteppedClock
+from tests.talc.test_sensor_check import DAY, NAMES, plant_days
+
+SETTINGS = SensorCheckSettings()
+INPUTS = (*NAMES, "coolant")
+SWAPPED = ("a_drive", "bed_front_left")
+K0 = 12_000
+"""A multiple of an hour: when it judges depends on k alone."""
+
+
+class Ear:
+    def __init__(self) -> None:
+        self.events: list[tuple[EventKind, str, int | None]] = []
+        self.judgements: list[tuple[Judgement, int]] = []
+
+    def event(self, event: Event, k: int | None) -> None:
+        self.events.append((event.kind, event.text, k))
+
+    def sensors(self, judgement: Judgement, k: int) -> None:
+        self.judgements.append((judgement, k))
+
+
+class Teacher:
+    """Learns in this process and notes from how many rows."""
+
+    def __init__(self) -> None:
+        self.rows: list[int] = []
+
+    async def __call__(
+        self, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+    ) -> SensorModel | None:
+        assert tuple(names) == NAMES, "only temperatures"
+        self.rows.append(len(inputs))
+        return learn(names, inputs, valid, settings)
+
+
+def days(seed: int = 12) -> NDArray[np.float64]:
+    temperatures = plant_days(seed)
+    return np.column_stack([temperatures, np.zeros(len(temperatures))])
+
+
+def exchanged(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    i, j = (NAMES.index(name) for name in SWAPPED)
+    y = x.copy()
+    y[:, [i, j]] = y[:, [j, i]]
+    return y
+
+
+def watch(ear: Ear, teacher: Teacher, before: SeenBefore | None = None) -> SensorWatch:
+    return SensorWatch(INPUTS, SETTINGS, NAMES.__contains__, ear, SteppedClock(), before, teacher)
+
+
+async def run(watching: SensorWatch, x: NDArray[np.float64], first_k: int) -> None:
+    for k, row in enumerate(x, first_k):
+        watching.frame(Frame(k, row, np.ones(len(INPUTS), np.bool_)))
+        if k % 12 == 0:
+            await watching.look()
+
+
+async def test_an_exchange_is_told_once_and_so_is_its_end(caplog: pytest.LogCaptureFixture) -> None:
+    ear, teacher, x = Ear(), Teacher(), days()
+    watching = watch(ear, teacher)
+    await run(watching, x[: 3 * DAY], K0)
+    assert ear.events == []
+    assert len(teacher.rows) == 2
+    with caplog.at_level(logging.WARNING, logger="gateway.control.sensor_watch"):
+        await run(watching, exchanged(x[3 * DAY : 4 * DAY]), K0 + 3 * DAY)
+    assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT]
+    assert all(name in ear.events[0][1] for name in SWAPPED)
+    assert [r.getMessage() for r in caplog.records] == [f"sensors: {ear.events[0][1]}"]
+    assert any(set(f.inputs) == set(SWAPPED) for f in ear.judgements[-1][0].findings)
+    told_k = ear.events[0][2]
+    assert told_k is not None
+    assert told_k - (K0 + 3 * DAY) <= 1.5 * SETTINGS.window_steps
+    assert len(teacher.rows) == 3
+    assert teacher.rows[-1] < 3 * DAY, "learnt from what was suspect"
+    await run(watching, x[4 * DAY :], K0 + 4 * DAY)
+    assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE]
+    assert ear.judgements[-1][0].findings == ()
+
+
+async def test_a_finding_is_published_and_shown() -> None:
+    ear, x = Ear(), exchanged(days())
+    seen = SeenBefore(K0, days()[: 2 * DAY], np.ones((2 * DAY, len(INPUTS)), np.bool_), None)
+    await run(watch(ear, Teacher(), seen), x[2 * DAY : 2 * DAY + 150], K0 + 2 * DAY)
+    judgement, k = ear.judgements[-1]
+    payload = keys.decode(keys.encode(keys.sensors(judgement, k)))
+    finding = payload["findings"][0]
+    assert (finding["kind"], set(finding["inputs"]), finding["offset_K"]) == ("swap", set(SWAPPED), None)
+    assert set(payload["smallest_offset_K"]) == set(NAMES)
+    state = ViewState("mill")
+    state.apply(keys.SENSORS, payload | {"time": "2026-03-02T06:00:00+00:00", "clock": "system"})
+    with (console := Console(width=100)).capture() as shown:
+        console.print(render(state))
+    assert f"sensors: {finding['text']}" in shown.get()
+
+
+async def test_nothing_is_learnt_from_a_window_that_is_not_judged_yet() -> None:
+    teacher, x = Teacher(), days()
+    await run(watch(Ear(), teacher), x[: 3 * DAY], K0)
+    assert teacher.rows[0] <= DAY + 12
+    assert teacher.rows[1] <= 2 * DAY + 12 - SETTINGS.window_steps
+
+
+async def test_a_restart_finds_the_fault_again_and_does_not_learn_it() -> None:
+    ear, teacher, x = Ear(), Teacher(), days()
+    faulty = np.concatenate([x[: 3 * DAY], exchanged(x[3 * DAY : 4 * DAY])])
+    since = K0 + 3 * DAY + 120
+    before = SeenBefore(K0, faulty, np.ones(faulty.shape, np.bool_), since)
+    await run(watch(ear, teacher, before), exchanged(x[4 * DAY : 4 * DAY + 80]), K0 + 4 * DAY)
+    assert len(teacher.rows) == 1
+    assert teacher.rows[0] < 3 * DAY
+    assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT]
+    assert all(name in ear.events[0][1] for name in SWAPPED)
+
+
+async def test_a_weekend_at_rest_mends_nothing() -> None:
+    ear, x = Ear(), days()
+    faulty = exchanged(x[3 * DAY : 4 * DAY])
+    rest = np.tile(faulty[-1], (2 * DAY, 1))
+    watching = watch(ear, Teacher())
+    await run(watching, np.concatenate([x[: 3 * DAY], faulty, rest]), K0)
+    assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT]
+    assert ear.judgements[-1][0] == Judgement()
+
+
+async def test_a_gap_is_no_window() -> None:
+    ear, teacher, x = Ear(), Teacher(), days()
+    watching = watch(ear, teacher)
+    await run(watching, x[: 2 * DAY], K0)
+    known = len(ear.judgements)
+    await run(watching, x[2 * DAY : 2 * DAY + 13], K0 + 2 * DAY + 600)
+    assert all(j.smallest_offset_K == {} for j, _ in ear.judgements[known:])
+    assert ear.events == []
+
+
+class Failing(Teacher):
+    """Learns once it has raised as often as was asked for."""
+
+    def __init__(self, *errors: Exception) -> None:
+        super().__init__()
+        self.errors = list(errors)
+
+    async def __call__(
+        self, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+    ) -> SensorModel | None:
+        if self.errors:
+            self.rows.append(len(inputs))
+            raise self.errors.pop(0)
+        return await super().__call__(names, inputs, valid, settings)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(WorkError("out of memory"), "out of memory"), (ValueError("no rows"), "unexpected ValueError: no rows")],
+)
+async def test_a_learning_that_fails_is_told_once_and_tried_each_hour(
+    caplog: pytest.LogCaptureFixture, error: Exception, said: str
+) -> None:
+    ear, teacher = Ear(), Failing(*[error] * 3)
+    with caplog.at_level(logging.ERROR, logger="gateway.control.sensor_watch"):
+        await run(watch(ear, teacher), days()[: DAY + 48], K0)
+    text = "how they predict each other could not be learnt"
+    assert len(teacher.rows) == 4
+    assert [r.getMessage() for r in caplog.records] == [f"sensors: {text}: {said}"]
+    assert [(kind, t) for kind, t, _ in ear.events] == [
+        (EventKind.PROBLEM, f"sensors: {text}: {said}"),
+        (EventKind.PROBLEM_ENDED, f"sensors, no longer: {text}"),
+    ]
+
+
+async def test_a_judgement_that_raises_ends_nothing_and_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    """A model whose statistics are of too few sensors: what the thread raises is nobody's expected error."""
+
+    class Wrong(Teacher):
+        async def __call__(
+            self, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+        ) -> SensorModel | None:
+            model = await super().__call__(names, inputs, valid, settings)
+            return model and replace(model, offset_std=model.offset_std[:3])
+
+    ear, teacher, x = Ear(), Wrong(), days()
+    with caplog.at_level(logging.ERROR, logger="gateway.control.sensor_watch"):
+        await run(watch(ear, teacher), x[: 2 * DAY + 240], K0)
+    assert len(teacher.rows) == 2, "learning goes on"
+    assert not any(judgement.smallest_offset_K for judgement, _ in ear.judgements)
+    (record,) = caplog.records
+    assert record.exc_info is not None
+    assert record.getMessage().startswith("sensors: not judged: unexpected ")
+    assert [(kind, text) for kind, text, _ in ear.events] == [(EventKind.PROBLEM, record.getMessage())]
+
+
+async def test_runs_by_itself_and_learns_in_another_process() -> None:
+    ear, x = Ear(), days()
+    seen = SeenBefore(K0, x[: 2 * DAY], np.ones((2 * DAY, len(INPUTS)), np.bool_), None)
+    watching = SensorWatch(INPUTS, SETTINGS, NAMES.__contains__, ear, SteppedClock(), seen)
+    task = asyncio.create_task(watching.run())
+    try:
+        async with asyncio.timeout(60):
+            k = K0 + 2 * DAY
+            while not ear.judgements:
+                watching.frame(Frame(k, x[k - K0], np.ones(len(INPUTS), np.bool_)))
+                k += 1
+                await asyncio.sleep(0.05)
+    finally:
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+    assert len(ear.judgements[0][0].smallest_offset_K) == len(NAMES)

@@ -1,0 +1,193 @@
+"""Training apart: the same models as in this process, a clear word when it fails, and no process left behind."""
+
+import asyncio
+import logging
+import os
+import resource
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.config.sections import Probing
+from gateway.control.grid import GridSampler, Schedule
+from gateway.control.loop import GridLoop
+from gateway.control.subprocess import WorkError
+from gateway.control.trainer import failed, has_failed, train_apart
+from gateway.probing.schedule import ProbingSchedule
+from talc.control import Controller
+from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, TrainingJob, Why
+from talc.models import ModelSet
+from talc.settings import ControlSettings, TalcSettings, TrainingSettings
+from talc.training import train
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.thermal_series import series
+from tests.gateway.test_service_reload import Readings
+
+DAY = series(288, seed=41)
+JOB = TrainingJob(
+    0, Why.CALIBRATION, DAY.names, DAY.inputs, np.ones(DAY.inputs.shape, np.bool_), DAY.measured, TrainingSettings()
+)
+MINUTES = replace(JOB, settings=TrainingSettings(selector="pso", max_na=5, max_nb=5, max_inputs=12))
+"""Seconds at the least: long enough to be met while it computes."""
+
+
+def children(of: int) -> list[int]:
+    """Live child processes."""
+    found = []
+    for task in Path(f"/proc/{of}/task").iterdir():
+        found += [int(pid) for pid in (task / "children").read_text(encoding="ascii").split()]
+    return found
+
+
+async def until(condition: Callable[[], bool], within_s: float = 30.0) -> None:
+    async with asyncio.timeout(within_s):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+def is_computing(pid: int) -> bool:
+    """Has burnt a tenth of a second more than an interpreter takes to start."""
+    user, system = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK") > 0.1
+
+
+async def test_gives_bit_for_bit_the_models_of_this_process() -> None:
+    assert (await train_apart(JOB)).fingerprint() == train(JOB).fingerprint()
+    assert children(os.getpid()) == []
+
+
+async def test_what_the_training_raises_is_told() -> None:
+    broken = replace(JOB, measured=JOB.measured[:, :4])
+    with pytest.raises(WorkError, match=r"IndexError: .* \(exit status 1\)"):
+        await train_apart(broken)
+
+
+async def test_a_killed_training_is_told() -> None:
+    training = asyncio.create_task(train_apart(MINUTES))
+    await until(lambda: len(children(os.getpid())) == 1)
+    os.kill(children(os.getpid())[0], signal.SIGKILL)
+    with pytest.raises(WorkError, match="SIGKILL; out of memory"):
+        await training
+
+
+async def test_work_beyond_its_limit_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.control.subprocess._LIMIT_S", 0.05)
+    with pytest.raises(WorkError, match="did not finish"):
+        await train_apart(MINUTES)
+    assert children(os.getpid()) == []
+
+
+async def test_a_computer_without_descriptors_is_told() -> None:
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    spare = os.open(os.devnull, os.O_RDONLY)
+    os.close(spare)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (spare, limits[1]))
+    try:
+        with pytest.raises(WorkError, match=r"no process could be started: .*Too many open files"):
+            await train_apart(JOB)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    assert children(os.getpid()) == []
+
+
+async def test_cancelling_ends_the_process() -> None:
+    training = asyncio.create_task(train_apart(MINUTES))
+    await until(lambda: len(children(os.getpid())) == 1 and is_computing(children(os.getpid())[0]))
+    training.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await training
+    assert children(os.getpid()) == []
+
+
+async def test_ends_when_the_gateway_is_killed() -> None:
+    code = (
+        "import asyncio; from gateway.control.trainer import *; from tests.gateway.control.test_trainer import MINUTES"
+    )
+    gateway = await asyncio.create_subprocess_exec(sys.executable, "-c", f"{code}; asyncio.run(train_apart(MINUTES))")
+    try:
+        await until(lambda: bool(children(gateway.pid)) and is_computing(children(gateway.pid)[0]))
+        training = children(gateway.pid)[0]
+        gateway.kill()
+        await until(lambda: not _is_there(training), within_s=5.0)
+    finally:
+        if gateway.returncode is None:
+            gateway.kill()
+        await gateway.wait()
+
+
+def _is_there(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+class Log(Readings):
+    """An outlet that keeps events and decisions."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.events: list[Event] = []
+        self.decisions: list[Decision] = []
+        self.adopted: list[ModelSet] = []
+
+    def event(self, event: Event, k: int | None) -> None:
+        self.events.append(event)
+
+    def decision(self, decision: Decision) -> None:
+        self.decisions.append(decision)
+
+    def models(self, models: ModelSet, after_k: int) -> None:
+        self.adopted.append(models)
+
+
+async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixture) -> None:
+    """A second training that crashes is an event and a log entry; the first one's models predict as before."""
+    caplog.set_level(logging.CRITICAL, logger="gateway.control.loop")
+    control = ControlSettings(calibration_steps=288)
+    controller = Controller(DAY.names, TalcSettings(control=control))
+    first: TrainingJob | None = None
+    for k in range(288):
+        measurement = Measurement(DAY.measured[k], np.full(9, 0.5))
+        first = controller.step(Frame(k, DAY.inputs[k], np.ones(12, np.bool_), measurement)).training or first
+    assert first is not None
+    controller.adopt(train(first))
+    crashing, log, clock = replace(first, measured=first.measured[:, :4]), Log(), SteppedClock()
+    sampler, schedule = GridSampler(DAY.names, 300.0), Schedule(300.0)
+    plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0)
+    loop = GridLoop(controller, sampler, schedule, clock, None, plan, Probing(), log, lambda _: None, (crashing, None))
+    running = asyncio.create_task(loop.run())
+    try:
+        await until_adopted(clock, log)
+        await clock.run_until(900.0)
+    finally:
+        running.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+    assert has_failed(log.adopted[0])
+    rejected = [e.text for e in log.events if e.kind is EventKind.MODEL_REJECTED]
+    assert len(rejected) == 1
+    assert "IndexError" in rejected[0]
+    assert "the models stay as they were" in rejected[0]
+    assert log.decisions[-1].phase is Phase.COMPENSATION
+    assert np.isfinite(log.decisions[-1].predicted).all()
+
+
+async def until_adopted(clock: SteppedClock, log: Log) -> None:
+    deadline = time.monotonic() + 30.0
+    while not log.adopted:
+        assert time.monotonic() < deadline
+        await clock.run_until(0.0)
+        await asyncio.sleep(0.01)
+
+
+def test_a_failed_training_is_told_from_one_that_found_nothing() -> None:
+    assert has_failed(failed(JOB, WorkError("x")))
+    assert not has_failed(train(replace(JOB, measured=np.full_like(JOB.measured, np.nan))))

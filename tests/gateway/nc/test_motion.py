@@ -1,0 +1,44 @@
+"""A control whose values stand still is told from a machine that stands still."""
+
+from datetime import UTC, datetime
+
+import pytest
+
+from drivers.nc import NcSnapshot
+from gateway.nc.motion import Motion
+
+
+def snapshot(time_s: float, x: float, speed_x: float | None, y: float = 0.0) -> NcSnapshot:
+    states = {} if speed_x is None else {"speed_X": speed_x}
+    return NcSnapshot(datetime(2026, 1, 1, tzinfo=UTC), time_s, {"X": x, "Y": y}, states)
+
+
+def test_an_axis_that_reports_a_speed_and_does_not_move_is_told_after_its_time() -> None:
+    motion = Motion(60.0)
+    found = [motion.frozen(snapshot(t, 5.0, 100.0)) for t in (0.0, 15.0, 30.0, 45.0, 59.0, 60.0, 75.0)]
+    assert found == [(), (), (), (), (), ("X",), ("X",)]
+    assert motion.frozen(snapshot(76.0, 5.001, 100.0)) == ()
+    assert motion.frozen(snapshot(90.0, 5.001, 100.0)) == ()
+
+
+@pytest.mark.parametrize("speed", [0.0, None])
+def test_a_machine_at_rest_or_of_unknown_speed_may_stand_for_ever(speed: float | None) -> None:
+    motion = Motion(60.0)
+    assert [motion.frozen(snapshot(t, 5.0, speed)) for t in (0.0, 1e3, 1e6)] == [(), (), ()]
+
+
+def test_a_short_stop_starts_the_time_anew() -> None:
+    motion = Motion(60.0)
+    for t in range(0, 105, 10):
+        assert motion.frozen(snapshot(float(t), 5.0, 0.0 if t == 50 else 100.0)) == ()
+    assert motion.frozen(snapshot(110.0, 5.0, 100.0)) == ("X",)
+
+
+def test_a_machine_that_is_at_the_same_place_at_two_looks_far_apart_has_not_frozen() -> None:
+    motion = Motion(60.0)
+    assert [motion.frozen(snapshot(300.0 * n, 5.0, 100.0)) for n in range(10)] == [()] * 10
+
+
+def test_a_time_that_cannot_be() -> None:
+    with pytest.raises(ValueError, match="longest_s"):
+        Motion(0.0)

@@ -1,0 +1,371 @@
+"""What reaches the NC: nothing unless armed, never a step, and nothing that the control does not confirm."""
+
+import asyncio
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.nc import ProbingState, ProbingStatus
+from gateway.nc.slew import Source
+from talc.frame import Why
+from tests.benches.nc_link_bench import Bench, decision
+
+
+@pytest.mark.parametrize("mode", ["monitor", "advise"])
+async def test_unarmed_nothing_is_ever_written(mode: str) -> None:
+    bench = Bench(mode)
+    async with bench.running():
+        bench.link.follow(decision(20.0))
+        await bench.clock.run_until(30.0)
+    await bench.link.stop()
+    assert bench.control.writes == []
+    assert bench.control.beats == []
+    assert bench.control.owner == 0
+    assert bench.steps[-1].step.offsets_um == (0.0, 0.0, 20.0)  # computed all the same
+    assert not any(step.written for step in bench.steps)
+
+
+async def test_unarmed_probing_asks_for_nothing() -> None:
+    bench = Bench("compensate", armed=False)
+    async with bench.running():
+        await bench.clock.run_until(5.0)
+        assert not bench.link.may_probe
+        assert bench.link.present is not None
+    assert bench.control.requests == []
+
+
+async def test_armed_it_ramps_from_what_is_in_force_and_never_steps() -> None:
+    bench = Bench("compensate", in_force=(3.0, 0.0, -5.0))
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(20.0)
+    before = np.array([3.0, 0.0, -5.0])
+    for _, offsets in bench.control.writes:
+        assert (np.abs(np.array(offsets) - before) <= 1.0 + 1e-9).all()
+        before = np.array(offsets)
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+
+
+async def test_a_stale_prediction_decays_to_the_declared_value() -> None:
+    to_zero, held = Bench("compensate"), Bench("compensate", when_stale="hold")
+    for bench in (to_zero, held):
+        async with bench.running():
+            bench.link.follow(decision(4.0))
+            await bench.clock.run_until(100.0)
+        assert bench.steps[-1].step.source is Source.STALE
+    assert to_zero.control.in_force == (0.0, 0.0, 0.0)
+    assert held.control.in_force == (0.0, 0.0, 4.0)
+
+
+@pytest.mark.parametrize("measured_s", [None, -150.0, -math.inf])
+@pytest.mark.parametrize("when_stale", ["zero", "hold"])
+async def test_an_error_without_a_model_is_corrected_by_its_last_measurement_only_so_long(
+    when_stale: str, measured_s: float | None
+) -> None:
+    """measured_s: when an earlier run measured; this one begins at 0."""
+    measured = None if measured_s is None else [measured_s] * 9
+    bench = Bench("compensate", when_stale=when_stale, measured=measured, measurement_stale_after_s=200.0)
+    predicted = np.full(9, math.nan)
+    predicted[0] = 3.0  # EY0A has a model; EZ0A was measured once
+    known = replace(decision(7.0), predicted=predicted)
+    known.corrected[0] = 3.0
+    found = {}
+    async with bench.running():
+        for now in range(20, 400, 20):
+            bench.link.follow(known)
+            await bench.clock.run_until(float(now))
+            found[now] = bench.control.in_force
+            if now == 300:
+                bench.control.answer = ProbingStatus(0, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
+                cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+                await bench.clock.run_until(319.0)
+                assert (await cycle).measurement is not None
+    until = 200.0 + (measured_s or 0.0)
+    for now, offsets in found.items():
+        if when_stale == "hold" or now < until or now > 340:
+            assert offsets == pytest.approx((0.0, 3.0, 7.0)), now
+        elif until + 10 < now <= 300:
+            assert offsets == pytest.approx((0.0, 3.0, 0.0)), now
+
+
+async def test_a_write_that_does_not_take_effect_disarms_and_says_so_once() -> None:
+    bench = Bench("compensate")
+    bench.control.deaf = True
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(20.0)
+    assert not bench.link.armed
+    assert len([n for n in bench.notices if "disarmed" in n]) == 1
+    nonzero = [offsets for _, offsets in bench.control.writes if any(offsets)]
+    assert len(nonzero) == 1
+
+
+async def test_after_a_lost_connection_it_begins_from_what_is_in_force() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        bench.control.absent = True
+        await bench.clock.run_until(20.0)
+        bench.control.absent, bench.control.in_force = False, (0.0, 0.0, 0.0)  # it was switched off meanwhile
+        first = len(bench.control.writes)
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(50.0)
+    assert max(abs(v) for v in bench.control.writes[first][1]) <= 1.0
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+    assert len([n for n in bench.notices if "no answer" in n]) == 1
+
+
+async def test_stopping_takes_the_offsets_back() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
+
+
+async def test_a_second_gateway_is_refused_and_the_message_says_so() -> None:
+    bench = Bench("compensate")
+    bench.control.owner = 99
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        assert bench.control.writes == []
+        assert any("belongs to gateway 99" in notice for notice in bench.notices)
+        bench.control.owner = 0
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(60.0)
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+
+
+async def test_a_gateway_that_lost_its_claim_while_running_stops_writing_at_once() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(2.5)
+        bench.control.owner = 99
+        before = len(bench.control.writes)
+        await bench.clock.run_until(20.0)
+    assert len(bench.control.writes) == before
+
+
+async def test_without_a_watchdog_on_the_control_nothing_is_written() -> None:
+    bench = Bench("compensate")
+    bench.control.watching = False
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(20.0)
+    assert bench.control.writes == []
+    assert len(bench.control.beats) > 10
+
+
+async def test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(8.0))
+        await bench.clock.run_until(15.0)
+        bench.control.watching, bench.control.in_force = False, (0.0, 0.0, 2.0)  # ramped while this process hung
+        await bench.clock.run_until(17.0)
+        bench.control.watching = True
+        first = len(bench.control.writes)
+        await bench.clock.run_until(20.0)
+    assert bench.control.writes[first][1][2] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("within", ["beat", "look", "read back"])
+async def test_a_process_that_stood_still_since_its_beat_does_not_write(within: str) -> None:
+    """watchdog_s = 10: after 6 s the control may be about to take the offsets away."""
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(8.0))
+        await bench.clock.run_until(3.5)
+        before = len(bench.control.writes)
+        bench.control.hangs = within
+        bench.control.looks = 0
+        await bench.clock.run_until(40.0)
+    sent = [offsets[2] for _, offsets in bench.control.writes[before + (within == "read back") :]]
+    heights = [1.0, *sent]
+    assert bench.link.armed
+    assert np.abs(np.diff(heights)).max() <= 2.0  # the next write begins from where the watchdog was
+    assert bench.control.in_force == (0.0, 0.0, 8.0)
+    assert any("since the heartbeat" in notice for notice in bench.notices)
+
+
+async def test_what_is_written_while_stopping_is_told_too() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    told = [write.step.offsets_um for write in bench.steps if write.step.source is Source.STOPPED and write.written]
+    assert told == [offsets for at, offsets in bench.control.writes if at > 10.0]
+    assert told[-1] == (0.0, 0.0, 0.0)
+
+
+async def test_a_write_without_an_answer_is_told_as_one_that_may_have_acted() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(1.5)
+        bench.control.swallows = True
+        await bench.clock.run_until(2.5)
+        bench.control.swallows = False
+        await bench.clock.run_until(20.0)
+    lost = [write for write in bench.steps if write.written and write.read_back_um is None]
+    assert [write.step.offsets_um for write in lost] == [(0.0, 0.0, 2.0)]
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+
+
+async def test_stopping_gives_the_control_back() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        await bench.clock.run_until(3.0)
+        assert bench.control.owner == 1
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(10.0)
+    await stopping
+    assert bench.control.owner == 0
+
+
+async def test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by_a_step() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        bench.control.in_force = (0.0, 30.0, 4.0)
+        before = len(bench.control.writes)
+        bench.link.follow(decision(5.0))
+        await bench.clock.run_until(20.0)
+    assert len(bench.control.writes) == before
+    assert not bench.link.armed
+    assert len([notice for notice in bench.notices if "30.00" in notice and "disarmed" in notice]) == 1
+
+
+async def test_offsets_in_force_beyond_what_is_ever_sent_disarm_and_do_not_end_the_link() -> None:
+    bench = Bench("compensate", in_force=(0.0, 0.0, 600.0))
+    async with bench.running():
+        await bench.clock.run_until(5.0)
+        assert bench.link.present is not None
+        assert not bench.link.armed
+        assert bench.link.present.monotonic_s >= 4.0, "reads go on"
+    assert bench.control.writes == []
+    assert [notice for notice in bench.notices if "beyond largest_um" in notice and "disarmed" in notice]
+
+
+async def test_a_read_back_that_is_no_number_agrees_with_nothing() -> None:
+    bench = Bench("compensate")
+    bench.control.spoils = True
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(20.0)
+    assert not bench.link.armed
+    assert len(bench.control.writes) == 1
+    assert [notice for notice in bench.notices if "nan" in notice and "disarmed" in notice]
+
+
+async def test_what_is_no_number_when_it_connects_is_told_and_does_not_end_the_link() -> None:
+    bench = Bench("compensate", in_force=(0.0, math.nan, 0.0))
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        assert bench.control.writes == []
+        assert [notice for notice in bench.notices if "nan" in notice and "finite" in notice]
+        bench.control.in_force = (0.0, 0.0, 0.0)
+        await bench.clock.run_until(40.0)
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+
+
+async def test_stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_accuses_nobody() -> None:
+    bench = Bench("compensate")
+    task = asyncio.create_task(bench.link.run())
+    bench.link.follow(decision(8.0))
+    await bench.clock.run_until(5.0)
+    bench.control.late = asyncio.Event()
+    await bench.clock.run_until(6.0)
+    assert bench.control.in_write
+    task.cancel()
+    await bench.clock.run_until(6.1)
+    bench.control.late.set()
+    await asyncio.gather(task, return_exceptions=True)
+    assert task.cancelled()
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert bench.link.armed
+    assert bench.notices == []
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
+    assert bench.control.owner == 0
+    heights = [offsets[2] for _, offsets in bench.control.writes]
+    assert np.abs(np.diff(heights)).max() <= 1.0 + 1e-9
+
+
+async def test_a_step_that_cannot_be_stored_ends_the_link_and_the_offsets_are_taken_back_all_the_same() -> None:
+    bench = Bench("compensate")
+    task = asyncio.create_task(bench.link.run())
+    bench.link.follow(decision(8.0))
+    await bench.clock.run_until(5.0)
+    bench.disk_full = True
+    await bench.clock.run_until(7.0)
+    with pytest.raises(OSError, match="no space left"):
+        await task
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
+    assert bench.control.owner == 0
+    assert bench.control.closed == 1
+
+
+async def test_a_request_that_cannot_be_withdrawn_keeps_nothing_from_being_taken_back() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(12.0)
+        cycle.cancel()
+        await asyncio.gather(cycle, return_exceptions=True)
+    bench.control.busy = True
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert bench.control.withdrawn == []
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
+    assert (bench.control.owner, bench.control.closed) == (0, 1)
+
+
+async def test_a_new_cause_while_it_is_not_connected_is_told_and_each_once() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(5.0)
+        bench.control.absent = True
+        await bench.clock.run_until(15.0)
+        bench.control.absent, bench.control.owner = False, 99  # another gateway has come meanwhile
+        await bench.clock.run_until(200.0)
+        assert [notice for notice in bench.notices if "no answer" in notice] == bench.notices[:1]
+        assert [notice for notice in bench.notices if "gateway 99" in notice] == bench.notices[1:]
+        assert len(bench.notices) == 2
+        bench.control.owner = 0
+        await bench.clock.run_until(300.0)
+    assert bench.notices[2:] == ["NC: connected again"]
+
+
+async def test_a_line_that_comes_and_goes_is_not_told_for_ever() -> None:
+    bench = Bench("monitor")
+    async with bench.running():
+        for turn in range(200):
+            bench.control.absent = turn % 2 == 1
+            await bench.clock.run_until(5.0 * (turn + 1))
+        assert len(bench.notices) == 7, "three with their ends, then that it comes and goes"
+        assert "comes and goes" in bench.notices[-1]
+        bench.control.absent = False
+        await bench.clock.run_until(1200.0)
+    assert bench.notices[7:] == ["NC: connected again"]

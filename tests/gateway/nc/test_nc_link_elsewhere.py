@@ -1,0 +1,87 @@
+"""What the link makes of offsets that moved while it did not write: it begins from where they are, or leaves them."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from tests.benches.nc_link_bench import Bench, decision
+
+
+async def test_a_process_that_stood_still_between_its_first_beat_and_its_first_write_does_not_write() -> None:
+    bench = Bench("compensate", in_force=(0.0, 0.0, 5.0))
+    bench.control.hangs = "beat"  # the watchdog takes 4 µm away meanwhile
+    async with bench.running():
+        bench.link.follow(decision(8.0))
+        await bench.clock.run_until(40.0)
+    heights = [1.0, *(offsets[2] for _, offsets in bench.control.writes)]
+    assert np.abs(np.diff(heights)).max() <= 1.0 + 1e-9
+    assert heights[-1] == 8.0
+    assert any("since the heartbeat" in notice for notice in bench.notices)
+
+
+async def test_what_moved_while_the_control_was_not_ready_is_where_it_begins_and_nobody_is_accused() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        bench.control.ready = False
+        await bench.clock.run_until(12.0)
+        bench.control.in_force = (0.0, 0.0, 0.0)  # off and on again
+        await bench.clock.run_until(14.0)
+        bench.control.ready = True
+        before = len(bench.control.writes)
+        await bench.clock.run_until(30.0)
+    assert bench.link.armed
+    assert bench.notices == []
+    heights = [0.0, *(offsets[2] for _, offsets in bench.control.writes[before:])]
+    assert np.diff(heights).max() <= 1.0 + 1e-9
+    assert heights[-1] == 4.0
+
+
+@pytest.mark.parametrize("meanwhile", ["not ready", "probed by somebody else"])
+async def test_stopped_it_takes_back_what_is_in_force_and_not_what_it_remembers(meanwhile: str) -> None:
+    bench = Bench("compensate", in_force=(0.0, 0.0, 5.0))
+    if meanwhile == "not ready":
+        bench.control.ready = False
+    else:
+        bench.control.probing = True
+    async with bench.running():
+        bench.link.follow(decision(8.0))
+        await bench.clock.run_until(10.0)
+        bench.control.in_force = (0.0, 0.0, 2.0)
+    bench.control.ready, bench.control.probing = True, False
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert [offsets[2] for _, offsets in bench.control.writes] == [1.0, 0.0]
+    assert bench.notices == []
+
+
+async def test_stopped_without_the_watchdogs_ear_it_writes_nothing_more() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+    bench.control.watching = False
+    before = len(bench.control.writes)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    ended = stopping.done()
+    stopping.cancel()
+    assert ended
+    assert len(bench.control.writes) == before
+    assert (bench.control.owner, bench.control.closed) == (0, 1)
+
+
+@pytest.mark.parametrize(("by_um", "armed"), [(0.04, True), (0.06, False), (-0.04, True), (-0.06, False)])
+async def test_what_differs_by_more_than_a_twentieth_of_a_micrometre_is_somebody_elses(
+    by_um: float, armed: bool
+) -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        bench.control.in_force = (0.0, by_um, 4.0)
+        await bench.clock.run_until(15.0)
+        assert bench.link.armed is armed

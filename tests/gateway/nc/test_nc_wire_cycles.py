@@ -1,0 +1,228 @@
+"""What goes wrong over the real protocol while the control probes or is asked to, and what the link makes of it."""
+
+import asyncio
+import math
+from datetime import timedelta
+
+import numpy as np
+import pytest
+
+from drivers.nc import ProbingState
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
+from gateway.probing.cycle import End
+from simulators.nc.cycle import Reason
+from simulators.nc.nck import R_REQUEST, R_RESULTS, R_WITHDRAW
+from simulators.nc.variables import ALARMS_SHOWN
+from talc.frame import Why
+from tests.benches.nc_line_bench import bench, wants
+
+
+async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_has_another_number() -> None:
+    async with bench() as at:
+        await at.clock.run_until(2.0)
+        at.control.nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program does not look
+        first = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(60.0)
+        assert at.control.nck.cycle.started_s is not None
+        await at.line.cut()
+        at.line.silent = True
+        await at.clock.run_until(70.0)
+        at.line.silent = False
+        lost = await first
+        await at.clock.run_until(400.0)  # meanwhile the control has ended the cycle by itself
+        assert at.control.nck.cycle.answer.centres_mm
+        second = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(700.0)
+        found = await second
+    assert (lost.measurement, lost.end) == (None, End.REFUSED)
+    assert "lost" in lost.reason or "answer" in lost.reason or "connect" in lost.reason
+    assert found.measurement is not None
+    assert found.number == lost.number + 1
+
+
+@pytest.mark.parametrize("looks", [True, False])
+@pytest.mark.parametrize("left_by", ["a line that is lost", "a gateway that is killed"])
+async def test_a_cycle_that_nobody_waits_for_any_more_is_taken_back_and_the_offsets_stand_until_it_ends(
+    left_by: str, looks: bool
+) -> None:
+    async with bench() as at:
+        nck = at.control.nck
+        if not looks:
+            nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program looks between poses
+        at.link.follow(wants(5.0))
+        await at.clock.run_until(12.0)
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(60.0)
+        assert nck.cycle.started_s is not None
+        at.link.follow(wants(25.0))
+        if left_by == "a line that is lost":
+            await at.line.cut()
+            at.line.silent = True
+            await at.clock.run_until(66.0)
+            at.line.silent = False
+        else:
+            cycle.cancel()  # the next run takes back what this one asked for
+        await at.clock.run_until(300.0)
+        await asyncio.gather(cycle, return_exceptions=True)
+        assert nck.r[R_WITHDRAW] == 41.0
+        assert len(nck.cycle.ended) == 1
+        (began, ended), answer = nck.cycle.ended[0], nck.cycle.answer
+        assert ended - began > 100.0 if not looks else answer.reason is Reason.WITHDRAWN
+        assert at.written_meanwhile() == []
+        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 25.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("mode", ["monitor", "compensate"])
+async def test_offsets_stand_still_also_while_somebody_else_has_the_control_probe(mode: str) -> None:
+    async with bench(mode=mode) as at:
+        nck = at.control.nck
+        at.link.follow(wants(5.0))
+        other = Sinumerik(SinumerikSettings(url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
+        await at.clock.run_until(12.0)
+        await other.connect()
+        await other.request_probing(900)
+        ours = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(20.0)
+        refused = ours.result()
+        at.link.follow(wants(25.0))
+        await at.clock.run_until(60.0)
+        assert nck.cycle.started_s is not None
+        again = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(65.0)
+        assert again.result().end is refused.end is End.REFUSED
+        await at.clock.run_until(300.0)
+        assert (await other.probing_status(900)).state is ProbingState.DONE
+        await other.close()
+        assert "request 900 waits" in refused.reason
+        assert "cycle 900 is under way" in (await again).reason
+        assert at.written_meanwhile() == []
+        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 25.0 if mode == "compensate" else 0.0], atol=1e-9)
+
+
+async def test_who_is_displaced_by_a_request_of_the_same_moment_does_not_wait_for_it() -> None:
+    async with bench() as at:
+        await at.clock.run_until(2.0)
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(4.0)
+        at.control.nck.write_r(R_REQUEST, 900.0, at.clock.monotonic())
+        await at.clock.run_until(20.0)
+        assert cycle.done()
+        outcome = await cycle
+    assert (outcome.measurement, outcome.end) == (None, End.REFUSED)
+    assert "does another gateway probe?" in outcome.reason
+
+
+async def test_a_gateway_that_hangs_while_the_control_probes_makes_no_measurement_of_it() -> None:
+    async with bench() as at:
+        at.link.follow(wants(20.0))
+        await at.clock.run_until(40.0)
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(90.0)
+        assert at.control.nck.cycle.started_s is not None
+        at.clock.spend(22.0)  # watchdog_s is 10: it takes 12 µm away
+        await at.clock.run_until(113.0)
+        assert at.shift()[2] == pytest.approx(8.0, abs=1.5)
+        await at.clock.run_until(400.0)
+        hung = await cycle
+        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 20.0], atol=1e-9)
+    assert (hung.measurement, hung.end) == (None, End.REJECTED)
+    assert "the offsets moved while the control probed" in hung.reason
+
+
+async def test_a_slope_that_the_gateway_does_not_know_makes_no_measurement() -> None:
+    async with bench(mode="monitor") as at:
+        at.control.nck.slope[0] = 1e-3  # 1 µm per mm of X, and the poses differ in X
+        await at.clock.run_until(2.0)
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(400.0)
+        found = await cycle
+    assert (found.measurement, found.end) == (None, End.REJECTED)
+    assert "the offsets moved while the control probed" in found.reason
+
+
+async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_one() -> None:
+    async with bench() as at:
+        await at.clock.run_until(2.0)
+        at.control.nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program does not look
+        program = at.control.nck.cycle._next_safe_point
+        at.control.nck.cycle._next_safe_point = lambda now_s: now_s + 250.0
+        first = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(320.0)
+        late = await first
+        at.control.nck.cycle._next_safe_point = program
+        second = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(380.0)  # now the first one is done
+        refused = await second
+        assert at.control.nck.cycle.answer.number == late.number
+        assert at.control.nck.cycle.answer.centres_mm
+        third = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(640.0)
+        found = await third
+    assert late.measurement is None
+    assert "did not end within 300 s" in late.reason
+    assert found.measurement is not None
+    assert f"cycle {late.number} is under way" in refused.reason
+    assert found.number == late.number + 2
+    assert found.ended - found.asked > timedelta(seconds=100)
+
+
+async def test_a_result_that_is_no_number_or_told_twice_is_one_answer_at_most() -> None:
+    async with bench() as at:
+        await at.clock.run_until(2.0)
+        show = at.control.nck._show_answer
+
+        def spoiled() -> None:
+            show()
+            at.control.nck.r[R_RESULTS + 4] = math.nan
+
+        at.control.nck._show_answer = spoiled  # type: ignore[method-assign]
+        first = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(200.0)
+        nan = await first
+        at.control.nck._show_answer = show  # type: ignore[method-assign]
+        second = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(400.0)
+        good = await second
+        # The control goes on showing it as done; a third request waits for its own.
+        third = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(410.0)
+        assert not third.done()
+        await at.clock.run_until(600.0)
+        again = await third
+    assert (nan.measurement, nan.end) == (None, End.REJECTED)
+    assert "not a finite number" in nan.reason
+    assert good.measurement is not None
+    assert again.number == good.number + 1
+
+
+async def test_a_sphere_that_is_loose_makes_no_measurement() -> None:
+    async with bench(mode="monitor") as at:
+        outcomes = []
+        await at.clock.run_until(2.0)
+        for loose_um in (0.0, 20.0):
+            at.control.nck.loose_um = loose_um
+            cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+            await at.clock.run_until(at.clock.monotonic() + 250.0)
+            assert cycle.done()
+            outcomes.append(await cycle)
+    firm, loose = outcomes
+    assert firm.measurement is not None
+    assert (loose.measurement, loose.end) == (None, End.REJECTED)
+    assert "repeated touches of a point differ by" in loose.reason
+
+
+@pytest.mark.parametrize("when", ["while it waits", "while it probes"])
+async def test_an_emergency_stop_ends_the_measurement_with_its_reason(when: str) -> None:
+    async with bench() as at:
+        await at.clock.run_until(2.0)
+        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
+        await at.clock.run_until(10.0 if when == "while it waits" else 70.0)
+        at.control.nck.raise_alarm(3000, at.clock.monotonic())
+        await at.clock.run_until(80.0)
+        outcome = await cycle
+        assert at.link.present is not None
+        assert at.link.present.alarms == (3000,)
+        assert len(at.link.present.alarms) <= ALARMS_SHOWN
+    assert outcome.measurement is None
+    assert "an alarm is active" in outcome.reason

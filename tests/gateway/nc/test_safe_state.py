@@ -1,0 +1,382 @@
+"""The safe-state contract of docs/safety.md, on the wire to an emulated control, by the control's own record."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pytest
+
+from gateway.acquisition.reload import ReloadError, difference
+from gateway.config.sections import Compensation, Probing
+from gateway.nc.slew import Source
+from gateway.storage.store import History, Store
+from simulators.nc.watchdog import R_OWNER, Logged
+from talc import kinematics
+from talc.frame import Decision
+from tests.benches.nc_link_bench import decision
+from tests.benches.wire_bench import BOUND_UM, STALE_S, assert_never_stepped, config, wire_bench
+
+T = TypeVar("T")
+
+
+def lacking(found: Decision, *names: str) -> Decision:
+    return replace(found, substituted=names)
+
+
+# Modes ---------------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_armed_unless_the_configuration_says_so() -> None:
+    assert Compensation().mode == "monitor"
+    assert Probing().armed is False
+
+
+@pytest.mark.parametrize("mode", ["monitor", "advise"])
+async def test_without_compensate_the_control_is_not_touched(mode: str, tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        before = list(bench.control.nck.r)
+        async with bench.running(bench.link(mode), stop=True) as link:
+            link.follow(decision(10.0))
+            await bench.clock.run_until(30.0)
+        assert bench.control.nck.r == before  # no claim, no beat
+        assert bench.control.nck.log == []
+        assert bench.writes[-1].step.offsets_um == (0.0, 0.0, 10.0)  # computed and stored all the same
+        assert not any(write.written for write in bench.writes)
+
+
+def test_the_mode_does_not_change_while_the_gateway_runs() -> None:
+    with pytest.raises(ReloadError, match=r"\[compensation\] changed: restart"):
+        difference(config("compensate"), config("monitor"))
+
+
+# Bound and slew ------------------------------------------------------------------------------------------------------
+
+
+def test_the_default_slew_is_a_micrometre_per_second() -> None:
+    assert Compensation().slew_um_per_s == 1.0
+
+
+async def test_every_axis_has_its_own_bound_and_nothing_ever_steps(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
+        errors = np.zeros(9)
+        errors[[0, 1, 2]] = 500.0  # EY0A, EZ0A, EX0C: all three axes far beyond
+        link.follow(replace(decision(0.0), corrected=errors))
+        await bench.clock.run_until(20.0)
+        assert bench.in_force_um == pytest.approx(BOUND_UM)
+        link.follow(replace(decision(0.0), corrected=-errors))
+        await bench.clock.run_until(56.0)
+        assert bench.in_force_um == pytest.approx(tuple(-b for b in BOUND_UM))
+        bench.assert_never_stepped()
+        assert bench.writes[-1].step.bounded == (True, True, True)
+
+
+async def test_a_model_update_that_moves_the_prediction_is_ramped(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
+        for until, ez0a in ((10.0, 8.0), (30.0, -8.0), (45.0, 4.0)):
+            link.follow(decision(ez0a))
+            await bench.clock.run_until(until)
+        bench.assert_never_stepped()
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 4.0))
+
+
+# Nothing to rest on --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("when_stale", "left"), [("zero", 0.0), ("hold", 6.0)])
+@pytest.mark.parametrize("lost", ["decisions", "inputs", "model"])
+async def test_without_a_prediction_to_rest_on_it_goes_where_declared(
+    lost: str, when_stale: str, left: float, tmp_path: Path
+) -> None:
+    async with wire_bench(tmp_path) as bench, bench.running(bench.link(when_stale=when_stale)) as link:
+        link.follow(decision(6.0))
+        await bench.clock.run_until(8.0)
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 6.0))
+        match lost:
+            case "decisions":
+                await bench.clock.run_until(STALE_S - 1.0)
+                assert bench.writes[-1].step.source is Source.PREDICTION
+                await bench.clock.run_until(STALE_S + 10.0)
+                expected = Source.STALE
+            case "inputs":
+                for step in range(3):
+                    link.follow(lacking(decision(6.0), "spindle_front"))
+                    await bench.clock.run_until(8.0 + 12.0 * (step + 1))
+                    late = step == 2
+                    assert (bench.writes[-1].step.source is Source.INPUTS_STALE) is late
+                await bench.clock.run_until(54.0)
+                expected = Source.INPUTS_STALE
+            case _:
+                link.follow(replace(decision(6.0), corrected=np.full(9, np.nan)))
+                await bench.clock.run_until(20.0)
+                expected = Source.NO_MODEL
+        assert bench.writes[-1].step.source is expected
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, left))
+        bench.assert_never_stepped()
+
+
+@pytest.mark.parametrize(("when_stale", "left"), [("zero", 0.0), ("hold", 6.0)])
+async def test_before_the_first_decision_it_goes_where_declared(when_stale: str, left: float, tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        bench.control.nck.write_k0(2, -0.006, 0.0)  # as an earlier run left it
+        async with bench.running(bench.link(when_stale=when_stale)):
+            await bench.clock.run_until(12.0)
+        assert bench.writes[-1].step.source is Source.NO_MODEL
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, left))
+        heights = [1e3 * entry.values_mm[2] for entry in bench.control.nck.log]
+        assert np.abs(np.diff(heights)).max(initial=0.0) <= 1.0 + 1e-6
+
+
+async def test_an_input_that_comes_back_in_time_changes_nothing(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
+        for step in range(4):  # missing every other step, 20 s at the longest
+            link.follow(lacking(decision(6.0), *(["spindle_front"] if step % 2 else [])))
+            await bench.clock.run_until(20.0 * (step + 1))
+        assert {write.step.source for write in bench.writes} == {Source.PREDICTION}
+
+
+# Start, stop, kill, reconnect ----------------------------------------------------------------------------------------
+
+
+async def test_killed_it_leaves_the_control_to_its_watchdog_and_started_again_it_goes_on_from_there(
+    tmp_path: Path,
+) -> None:
+    async with wire_bench(tmp_path) as bench:
+        async with bench.running(bench.link()) as link:
+            link.follow(decision(10.0))
+            await bench.clock.run_until(12.0)
+        await bench.clock.run_until(19.0)  # silent since 12 s, then 1 µm/s
+        left = bench.in_force_um[2]
+        assert 5.0 < left < 9.0
+        async with bench.running(bench.link()) as link:
+            link.follow(decision(10.0))
+            await bench.clock.run_until(40.0)
+            assert bench.in_force_um == pytest.approx((0.0, 0.0, 10.0))
+        bench.assert_never_stepped()
+        after = [1e3 * abs(entry.values_mm[2]) for entry in bench.control.nck.log if entry.time_s > 19.0]
+        assert min(after) > left - 2.0  # it did not begin at zero
+
+
+@pytest.mark.parametrize(("when_stale", "left"), [("zero", 0.0), ("hold", 10.0)])
+async def test_stopped_or_killed_the_end_is_the_declared_one(when_stale: str, left: float, tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        for stop in (True, False):
+            async with bench.running(bench.link(when_stale=when_stale), stop=stop) as link:
+                link.follow(decision(10.0))
+                await bench.clock.run_until(bench.clock.monotonic() + 14.0)
+            await bench.clock.run_until(bench.clock.monotonic() + 20.0)
+            assert bench.in_force_um == pytest.approx((0.0, 0.0, left))
+        bench.assert_never_stepped()
+
+
+def cancelled_with(task: asyncio.Task[None], left: list[int], request: Callable[[], T]) -> Callable[[], T]:
+    """The control's own answer to a request, during which the task is cancelled when none is left before it."""
+
+    def answered() -> T:
+        if left[0] == 0:
+            task.cancel()
+        left[0] -= 1
+        return request()
+
+    return answered
+
+
+async def test_stopped_within_any_request_it_takes_the_offsets_back_and_lets_go(tmp_path: Path) -> None:
+    requests_of_a_cycle = 6
+    async with wire_bench(tmp_path) as bench:
+        control = bench.control
+        state, wake = control.state, control.wake
+        for number in range(requests_of_a_cycle):
+            left = [number]
+            link = bench.link()
+            running = asyncio.create_task(link.run())
+            link.follow(decision(10.0))
+            await bench.clock.run_until(bench.clock.monotonic() + 4.5)
+
+            control.state = cancelled_with(running, left, state)  # type: ignore[method-assign]
+            control.wake = cancelled_with(running, left, wake)  # type: ignore[method-assign]
+            await bench.clock.run_until(bench.clock.monotonic() + 1.0)
+            assert running.cancelled()
+            control.state, control.wake = state, wake  # type: ignore[method-assign]
+            stopping = asyncio.create_task(link.stop())
+            await bench.clock.run_until(bench.clock.monotonic() + 30.0)
+            await stopping
+            assert bench.writes[-1].step.source is Source.STOPPED
+            assert bench.in_force_um == pytest.approx((0.0, 0.0, 0.0))
+            assert control.nck.r[R_OWNER] == 0.0
+        assert bench.notices == []
+        bench.assert_never_stepped()
+
+
+@pytest.mark.parametrize("mode", ["monitor", "advise"])
+async def test_restarted_in_another_mode_the_offsets_end_at_zero_without_a_step(mode: str, tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        for now, wanted in (("compensate", 8.0), (mode, 0.0), ("compensate", 8.0)):
+            async with bench.running(bench.link(now)) as link:
+                link.follow(decision(8.0))
+                await bench.clock.run_until(bench.clock.monotonic() + 14.0)
+                assert bench.in_force_um == pytest.approx((0.0, 0.0, wanted))
+        bench.assert_never_stepped()
+
+
+async def test_after_the_line_was_cut_it_goes_on_without_a_step(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
+        link.follow(decision(8.0))
+        await bench.clock.run_until(10.0)
+        await link._nc.close()
+        link.follow(decision(-4.0))
+        await bench.clock.run_until(35.0)
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, -4.0))
+        bench.assert_never_stepped()
+
+
+# The control's own events --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("alarms_before", [0, 4, 15, 20])
+async def test_in_an_emergency_stop_the_offsets_stand_and_nothing_is_saved_up(
+    alarms_before: int, tmp_path: Path
+) -> None:
+    async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
+        link.follow(decision(4.0))
+        await bench.clock.run_until(6.0)
+        for number in range(alarms_before):
+            bench.control.nck.raise_alarm(21600 + number, bench.clock.monotonic())
+        bench.control.nck.emergency_stop(bench.clock.monotonic())
+        link.follow(decision(12.0))
+        await bench.clock.run_until(30.0)
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 4.0))
+        assert bench.writes[-1].step.source is Source.NOT_READY
+        bench.control.nck.clear_alarms(bench.clock.monotonic())
+        await bench.clock.run_until(33.0)
+        assert bench.in_force_um[2] <= 4.0 + 4.0  # no stride for the time that stood still
+        await bench.clock.run_until(42.0)
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 12.0))
+        bench.assert_never_stepped()
+
+
+async def test_in_an_emergency_stop_while_it_stops_nothing_more_is_written(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        link = bench.link()
+        running = asyncio.create_task(link.run())
+        link.follow(decision(10.0))
+        await bench.clock.run_until(12.0)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        stopping = asyncio.create_task(link.stop())
+        await bench.clock.run_until(15.5)
+        assert 5.0 < bench.in_force_um[2] < 9.0
+        bench.control.nck.emergency_stop(bench.clock.monotonic())
+        before = [entry for entry in bench.control.nck.log if not entry.ramped]
+        await bench.clock.run_until(60.0)
+        await stopping
+        assert [entry for entry in bench.control.nck.log if not entry.ramped] == before
+        assert bench.writes[-1].step.source is Source.NOT_READY
+        assert not bench.writes[-1].written
+        assert bench.control.nck.r[R_OWNER] == 0.0
+        bench.assert_never_stepped()
+
+
+async def test_after_power_off_it_waits_for_homing_and_begins_at_zero(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
+        link.follow(decision(6.0))
+        await bench.clock.run_until(8.0)
+        bench.control.nck.power_on(bench.clock.monotonic())
+        off = bench.clock.monotonic()
+        await bench.clock.run_until(25.0)
+        assert bench.in_force_um == (0.0, 0.0, 0.0)
+        assert bench.control.nck.shift_um((0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+        bench.control.nck.reference(bench.clock.monotonic())
+        link.follow(decision(6.0))
+        await bench.clock.run_until(40.0)
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 6.0))
+        bench.assert_never_stepped(but_at_s=off)
+
+
+# Read back, record, second gateway -----------------------------------------------------------------------------------
+
+
+async def test_offsets_that_somebody_else_set_are_not_written_over(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
+        link.follow(decision(6.0))
+        await bench.clock.run_until(8.0)
+        bench.control.nck.write_k0(0, 0.0121, bench.clock.monotonic())  # by hand, at the operator's panel
+        count = len(bench.control.nck.log)
+        await bench.clock.run_until(11.0)
+        assert len(bench.control.nck.log) == count
+        assert not link.armed
+        assert len([n for n in bench.notices if "disarmed until a restart" in n]) == 1
+        await bench.clock.run_until(35.0)  # and no beat either: the watchdog brings all of it to zero
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 0.0))
+
+
+async def test_a_write_that_does_not_show_disarms_and_the_watchdog_takes_over(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
+        link.follow(decision(6.0))
+        await bench.clock.run_until(8.0)
+        bench.control.nck.slope[2] = 1e-3  # a slope of somebody's: what is in force is no longer what was written
+        bench.control.nck.reference_mm[2] = -50.0
+        await bench.clock.run_until(12.0)
+        assert not link.armed
+        assert any("are in force; compensation is disarmed" in n for n in bench.notices)
+        await bench.clock.run_until(30.0)
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 0.0))
+
+
+async def test_every_write_is_in_the_store_with_what_it_rests_on(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        async with bench.running(bench.link()) as link:
+            for number in range(1, 4):
+                link.follow(replace(decision(4.0 * number), k=number))
+                await bench.clock.run_until(8.0 * number)
+        with Store(tmp_path / "gateway.sqlite", "boot", bench.clock) as store:
+            for write in bench.writes:
+                store.compensation(write)
+        with History(tmp_path / "gateway.sqlite") as history:
+            rows = history.compensation()
+        stored = [tuple(row.offsets_um) for row in rows if row.written]
+        on_the_control = [tuple(-1e3 * v for v in entry.values_mm) for entry in bench.control.nck.log]
+        for offsets in on_the_control:
+            assert any(offsets == pytest.approx(other, abs=1e-6) for other in stored)
+        for write in bench.writes:
+            # What was wanted follows from the decision k and the positions that are stored beside it.
+            assert write.k is not None
+            at = np.array([write.positions[a] for a in "XYZ"] + [np.radians(write.positions[a]) for a in "AC"])
+            wanted = kinematics.tcp_offsets(decision(4.0 * write.k).corrected, at, 0.12)
+            np.testing.assert_allclose(write.step.target_um, np.clip(wanted, -np.array(BOUND_UM), BOUND_UM), atol=1e-9)
+            assert write.read_back_um == pytest.approx(write.step.offsets_um, abs=1e-6)
+
+
+async def test_of_two_gateways_the_second_is_refused_until_the_first_is_gone(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench:
+        async with bench.running(bench.link(owner=7), stop=True) as first:
+            first.follow(decision(6.0))
+            await bench.clock.run_until(8.0)
+            count = len(bench.writes)
+            async with bench.running(bench.link(owner=8)) as second:
+                second.follow(decision(-6.0))
+                await bench.clock.run_until(25.0)
+                assert bench.in_force_um == pytest.approx((0.0, 0.0, 6.0))
+                assert any("belongs to gateway 7" in notice for notice in bench.notices)
+                assert not any(write.written for write in bench.writes[count:] if write.step.offsets_um[2] < 0)
+        async with bench.running(bench.link(owner=8)) as second:
+            second.follow(decision(-6.0))
+            await bench.clock.run_until(bench.clock.monotonic() + 20.0)
+            assert bench.in_force_um == pytest.approx((0.0, 0.0, -6.0))
+        bench.assert_never_stepped()
+
+
+@pytest.mark.parametrize(
+    "log",
+    [
+        [Logged(10.0, (0.0, 0.0, 0.0025), ramped=False)],
+        [Logged(10.0, (0.001, 0.0, 0.0), ramped=False), Logged(10.5, (0.002, 0.0, 0.0), ramped=False)],
+        [Logged(10.0, (0.0, 0.011, 0.0), ramped=True)],
+        [Logged(float(t), (1e-3 * t, 0.0, 0.0), ramped=False) for t in range(1, 14)],  # beyond the bound
+    ],
+)
+def test_the_record_s_own_check_can_fail(log: list[Logged]) -> None:
+    with pytest.raises(AssertionError):
+        assert_never_stepped(log, BOUND_UM, 1.0, 1.0)

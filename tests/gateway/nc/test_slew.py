@@ -1,0 +1,112 @@
+"""Whatever is asked of it, the slew stays inside its bounds and its rate."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.nc.slew import Slew, Source
+
+
+def slew(**changes: object) -> Slew:
+    settings: dict[str, object] = {
+        "bound_um": [50.0, 50.0, 20.0],
+        "slew_um_per_s": 1.0,
+        "when_stale": "zero",
+        "period_s": 1.0,
+        "in_force_um": (0.0, 0.0, 0.0),
+        "now_s": 0.0,
+    }
+    return Slew(**(settings | changes))  # type: ignore[arg-type]
+
+
+def test_reaches_the_target_at_the_stated_rate() -> None:
+    s = slew()
+    offsets = [s.follow(float(t), np.array([3.5, -2.0, 0.5])).offsets_um for t in range(1, 6)]
+    assert offsets == [(1.0, -1.0, 0.5), (2.0, -2.0, 0.5), (3.0, -2.0, 0.5), (3.5, -2.0, 0.5), (3.5, -2.0, 0.5)]
+
+
+def test_starts_from_what_the_control_has_in_force() -> None:
+    step = slew(in_force_um=(12.0, 0.0, -4.0)).follow(1.0, np.zeros(3))
+    assert step.offsets_um == (11.0, 0.0, -3.0)
+
+
+def test_a_hung_gateway_does_not_catch_up_in_one_stride() -> None:
+    assert slew().follow(600.0, np.array([40.0, 0.0, 0.0])).offsets_um == (1.0, 0.0, 0.0)
+
+
+def test_the_bound_cuts_and_says_so() -> None:
+    step = slew(period_s=1000.0).follow(1000.0, np.array([0.0, 80.0, -30.0]))
+    assert step.target_um == (0.0, 50.0, -20.0)
+    assert step.offsets_um == (0.0, 50.0, -20.0)
+    assert step.bounded == (False, True, True)
+
+
+@pytest.mark.parametrize("wanted", [None, np.array([math.nan, 1.0, 1.0]), np.array([1.0, math.inf, 1.0])])
+def test_without_a_prediction_it_ramps_to_zero_or_holds_as_declared(wanted: np.ndarray | None) -> None:
+    to_zero = slew(in_force_um=(2.0, -2.0, 0.0)).follow(1.0, wanted)
+    assert (to_zero.offsets_um, to_zero.source) == ((1.0, -1.0, 0.0), Source.NO_MODEL)
+    held = slew(in_force_um=(2.0, -2.0, 0.0), when_stale="hold").follow(1.0, wanted, Source.STALE)
+    assert (held.offsets_um, held.source) == ((2.0, -2.0, 0.0), Source.STALE)
+
+
+def test_frozen_time_is_not_saved_up() -> None:
+    s = slew()
+    s.follow(1.0, np.array([10.0, 0.0, 0.0]))
+    assert s.freeze(2.0).offsets_um == (1.0, 0.0, 0.0)
+    assert s.follow(3.0, np.array([10.0, 0.0, 0.0])).offsets_um == (2.0, 0.0, 0.0)
+
+
+any_number = st.floats(allow_nan=True, allow_infinity=True, width=32)
+
+
+@given(
+    start=st.tuples(*[st.floats(-20, 20)] * 3),
+    asks=st.lists(st.tuples(st.floats(0, 10), st.tuples(any_number, any_number, any_number)), max_size=30),
+)
+def test_no_sequence_of_wishes_breaks_bound_or_rate(
+    start: tuple[float, float, float], asks: list[tuple[float, tuple[float, float, float]]]
+) -> None:
+    s = slew(in_force_um=start)
+    now, before = 0.0, np.array(start)
+    for wait, wanted in asks:
+        now += wait
+        after = np.array(s.follow(now, np.array(wanted)).offsets_um)
+        assert np.all(np.isfinite(after))
+        assert np.all(np.abs(after) <= [50.0, 50.0, 20.0])
+        assert np.all(np.abs(after - before) <= min(wait, 2.0) + 1e-9)
+        before = after
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("bound_um", [1.0, 0.0, 1.0]), ("slew_um_per_s", 0.0), ("in_force_um", (math.nan, 0.0, 0.0))],
+)
+def test_refuses_settings_that_cannot_be_safe(field: str, value: object) -> None:
+    with pytest.raises(ValueError, match=field):
+        slew(**{field: value})
+
+
+def test_a_shift_that_follows_the_position_keeps_to_bound_and_rate_at_every_position() -> None:
+    draw = np.random.default_rng(5)
+    s = slew(in_force_um=draw.normal(0.0, 3.0, (3, 4)))
+    corners = np.column_stack([np.ones(8), np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T])
+    before = None
+    for now in range(1, 300):
+        wanted = draw.normal(0.0, 30.0, (3, 4)) if now % 50 < 25 else None
+        step = s.follow(float(now), wanted, basis=corners[now % 8])
+        after = np.array(step.coefficients_um) @ corners.T
+        assert step.offsets_um == pytest.approx(tuple(after[:, now % 8]))
+        assert np.all(np.array([50.0, 50.0, 20.0]) + 1e-9 >= np.abs(after).T)
+        if before is not None:
+            assert np.abs(after - before).max() <= 1.0 + 1e-9
+        before = after
+
+
+def test_a_row_beyond_the_bound_keeps_its_shape() -> None:
+    wanted = np.array([[40.0, 40.0, 0.0, 20.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    step = slew(period_s=1000.0, in_force_um=np.zeros((3, 4))).follow(1000.0, wanted)
+    assert step.bounded == (True, False, False)
+    np.testing.assert_allclose(step.coefficients_um, wanted * np.array([[0.5], [1.0], [0.0]]))

@@ -1,0 +1,247 @@
+"""`record` and `play` as commands, and CAN logs of other programs."""
+
+import asyncio
+import re
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import can
+import pytest
+
+from gateway.cli.play import read_recording
+from gateway.recordings.wire_log import read_wire_log
+from simulators.devices.can_logger import CanLogger
+from simulators.devices.cia404_node import Cia404Node
+from simulators.devices.m7015 import M7015
+from simulators.devices.modbus_servers import RtuLine
+from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices.source import Fault
+from tests.benches.command import Done, talc_gateway
+
+FRAMES = CanLogger(lambda: [20.0, -3.3, 40.0, 99.9, 22.2], lambda _: None).frames()
+
+
+def write_trace(file: Path) -> None:
+    """What another program wrote: plain CAN, three cycles."""
+    with can.Logger(file) as writer:
+        for turn in range(3):
+            for number, data in FRAMES:
+                at_s = 1000.0 + turn / 10
+                writer(can.Message(timestamp=at_s, arbitration_id=number, data=data, is_extended_id=False))
+
+
+@pytest.mark.parametrize("name", ["trace.log", "trace.asc", "trace.blf", "trace.trc"])
+def test_can_logs_of_other_programs_are_read(name: str, tmp_path: Path) -> None:
+    write_trace(tmp_path / name)
+    config, events = read_recording(tmp_path / name, tmp_path)
+    assert config is None
+    assert [(event.identifier, event.data) for event in events] == FRAMES * 3
+
+
+async def test_plain_can_log_is_played(tmp_path: Path) -> None:
+    write_trace(tmp_path / "trace.log")
+    arguments = ("play", str(tmp_path / "trace.log"), "--folder", str(tmp_path))
+    enough = asyncio.Event()
+    playing = asyncio.create_task(talc_gateway(*arguments, interrupt=enough.wait))
+    link = tmp_path / "can1"
+    await appears(link, playing)
+    bus = await asyncio.to_thread(can.Bus, interface="slcan", channel=str(link), sleep_after_open=0)
+    try:
+        seen: set[tuple[int, bytes]] = set()
+        async with asyncio.timeout(20):
+            while seen != set(FRAMES):
+                message = await asyncio.to_thread(bus.recv, 0.5)
+                if message is not None:
+                    seen.add((message.arbitration_id, bytes(message.data)))
+    finally:
+        bus.shutdown()
+        enough.set()
+    assert 'kind = "can"' in (await playing).out
+
+
+async def appears(path: Path, playing: "asyncio.Task[Done]") -> None:
+    """Until the file is there; the command that makes it must not have ended."""
+    while not await asyncio.to_thread(path.exists):
+        assert not playing.done(), playing.result()
+        await asyncio.sleep(0.02)
+
+
+CONFIG = """[machine]
+name = "mill"
+[[bus]]
+name = "rtu1"
+kind = "modbus_rtu"
+port = "{rtu}"
+period_s = 0.2
+timeout_s = 0.1
+[[bus]]
+name = "can1"
+kind = "canopen"
+interface = "slcan"
+channel = "{can}"
+period_s = 0.2
+[[bus]]
+name = "gone1"
+kind = "me_rs485"
+port = "{gone}"
+[[device]]
+name = "rtd1"
+bus = "rtu1"
+profile = "icpdas_m7015"
+unit = 1
+channels = {{ bed = 0, column = 4 }}
+[[device]]
+name = "rtd2"
+bus = "rtu1"
+profile = "icpdas_m7015"
+unit = 2
+channels = {{ slide = 0 }}
+[[device]]
+name = "fluids"
+bus = "can1"
+profile = "cia404"
+unit = 5
+options = {{ vendor = "jumo" }}
+channels = {{ coolant = 0 }}
+[[device]]
+name = "eddy"
+bus = "gone1"
+profile = "me_rs485"
+unit = 126
+options = {{ range_um = 500.0 }}
+channels = {{ growth = 0 }}
+"""
+
+
+async def test_commands_record_play_and_probe_alike(tmp_path: Path) -> None:
+    """With a broken sensor, a unit that is silent, and a port that is not there."""
+    broken, silent = M7015(lambda: [20.0] * 6), M7015(lambda: [20.0] * 6)
+    broken.faults.set(4, Fault.OPEN)
+    silent.faults.silent = True
+    line, node = RtuLine({1: broken, 2: silent}), Cia404Node(5, lambda: [30.0], inputs=1)
+    adapter = SlcanAdapter([node])
+    file = tmp_path / "gateway.toml"
+    ports = {"rtu": await line.start(), "can": await adapter.start(), "gone": f"{tmp_path}/absent"}
+    file.write_text(CONFIG.format(**ports), encoding="utf-8")
+    wire = tmp_path / "field.wire"
+    try:
+        before = await talc_gateway("probe", str(file))
+        recorded = await talc_gateway("record", str(file), "-o", str(wire), "--seconds", "1.5")
+    finally:
+        await line.stop()
+        await adapter.stop()
+    assert recorded.code == 0, recorded.err
+    enough = asyncio.Event()
+    playing = asyncio.create_task(talc_gateway("play", str(wire), interrupt=enough.wait))
+    config = tmp_path / "field.wire.play" / "gateway.toml"
+    await appears(config, playing)
+    after = await talc_gateway("probe", str(config))
+    enough.set()
+    played = await playing
+    assert "gone1 (me_rs485): never opened" in played.out
+    assert _without_times(after.out, tmp_path) == _without_times(before.out, tmp_path)
+    assert after.code == before.code == 3
+    assert not list(config.parent.glob("*1"))  # the links go with the devices
+
+
+def _without_times(table: str, folder: Path) -> str:
+    """Without latencies, ports' names and the padding that their width makes."""
+    text = re.sub(r"\S*(absent|gone1)(?=[ :'])", "PORT", re.sub(r"[\d.]+ ms", "", table.replace(str(folder), "")))
+    return re.sub(r"[ ━─]+", " ", text)
+
+
+async def test_existing_recording_is_not_overwritten(tmp_path: Path) -> None:
+    config, file = tmp_path / "gateway.toml", tmp_path / "field.wire"
+    config.write_text(CONFIG.format(rtu="/dev/a", can="/dev/b", gone="/dev/c"), encoding="utf-8")
+    file.write_text("what happened last night", encoding="utf-8")
+    done = await talc_gateway("record", str(config), "-o", str(file))
+    assert done.code == 2
+    assert "recordings are not overwritten" in done.err
+    assert file.read_text(encoding="utf-8") == "what happened last night"
+
+
+RUNNING = """[machine]
+name = "mill"
+[telemetry]
+enabled = false
+[[bus]]
+name = "rtu1"
+kind = "modbus_rtu"
+port = "{port}"
+period_s = 0.05
+timeout_s = 0.5
+[[device]]
+name = "rtd1"
+bus = "rtu1"
+profile = "icpdas_m7015"
+unit = {unit}
+channels = {{ bed = 0 }}
+"""
+
+
+async def test_service_keeps_what_passed_across_a_reload(tmp_path: Path) -> None:
+    """A unit id that was wrong is mended while the gateway runs: each file holds what was then configured."""
+    config, wire = tmp_path / "gateway.toml", tmp_path / "field.wire"
+    wire.write_text("of an earlier run", encoding="utf-8")
+    line = RtuLine({2: M7015(lambda: [20.0] * 6)})
+    port = await line.start()
+    config.write_text(RUNNING.format(port=port, unit=1), encoding="utf-8")
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "gateway", "run", str(config), "--record", str(wire)), stderr=asyncio.subprocess.PIPE
+    )
+    try:
+        async with asyncio.timeout(60):
+            await until(lambda: " > 01" in text_of(wire))
+            config.write_text(RUNNING.format(port=port, unit=2), encoding="utf-8")
+            process.send_signal(signal.SIGHUP)
+            await until(lambda: text_of(wire).count(" < 02") >= 3)
+            process.send_signal(signal.SIGTERM)
+            _, err = await process.communicate()
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        await line.stop()
+    assert process.returncode == 0, err.decode()
+    now, before = read_wire_log(wire), read_wire_log(tmp_path / "field.wire.1")
+    assert ("unit = 1" in before.config, "unit = 2" in now.config) == (True, True)
+    assert {event.data[0] for event in before.events if event.passed == "sent"} == {1}
+    assert {event.data[0] for event in now.events if event.passed == "received"} == {2}
+
+
+def text_of(file: Path) -> str:
+    """What the file holds now."""
+    return file.read_text(encoding="utf-8") if file.exists() else ""
+
+
+async def until(seen: Callable[[], bool]) -> None:
+    """Wait for something outside."""
+    while not seen():
+        await asyncio.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("notes.txt", "is no recording"),
+        ("trace.asc", "holds no CAN frames"),
+        ("trace.blf", "cannot be read as a CAN log"),
+    ],
+)
+async def test_file_that_is_no_recording_is_refused_in_words(name: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / name
+    file.write_text("bought milk\n", encoding="utf-8")
+    done = await talc_gateway("play", str(file))
+    assert done.code == 2
+    assert done.err.startswith(f"error: {file}")
+    assert said in done.err.splitlines()[0]
+    assert not file.with_name(f"{name}.play").exists()
+
+
+@pytest.mark.parametrize("group", ["10.0.0.1:43113", "239.74.163.2", "239.74.163.2:0", "can0:43113"])
+async def test_group_that_cannot_be_is_refused(group: str) -> None:
+    done = await talc_gateway("play", "docs/example.wire", "--multicast", group)
+    assert done.code == 2
+    assert f"--multicast {group}: expected GROUP:PORT, such as 239.74.163.2:43113" in done.err

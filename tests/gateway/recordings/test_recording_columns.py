@@ -1,0 +1,91 @@
+"""What a column is: told once, found by its name, and no error ever among the inputs."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from gateway.cli import main
+from gateway.recordings.columns import Columns
+from gateway.recordings.grid import Recording, read_recording
+from gateway.recordings.problems import RecordingError
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["replay", *map(str, arguments)], catch_exceptions=False)
+
+
+def table(folder: Path, *names: str) -> Path:
+    path = folder / "own.csv"
+    rows = [",".join([str(300 * i), *(str(20 + i % (3 + c)) for c in range(len(names) - 1))]) for i in range(1, 30)]
+    path.write_text("\n".join([",".join(names), *rows]), encoding="utf-8")
+    return path
+
+
+def read(path: Path, columns: Columns) -> Recording:
+    return read_recording(path, columns, 300.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("EX0C_um", "looks like EX0C, which is column 'EX0C' already; --ignore 'EX0C_um' leaves it out"),
+        ("ex0c", "looks like EX0C, which is column 'EX0C' already"),
+        ("true EX0C", "looks like EX0C, which is column 'EX0C' already"),
+        (
+            "EZ0T_mm",
+            "looks like a thermal error; did you mean 'EZ0T'? --error 'EZ0T=EZ0T_mm' takes it as EZ0T in µm",
+        ),
+        ("ey0a", "looks like a thermal error; did you mean 'EY0A'? --error 'EY0A=ey0a' takes it as EY0A in µm"),
+        ("EYOA (µm)", "looks like a thermal error; did you mean 'EY0A'?"),
+        ("EX0B", "looks like an error, and errors are no inputs; --ignore 'EX0B' leaves it out, or rename it"),
+    ],
+)
+def test_what_looks_like_an_error_is_no_input(tmp_path: Path, name: str, message: str) -> None:
+    path = table(tmp_path, "time", "t1", "EX0C", name)
+    with pytest.raises(RecordingError) as refused:
+        read(path, Columns())
+    assert f"column '{name}': {message}" in str(refused.value)
+    assert read(path, Columns(ignored=(name,))).input_names == ("t1",)
+
+
+def test_a_misspelt_error_is_suggested_and_can_be_told(tmp_path: Path) -> None:
+    path = table(tmp_path, "time", "t1", "ex0c")
+    answer = run(path)
+    assert answer.exit_code == 2
+    assert "column 'ex0c': looks like a thermal error; did you mean 'EX0C'?" in answer.output
+    assert run(path, "--error", "EX0C=ex0c").exit_code == 0
+
+
+def test_inputs_of_other_names_stay_inputs(tmp_path: Path) -> None:
+    names = ("growth_um", "E0", "exocooler", "Ext temp", "A0C", "bed")
+    assert read(table(tmp_path, "time", "EX0C", *names), Columns()).input_names == names
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--error", "EX0C=t1", "--error", "EY0A=t1"], "column 't1': is told to be EX0C and EY0A; it can be one"),
+        (["--error", "EY0A=time"], "column 'time': is told to be the time and EY0A"),
+        (["--ignore", "EX0C", "--error", "EX0C=EX0C"], "column 'EX0C': is told to be EX0C and left out by --ignore"),
+        (["--ignore", "time"], "column 'time': is told to be the time and left out by --ignore"),
+        (["--error", "EX0C=t1"], "column 'EX0C': looks like EX0C, which is column 't1' already; --ignore 'EX0C'"),
+        (["--error", "EX0C=t1", "--error", "EX0C=t2"], "EX0C is told twice: 't1' and 't2'"),
+        (["--time", "EX0C"], "no column of a thermal error"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(tmp_path: Path, options: list[str], message: str) -> None:
+    answer = run(table(tmp_path, "time", "t1", "t2", "EX0C"), *options)
+    assert answer.exit_code == 2
+    assert message in answer.output
+
+
+def test_the_row_numbers_of_pandas_are_no_input(tmp_path: Path) -> None:
+    path = tmp_path / "indexed.csv"
+    rows = [f"{i},{300 * i},{20 + i % 3},{i}" for i in range(1, 30)]
+    path.write_text("\n".join([",time,t1,EX0C", *rows]), encoding="utf-8")
+    found = read(path, Columns())
+    assert (found.input_names, found.ignored) == (("t1",), ("",))
+    with pytest.raises(RecordingError, match='column 1 has no name: if it is the time, say --time ""; else'):
+        read(table(tmp_path, "", "t1", "EX0C"), Columns())
+    assert run(table(tmp_path, "", "t1", "EX0C"), "--time", "").exit_code == 0

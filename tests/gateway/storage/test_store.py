@@ -1,0 +1,285 @@
+"""The database: exact, bounded, one writer, and whole after any death."""
+
+import math
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+from datetime import timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base import Quality, Reading
+from gateway.nc.slew import Source, Step, Write
+from gateway.probing.cycle import End, Outcome
+from gateway.storage.store import History, Store, StoreError
+from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
+from talc.models import ModelSet
+from tests.benches.stepped_clock import EPOCH, SteppedClock
+from tests.benches.store_writer import step
+
+ROOT = Path(__file__).parents[3]
+AWKWARD = np.array([math.nan, -0.0, 0.1 + 0.2, 5e-324, 1.7976931348623157e308, -math.pi, math.inf, 1 / 3, 20.1])
+
+
+def store_at(path: Path, **options: float) -> Store:
+    return Store(path, "boot1", SteppedClock(), **options)
+
+
+def reading(channel: str = "a", sequence: int = 1, value: float = 20.0, age_days: float = 0.0) -> Reading:
+    time_ = EPOCH - timedelta(days=age_days)
+    return Reading(channel, value, "degC", Quality.GOOD, time_, 0.0, sequence)
+
+
+def decision(k: int, events: tuple[Event, ...] = ()) -> Decision:
+    limits = AWKWARD[::-1].copy()
+    return Decision(k, Phase.COMPENSATION, AWKWARD, AWKWARD * 0.5, AWKWARD + 1, limits, Why.INTERVAL, None, events)
+
+
+def no_models(k: int) -> ModelSet:
+    return ModelSet(k=k, why="calibration", input_names=("a",), models=(None,) * 9, notes=("nothing to learn",))
+
+
+def same_bits(a: object, b: object) -> bool:
+    return np.asarray(a, dtype="<f8").tobytes() == np.asarray(b, dtype="<f8").tobytes()
+
+
+def rows(path: Path, query: str) -> list[tuple[object, ...]]:
+    with closing(sqlite3.connect(path)) as connection:
+        return list(connection.execute(query))
+
+
+def test_steps_come_back_bit_for_bit_in_order_with_the_models_adopted_after_them(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "g.sqlite"
+    measurement = Measurement(AWKWARD, AWKWARD[::-1].copy())
+    event = Event(EventKind.LIMIT_EXCEEDED, "EY0A exceeds its limit", "EY0A", 0.1 + 0.2, 5.0)
+    valid = np.array([True, False] * 4 + [True])
+    with store_at(path) as store:
+        for k in (5, 6, 9):
+            store.frame(Frame(k, AWKWARD, valid, measurement if k == 6 else None))
+            store.decision(decision(k, (event,) if k == 9 else ()))
+            if k == 6:
+                store.models(no_models(6), after_k=6)
+                store.models(no_models(60), after_k=6)
+    with History(path) as history:
+        steps = list(history.steps())
+    assert [s.frame.k for s in steps] == [5, 6, 9]
+    assert [[m.k for m in s.adopted] for s in steps] == [[], [6, 60], []]
+    assert steps[1].adopted[0].fingerprint() == no_models(6).fingerprint()
+    for found in steps:
+        assert same_bits(found.frame.inputs, AWKWARD)
+        assert found.frame.valid.tolist() == valid.tolist()
+        wanted = decision(found.frame.k)
+        for name in ("predicted", "corrected", "sigma", "limits"):
+            assert same_bits(getattr(found.decision, name), getattr(wanted, name))
+        assert (found.decision.phase, found.decision.measure) == (Phase.COMPENSATION, Why.INTERVAL)
+    assert steps[0].frame.measurement is None
+    assert steps[1].frame.measurement is not None
+    assert same_bits(steps[1].frame.measurement.errors, AWKWARD)
+    assert steps[2].decision.events == (event,)
+
+
+def test_measurements_keep_the_raw_centres_and_why_they_were_refused(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    centres = np.arange(18.0).reshape(6, 3) / 7.0
+    later = EPOCH + timedelta(seconds=120)
+    good = Measurement(AWKWARD, AWKWARD)
+    with store_at(path) as store:
+        store.measurement(Outcome(1, Why.CALIBRATION, EPOCH, later, centres, (1.0, 2.0, 1 / 3), good, 0.4))
+        store.measurement(
+            Outcome(2, Why.RETRY, EPOCH, later, None, (0.0, 0.0, 0.0), None, math.nan, "refused: alarm", End.REFUSED)
+        )
+    with History(path) as history:
+        accepted, refused = history.measurements()
+    assert accepted.centres_mm is not None
+    assert same_bits(accepted.centres_mm, centres)
+    assert same_bits(accepted.in_force_um, (1.0, 2.0, 1 / 3))
+    assert same_bits(accepted.errors, AWKWARD)
+    assert (refused.centres_mm, refused.errors, refused.reason) == (None, None, "refused: alarm")
+
+
+def test_every_write_to_the_control_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    taken = Step((10.0, 0.0, -3.0), (1.0, 0.0, -1 / 3), Source.PREDICTION, (False, False, False))
+    with store_at(path) as store:
+        store.compensation(Write(EPOCH, "compensate", taken, 7, {"X": 1.0}, True, (1.0, 0.0, -0.25)))
+        store.compensation(Write(EPOCH, "monitor", taken, None, {}, False, None))
+    with History(path) as history:
+        first, second = history.compensation()
+    assert (first.time, first.mode, first.written) == (EPOCH, "compensate", True)
+    assert same_bits(first.offsets_um, (1.0, 0.0, -1 / 3))
+    assert not second.written
+    ((target, read_back, positions, k),) = rows(
+        path, "SELECT target, read_back, positions, k FROM compensation LIMIT 1"
+    )
+    assert same_bits(np.frombuffer(bytes(target)), (10.0, 0.0, -3.0))  # type: ignore[call-overload]
+    assert same_bits(np.frombuffer(bytes(read_back)), (1.0, 0.0, -0.25))  # type: ignore[call-overload]
+    assert (positions, k) == ('{"X": 1.0}', 7)
+
+
+def test_a_reading_handed_in_twice_is_kept_once(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        store.readings([reading("a", 1), reading("b", 1)])
+        store.readings([reading("a", 1), reading("a", 2, math.nan)])
+    with Store(path, "boot2", SteppedClock()) as store:
+        store.begin("{}", "hash", "versions")
+        store.readings([reading("a", 1)])  # another boot counts anew
+    assert rows(path, "SELECT boot, sequence, channel, value FROM sample ORDER BY boot, channel, sequence") == [
+        (1, 1, "a", 20.0),
+        (1, 2, "a", None),
+        (1, 1, "b", 20.0),
+        (2, 1, "a", 20.0),
+    ]
+    assert rows(path, "SELECT number, id FROM boot") == [(2, "boot2")]
+    with History(path) as history:
+        assert history.channel_health() == {"a": {"good": 3}, "b": {"good": 1}}
+
+
+def test_old_readings_and_writes_go_and_what_was_learnt_stays(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    still = Step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), Source.NO_MODEL, (False, False, False))
+    with store_at(path) as store:
+        store.readings([reading(sequence=1, age_days=11), reading(sequence=2, age_days=9)])
+        for days in (11, 9):
+            store.compensation(Write(EPOCH - timedelta(days=days), "monitor", still, None, {}, False, None))
+        store.frame(Frame(1, AWKWARD, AWKWARD > 0))
+        store.decision(decision(1))
+    with store_at(path, keep_samples_days=10.0):
+        pass
+    assert rows(path, "SELECT sequence FROM sample") == [(2,)]
+    assert rows(path, "SELECT count(*) FROM compensation") == [(1,)]
+    with History(path) as history:
+        assert len(list(history.steps())) == 1
+
+
+def test_a_second_gateway_is_refused_and_the_lock_goes_with_the_first(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path), pytest.raises(StoreError, match="another gateway writes to it"):
+        store_at(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["g.sqlite"]
+    with store_at(path):
+        pass
+
+
+def test_a_reader_sees_what_is_committed_while_the_gateway_writes(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        store.begin('{"a":1}', "hash", "python")
+        for k in range(5):
+            store.frame(Frame(k, AWKWARD, AWKWARD > 0))
+            store.decision(decision(k))
+            store.flush()
+            with History(path) as history:
+                assert len(list(history.steps())) == k + 1
+                assert history.config() == ('{"a":1}', "hash", "python")
+
+
+def test_the_configuration_that_a_reload_left_running_is_the_stored_one(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        store.begin('{"a":1}', "first", "python")
+        store.runs('{"a":1}', "first")
+        store.runs('{"a":2}', "second")
+    with History(path) as history:
+        assert history.config() == ('{"a":2}', "second", "python")
+        assert history.fingerprints() == [(EPOCH, "first"), (EPOCH, "second")]
+    with Store(path, "boot2", SteppedClock()) as store:
+        store.begin('{"a":3}', "third", "python")
+    with History(path) as history:
+        assert history.config() == ('{"a":3}', "third", "python"), "what ran before the start counts no more"
+
+
+def test_a_file_of_a_program_that_did_not_store_reloads_is_read_and_continued(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        store.begin('{"a":1}', "first", "python")
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("DROP TABLE running")
+    with History(path) as history:
+        assert history.config() == ('{"a":1}', "first", "python")
+        assert history.fingerprints() == []
+    with Store(path, "boot2", SteppedClock()) as store:
+        store.begin('{"a":1}', "first", "python")
+        store.runs('{"a":1}', "first")
+    with History(path) as history:
+        assert [fingerprint for _, fingerprint in history.fingerprints()] == ["first"]
+
+
+def test_files_that_are_not_ours_are_refused_and_left_alone(tmp_path: Path) -> None:
+    text = tmp_path / "notes.txt"
+    text.write_text("not a database, but long enough to be looked at as one " * 20)
+    with pytest.raises(StoreError, match=r"notes\.txt: is not a database of this gateway"):
+        store_at(text)
+    assert text.read_text().startswith("not a database")
+    foreign = tmp_path / "foreign.sqlite"
+    with closing(sqlite3.connect(foreign)) as connection:
+        connection.execute("CREATE TABLE customer (name TEXT)")
+        connection.commit()
+    with pytest.raises(StoreError, match="database of another program"):
+        store_at(foreign)
+    newer = tmp_path / "newer.sqlite"
+    with closing(sqlite3.connect(newer)) as connection:
+        connection.execute("PRAGMA user_version = 99")
+    with pytest.raises(StoreError, match="schema version 99"):
+        store_at(newer)
+    with pytest.raises(StoreError, match="schema version 99"):
+        History(newer)
+    with pytest.raises(StoreError, match="no such file"):
+        History(tmp_path / "none.sqlite")
+    assert not list(tmp_path.glob("*.lock"))
+
+
+def test_a_failing_disk_is_told_to_the_next_who_writes_and_nobody_waits(tmp_path: Path) -> None:
+    store = store_at(tmp_path / "g.sqlite")
+
+    def write() -> None:
+        with store:
+            store.frame(Frame(1, AWKWARD, AWKWARD > 0))
+            store.frame(Frame(1, AWKWARD, AWKWARD > 0))  # the same index twice: the database refuses
+            store.flush()
+            store.frame(Frame(2, AWKWARD, AWKWARD > 0))
+
+    with pytest.raises(StoreError, match="UNIQUE constraint failed"):
+        write()
+    with store_at(tmp_path / "g.sqlite"):
+        pass
+
+
+@pytest.mark.slow
+def test_killed_at_any_moment_nothing_committed_is_lost_and_nothing_is_torn(tmp_path: Path) -> None:
+    path, rng, confirmed, first = tmp_path / "g.sqlite", random.Random(7), [], 0
+    for _ in range(15):
+        writer = subprocess.Popen(
+            [sys.executable, "-m", "tests.benches.store_writer", str(path), str(first)],
+            cwd=ROOT,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert writer.stdout is not None
+        with writer, writer.stdout:
+            seen = [int(writer.stdout.readline())]
+            time.sleep(rng.uniform(0.0, 0.15))  # the moment of death, not a wait for anything
+            writer.send_signal(signal.SIGKILL)
+            seen += [int(line) for line in writer.stdout if line.endswith("\n")]
+        confirmed += seen
+        first = seen[-1] + 2  # the one being written may have been committed
+        with closing(sqlite3.connect(path)) as connection:
+            assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    with History(path) as history:
+        stored = {s.frame.k: s for s in history.steps()}
+    assert set(confirmed) <= set(stored)
+    assert len(set(stored) - set(confirmed)) <= 15, "at most the one in flight per death"
+    for k, found in stored.items():
+        frame, made = step(k)
+        assert same_bits(found.frame.inputs, frame.inputs)
+        assert same_bits(found.decision.corrected, made.corrected)
+    counted = {row[0]: row[1] for row in rows(path, "SELECT sequence, count(*) FROM sample GROUP BY sequence")}
+    assert all(counted[k] == 30 for k in confirmed)

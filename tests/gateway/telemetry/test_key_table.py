@@ -1,0 +1,51 @@
+"""The README's table of keys: what is published, field by field."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from gateway.nc.slew import Source, Step, Write
+from gateway.probing.cycle import Outcome
+from gateway.probing.schedule import Outlook, Standing
+from gateway.telemetry import keys
+from talc.frame import Event, EventKind, Frame, Measurement, Why
+from talc.sensor_check import Judgement
+from tests.gateway.telemetry.test_telemetry import NOW, ROOT, decision, free_port, last_values, reading, telemetry
+from tests.talc.test_control import models
+
+README = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+
+
+def section() -> str:
+    return README.split("## The key space\n")[1].split("\n## ")[0]
+
+
+def table() -> dict[str, set[str]]:
+    """Kind of key to the fields that its row names in backticks."""
+    rows = re.findall(r"^\| `(\w+)[^`]*` \| (.*) \|$", section(), re.MULTILINE)
+    return {kind: set(re.findall(r"`(\w+)`", payload)) for kind, payload in rows}
+
+
+async def test_the_table_has_every_key_and_every_field_that_is_published() -> None:
+    port, step = free_port(), Step((0.0, 0.0, 9.0), (0.0, 0.0, 3.0), Source.PREDICTION, (False, False, False))
+    measured = Measurement(np.zeros(9), np.ones(9))
+    async with telemetry(port) as t:
+        t.count_missed(lambda: {"rtu1": 3})
+        t.runs("the hash")
+        t.readings([reading(20.0)])
+        t.frame(Frame(7, np.array([20.5, math.nan]), np.array([True, False])))
+        t.decision(decision(7))
+        t.measurement(Outcome(1, Why.CALIBRATION, NOW, NOW, np.zeros((6, 3)), (0.0, 0.0, 0.0), measured, 0.4))
+        t.models(models(7), 7)
+        t.compensation(Write(NOW, "advise", step, 7, {"X": 1.0}, False, None))
+        t.sensors(Judgement(), 7)
+        t.probing(Outlook(Standing.DUE, Why.INTERVAL, "", 0, ""))
+        t.event(Event(EventKind.PROBLEM, "the last"), 7)
+        found = last_values(port)
+    common = {"boot", "seq", "time", "clock"}
+    assert all(common <= payload.keys() for payload in found.values())
+    assert all(f"`{name}`" in section().split("|")[0] for name in common)
+    published = {key.removeprefix(f"{ROOT}/").split("/")[0]: payload.keys() - common for key, payload in found.items()}
+    assert table() == published | {keys.ALIVE: set()}

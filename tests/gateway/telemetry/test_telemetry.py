@@ -1,0 +1,213 @@
+"""Telemetry over real Zenoh sessions on loopback."""
+
+import asyncio
+import math
+import socket
+import threading
+from datetime import UTC, datetime
+from typing import Literal
+
+import numpy as np
+import pytest
+import zenoh
+
+from drivers.base import Clock, Quality, Reading, SystemClock
+from gateway.cli.view import ViewState, render
+from gateway.config.sections import Telemetry as Settings
+from gateway.nc.slew import Source, Step, Write
+from gateway.probing.schedule import Outlook, Standing
+from gateway.telemetry import keys
+from gateway.telemetry.publisher import Telemetry, TelemetryError
+from talc.frame import Decision, Event, EventKind, Frame, Phase, Why
+from tests.benches.stepped_clock import SteppedClock
+
+NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
+ROOT = "talc/mill"
+NAMES = ("t0", "t1")
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def client(port: int) -> zenoh.Session:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{port}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+def telemetry(port: int, clock: Clock | None = None) -> Telemetry:
+    settings = Settings(listen=(f"tcp/127.0.0.1:{port}",))
+    return Telemetry(settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False)
+
+
+def reading(value: float, quality: Quality = Quality.GOOD) -> Reading:
+    return Reading("t0", value, "degC", quality, NOW, 0.0, 1, "")
+
+
+def decision(k: int) -> Decision:
+    nan = np.full(9, math.nan)
+    return Decision(k, Phase.CALIBRATION, np.arange(9.0), nan, nan, nan, None, None, ())
+
+
+def last_values(port: int) -> dict[str, keys.Payload]:
+    """What a query gives of each key, once the event is there that the test published last."""
+    found: dict[str, keys.Payload] = {}
+    with client(port) as session:
+        while f"{ROOT}/event" not in found:  # the publishing thread may still be at it
+            replies = session.get(f"{ROOT}/**", timeout=5.0)
+            found = {str(r.ok.key_expr): keys.decode(r.ok.payload.to_bytes()) for r in replies if r.ok is not None}
+    return found
+
+
+class Inbox:
+    """Collects samples until enough have come."""
+
+    def __init__(self, wanted: int) -> None:
+        self.samples: list[tuple[str, keys.Payload]] = []
+        self._wanted, self._full = wanted, threading.Event()
+
+    def __call__(self, sample: zenoh.Sample) -> None:
+        self.samples.append((str(sample.key_expr), keys.decode(sample.payload.to_bytes())))
+        if len(self.samples) >= self._wanted:
+            self._full.set()
+
+    def wait(self) -> list[tuple[str, keys.Payload]]:
+        assert self._full.wait(10.0), f"only {len(self.samples)} of {self._wanted} came"
+        return self.samples
+
+
+async def test_every_frame_arrives_in_order_with_null_for_what_is_missing() -> None:
+    port, inbox = free_port(), Inbox(50)
+    async with telemetry(port) as t:
+        with client(port) as session:
+            subscriber = session.declare_subscriber("talc/mill/frame", inbox)
+            # A query makes sure the subscription has reached the gateway before the first put.
+            list(session.get("talc/mill/**", timeout=2.0))
+            for k in range(50):
+                t.frame(Frame(k, np.array([20.5, math.nan]), np.array([True, False])))
+            samples = inbox.wait()
+            subscriber.undeclare()
+    assert [p["k"] for _, p in samples] == list(range(50))
+    assert samples[0][1]["inputs"] == {"t0": 20.5, "t1": None}
+    assert {p["boot"] for _, p in samples} == {"boot-1"}
+    sequence = [p["seq"] for _, p in samples]
+    assert sequence == sorted(set(sequence))
+
+
+async def test_who_comes_late_gets_the_last_value_of_every_key() -> None:
+    port = free_port()
+    async with telemetry(port) as t:
+        t.readings([reading(20.0)])
+        t.readings([reading(math.nan, Quality.COMM_FAULT)])
+        t.runs("first")
+        t.decision(decision(7))
+        t.runs("second")
+        t.event(Event(EventKind.PROBLEM, "device rtd1: silent"), 7)
+        found = last_values(port)
+    assert found["talc/mill/reading/t0"]["value"] is None
+    assert found["talc/mill/reading/t0"]["quality"] == "comm_fault"
+    status = found["talc/mill/status"]
+    assert (status["config"], status["phase"], status["k"]) == ("second", "calibration", 7)
+    assert found["talc/mill/decision"]["predicted"]["EZ0A"] == 1.0
+    assert found["talc/mill/decision"]["limits"]["EZ0A"] is None
+
+
+async def test_a_reading_is_published_with_its_age_whatever_its_time_of_day() -> None:
+    port, clock = free_port(), SteppedClock()
+    clock.spend(10.0)
+    async with telemetry(port, clock) as t:
+        t.readings([reading(20.0), Reading("t1", 20.0, "degC", Quality.GOOD, NOW, 7.5, 2)])
+        t.event(Event(EventKind.PROBLEM, "after it"), 7)
+        found = last_values(port)
+    assert found["talc/mill/reading/t0"]["age_s"] == 10.0
+    assert found["talc/mill/reading/t1"]["age_s"] == 2.5
+
+
+async def test_the_token_lives_as_long_as_the_gateway() -> None:
+    port, there, gone = free_port(), threading.Event(), threading.Event()
+    async with telemetry(port):
+        session = client(port)
+        assert [str(r.ok.key_expr) for r in session.liveliness().get("talc/mill/alive", timeout=5.0) if r.ok] == [
+            "talc/mill/alive"
+        ]
+        watcher = session.liveliness().declare_subscriber(
+            "talc/mill/alive",
+            lambda s: (gone if s.kind == zenoh.SampleKind.DELETE else there).set(),
+            history=True,
+        )
+        # Before the gateway has heard of the watcher it would tell nobody of its end.
+        assert await asyncio.to_thread(there.wait, 10.0)
+    assert gone.wait(10.0)
+    watcher.undeclare()
+    session.close()
+
+
+async def test_a_port_in_use_is_named() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(TelemetryError, match=f"127.0.0.1:{port}.*another program"):
+            async with telemetry(port):
+                pass
+
+
+def test_numbers_that_do_not_exist_never_reach_json() -> None:
+    with pytest.raises(ValueError, match="JSON compliant"):
+        keys.encode({"value": math.nan})
+    assert keys.decode(keys.encode(keys.decision(decision(3))))["corrected"]["EC0C"] is None
+
+
+def test_the_view_fits_eighty_columns_and_shows_what_came() -> None:
+    from rich.console import Console
+
+    state = ViewState("mill", progress_until_s=3600.0)
+    common = {"time": NOW.isoformat(), "clock": "simulated"}
+    state.apply("decision", common | keys.decision(decision(7)))
+    state.apply("reading/t0", common | keys.reading(reading(20.0, Quality.SENSOR_FAULT), 0.0))
+    state.apply("event", common | keys.event(Event(EventKind.PROBLEM, "channel t0: sensor_fault"), None))
+    state.apply("of_the_future", common | {"unknown": 1})
+    console = Console(width=80, record=True, force_terminal=False, file=open("/dev/null", "w"))  # noqa: SIM115, PTH123
+    with console.file:
+        console.print(render(state))
+    text = console.export_text()
+    assert all(len(line) <= 80 for line in text.splitlines())
+    for wanted in ("calibration", "0 of 1 good", "t0 sensor_fault", "EC0C", "µm/m", "8.0", "channel t0: sensor_fault"):
+        assert wanted in text, wanted
+
+
+@pytest.mark.parametrize(("mode", "published"), [("monitor", False), ("advise", True), ("compensate", True)])
+async def test_offsets_are_published_in_every_mode_but_monitor(
+    mode: Literal["monitor", "advise", "compensate"], published: bool
+) -> None:
+    port = free_port()
+    step = Step((0.0, 0.0, 9.0), (0.0, 0.0, 3.0), Source.PREDICTION, (False, False, False))
+    async with telemetry(port) as t:
+        t.compensation(Write(NOW, mode, step, 7, {"X": 1.0}, False, None))
+        t.event(Event(EventKind.PROBLEM, "after it"), 7)
+        found = last_values(port)
+    assert ("talc/mill/compensation" in found) is published
+    if published:
+        assert found["talc/mill/compensation"]["offsets_um"] == [0.0, 0.0, 3.0]
+
+
+async def test_where_probing_stands_is_in_its_own_key_and_in_the_status() -> None:
+    port = free_port()
+    async with telemetry(port) as t:
+        t.probing(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 21612", 2, "clean the sphere"))
+        t.event(Event(EventKind.PROBLEM, "after it"), 7)
+        found = last_values(port)
+    expected = {
+        "standing": "blocked",
+        "why": "interval",
+        "reason": "alarm 21612",
+        "rejected": 2,
+        "operator": "clean the sphere",
+    }
+    assert expected.items() <= found["talc/mill/probing"].items()
+    assert found["talc/mill/status"]["probing"] == expected

@@ -1,0 +1,202 @@
+"""The study frame goes on where it was stopped; the small comparison against a regression done here by hand."""
+
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from studies import STUDIES, Run, carry_out
+from studies.__main__ import main
+from studies.arx_vs_static import REST, STEPS, judge, recordings
+from studies.arx_vs_static_report import MODELS
+from studies.frame import Parameters, code_fingerprint
+from tests.benches.small_study import study_by_command
+
+STUDY = STUDIES["arx-vs-static"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished small study by the command line, two processes."""
+    studied = study_by_command(STUDY.name, tmp_path_factory.mktemp("study") / "made")
+    assert len(studied.runs) == 8
+    return studied.folder
+
+
+def figures(folder: Path) -> list[dict[str, str]]:
+    with (folder / "figures.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def rmse(folder: Path, model: str, direction: str, sensors: str = "near", noise: str = "0") -> list[float]:
+    wanted = {"model": model, "direction": direction, "sensors": sensors, "noise": noise}
+    return [float(row["RMSE_um"]) for row in figures(folder) if wanted.items() <= row.items()]
+
+
+def test_static_is_the_regression_of_the_first_record_judged_on_the_second(folder: Path) -> None:
+    (u, _, y), (new_u, truth, _) = recordings({"seed": 1, "pair": 0, "sensors": "near", "noise": True})
+    own = np.column_stack([np.ones(STEPS), u])
+    fit = np.linalg.lstsq(own[4:], y[4:, 1], rcond=None)[0]  # the longest model in Y has four rows of past
+    left = truth[REST:, 1] - np.column_stack([np.ones(STEPS), new_u])[REST:] @ fit
+    assert rmse(folder, "static", "Y", noise="1")[0] == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-6)
+
+
+def test_none_is_the_drift_itself(folder: Path) -> None:
+    _, (_, truth, _) = recordings({"seed": 1, "pair": 1, "sensors": "far", "noise": False})
+    drift = np.sqrt(np.mean(truth[REST:, 2] ** 2))
+    assert rmse(folder, "none", "Z", sensors="far")[1] == pytest.approx(drift, rel=1e-12)
+    assert judge(truth[:, 2], np.zeros(STEPS))["PV"] == pytest.approx(100.0)
+
+
+def test_near_and_noise_change_the_reading_and_not_the_days() -> None:
+    plain = recordings({"seed": 1, "pair": 0, "sensors": "near", "noise": False})
+    spoilt = recordings({"seed": 1, "pair": 0, "sensors": "far", "noise": True})
+    other = recordings({"seed": 1, "pair": 1, "sensors": "near", "noise": False})
+    assert np.array_equal(plain[1][1], spoilt[1][1])
+    assert not np.array_equal(plain[0][1], plain[1][1])
+    assert not np.array_equal(plain[0][1], other[0][1])
+    steps = spoilt[0][0] / 0.1
+    assert np.allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_with_clean_sensors_near_the_sources_a_pole_helps(folder: Path) -> None:
+    for direction in ("Y", "Z"):
+        assert max(rmse(folder, "ARX", direction)) < min(rmse(folder, "static", direction))
+
+
+def test_report_labels_the_papers_figures_and_shows_the_losses(folder: Path) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    cells = "".join(f"<td>{cell}</td>" for cell in ("paper: ARX", 13, 1, 2, 4.3, 62.3, 3.5, 7.4, 41.9))
+    assert page.count(f'<tr class="paper">{cells}</tr>') == 4
+    assert page.count("Where they lose") == 4
+    assert page.count("<svg") == 1
+
+
+def test_the_table_in_a_readme_is_renewed_between_its_marks(folder: Path, tmp_path: Path) -> None:
+    readme, command = tmp_path / "README.md", [STUDY.name, "--small", "--workers", "1", "--out", str(folder)]
+    readme.write_text("before\n<!-- study arx-vs-static -->\nstale table\n<!-- end -->\nafter\n", encoding="utf-8")
+    answer = CliRunner().invoke(main, [*command, "--readme", str(readme)], catch_exceptions=False)
+    assert answer.exit_code == 0, answer.output
+    text = readme.read_text(encoding="utf-8")
+    assert text.startswith("before\n<!-- study arx-vs-static -->\n| RMSE, µm, median |")
+    assert text.endswith("<!-- end -->\nafter\n")
+    assert "stale table" not in text
+    line = text.splitlines()[-3]
+    assert line.startswith("`python -m studies arx-vs-static --seed 1 --small`, 8 runs, ")
+    assert re.search(r", \d+\.\d min on 1 core, ", line)
+    assert f", code {code_fingerprint(STUDY.run.__module__)[:8]}, " in line
+    readme.write_text("no marks\n", encoding="utf-8")
+    answer = CliRunner().invoke(main, [*command, "--readme", str(readme)])
+    assert answer.exit_code == 2
+    assert "<!-- study arx-vs-static -->" in answer.output
+
+
+def results(folder: Path) -> dict[str, Any]:
+    """By file; how long a run took differs from time to time."""
+    kept = {file.name: json.loads(file.read_text(encoding="utf-8")) for file in (folder / "runs").iterdir()}
+    return {name: (one["parameters"], one["result"]) for name, one in kept.items()}
+
+
+def test_a_stopped_study_goes_on_and_ends_the_same(folder: Path) -> None:
+    before = results(folder)
+    lost, cut = sorted(before)[:2]
+    (folder / "runs" / lost).unlink()
+    (folder / "runs" / cut).write_text(json.dumps({"result": 1})[:-2], encoding="utf-8")
+    assert list(carry_out(STUDY, folder, 1, True, 1)) == [(6, 8), (7, 8), (8, 8)]
+    assert results(folder) == before
+    assert list(carry_out(STUDY, folder, 1, True, 1)) == [(8, 8)]
+
+
+def test_a_model_that_ran_away_is_not_counted_as_beaten() -> None:
+    def made_up(sensors: str, noise: bool, ours: float, plain: float) -> Run:
+        left = dict.fromkeys(MODELS, 10.0) | {"output error": ours, "ARX": plain}
+        figures = {model: {"PV": v, "RMSE": v, "P99": v, "SMAPE": v} for model, v in left.items()}
+        return Run({"seed": 1, "pair": 0, "sensors": sensors, "noise": noise}, {"Y": figures, "Z": figures})
+
+    lost, won, ran_away = (1.2, 0.2), (1.0, 2.0), (1.0, 5e6)
+    runs = [made_up(s, n, *lost) for s, n in (("near", False), ("near", True))]
+    runs += [made_up("far", False, *ran_away), made_up("far", True, *won)]
+    claim = STUDY.report(runs).claims[-1]
+    assert not claim.holds  # 2 of 6; with the two that ran away it would be 4 of 8
+    assert "in 2 of 6 medians, and where ARX ran away (Y, far, clean, Z, far, clean)" in claim.here
+    assert "at worst 6.0 times ARX's (Y, near, clean: 1.2 against 0.2 µm)" in claim.here
+    assert STUDY.report([*runs[2:], *runs[2:]]).claims[-1].holds
+
+
+def test_runs_without_their_time_make_no_time_and_the_goal_stands_beside_it(folder: Path) -> None:
+    timed = {f: json.loads(f.read_text(encoding="utf-8")) for f in (folder / "runs").iterdir()}
+    study = replace(STUDY, runs=lambda seed, _: STUDY.runs(seed, True), goal_min=7.0)
+    for seconds, line in (
+        (30.0, ", 2.0 min on 2 cores (goal: 7 min on 2), "),
+        (None, ", time not kept (goal: 7 min on 2), "),
+    ):
+        for file, content in timed.items():
+            file.write_text(json.dumps({**content, "seconds": seconds}), encoding="utf-8")
+        assert list(carry_out(study, folder, 1, False, 2)) == [(8, 8)]
+        assert line in (folder / "summary.md").read_text(encoding="utf-8")
+
+
+def test_runs_that_rest_on_the_first_ones_follow_them_and_are_kept_too(tmp_path: Path) -> None:
+    def then(first: list[Run]) -> list[Parameters]:
+        return [{**run.parameters, "pair": 7} for run in first[:1]]
+
+    study = replace(STUDY, runs=lambda seed, small: STUDY.runs(seed, small)[:1], then=then)
+    assert list(carry_out(study, tmp_path, 1, True, 1)) == [(0, 1), (1, 1), (1, 2), (2, 2)]
+    assert list(carry_out(study, tmp_path, 1, True, 1)) == [(1, 1), (2, 2)]
+    assert {row["pair"] for row in figures(tmp_path)} == {"0", "7"}
+
+
+def test_unknown_study_is_named_and_the_list_is_shown() -> None:
+    answer = CliRunner().invoke(main, ["arx"])
+    assert answer.exit_code == 2
+    assert "arx-vs-static" in answer.output
+    assert "arx-vs-static" in CliRunner().invoke(main, []).output
+
+
+def test_no_worker_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="workers = 0"):
+        list(carry_out(STUDY, tmp_path, 1, True, 0))
+
+
+def test_a_terminated_study_leaves_no_worker_behind(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "studies", "parameters", "--workers", "2", "--out", str(tmp_path)]
+    study = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        wait_until(lambda: len(_group(study.pid)) >= 4)  # the study, its two workers, and who cleans up after them
+        study.terminate()
+        study.wait(10.0)
+        wait_until(lambda: not _group(study.pid))
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(study.pid, signal.SIGKILL)
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60.0
+    while not true():
+        assert time.monotonic() < deadline, "60 s have passed"
+        time.sleep(0.1)
+
+
+def _group(number: int) -> list[str]:
+    """Living processes of a process group, by their entries in /proc."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, group = entry.read_text().rpartition(")")[2].split()[:3]
+            if int(group) == number and state != "Z":
+                found.append(entry.parent.name)
+    return found

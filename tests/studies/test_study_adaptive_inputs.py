@@ -1,0 +1,136 @@
+"""Adaptive inputs: seasons one after the other, repetitions on the same physics, and the small version whole."""
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from simulators.cases import LONG_TERM_H
+from studies import STUDIES, Run
+from studies.adaptive_inputs import CALIBRATION, SMALL_STEPS, series
+from studies.adaptive_inputs_report import PAPER_MEAN_E_PV, WAYS, borders
+from studies.page import Claim
+from talc.names import THERMAL_ERRORS
+from tests.benches.small_study import Studied, study_by_command
+
+STUDY = STUDIES["adaptive-inputs"]
+
+
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory: pytest.TempPathFactory) -> Studied:
+    return study_by_command(STUDY.name, tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="module")
+def small(studied: Studied) -> list[Run]:
+    """Those of the default selector."""
+    return [run for run in studied.runs if run.parameters["selector"] == "search"]
+
+
+def test_the_full_study_is_25_repetitions_of_three_selectors_static_and_adaptive() -> None:
+    wanted = STUDY.runs(1, False)
+    assert len(wanted) == 150
+    assert {(p["selector"], p["inputs"]) for p in wanted} == set(WAYS)
+
+
+def test_a_repetition_is_other_noise_on_the_same_days(small: list[Run]) -> None:
+    one, two = series(1, 0, True), series(1, 1, True)
+    assert np.array_equal(one.truth, two.truth)
+    assert not np.array_equal(one.measured, two.measured)
+    apart = one.inputs[:, :29] - two.inputs[:, :29]
+    assert 0.03 < apart.std() < 0.12  # two draws of 0.05 K in steps of 0.1 K
+    before = small[0].result["none"]["E_PV"]
+    assert before == pytest.approx(np.ptp(one.truth[CALIBRATION + 1 :], axis=0).tolist())
+
+
+def test_static_inputs_stay_and_adaptive_ones_are_chosen_again(small: list[Run]) -> None:
+    by_inputs = {run.parameters["inputs"]: run.result for run in small}
+    for result in by_inputs.values():
+        assert result["inputs"][0]["after"] <= CALIBRATION
+        assert len(result["inputs"]) == len(result["updates"]) + 1 >= 2
+    first, *later = ({e: set(m.get(e, ())) for e in THERMAL_ERRORS} for m in by_inputs["static"]["inputs"])
+    assert all(models[e] <= first[e] for models in later for e in THERMAL_ERRORS)
+    first, *later = ({e: set(m.get(e, ())) for e in THERMAL_ERRORS} for m in by_inputs["adaptive"]["inputs"])
+    assert any(models[e] - first[e] for models in later for e in THERMAL_ERRORS)
+
+
+def test_models_leave_less_than_nothing_and_than_the_held_measurement(small: list[Run]) -> None:
+    for run in small:
+        left, hold, none = (np.mean(run.result[what]["E_RMS"][:6]) for what in ("models", "hold", "none"))
+        assert left < 0.5 * hold < 0.5 * none
+
+
+def test_the_report_marks_the_papers_figures_and_draws_what_it_has(studied: Studied, small: list[Run]) -> None:
+    report = STUDY.report(list(studied.runs))
+    rows = {row.cells[0]: row.cells for row in report.summary.rows}
+    assert set(rows) == {"none", "hold", "regression", "pso, adaptive", "tck, adaptive"} | {
+        "search, static",
+        "search, adaptive",
+    }
+    table: Any = report.sections[0].blocks[0]
+    assert {row.cells[-1] for row in table.rows if row.paper} >= {f"{v:g}" for v in PAPER_MEAN_E_PV.values()}
+    assert all(row.cells.count("not at hand") >= 8 for row in table.rows if row.paper)
+    course: Any = report.sections[-1].blocks[0]
+    assert course.svg.startswith("<svg")
+    drawn = next(run.result["drawn"] for run in small if run.parameters["inputs"] == "adaptive")
+    assert len(drawn["left"][0]) == SMALL_STEPS / 3
+    assert drawn["left"][0][0] is None
+
+
+def test_the_page_shows_every_selector_over_time_and_the_regression_in_the_bars(studied: Studied) -> None:
+    for selector in ("pso", "tck", "search"):
+        assert f"<h2>Over time: {selector}, adaptive, first repetition</h2>" in studied.page
+        assert f"<td>Models leave less than a regression on all inputs ({selector}, adaptive)</td>" in studied.page
+    bars = re.findall(r"<svg.*?</svg>", studied.page, re.DOTALL)[:2]
+    assert all(">regression<" in picture for picture in bars)
+
+
+def made_up(
+    selector: str, inputs: str, repetition: int, left: Sequence[float], none: Sequence[float] = (9.0,) * 9
+) -> Run:
+    parameters = {"seed": 1, "repetition": repetition, "selector": selector, "inputs": inputs, "small": False}
+    figures = {
+        what: {"E_PV": list(v), "E_RMS": list(v)} for what, v in (("none", none), ("hold", none), ("models", left))
+    }
+    return Run(parameters, {**figures, "updates": [], "measurements": 0, "inputs": []})
+
+
+def claims_of(runs: list[Run]) -> dict[str, Claim]:
+    return {claim.text: claim for claim in STUDY.report(runs).claims}
+
+
+def test_a_smaller_mean_is_no_proof_when_repetitions_differ_by_more() -> None:
+    for left, holds in (((3.0, 8.0, 9.0, 7.0), False), ((6.4, 6.1, 6.9, 6.2), True)):
+        assert np.mean(left) < 7.0
+        runs = [made_up("pso", "static", r, [7.0] * 9) for r in range(4)]
+        runs += [made_up("pso", "adaptive", r, [v] * 9) for r, v in enumerate(left)]
+        claim = claims_of(runs)["Adaptive inputs leave less than static ones (pso)"]
+        assert claim.holds is holds
+
+
+def test_repetitions_are_compared_with_their_like_whatever_their_order() -> None:
+    static = [made_up("pso", "static", r, [10.0 * r + 1.0] * 9) for r in range(4)]
+    adaptive = [made_up("pso", "adaptive", r, [10.0 * r] * 9) for r in reversed(range(4))]
+    claim = claims_of(static + adaptive)["Adaptive inputs leave less than static ones (pso)"]
+    assert claim.holds
+    assert "less in 4 of 4" in claim.here
+
+
+def test_the_papers_small_errors_are_those_two_and_no_other() -> None:
+    text = "EY0A and EY0C do not improve (pso)"
+    other, both = [5.0] * 9, [5.0] * 9
+    other[THERMAL_ERRORS.index("EC0C")] = 12.0
+    for name in ("EY0A", "EY0C"):
+        both[THERMAL_ERRORS.index(name)] = 12.0
+    for left, holds in ((other, False), (both, True)):
+        claim = claims_of([made_up("pso", "adaptive", r, left) for r in range(3)])[text]
+        assert claim.holds is holds
+    assert claim.here.endswith(": EY0A, EY0C")
+
+
+def test_the_borders_of_the_seasons_are_drawn_where_the_next_one_begins() -> None:
+    begins = series(1, 0, False).begins
+    assert [b / 12 for b in begins[1:]] == np.cumsum(list(LONG_TERM_H.values()))[:-1].tolist() == borders(340.0)
+    assert borders(100.0) == []
