@@ -1,4 +1,4 @@
-"""Training as a value: a job in, the nine models out. Deterministic for the same job on the same machine."""
+"""Training: a job in, the models of the nine thermal errors out. Deterministic for one job on one machine."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _LEAST_OUTPUT_SPREAD = 1e-3
 
 
 class Cancelled(Exception):
-    """The caller's `cancelled` said so."""
+    """The caller cancelled the training."""
 
 
 def train(
@@ -40,57 +40,97 @@ def train(
 ) -> ModelSet:
     """Models of the nine errors.
 
-    Inputs with fewer than 80 % good rows, or that never changed, are not offered; missing values are the last good
-    ones, before the first good one that one (talc.record). With the selector `search` each error gets an output-error
-    model whose poles, inputs and orders predict blocks of rows best that its fit did not see (talc.search); with `pso`
-    or `tck` an ARX model as in the papers. An error with fewer than 24 measured rows gets no model, nor does one whose
-    model would be unstable.
+    Inputs with fewer than 80 % good rows, or that never changed, are not offered. A missing value is replaced by the
+    last good one; before the first good one, by that one (talc.record). With the selector `search` each error gets an
+    output-error model: the poles, inputs and orders that best predict blocks of rows which the fit has not seen
+    (talc.search). With `pso` or `tck` it gets an ARX model as in the papers. An error with fewer than 24 measured rows
+    gets no model, nor does one whose model would be unstable.
 
-    progress: told the share done, 0 to 1; cancelled: asked between errors; within: of the error under way, and
-    its `cancel` ends the training from another thread. Raises Cancelled.
+    progress: called with the share done, 0 to 1, after each model; cancelled: called before each error, True ends the
+    training; within: progress of the error under way, its `cancel` ends the training from another thread.
+    Raises Cancelled.
     """
-    offer, notes = _offered(job)
-    records = {error: _record(job, e) for e, error in enumerate(THERMAL_ERRORS)}
-    by_rows: dict[bytes, dict[str, FloatArray]] = {}
-    for error, record in records.items():
-        by_rows.setdefault(record.rows.tobytes(), {})[error] = record.scaled
-    shared: dict[bytes, Shared] = {}
-    # All errors ask the same sensors, and only when inputs are to be chosen.
-    sensors = cache(lambda: tck.Ensemble(tck.offered(offer.scaled), seed=job.settings.seed))
+    run = _Run(job, within)
     models: list[ErrorModel | None] = []
-    for e, (error, record) in enumerate(records.items()):
+    notes = list(run.notes)
+    for e, error in enumerate(THERMAL_ERRORS):
         if cancelled is not None and cancelled():
             raise Cancelled
-        if record.rows.sum() < _LEAST_ROWS or not offer.names:
+        try:
+            models.append(run.model(error))
+        except _NoModel as reason:
             models.append(None)
-            notes.append(
-                f"{error}: no model, {int(record.rows.sum())} measured rows and {len(offer.names)} usable inputs"
-            )
+            notes.append(f"{error}: no model, {reason}")
             continue
-        keep = None if job.static_inputs is None else job.static_inputs[e]
-        fixed = None if keep is None else tuple(sorted(offer.names.index(n) for n in keep if n in offer.names))
-        if job.settings.selector == "search":
-            key = record.rows.tobytes()
-            if key not in shared:
-                sets, lags = _pole_sets(job.settings), 1 + job.settings.max_nb
-                shared[key] = Shared(offer.scaled, record.rows, by_rows[key], sets, lags)
-            found: Found = by_search(shared[key], error, fixed, job.settings, within)
-        else:
-            try:
-                window = Window(offer.scaled, record.scaled, record.scaled, record.std)
-                found = by_arx(window, fixed, error, job.settings, within, sensors)
-            except (ValueError, RuntimeError) as problem:
-                if within is not None and within.cancelled:
-                    raise Cancelled from problem
-                models.append(None)
-                notes.append(f"{error}: no model, {problem}")
-                continue
-        if within is not None and within.cancelled:
-            raise Cancelled
-        models.append(_model(error, record, found, offer))
         if progress is not None:
             progress((e + 1) / len(THERMAL_ERRORS))
     return ModelSet(k=job.k, why=job.why.value, input_names=job.input_names, models=tuple(models), notes=tuple(notes))
+
+
+class _NoModel(Exception):
+    """An error gets no model; the message says why."""
+
+
+class _Run:
+    """One training: the inputs on offer, each error's measurements, and what errors share.
+
+    Parameters
+    ----------
+    job: what to train on
+    within: progress of the error under way; its `cancel` ends the training
+    """
+
+    def __init__(self, job: TrainingJob, within: Progress | None) -> None:
+        self._job, self._within = job, within
+        self._offer, self.notes = _offered(job)
+        self._records = {error: _record(job, e) for e, error in enumerate(THERMAL_ERRORS)}
+        self._shared: dict[bytes, Shared] = {}
+        # All errors ask the same sensors, and only when inputs are to be chosen.
+        self._sensors = cache(lambda: tck.Ensemble(tck.offered(self._offer.scaled), seed=job.settings.seed))
+
+    def model(self, error: str) -> ErrorModel:
+        """The model of one thermal error. Raises _NoModel and Cancelled."""
+        record, offer = self._records[error], self._offer
+        if record.rows.sum() < _LEAST_ROWS or not offer.names:
+            raise _NoModel(f"{int(record.rows.sum())} measured rows and {len(offer.names)} usable inputs")
+        fixed = self._kept(error)
+        found = self._searched(error, fixed) if self._job.settings.selector == "search" else self._arx(error, fixed)
+        if self._is_cancelled():
+            raise Cancelled
+        return _model(error, record, found, offer)
+
+    def _kept(self, error: str) -> tuple[int, ...] | None:
+        """Positions among the offered inputs that the model must use; None: choose."""
+        if self._job.static_inputs is None:
+            return None
+        keep, names = self._job.static_inputs[THERMAL_ERRORS.index(error)], self._offer.names
+        return None if keep is None else tuple(sorted(names.index(name) for name in keep if name in names))
+
+    def _searched(self, error: str, fixed: tuple[int, ...] | None) -> Found:
+        return by_search(self._measured_with(error), error, fixed, self._job.settings, self._within)
+
+    def _measured_with(self, error: str) -> Shared:
+        """The regressions of all errors that were measured at the same steps as this one, made once."""
+        rows = self._records[error].rows
+        key = rows.tobytes()
+        if key not in self._shared:
+            same = {name: r.scaled for name, r in self._records.items() if r.rows.tobytes() == key}
+            sets, lags = _pole_sets(self._job.settings), 1 + self._job.settings.max_nb
+            self._shared[key] = Shared(self._offer.scaled, rows, same, sets, lags)
+        return self._shared[key]
+
+    def _arx(self, error: str, fixed: tuple[int, ...] | None) -> Found:
+        record = self._records[error]
+        try:
+            window = Window(self._offer.scaled, record.scaled, record.scaled, record.std)
+            return by_arx(window, fixed, error, self._job.settings, self._within, self._sensors)
+        except (ValueError, RuntimeError) as problem:
+            if self._is_cancelled():
+                raise Cancelled from problem
+            raise _NoModel(str(problem)) from problem
+
+    def _is_cancelled(self) -> bool:
+        return self._within is not None and self._within.cancelled
 
 
 @dataclass(frozen=True, slots=True)
