@@ -95,7 +95,7 @@ class ProbingStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class Watch:
+class WatchdogTerms:
     """What the control's watchdog does when the gateway falls silent. Raises ValueError for what cannot be."""
 
     silence_s: float
@@ -160,7 +160,7 @@ class NumericalControl(Protocol):
         """The offsets that the control has in force, µm."""
         ...
 
-    async def claim(self, owner: int, watch: Watch) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
         """Become the one gateway that writes offsets, and tell the control's watchdog what to do on silence.
 
         Raises Refused while another owner's heartbeat is alive.

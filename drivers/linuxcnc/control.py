@@ -16,7 +16,7 @@ from drivers.nc import (
     ProbingState,
     ProbingStatus,
     ProgramState,
-    Watch,
+    WatchdogTerms,
     check_number,
     check_offsets,
 )
@@ -125,14 +125,14 @@ class LinuxCnc:
     async def read_compensation(self) -> tuple[float, float, float]:
         return self._three(await self._line.ask("read"), "offsets in force")
 
-    async def claim(self, owner: int, watch: Watch) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
         """Returns when the watchdog watches, or after timeout_s.
 
         Raises ValueError for an owner outside 1 .. 2**31 - 1.
         """
         check_number(owner, "owner")
         try:
-            await self._line.ask("claim", owner=owner, silence_s=watch.silence_s, ramp_um_per_s=watch.ramp_um_per_s)
+            await self._line.ask("claim", owner=owner, silence_s=terms.silence_s, ramp_um_per_s=terms.ramp_um_per_s)
         except Refused as error:
             hint = "stop the other gateway, or run this one in the mode monitor or advise"
             raise Refused(error.what, device=self._settings.device, hint=hint) from error

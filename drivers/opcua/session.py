@@ -17,7 +17,7 @@ from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Var
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
 from drivers.opcua.settings import OpcUaSettings, application_uri, valid_certificate, with_port
-from drivers.opcua.subscription import Watch
+from drivers.opcua.subscription import Subscription
 
 # What the library has to say of a lost line is told by our errors; a handler that the service sets up still gets it.
 logging.getLogger("asyncua").addHandler(logging.NullHandler())
@@ -80,7 +80,7 @@ class OpcUaSession:
         self._client: Client | None = None
         self._namespace = 0
         self._nodes: dict[tuple[str, ...], list[NodeId]] = {}
-        self._watches: dict[tuple[str, ...], Watch | None] = {}
+        self._subscriptions: dict[tuple[str, ...], Subscription | None] = {}
 
     @property
     def connected(self) -> bool:
@@ -126,7 +126,7 @@ class OpcUaSession:
     async def close(self) -> None:
         """Close the session; harmless when there is none."""
         client, self._client = self._client, None
-        self._watches.clear()
+        self._subscriptions.clear()
         if client is None:
             return
         with suppress(UaError, OSError, TimeoutError):
@@ -143,17 +143,17 @@ class OpcUaSession:
             raise BadAnswer(f"{len(answer)} values for {len(paths)} nodes", device=self._device)
         return [self._value(path, value) for path, value in zip(paths, answer, strict=True)]
 
-    async def watch(self, paths: tuple[str, ...], interval_s: float) -> bool:
+    async def subscribe(self, paths: tuple[str, ...], interval_s: float) -> bool:
         """Have the server tell of changes of these nodes from now until the session ends; False when it will not."""
-        watch = Watch(self._open(), self._ids(paths), interval_s)
-        started = await self._ask(watch.start(), "subscribes")
-        self._watches[paths] = watch if started else None
+        subscription = Subscription(self._open(), self._ids(paths), interval_s)
+        started = await self._ask(subscription.start(), "subscribes")
+        self._subscriptions[paths] = subscription if started else None
         return started
 
     async def latest(self, paths: tuple[str, ...]) -> list[Number | None]:
-        """As `read`, without a request while a watch over the same nodes is alive."""
-        watch = self._watches.get(paths)
-        values = watch.latest() if watch is not None else None
+        """As `read`, without a request while a subscription to the same nodes is alive."""
+        subscription = self._subscriptions.get(paths)
+        values = subscription.latest() if subscription is not None else None
         if values is None:
             return await self.read(paths)
         return [self._value(path, value) for path, value in zip(paths, values, strict=True)]

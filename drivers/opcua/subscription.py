@@ -6,23 +6,23 @@ from collections.abc import Sequence
 from asyncua import ua
 from asyncua.client.client import Client
 from asyncua.client.ua_client import UaClientState
+from asyncua.common import subscription
 from asyncua.common.node import Node
-from asyncua.common.subscription import DataChangeNotif, Subscription
 from asyncua.ua.uaerrors import UaStatusCodeError
 from asyncua.ua.uatypes import DataValue, NodeId
 
 _KEEP_ALIVE_S = 1.0
 _MARGIN = 2.5
-"""Keep-alives that may be missed before the watch counts as silent."""
+"""Keep-alives that may be missed before the subscription counts as silent."""
 
 
-class Watch:
-    """The latest value of every watched node.
+class Subscription:
+    """The latest value of every subscribed node.
 
     Parameters
     ----------
     client: an open session
-    nodes: what to watch
+    nodes: what to subscribe to
     interval_s: how often the server may tell of changes
     """
 
@@ -31,7 +31,7 @@ class Watch:
         self._nodes = tuple(nodes)
         self._interval_s = interval_s
         self._values: dict[NodeId, DataValue] = {}
-        self._subscription: Subscription | None = None
+        self._subscription: subscription.Subscription | None = None
 
     async def start(self) -> bool:
         """Subscribe to all nodes; False when the server offers no subscription or refuses one of the nodes."""
@@ -52,7 +52,7 @@ class Watch:
             return False
         return all(isinstance(item, int) for item in items)
 
-    def datachange_notification(self, node: Node, _value: object, data: DataChangeNotif) -> None:
+    def datachange_notification(self, node: Node, _value: object, data: subscription.DataChangeNotif) -> None:
         """What the library calls."""
         self._values[node.nodeid] = data.monitored_item.Value
 

@@ -13,7 +13,7 @@ from drivers.nc import (
     ProbingStatus,
     ProgramState,
     Triple,
-    Watch,
+    WatchdogTerms,
     check_number,
     check_offsets,
 )
@@ -111,7 +111,7 @@ class Sinumerik:
             for paths in filter(None, (self._snapshot, self._probing, self._alarms)):
                 await self._session.read(paths)
                 if self._settings.subscribe_s > 0:
-                    await self._session.watch(paths, self._settings.subscribe_s)
+                    await self._session.subscribe(paths, self._settings.subscribe_s)
             await self._session.read(self._result)
             await self._session.read(self._in_force)
         except BaseException:
@@ -227,14 +227,14 @@ class Sinumerik:
         x, y, z = (self._settings.compensation.sign(axis) * value * 1e3 for axis, value in enumerate(values))
         return x, y, z
 
-    async def claim(self, owner: int, watch: Watch) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
         check_number(owner, "owner")
         holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
         if holder not in (0, owner) and state == ALIVE:
             raise self._anothers(holder)
         lease, r = self._settings.lease, self._settings.r
-        await self._session.write(self._watch_values(watch))
+        await self._session.write(self._watchdog_values(terms))
         await self._session.write({r(lease.owner): float(owner)})
         await self._session.write({r(lease.beat): _next_beat(beat)})
 
@@ -253,9 +253,9 @@ class Sinumerik:
         if holder == owner:
             await self._session.write({self._settings.r(self._settings.lease.owner): 0.0})
 
-    def _watch_values(self, watch: Watch) -> dict[str, float]:
+    def _watchdog_values(self, terms: WatchdogTerms) -> dict[str, float]:
         lease, r = self._settings.lease, self._settings.r
-        return {r(lease.silence): watch.silence_s, r(lease.ramp): watch.ramp_um_per_s * 1e-3}
+        return {r(lease.silence): terms.silence_s, r(lease.ramp): terms.ramp_um_per_s * 1e-3}
 
     def _busy(self, what: str) -> Refused:
         hand = self._settings.handshake

@@ -21,7 +21,7 @@ PAIRS: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class StateNode:
     """A machine state that the control shows."""
 
     path: str
@@ -87,16 +87,16 @@ class Paths:
                 raise SetupError(f"alarms holds {path!r}: expected node names beginning with /")
 
 
-def default_states(axis_numbers: Mapping[str, int]) -> dict[str, Source]:
+def default_states(axis_numbers: Mapping[str, int]) -> dict[str, StateNode]:
     """Machine states that every control shows, under the names that models use.
 
     The control shows rotary axes in degrees per minute; models take 1/min.
     """
     feed = "/Channel/MachineAxis/actFeedRate[u1,{n}]"
-    states = {"spindle_speed": Source("/Channel/Spindle/actSpeed[u1,1]")}
+    states = {"spindle_speed": StateNode("/Channel/Spindle/actSpeed[u1,1]")}
     for axis, number in axis_numbers.items():
         divisor = _DEGREES_PER_TURN if axis in ROTARY_AXES else 1.0
-        states[f"speed_{axis}"] = Source(feed.format(n=number), divisor)
+        states[f"speed_{axis}"] = StateNode(feed.format(n=number), divisor)
     return states
 
 
@@ -131,7 +131,7 @@ class Handshake:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Compensation:
+class OffsetRoute:
     """How offsets reach the control."""
 
     route: Literal["k0", "k0_slope", "r"] = "k0"
@@ -196,7 +196,7 @@ class Compensation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Lease:
+class LeaseParameters:
     """R-parameters of claim and watchdog (docs/nc.md). The gateway writes all but `state`."""
 
     owner: int = 93
@@ -227,13 +227,13 @@ class SinumerikSettings(OpcUaSettings):
     subscribe_s: float = 0.0
     """Have the control tell of changes this often instead of asking at every snapshot; 0: ask. A control that offers
     no subscription, or falls silent, is asked."""
-    states: Mapping[str, Source] | None = None
+    states: Mapping[str, StateNode] | None = None
     """Machine states to read; None: default_states."""
     poses: int = 6
     """Number of poses that one probing cycle touches."""
     handshake: Handshake = field(default_factory=Handshake)
-    compensation: Compensation = field(default_factory=Compensation)
-    lease: Lease = field(default_factory=Lease)
+    compensation: OffsetRoute = field(default_factory=OffsetRoute)
+    lease: LeaseParameters = field(default_factory=LeaseParameters)
 
     def __post_init__(self) -> None:
         OpcUaSettings.__post_init__(self)
@@ -277,7 +277,7 @@ class SinumerikSettings(OpcUaSettings):
             yield from (("compensation.first_r (and the next two)", self.compensation.first_r + i) for i in range(3))
 
     @property
-    def state_sources(self) -> Mapping[str, Source]:
+    def state_sources(self) -> Mapping[str, StateNode]:
         return self.states if self.states is not None else default_states(self.axis_numbers)
 
     def r(self, number: int) -> str:

@@ -9,7 +9,7 @@ import math
 from typing import Final
 
 from drivers.base import Clock, Refused
-from drivers.nc import LINEAR_AXES, LinearOffsets, Triple, Watch
+from drivers.nc import LINEAR_AXES, LinearOffsets, Triple, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import PAIRS, SinumerikSettings
 
@@ -55,9 +55,9 @@ class SinumerikWithSlopes(Sinumerik):
             await self.close()
             raise
 
-    async def claim(self, owner: int, watch: Watch) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
         """As Sinumerik's; also sets each P0 to ours. Raises Refused when another one is in use under a slope."""
-        await super().claim(owner, watch)
+        await super().claim(owner, terms)
         await self.read_linear()
         wrong = {path: wanted for path, wanted, _, slope in self._wrong_references() if not slope}
         if wrong:
@@ -102,11 +102,11 @@ class SinumerikWithSlopes(Sinumerik):
         form = [p for path in (paths.k0, paths.slope, paths.reference) for p in self._linear(path)]
         return (*form, *self._tables.values(), *self._linear(paths.position))
 
-    def _watch_values(self, watch: Watch) -> dict[str, float]:
+    def _watchdog_values(self, terms: WatchdogTerms) -> dict[str, float]:
         """Half of the rate for K0 and half for all slopes together, so that nothing moves faster than agreed."""
         lease, r = self._settings.lease, self._settings.r
-        half = watch.ramp_um_per_s * 1e-3 / 2
-        return {r(lease.silence): watch.silence_s, r(lease.ramp): half, r(lease.slope_ramp): half / sum(self._reach)}
+        half = terms.ramp_um_per_s * 1e-3 / 2
+        return {r(lease.silence): terms.silence_s, r(lease.ramp): half, r(lease.slope_ramp): half / sum(self._reach)}
 
     def _offsets_from(self, values: list[float]) -> LinearOffsets:
         """From the values of `_form`, about our reference whichever the control has; that one is kept."""

@@ -16,12 +16,12 @@ from drivers.linuxcnc.control import STATES as LINUXCNC_STATES
 from drivers.linuxcnc.settings import DEFAULT_PORT, LARGEST_UM, LinuxCncSettings
 from drivers.opcua.settings import OpcUaSettings, valid_certificate
 from drivers.sinumerik.settings import (
-    Compensation,
     Handshake,
-    Lease,
+    LeaseParameters,
+    OffsetRoute,
     Paths,
     SinumerikSettings,
-    Source,
+    StateNode,
     default_states,
 )
 from gateway.config.fields import FilePath, Name, NotNegative, Positive, Section, matching
@@ -63,10 +63,10 @@ class SinumerikNc(Section):
     """Machine coordinates of X, Y, Z at which the tip of the tool is where A and C meet. What tilts shift grows with
     the distance from there."""
     nodes: Paths = Paths()
-    states: Mapping[Name, Source] = Field(default_factory=dict)
+    states: Mapping[Name, StateNode] = Field(default_factory=dict)
     handshake: Handshake = Handshake()
-    lease: Lease = Lease()
-    compensation: Compensation = Compensation()
+    lease: LeaseParameters = LeaseParameters()
+    compensation: OffsetRoute = OffsetRoute()
 
     @model_validator(mode="after")
     def _complete(self) -> "SinumerikNc":
@@ -94,7 +94,7 @@ class SinumerikNc(Section):
             states={name: known[name] for name in states},
         )
 
-    def known_states(self) -> Mapping[str, Source]:
+    def known_states(self) -> Mapping[str, StateNode]:
         """Every machine state that can be an input."""
         return default_states(self.axis_numbers) | dict(self.states)
 

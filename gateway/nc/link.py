@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Quality
-from drivers.nc import NcSnapshot, NumericalControl, Watch
+from drivers.nc import NcSnapshot, NumericalControl, WatchdogTerms
 from gateway.acquisition.breaker import Breaker
 from gateway.acquisition.problems import Steadiness, Word
 from gateway.clock import ServiceClock
@@ -94,7 +94,9 @@ class NcLink:
         self._watched: bool | None = None
         self._beat_s = -math.inf
         settings = self._settings
-        self._watch = Watch(settings.watchdog_s, settings.slew_um_per_s if settings.when_stale == "zero" else 0.0)
+        self._watch = WatchdogTerms(
+            settings.watchdog_s, settings.slew_um_per_s if settings.when_stale == "zero" else 0.0
+        )
         self._slew: Slew | None = None
         self._left: FloatArray | None = None
         self._motion = Motion(settings.frozen_after_s)

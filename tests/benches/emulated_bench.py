@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.nc import NumericalControl, ProbingStatus
 from drivers.sinumerik.control import Sinumerik
-from drivers.sinumerik.settings import SinumerikSettings, Source
+from drivers.sinumerik.settings import SinumerikSettings, StateNode
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads, User
 from simulators.nc.variables import COOLANT, PROBE_IN_SPINDLE
 from tests.benches.manual_clock import ManualClock
@@ -87,7 +87,7 @@ def day() -> LoadCase:
 
 def wired(plain: SinumerikSettings) -> SinumerikSettings:
     """With the bits that the emulated control's machine builder has wired."""
-    states = {**plain.state_sources, "coolant": Source(COOLANT)}
+    states = {**plain.state_sources, "coolant": StateNode(COOLANT)}
     return replace(plain, paths=replace(plain.paths, probe_in_spindle=PROBE_IN_SPINDLE), states=states)
 
 

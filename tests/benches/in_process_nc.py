@@ -9,7 +9,7 @@ from drivers.nc import (
     ProbingState,
     ProbingStatus,
     ProgramState,
-    Watch,
+    WatchdogTerms,
 )
 from simulators.nc.cycle import CycleState, Reason
 from simulators.nc.nck import AXES, R_REQUEST, R_VALID_FOR, R_WITHDRAW, Nck
@@ -84,14 +84,14 @@ class InProcess:
         at = self._nck.state(self._clock.monotonic()).positions
         return self._nck.shift_um((at["X"], at["Y"], at["Z"]))
 
-    async def claim(self, owner: int, watch: Watch) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
         _check(owner, "owner")
         holder = self._nck.r[R_OWNER]
         if holder not in (0, owner) and self._nck.r[R_WATCH] == WatchState.ALIVE:
             raise Refused(f"the compensation belongs to gateway {holder:.0f}", device="nc")
         now = self._clock.monotonic()
         for number, value in (
-            (R_SILENCE, watch.silence_s), (R_RAMP, watch.ramp_um_per_s * 1e-3), (R_OWNER, float(owner)),
+            (R_SILENCE, terms.silence_s), (R_RAMP, terms.ramp_um_per_s * 1e-3), (R_OWNER, float(owner)),
             (R_BEAT, self._nck.r[R_BEAT] + 1.0),
         ):  # fmt: skip
             self._nck.write_r(number, value, now)

@@ -11,7 +11,7 @@ from pathlib import Path
 from drivers.base import SystemClock
 from drivers.linuxcnc.control import LinuxCnc
 from drivers.linuxcnc.settings import LinuxCncSettings
-from drivers.nc import Watch
+from drivers.nc import WatchdogTerms
 from simulators.linuxcnc.machine import Machine, machine
 
 KEY = "0123456789abcdef0123456789abcdef"
@@ -77,8 +77,8 @@ async def until(condition: Callable[[], Awaitable[bool]], limit_s: float = 10.0)
     return time.monotonic() - began
 
 
-async def claimed(bench: Bench, watch: Watch) -> None:
-    await bench.nc.claim(7, watch)
+async def claimed(bench: Bench, terms: WatchdogTerms) -> None:
+    await bench.nc.claim(7, terms)
 
     async def watched() -> bool:
         return await bench.nc.heartbeat(7)

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from drivers.base import SystemClock
 from drivers.linuxcnc.control import LinuxCnc
-from drivers.nc import NumericalControl, ProbingState, ProbingStatus, Watch
+from drivers.nc import NumericalControl, ProbingState, ProbingStatus, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
-from drivers.sinumerik.settings import Compensation, SinumerikSettings
+from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
 from simulators.linuxcnc.machine import HURRY
 from simulators.nc import Nck
@@ -76,9 +76,9 @@ class NcBench(ABC):
             await self.wait(self.tick_s)
         raise AssertionError(f"cycle {number} is {status.state} after {limit_s} s, expected {states}")
 
-    async def alive(self, owner: int, watch: Watch) -> None:
+    async def alive(self, owner: int, terms: WatchdogTerms) -> None:
         """Claim the control and beat until its watchdog watches."""
-        await self.nc.claim(owner, watch)
+        await self.nc.claim(owner, terms)
         async with asyncio.timeout(10.0):
             while not await self.nc.heartbeat(owner):
                 await self.wait(self.tick_s)
@@ -186,7 +186,7 @@ async def in_process(_: Path) -> AsyncIterator[NcBench]:
     yield bench
 
 
-def sinumerik(compensation: Compensation, subscribe_s: float = 0.0) -> Callable[[Path], Opened]:
+def sinumerik(compensation: OffsetRoute, subscribe_s: float = 0.0) -> Callable[[Path], Opened]:
     @asynccontextmanager
     async def opened(_: Path) -> AsyncIterator[NcBench]:
         async with sinumerik_bench() as inner:
@@ -228,9 +228,9 @@ async def node_opcua(folder: Path) -> AsyncIterator[NcBench]:
 TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
 BENCHES: dict[str, Callable[[Path], Opened]] = {
     "in_process": in_process,
-    "sinumerik": sinumerik(Compensation()),
-    "sinumerik_told_and_by_r": sinumerik(Compensation(route="r"), subscribe_s=0.05),
-    "sinumerik_slopes": sinumerik(Compensation(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 0, "YX": 2})),
+    "sinumerik": sinumerik(OffsetRoute()),
+    "sinumerik_told_and_by_r": sinumerik(OffsetRoute(route="r"), subscribe_s=0.05),
+    "sinumerik_slopes": sinumerik(OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 0, "YX": 2})),
     "sinumerik_encrypted_by_node_opcua": node_opcua,
     "linuxcnc": linuxcnc,
 }

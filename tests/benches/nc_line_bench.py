@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.nc import Watch
+from drivers.nc import WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.model import validate
@@ -130,7 +130,7 @@ async def driver_of_the_other(at: Bench) -> AsyncIterator[Sinumerik]:
     """A second gateway's connection, past the line that the first one uses; it has claimed the control."""
     other = Sinumerik(SinumerikSettings(url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
     await other.connect()
-    await other.claim(1, Watch(60.0, 1.0))
+    await other.claim(1, WatchdogTerms(60.0, 1.0))
     try:
         yield other
     finally:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.base import ConnectError, NoAnswer, Refused
-from drivers.nc import NcSnapshot, OperatingMode, ProbingState, ProbingStatus, ProgramState, Watch
+from drivers.nc import NcSnapshot, OperatingMode, ProbingState, ProbingStatus, ProgramState, WatchdogTerms
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.nc.link import NcLink
@@ -121,7 +121,7 @@ class Control:
             self.absent = True
             raise
 
-    async def claim(self, owner: int, watch: Watch) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
         if self.owner not in (0, owner):
             raise Refused(f"belongs to gateway {self.owner}", device="nc")
         self.owner = owner

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import DriverError, Quality, Refused
-from drivers.nc import NcSnapshot, OperatingMode, ProbingState, Watch
+from drivers.nc import NcSnapshot, OperatingMode, ProbingState, WatchdogTerms
 from tests.benches.nc_benches import BENCHES, NEEDS_DEBIAN, SLOW, NcBench
 
-WATCH = Watch(silence_s=60.0, ramp_um_per_s=2.0)
+WATCH = WatchdogTerms(silence_s=60.0, ramp_um_per_s=2.0)
 
 
 def marks(name: str) -> list[pytest.MarkDecorator]:
@@ -147,7 +147,7 @@ async def test_offsets_are_read_back_and_those_that_cannot_be_are_never_sent(ben
 
 
 async def test_one_gateway_at_a_time_and_what_it_leaves_goes_to_zero(bench: NcBench) -> None:
-    await bench.alive(7, Watch(silence_s=60.0, ramp_um_per_s=20.0))
+    await bench.alive(7, WatchdogTerms(silence_s=60.0, ramp_um_per_s=20.0))
     await bench.nc.write_compensation((2.0, 0.0, -1.0))
     with pytest.raises(Refused):
         await bench.nc.heartbeat(8)
@@ -166,7 +166,7 @@ async def test_one_gateway_at_a_time_and_what_it_leaves_goes_to_zero(bench: NcBe
 
 
 async def test_silence_is_noticed_and_the_next_beat_says_so(bench: NcBench) -> None:
-    await bench.alive(7, Watch(silence_s=4 * bench.tick_s, ramp_um_per_s=0.0))
+    await bench.alive(7, WatchdogTerms(silence_s=4 * bench.tick_s, ramp_um_per_s=0.0))
     assert await bench.nc.heartbeat(7) is True
     await bench.wait(20 * bench.tick_s)
     assert await bench.nc.heartbeat(7) is False

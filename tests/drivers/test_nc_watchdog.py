@@ -6,12 +6,12 @@ from contextlib import asynccontextmanager
 import pytest
 
 from drivers.base import Refused
-from drivers.nc import Watch
+from drivers.nc import WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from tests.benches.emulated_bench import Bench, sinumerik_bench
 
-WATCH = Watch(silence_s=5.0, ramp_um_per_s=1.0)
+WATCH = WatchdogTerms(silence_s=5.0, ramp_um_per_s=1.0)
 
 
 @asynccontextmanager
@@ -51,7 +51,7 @@ async def test_after_silence_the_offsets_go_to_zero_at_the_declared_rate() -> No
 
 async def test_after_silence_the_offsets_are_held_where_that_is_declared() -> None:
     async with sinumerik_bench() as bench:
-        await bench.nc.claim(7, Watch(5.0, 0.0))
+        await bench.nc.claim(7, WatchdogTerms(5.0, 0.0))
         await bench.nc.write_compensation((8.0, -3.0, 0.5))
         bench.clock.move_to(600.0)
         assert await bench.nc.read_compensation() == pytest.approx((8.0, -3.0, 0.5))
@@ -133,4 +133,4 @@ async def test_a_control_without_the_watchdog_is_never_alive() -> None:
 @pytest.mark.parametrize(("silence_s", "ramp"), [(0.0, 1.0), (float("nan"), 1.0), (1.0, -1.0), (1.0, float("inf"))])
 def test_a_watch_that_cannot_be(silence_s: float, ramp: float) -> None:
     with pytest.raises(ValueError, match="expected"):
-        Watch(silence_s, ramp)
+        WatchdogTerms(silence_s, ramp)

@@ -14,7 +14,7 @@ import pytest
 
 from drivers.nc import NumericalControl
 from drivers.sinumerik.control import Sinumerik
-from drivers.sinumerik.settings import PAIRS, Compensation, SinumerikSettings
+from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
 from gateway.config.model import validate
 from gateway.nc.link import NcLink
@@ -33,9 +33,9 @@ TRAVEL = ((-150.0, 150.0), (-150.0, 150.0), (50.0, 250.0))
 """What the emulated control's program drives through."""
 NAMES = {pair: name for name, pair in PAIRS.items()}
 TABLES = {NAMES[pair]: number for number, pair in enumerate(CEC_TABLES)}
-PLAIN = Compensation()
-OWN_AXES = Compensation(route="k0_slope", travel_mm=TRAVEL)
-EVERY_PAIR = Compensation(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
+PLAIN = OffsetRoute()
+OWN_AXES = OffsetRoute(route="k0_slope", travel_mm=TRAVEL)
+EVERY_PAIR = OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
 
 
 class WarmMachine:
@@ -62,7 +62,7 @@ def machine() -> WarmMachine:
     return WarmMachine()
 
 
-def driver(url: str, clock: WireClock, compensation: Compensation) -> NumericalControl:
+def driver(url: str, clock: WireClock, compensation: OffsetRoute) -> NumericalControl:
     settings = SinumerikSettings(url=url, compensation=compensation)
     return (SinumerikWithSlopes if compensation.route == "k0_slope" else Sinumerik)(settings, clock)
 
@@ -128,7 +128,7 @@ async def moving(machine: WarmMachine) -> AsyncIterator[tuple[Recording, WireClo
 
 @asynccontextmanager
 async def linked(
-    machine: WarmMachine, clock: WireClock, url: str, compensation: Compensation
+    machine: WarmMachine, clock: WireClock, url: str, compensation: OffsetRoute
 ) -> AsyncIterator[tuple[NcLink, list[str]]]:
     """The gateway's link at work, knowing the machine's errors; and the problems that it tells."""
     config = validate(
@@ -175,7 +175,7 @@ def left_um(machine: WarmMachine, control: EmulatedControl, now: float) -> Float
     return np.subtract(machine.tool_deviation_um(now, x, y, z, a, c), control.nck.shift_um((x, y, z)))
 
 
-async def rms_um(machine: WarmMachine, compensation: Compensation | None) -> FloatArray:
+async def rms_um(machine: WarmMachine, compensation: OffsetRoute | None) -> FloatArray:
     """(3,) RMS of X, Y, Z over some minutes of moving, after the ramp; None: not compensated."""
     async with AsyncExitStack() as stack:
         control, clock, url = await stack.enter_async_context(moving(machine))
@@ -222,7 +222,7 @@ async def test_nowhere_in_the_travel_does_a_write_make_a_step_or_pass_the_bound(
 
 @pytest.mark.parametrize("compensation", [PLAIN, EVERY_PAIR], ids=["k0", "k0_slope"])
 async def test_a_process_that_stands_still_within_any_request_leaves_no_step_behind(
-    machine: WarmMachine, compensation: Compensation
+    machine: WarmMachine, compensation: OffsetRoute
 ) -> None:
     reads_of_a_cycle = 6
     async with moving(machine) as (control, clock, url), linked(machine, clock, url, compensation) as (link, problems):

@@ -11,7 +11,7 @@ import pytest
 from drivers.base import ConnectError, Refused, SetupError, SystemClock
 from drivers.linuxcnc.control import LinuxCnc
 from drivers.linuxcnc.settings import LinuxCncSettings
-from drivers.nc import OperatingMode, ProgramState, Watch
+from drivers.nc import OperatingMode, ProgramState, WatchdogTerms
 from tests.benches.linuxcnc_bench import Bench, claimed, running, until
 
 pytestmark = pytest.mark.peer
@@ -69,7 +69,7 @@ async def test_a_control_whose_values_stand_still_is_not_believed(part: str, ben
 async def test_offsets_are_read_back_from_where_they_act(bench: Bench) -> None:
     with pytest.raises(Refused, match="no heartbeat"):
         await bench.nc.write_compensation((1.0, 0.0, 0.0))
-    await claimed(bench, Watch(60.0, 1.0))
+    await claimed(bench, WatchdogTerms(60.0, 1.0))
     await bench.nc.write_compensation((3.0, -2.0, 0.5))
     assert await bench.nc.read_compensation() == pytest.approx((3.0, -2.0, 0.5), abs=1e-3)
     assert await bench.pin("y-drive") == pytest.approx(-0.002, abs=1e-6)
@@ -81,7 +81,7 @@ async def test_offsets_are_read_back_from_where_they_act(bench: Bench) -> None:
 
 
 async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends_the_ramp(bench: Bench) -> None:
-    await claimed(bench, Watch(1.0, 20.0))
+    await claimed(bench, WatchdogTerms(1.0, 20.0))
     await bench.nc.write_compensation((40.0, -10.0, 0.0))
 
     async def written() -> bool:
@@ -113,7 +113,7 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
 
 
 async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_same(bench: Bench) -> None:
-    await claimed(bench, Watch(0.5, 10.0))
+    await claimed(bench, WatchdogTerms(0.5, 10.0))
     await bench.nc.write_compensation((5.0, 0.0, 0.0))
 
     async def written() -> bool:
@@ -135,7 +135,7 @@ async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_s
 
 
 async def test_ramp_zero_holds_and_release_acts_at_once(bench: Bench) -> None:
-    await claimed(bench, Watch(0.2, 0.0))
+    await claimed(bench, WatchdogTerms(0.2, 0.0))
     await bench.nc.write_compensation((2.0, 0.0, 0.0))
 
     async def silent() -> bool:
@@ -147,7 +147,7 @@ async def test_ramp_zero_holds_and_release_acts_at_once(bench: Bench) -> None:
     assert await bench.nc.read_compensation() == held
     assert held[0] > 0
 
-    await claimed(bench, Watch(60.0, 1000.0))
+    await claimed(bench, WatchdogTerms(60.0, 1000.0))
     await bench.nc.release(8)  # not its own
     assert await bench.nc.heartbeat(7)
     await bench.nc.release(7)
@@ -162,7 +162,7 @@ async def test_ramp_zero_holds_and_release_acts_at_once(bench: Bench) -> None:
 
 async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whatever_was_claimed(tmp_path: Path) -> None:
     async with running(tmp_path, {"SLEW": 0.01}) as bench:
-        await claimed(bench, Watch(1.0, 1000.0))
+        await claimed(bench, WatchdogTerms(1.0, 1000.0))
         async with bench.beating(7):
             await bench.nc.write_compensation((6.0, 0.0, 0.0))
             assert (await bench.nc.read_compensation())[0] == pytest.approx(6.0, abs=1e-3)
@@ -175,16 +175,16 @@ async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whate
 
 
 async def test_another_gateway_is_refused_while_the_first_is_alive(bench: Bench) -> None:
-    await claimed(bench, Watch(0.3, 1.0))
+    await claimed(bench, WatchdogTerms(0.3, 1.0))
     with pytest.raises(Refused, match="belongs to gateway 7"):
-        await bench.nc.claim(8, Watch(0.3, 1.0))
+        await bench.nc.claim(8, WatchdogTerms(0.3, 1.0))
     other = LinuxCnc(bench.settings, SystemClock())
     with pytest.raises(Refused, match="another client is connected"):
         await other.connect()
 
     async def taken_over() -> bool:
         try:
-            await bench.nc.claim(8, Watch(0.3, 1.0))
+            await bench.nc.claim(8, WatchdogTerms(0.3, 1.0))
         except Refused:
             return False
         return True

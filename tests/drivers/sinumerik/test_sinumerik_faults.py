@@ -15,7 +15,7 @@ from asyncua.ua.uatypes import StatusCode, UInt32
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SystemClock, WrongDevice
 from drivers.nc import OperatingMode, ProbingState
 from drivers.sinumerik.control import Sinumerik
-from drivers.sinumerik.settings import Compensation, Paths, SinumerikSettings, Source
+from drivers.sinumerik.settings import OffsetRoute, Paths, SinumerikSettings, StateNode
 from gateway.clock import RealClock
 from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads, User
 from simulators.nc.nck import R_ANSWERS, R_REQUEST, R_RESULT_OF, R_STATE
@@ -166,7 +166,7 @@ async def test_a_server_that_is_no_sinumerik() -> None:
 
 async def test_a_path_that_does_not_exist_is_named_when_connecting() -> None:
     async with running(emulated()) as url:
-        wrong_state = SinumerikSettings(url=url, states={"coolant": Source("/Plc/Q77.7")})
+        wrong_state = SinumerikSettings(url=url, states={"coolant": StateNode("/Plc/Q77.7")})
         wrong_axis = SinumerikSettings(url=url, paths=Paths(position="/Channel/machineAxis/pos[u1,{n}]"))
         for settings, path in ((wrong_state, r"/Plc/Q77\.7"), (wrong_axis, r"machineAxis/pos\[u1,1\]")):
             with pytest.raises(WrongDevice, match=f"{path} does not exist"):
@@ -179,7 +179,7 @@ async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, 
     password.write_text("secret")
     async with running(emulated({"watcher": User("secret", frozenset(Right) - {right})})) as url:
         settings = SinumerikSettings(
-            url=url, user="watcher", password_file=password, states={"coolant": Source("/Plc/M120.0")}
+            url=url, user="watcher", password_file=password, states={"coolant": StateNode("/Plc/M120.0")}
         )
         nc = Sinumerik(settings, SystemClock())
         with pytest.raises(Refused, match=f"'watcher' the right {right.value}"):
@@ -221,7 +221,7 @@ async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: 
     control = EmulatedControl(Rigid(), RealClock(), work, compensation_sign=machine_sign)
     async with running(control) as url:
         signs = (machine_sign,) * 3 if route == "k0" else None
-        compensation = Compensation(route="r" if route == "r" else "k0", signs=signs)
+        compensation = OffsetRoute(route="r" if route == "r" else "k0", signs=signs)
         nc = Sinumerik(SinumerikSettings(url=url, compensation=compensation), SystemClock())
         await nc.connect()
         await nc.write_compensation((10.0, -20.0, 30.0))

@@ -10,14 +10,14 @@ import pytest
 
 from drivers.nc import LINEAR_AXES, ProbingState
 from drivers.sinumerik.control import PROBING_STATES, REASONS
-from drivers.sinumerik.settings import Compensation, Handshake, Lease, SinumerikSettings
+from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings
 from gateway.config.sections import Probing
 from simulators.nc.cycle import CycleSettings
 from simulators.nc.nck import CEC_TABLES
 
 FOLDER = Path(__file__).parents[3] / "deploy" / "nc" / "sinumerik"
 PROGRAMS = sorted(FOLDER.glob("*.SPF"))
-HAND, LEASE = Handshake(), Lease()
+HAND, LEASE = Handshake(), LeaseParameters()
 SETTINGS = SinumerikSettings(url="opc.tcp://nc")
 
 
@@ -155,7 +155,7 @@ def numbers(pattern: re.Pattern[str], program: Path) -> set[int]:
 
 def test_programs_use_the_r_parameters_of_the_settings_and_no_others() -> None:
     meant = {number: name for name, number in SETTINGS.r_numbers()}
-    offsets = SinumerikSettings(url="opc.tcp://nc", compensation=Compensation(route="r"))
+    offsets = SinumerikSettings(url="opc.tcp://nc", compensation=OffsetRoute(route="r"))
     meant |= {number: name for name, number in offsets.r_numbers()}
     used = set().union(*(numbers(REFERENCE, program) for program in PROGRAMS))
     assert used == set(meant), "R-parameters that one side knows and the other does not"
@@ -163,7 +163,7 @@ def test_programs_use_the_r_parameters_of_the_settings_and_no_others() -> None:
 
 def test_what_the_gateway_writes_no_program_writes_but_at_power_on() -> None:
     gateways = {HAND.request, HAND.withdraw, HAND.valid_for, LEASE.owner, LEASE.beat, LEASE.silence, LEASE.ramp}
-    gateways |= {LEASE.slope_ramp, *(Compensation().first_r + i for i in range(3))}
+    gateways |= {LEASE.slope_ramp, *(OffsetRoute().first_r + i for i in range(3))}
     controls = {HAND.answers, HAND.state, HAND.reason, HAND.result_of, HAND.spread, LEASE.state}
     controls |= set(range(HAND.results, HAND.results + 3 * SETTINGS.poses))
     at_power_on = {"TALC_START.SPF", "TALC_SLOPES.SPF"}

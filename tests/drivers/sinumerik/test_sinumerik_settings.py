@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivers.base import SetupError
-from drivers.sinumerik.settings import Compensation, Handshake, Lease, Paths, SinumerikSettings, Source
+from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, Paths, SinumerikSettings, StateNode
 
 URL = "opc.tcp://127.0.0.1:4840"
 
@@ -38,9 +38,9 @@ URL = "opc.tcp://127.0.0.1:4840"
         ({"handshake": Handshake(results=50)}, r"R60 is handshake.request as well as handshake.results \(of 6 poses\)"),
         ({"handshake": Handshake(withdraw=-1)}, "handshake.withdraw = -1"),
         ({"poses": 8}, r"R88 is handshake.results \(of 8 poses\) as well as handshake.spread"),
-        ({"lease": Lease(beat=60)}, "R60 is handshake.request as well as lease.beat"),
-        ({"compensation": Compensation(route="r", first_r=92)}, "R93 is lease.owner as well as compensation.first_r"),
-        ({"compensation": Compensation(route="r", first_r=-1)}, "compensation.first_r .* = -1"),
+        ({"lease": LeaseParameters(beat=60)}, "R60 is handshake.request as well as lease.beat"),
+        ({"compensation": OffsetRoute(route="r", first_r=92)}, "R93 is lease.owner as well as compensation.first_r"),
+        ({"compensation": OffsetRoute(route="r", first_r=-1)}, "compensation.first_r .* = -1"),
     ],
 )
 def test_a_field_that_cannot_be_is_named(fields: dict[str, Any], message: str) -> None:
@@ -49,7 +49,7 @@ def test_a_field_that_cannot_be_is_named(fields: dict[str, Any], message: str) -
 
 
 def test_parameters_of_a_route_that_is_not_taken_may_have_another_meaning() -> None:
-    assert SinumerikSettings(url=URL, compensation=Compensation(route="k0", first_r=60)).compensation.first_r == 60
+    assert SinumerikSettings(url=URL, compensation=OffsetRoute(route="k0", first_r=60)).compensation.first_r == 60
 
 
 @pytest.mark.parametrize(
@@ -58,9 +58,9 @@ def test_parameters_of_a_route_that_is_not_taken_may_have_another_meaning() -> N
         (lambda: Paths(position="/Channel/MachineAxis/actToolBasePos"), "position = .* holds {n} once"),
         (lambda: Paths(tool="actTNumber"), "tool = 'actTNumber'"),
         (lambda: Paths(alarms=("numAlarms",)), "alarms holds 'numAlarms'"),
-        (lambda: Source("Plc/M1.0"), "path = 'Plc/M1.0'"),
-        (lambda: Source("/Plc/M1.0", 0.0), "divisor = 0.0"),
-        (lambda: Source("/Plc/M1.0", math.inf), "divisor = inf"),
+        (lambda: StateNode("Plc/M1.0"), "path = 'Plc/M1.0'"),
+        (lambda: StateNode("/Plc/M1.0", 0.0), "divisor = 0.0"),
+        (lambda: StateNode("/Plc/M1.0", math.inf), "divisor = inf"),
         (lambda: Handshake(request_valid_for_s=-1.0), "request_valid_for_s = -1.0"),
     ],
 )
@@ -74,13 +74,13 @@ def test_a_part_that_cannot_be_is_named(make: Callable[[], object], message: str
 )
 def test_a_compensation_that_cannot_be(fields: dict[str, Any]) -> None:
     with pytest.raises(SetupError):
-        Compensation(**fields)
+        OffsetRoute(**fields)
 
 
 def test_the_sign_follows_the_route_unless_it_is_given() -> None:
-    assert [Compensation(route="k0").sign(i) for i in range(3)] == [-1, -1, -1]
-    assert [Compensation(route="r").sign(i) for i in range(3)] == [1, 1, 1]
-    assert [Compensation(signs=(1, -1, 1)).sign(i) for i in range(3)] == [1, -1, 1]
+    assert [OffsetRoute(route="k0").sign(i) for i in range(3)] == [-1, -1, -1]
+    assert [OffsetRoute(route="r").sign(i) for i in range(3)] == [1, 1, 1]
+    assert [OffsetRoute(signs=(1, -1, 1)).sign(i) for i in range(3)] == [1, -1, 1]
 
 
 def test_node_names_of_r_parameters_and_speeds_follow_the_settings() -> None:
@@ -90,5 +90,5 @@ def test_node_names_of_r_parameters_and_speeds_follow_the_settings() -> None:
         axis_numbers={"X": 3, "Y": 2, "Z": 1, "A": 4, "C": 6},
     )
     assert settings.r(60) == "/Channel/Parameter/R[u2,60]"
-    assert settings.state_sources["speed_X"] == Source("/Channel/MachineAxis/actFeedRate[u1,3]")
-    assert settings.state_sources["speed_C"] == Source("/Channel/MachineAxis/actFeedRate[u1,6]", 360.0)
+    assert settings.state_sources["speed_X"] == StateNode("/Channel/MachineAxis/actFeedRate[u1,3]")
+    assert settings.state_sources["speed_C"] == StateNode("/Channel/MachineAxis/actFeedRate[u1,6]", 360.0)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.base import Refused, SetupError, WrongDevice
-from drivers.nc import FollowsPosition, LinearOffsets, Triple, Watch
-from drivers.sinumerik.settings import PAIRS, Compensation, Paths, SinumerikSettings
+from drivers.nc import FollowsPosition, LinearOffsets, Triple, WatchdogTerms
+from drivers.sinumerik.settings import PAIRS, OffsetRoute, Paths, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
 from simulators.nc.nck import CEC_TABLES
 from tests.benches.emulated_bench import Bench, sinumerik_bench
@@ -29,7 +29,7 @@ OWN_AXES = LinearOffsets((10.0, -20.0, 5.0), ((0.05, 0.0, 0.0), (0.0, -0.04, 0.0
 async def with_slopes(**changes: object) -> AsyncIterator[tuple[Bench, SinumerikWithSlopes]]:
     async with sinumerik_bench() as bench:
         fields: dict[str, object] = {"route": "k0_slope", "travel_mm": TRAVEL, "tables": TABLES}
-        compensation = Compensation(**(fields | changes))  # type: ignore[arg-type]
+        compensation = OffsetRoute(**(fields | changes))  # type: ignore[arg-type]
         nc = SinumerikWithSlopes(SinumerikSettings(url=bench.url, compensation=compensation), bench.clock)
         await nc.connect()
         try:
@@ -60,7 +60,7 @@ async def test_every_pair_of_axes_shifts_as_asked_in_every_corner() -> None:
 async def test_positions_count_from_where_a_and_c_meet_wherever_machine_zero_is() -> None:
     origin, zero = (10.0, -20.0, 30.0), (0.0, 0.0, 0.0)
     async with sinumerik_bench() as bench:
-        compensation = Compensation(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
+        compensation = OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
         settings = SinumerikSettings(url=bench.url, compensation=compensation, origin_mm=origin)
         nc = SinumerikWithSlopes(settings, bench.clock)
         await nc.connect()
@@ -112,7 +112,7 @@ async def test_signs_of_tables_may_differ_from_those_of_the_axes() -> None:
 
 
 async def test_a_claim_sets_a_reference_while_no_slope_is_in_force_and_is_refused_otherwise() -> None:
-    reference, watch = (100.0, 0.0, 200.0), Watch(silence_s=5.0, ramp_um_per_s=2.0)
+    reference, watch = (100.0, 0.0, 200.0), WatchdogTerms(silence_s=5.0, ramp_um_per_s=2.0)
     async with with_slopes(reference_mm=reference, tables={}) as (bench, nc):
         nck = bench.control.nck
         asked = LinearOffsets((1.0, 2.0, 3.0), OWN_AXES.slope_um_per_mm, reference)
@@ -139,7 +139,7 @@ async def test_a_claim_sets_a_reference_while_no_slope_is_in_force_and_is_refuse
 async def test_a_write_is_the_only_request_of_a_write() -> None:
     """Anything asked before it is time in which the control's watchdog may take the offsets, after the last look."""
     async with with_slopes() as (bench, nc):
-        await nc.claim(7, Watch(silence_s=5.0, ramp_um_per_s=2.0))
+        await nc.claim(7, WatchdogTerms(silence_s=5.0, ramp_um_per_s=2.0))
         asked: list[str] = []
         state, wake = bench.control.state, bench.control.wake
 
@@ -174,7 +174,7 @@ async def test_offsets_that_cannot_be_are_refused_before_anything_is_sent(offset
 
 async def test_after_silence_nothing_is_left_anywhere_and_nothing_moves_faster_than_agreed() -> None:
     async with with_slopes() as (bench, nc):
-        await nc.claim(7, Watch(silence_s=5.0, ramp_um_per_s=2.0))
+        await nc.claim(7, WatchdogTerms(silence_s=5.0, ramp_um_per_s=2.0))
         await nc.write_linear(OFFSETS)
         before = np.array(added(bench))
         largest = np.abs(before).max()
@@ -189,7 +189,7 @@ async def test_after_silence_nothing_is_left_anywhere_and_nothing_moves_faster_t
 
 async def test_a_table_that_does_not_exist_is_named_when_connecting() -> None:
     paths = Paths(weight="/NC/_N_NC_SEA_ACX/$SN_CEC_WEIGHT[{n}]")
-    compensation = Compensation(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 3})
+    compensation = OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 3})
     async with sinumerik_bench() as bench:
         settings = SinumerikSettings(url=bench.url, compensation=compensation, paths=paths)
         with pytest.raises(WrongDevice, match=r"\$SN_CEC_WEIGHT\[4\] does not exist"):
@@ -212,4 +212,4 @@ async def test_a_table_that_does_not_exist_is_named_when_connecting() -> None:
 )
 def test_settings_that_cannot_be_are_named(fields: dict[str, object], message: str) -> None:
     with pytest.raises(SetupError, match=message):
-        Compensation(**fields)  # type: ignore[arg-type]
+        OffsetRoute(**fields)  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
-from drivers.sinumerik.settings import Compensation, Handshake, Lease, SinumerikSettings, Source
+from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings, StateNode
 from gateway.config import ConfigError, GatewayConfig, cautions, parse
 from gateway.config.controls import LinuxCncNc, SinumerikNc
 
@@ -127,15 +127,15 @@ def test_every_key_reaches_the_driver() -> None:
     assert settings.r(160) == "/Channel/Parameter/R[u2,160]"
     assert settings.poses == 7
     assert settings.state_sources == {
-        "speed_C": Source("/Channel/Parameter/R[u2,40]", 1.0),
-        "coolant": Source("/Plc/Q4.0"),
+        "speed_C": StateNode("/Channel/Parameter/R[u2,40]", 1.0),
+        "coolant": StateNode("/Plc/Q4.0"),
     }
     assert settings.handshake == Handshake(
         request=160, withdraw=161, valid_for=162, answers=163, state=164, reason=165, result_of=166, results=170,
         request_valid_for_s=600.0,
     )  # fmt: skip
-    assert settings.lease == Lease(owner=193, beat=194, silence=195, state=196, ramp=197)
-    assert settings.compensation == Compensation(route="r", signs=(1, -1, 1), first_r=200, largest_um=80.0)
+    assert settings.lease == LeaseParameters(owner=193, beat=194, silence=195, state=196, ramp=197)
+    assert settings.compensation == OffsetRoute(route="r", signs=(1, -1, 1), first_r=200, largest_um=80.0)
 
 
 def test_what_is_left_out_is_as_the_driver_has_it() -> None:
