@@ -15,7 +15,7 @@ from drivers.tap import Tap
 from gateway.acquisition.board import Board
 from gateway.acquisition.build import control_of, lines_of
 from gateway.acquisition.reload import Difference, ReloadError, apply
-from gateway.acquisition.runner import Acquisition, Line, Notice
+from gateway.acquisition.runner import Acquisition, Line
 from gateway.acquisition.stale import StaleWatch
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
@@ -24,6 +24,7 @@ from gateway.control.loop import GridLoop
 from gateway.control.sensor_watch import SeenBefore, SensorWatch
 from gateway.events import Outlet
 from gateway.nc.link import NcLink
+from gateway.polling import Notice
 from gateway.probing.cycle import Probe, poses_in_radians
 from gateway.probing.schedule import ProbingSchedule
 from talc.control import Controller

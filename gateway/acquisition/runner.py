@@ -11,19 +11,15 @@ from types import TracebackType
 from typing import Self
 
 from drivers.base import BadAnswer, Bus, ConnectError, Driver, DriverError, Quality, Reading
-from gateway.acquisition.breaker import Breaker
 from gateway.acquisition.pace import Pace
 from gateway.acquisition.plausibility import Check, Plausible
-from gateway.acquisition.problems import Steadiness, Word
 from gateway.clock import ServiceClock
+from gateway.polling import Breaker, Notify, Periodic, Problems
 
 log = logging.getLogger(__name__)
 
 _CLOSE_LIMIT_S = 5.0
 """Real seconds that closing a bus or device may take."""
-
-_STEADY_S, _STEADY_PERIODS = 60.0, 10
-"""What has not changed for so long, and so many periods, is steady; what begins often within it comes and goes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,19 +38,8 @@ class Line:
     """The polls after the first one come this long after those of a line without."""
 
 
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """A problem that began or ended. Told once each."""
-
-    subject: str
-    """`bus rtu1`, `period of bus rtu1`, `device rtd1` or `channel bed_front_left`."""
-    text: str
-    ended: bool = False
-
-
 Publish = Callable[[Sequence[Reading]], None]
 """Takes the readings of one device; must return at once."""
-Notify = Callable[[Notice], None]
 
 
 class _Device:
@@ -90,35 +75,28 @@ class Runner:
 
     def __init__(self, line: Line, clock: ServiceClock, publish: Publish, notify: Notify, sequence: Callable[[], int]):
         self.line = line
-        self._clock, self._publish, self._notify, self._sequence = clock, publish, notify, sequence
+        self._clock, self._publish, self._sequence = clock, publish, sequence
         longest_s = line.period_s * line.retry_max_periods
         self._devices = [_Device(driver, line.period_s, longest_s, line.plausible) for driver in line.drivers]
         self._breaker = Breaker(line.period_s, longest_s)
-        self._steadiness = Steadiness(max(_STEADY_S, _STEADY_PERIODS * line.period_s))
+        self._problems = Problems(clock, line.period_s, notify, log)
+        self._periodic = Periodic(clock, line.period_s, phase_s=line.phase_s)
         self._pace = Pace(line.period_s)
         self._answered_s: dict[str, float] = {}
         """What each device that answered in this period took."""
         self._unsure: dict[_Device, tuple[Exception, bool]] = {}
         """Who did not answer in this period, and may be asked again; whether it had been steady."""
         self._open = False
-        self.missed = 0
+
+    @property
+    def missed(self) -> int:
         """Periods that were skipped because the one before took too long."""
+        return self._periodic.missed
 
     async def run(self) -> None:
         """Poll until cancelled; then close the devices and the bus."""
-        due = self._clock.monotonic()
-        period, phase = self.line.period_s, self.line.phase_s
         try:
-            while True:
-                await self._clock.sleep_until(due)
-                with self._clock.hold():
-                    await self._poll(due)
-                if phase:  # the first poll is at once, for all
-                    due, phase = due + phase - period, 0.0
-                late = max(0, math.ceil((self._clock.monotonic() - due) / period) - 1)
-                self.missed += late
-                self._note_pace(late)
-                due += period * (1 + late)
+            await self._periodic.run(self._poll, self._note_pace)
         finally:
             with self._clock.hold():
                 await self._shut()
@@ -132,7 +110,7 @@ class Runner:
             for device in self._devices:
                 self._publish_fault(device)
             return
-        self._tell_end(f"bus {self.line.bus.name}", "open again")
+        self._problems.clear(f"bus {self.line.bus.name}", f"bus {self.line.bus.name}: open again")
         waiting = self._waiting(due)
         for device in healthy:
             await self._ask(device, due)
@@ -150,7 +128,7 @@ class Runner:
         return -math.inf if self._steady(device) else device.wavered_s
 
     def _steady(self, device: _Device) -> bool:
-        return self._clock.monotonic() - device.wavered_s >= self._steadiness.window_s
+        return self._clock.monotonic() - device.wavered_s >= self._problems.window_s
 
     def _waiting(self, due: float) -> list[_Device]:
         """Failing devices whose turn it is, the longest waiting first."""
@@ -198,7 +176,7 @@ class Runner:
         except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
             text = self._text(error, f"bus {bus.name}")
             self._breaker.failed(due)
-            self._tell(f"bus {bus.name}", "closed", text, error)
+            self._report(f"bus {bus.name}", "closed", text, error)
             for device in self._devices:
                 device.detail = text
             await self._close(bus)
@@ -232,7 +210,7 @@ class Runner:
             return False
         self._answered_s[device.driver.device] = self._clock.monotonic() - before
         device.breaker.succeeded()
-        self._tell_end(f"device {device.driver.device}", "answers again")
+        self._problems.clear(f"device {device.driver.device}", f"device {device.driver.device}: answers again")
         number = self._sequence()
         checked = [device.checked(replace(reading, sequence=number)) for reading in readings]
         self._note_qualities(device, checked)
@@ -250,7 +228,7 @@ class Runner:
         device.detail = self._text(error, subject)
         self._publish_fault(device)
         device.breaker.failed(due)
-        self._tell(subject, type(error).__name__, device.detail, error)
+        self._report(subject, type(error).__name__, device.detail, error)
         if device.connected:
             device.connected = False
             await self._close(device.driver)
@@ -268,42 +246,29 @@ class Runner:
             case _:
                 return f"{subject}: unexpected {type(error).__name__}: {error}"
 
-    def _tell(self, subject: str, kind: str, text: str, error: Exception | None = None) -> None:
-        """Tell of a problem that begins, or turns into another one."""
-        word = self._steadiness.bad(subject, kind, self._clock.monotonic())
-        if word is Word.NOTHING:
-            return
-        if word is Word.LAST:
-            text += f"; it comes and goes: told again when it has been steady for {self._steadiness.window_s:g} s"
-        expected = error is None or isinstance(error, DriverError | TimeoutError)
-        log.warning("%s", text, exc_info=None if expected else error)
-        self._notify(Notice(subject, text))
-
-    def _tell_end(self, subject: str, text: str) -> None:
-        if self._steadiness.well(subject, self._clock.monotonic()):
-            log.info("%s: %s", subject, text)
-            self._notify(Notice(subject, f"{subject}: {text}", ended=True))
+    def _report(self, subject: str, kind: str, text: str, error: Exception) -> None:
+        expected = isinstance(error, DriverError | TimeoutError)
+        self._problems.report(subject, kind, text, bug=None if expected else error)
 
     def _note_pace(self, missed: int) -> None:
-        """Tell when answers take longer than the period."""
+        """Report when answers take longer than the period."""
         subject = f"period of bus {self.line.bus.name}"
         self._pace.polled(self._answered_s, missed)
         if self._pace.slow:
-            self._tell(subject, "slow", f"bus {self.line.bus.name}: {self._pace.text()}")
+            self._problems.report(subject, "slow", f"bus {self.line.bus.name}: {self._pace.text()}")
         else:
-            self._tell_end(subject, "the devices answer in time again")
+            self._problems.clear(subject, f"{subject}: the devices answer in time again")
 
     def _note_qualities(self, device: _Device, readings: Sequence[Reading]) -> None:
-        """Tell of a channel whose quality changed while its device answers."""
+        """Report a channel whose quality changed while its device answers."""
         for reading in readings:
             device.units[reading.channel] = reading.unit
             subject, quality = f"channel {reading.channel}", reading.quality.value
             if reading.quality in (Quality.GOOD, Quality.SIMULATED):
-                self._tell_end(subject, "good again")
+                self._problems.clear(subject, f"{subject}: good again")
             else:
-                self._tell(
-                    subject, quality, f"{subject}: {quality}" + (f": {reading.detail}" if reading.detail else "")
-                )
+                why = f": {reading.detail}" if reading.detail else ""
+                self._problems.report(subject, quality, f"{subject}: {quality}{why}")
 
     def _publish_fault(self, device: _Device) -> None:
         utc, now, number = self._clock.utc(), self._clock.monotonic(), self._sequence()

@@ -17,12 +17,13 @@ from rich.text import Text
 
 from drivers.base import Quality, Reading
 from gateway.acquisition.build import lines_of
-from gateway.acquisition.runner import Acquisition, Line, Notice
+from gateway.acquisition.runner import Acquisition, Line
 from gateway.cli.numbers import shown
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
+from gateway.polling import Notice
 
 _WINDOW = 60
 """Reads over which rate and jitter are taken."""

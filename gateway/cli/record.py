@@ -9,12 +9,13 @@ from time import monotonic
 
 from drivers.base import Quality, Reading
 from gateway.acquisition.build import lines_of
-from gateway.acquisition.runner import Acquisition, Notice
+from gateway.acquisition.runner import Acquisition
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
 from gateway.config.packed import packed_toml
+from gateway.polling import Notice
 from gateway.recordings.wire_log import WireLogWriter
 
 _SHOWN_EVERY_S = 1.0

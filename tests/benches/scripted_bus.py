@@ -7,7 +7,8 @@ from typing import NoReturn
 
 from drivers.base import NoAnswer, Quality, Reading
 from gateway.acquisition.plausibility import Plausible
-from gateway.acquisition.runner import Acquisition, Line, Notice
+from gateway.acquisition.runner import Acquisition, Line
+from gateway.polling import Notice
 from tests.benches.stepped_clock import SteppedClock
 
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from drivers.base import Quality, Reading
 from gateway.acquisition.plausibility import Plausible
-from gateway.acquisition.runner import Acquisition, Line, Notice
+from gateway.acquisition.runner import Acquisition, Line
 from gateway.clock import RealClock
+from gateway.polling import Notice
 from tests.benches.faults.actions import PERIOD_S
 from tests.benches.faults.plants import Plant
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
-from gateway.acquisition.runner import Acquisition, Line, Notice
+from gateway.acquisition.runner import Acquisition, Line
 from gateway.clock import RealClock
+from gateway.polling import Notice
 from simulators.devices.m7015 import M7015
 from simulators.devices.modbus_servers import RtuLine
 from tests.benches.faults.bench import Metronome

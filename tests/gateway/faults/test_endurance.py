@@ -18,8 +18,9 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition.runner import Acquisition, Line, Notice
+from gateway.acquisition.runner import Acquisition, Line
 from gateway.clock import RealClock
+from gateway.polling import Notice
 from tests.benches.faults.actions import restarted, whole
 from tests.benches.faults.matrix import HARMLESS, MATRIX
 from tests.benches.faults.plants import PLANTS, Plant

@@ -1,0 +1,105 @@
+"""Reports problems: each once when it begins and once when it ends, unless it comes and goes."""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from drivers.base import Clock
+
+_STEADY_S, _STEADY_PERIODS = 60.0, 10
+"""What has not changed for so long, and so many periods, is steady; what begins often within it comes and goes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """A problem that began or ended. Reported once each."""
+
+    subject: str
+    """What has the problem: `bus rtu1`, `period of bus rtu1`, `device rtd1`, `channel bed_front_left`, `NC`."""
+    text: str
+    ended: bool = False
+
+
+Notify = Callable[[Notice], None]
+
+
+@dataclass(slots=True)
+class _History:
+    failing: bool = False
+    muted: bool = False
+    changed_s: float = 0.0
+    kinds: set[str] = field(default_factory=set)
+    """What was reported since it began."""
+    begun_s: deque[float] = field(default_factory=deque)
+
+
+class Problems:
+    """Remembers each subject's problems; reports and logs what is new.
+
+    A subject whose problems begin more than `most` times before it has been steady comes and goes: that is reported
+    with the last beginning, and then nothing until it has been steady. Steady is what has not changed for a minute and
+    for ten periods.
+
+    Parameters
+    ----------
+    clock: its monotonic seconds are used
+    period_s: how often the subjects are looked at, s, > 0
+    notify: takes each problem as it begins and as it ends
+    log: where both are logged too, as warning and information
+    most: beginnings that are reported before a subject is steady
+    """
+
+    def __init__(self, clock: Clock, period_s: float, notify: Notify, log: logging.Logger, *, most: int = 3) -> None:
+        self._clock, self._notify, self._log, self._most = clock, notify, log, most
+        self._window_s = max(_STEADY_S, _STEADY_PERIODS * period_s)
+        self._subjects: dict[str, _History] = {}
+
+    @property
+    def window_s(self) -> float:
+        """How long a subject must stay as it is to count as steady, s."""
+        return self._window_s
+
+    def report(self, subject: str, kind: str, text: str, *, bug: Exception | None = None) -> None:
+        """The subject has a problem. Call it whenever that is seen: it is reported when it begins or changes its kind.
+
+        bug: an exception that nobody expected; logged with its traceback
+        """
+        now_s = self._clock.monotonic()
+        history = self._subjects.setdefault(subject, _History())
+        if history.failing:
+            history.muted &= now_s - history.changed_s < self._window_s
+            if history.muted or kind in history.kinds:
+                return
+            history.kinds.add(kind)
+        else:
+            history.failing, history.changed_s = True, now_s
+            if history.muted:
+                return
+            history.kinds = {kind}
+            history.begun_s.append(now_s)
+            while history.begun_s[0] <= now_s - self._window_s:
+                history.begun_s.popleft()
+            history.muted = len(history.begun_s) > self._most
+            if history.muted:
+                text += f"; it comes and goes: reported again when it has been steady for {self._window_s:g} s"
+        self._log.warning("%s", text, exc_info=bug)
+        self._notify(Notice(subject, text))
+
+    def clear(self, subject: str, text: str) -> None:
+        """The subject has no problem. Call it whenever that is seen: the end of a reported problem is reported."""
+        history = self._subjects.get(subject)
+        if history is None:
+            return
+        now_s = self._clock.monotonic()
+        if history.failing:
+            history.failing, history.changed_s = False, now_s
+            ended = not history.muted
+        elif now_s - history.changed_s < self._window_s:
+            return
+        else:
+            del self._subjects[subject]
+            ended = history.muted
+        if ended:
+            self._log.info("%s", text)
+            self._notify(Notice(subject, text, ended=True))

@@ -1,0 +1,116 @@
+"""What is reported of problems that come once, turn into others, or come and go."""
+
+import logging
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.polling import Notice, Problems
+from tests.benches.manual_clock import ManualClock
+
+WINDOW_S = 60.0
+LOG = logging.getLogger("test.problems")
+
+
+class Seen:
+    """Problems on a clock that the test sets, and what they reported last."""
+
+    def __init__(self, most: int = 3) -> None:
+        self.clock, self.notices = ManualClock(), list[Notice]()
+        self.problems = Problems(self.clock, 1.0, self.notices.append, LOG, most=most)
+        assert self.problems.window_s == WINDOW_S
+
+    def bad(self, subject: str, kind: str, now_s: float) -> Notice | None:
+        self.clock.move_to(now_s)
+        self.notices.clear()
+        self.problems.report(subject, kind, f"{subject}: {kind}")
+        return self.notices[0] if self.notices else None
+
+    def well(self, subject: str, now_s: float) -> Notice | None:
+        self.clock.move_to(now_s)
+        self.notices.clear()
+        self.problems.clear(subject, f"{subject}: well")
+        return self.notices[0] if self.notices else None
+
+
+async def test_a_problem_is_reported_when_it_begins_and_when_it_ends() -> None:
+    seen = Seen()
+    assert seen.well("a", 0.0) is None
+    assert [seen.bad("a", "silent", t) for t in (1.0, 2.0, 3.0)] == [Notice("a", "a: silent"), None, None]
+    assert seen.bad("a", "noise", 4.0) == Notice("a", "a: noise")  # it turned into another
+    assert seen.bad("a", "silent", 5.0) is None
+    assert [seen.well("a", t) for t in (6.0, 7.0)] == [Notice("a", "a: well", ended=True), None]
+
+
+async def test_subjects_do_not_know_each_other() -> None:
+    seen = Seen()
+    assert seen.bad("a", "silent", 0.0)
+    assert seen.bad("b", "silent", 0.0)
+    assert seen.well("a", 1.0)
+    assert seen.bad("b", "silent", 2.0) is None
+
+
+async def test_what_comes_and_goes_is_reported_so_and_then_only_when_it_is_steady() -> None:
+    seen = Seen(most=3)
+    reported = [(t, seen.well("a", float(t)) if t % 2 else seen.bad("a", "silent", float(t))) for t in range(600)]
+    said = [(t, notice.text, notice.ended) for t, notice in reported if notice is not None]
+    assert said[:-1] == [(t, f"a: {'well' if t % 2 else 'silent'}", bool(t % 2)) for t in range(6)]
+    assert said[-1] == (6, "a: silent; it comes and goes: reported again when it has been steady for 60 s", False)
+    assert [t for t in range(600, 800) if seen.well("a", float(t))] == [659]  # well since 599
+    assert seen.bad("a", "silent", 900.0) == Notice("a", "a: silent")
+
+
+async def test_what_came_and_went_and_is_bad_for_good_is_no_longer_silent_about_new_kinds() -> None:
+    seen = Seen(most=1)
+    for t in (0.0, 2.0):
+        seen.bad("a", "silent", t)
+        seen.well("a", t + 1.0)
+    assert seen.bad("a", "noise", 4.0) is None
+    assert seen.bad("a", "noise", 64.0)
+    assert seen.well("a", 65.0)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.floats(0.1, 90.0)), max_size=200))
+def test_ends_are_reported_of_what_was_reported_to_begin_and_there_is_a_limit_in_any_window(
+    steps: list[tuple[bool, float]],
+) -> None:
+    seen, now, open_, begun = Seen(most=3), 0.0, False, list[float]()
+    for bad, passed_s in steps:
+        now += passed_s
+        if bad:
+            if seen.bad("a", "silent", now):
+                assert not open_, "reported twice that it begins"
+                open_ = True
+                begun.append(now)
+        elif seen.well("a", now):
+            assert open_, "reported that it ends, and not that it began"
+            open_ = False
+    assert all(later - first >= WINDOW_S for first, later in zip(begun, begun[4:], strict=False))
+
+
+@pytest.mark.parametrize("most", [1, 3])
+async def test_slow_changes_are_all_reported(most: int) -> None:
+    seen = Seen(most=most)
+    for t in range(0, 2000, 200):
+        assert seen.bad("a", "silent", float(t))
+        assert seen.well("a", t + 100.0)
+
+
+async def test_a_slow_poller_takes_longer_to_count_as_steady() -> None:
+    assert Problems(ManualClock(), 30.0, lambda _: None, LOG).window_s == 300.0
+
+
+async def test_what_is_reported_is_logged_once_and_a_bug_with_its_traceback(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, logger=LOG.name)
+    seen, bug = Seen(), ValueError("no rows")
+    for _ in range(3):
+        seen.problems.report("a", "ValueError", "a: unexpected", bug=bug)
+    seen.problems.report("a", "silent", "a: silent")
+    for _ in range(2):
+        seen.problems.clear("a", "a: well")
+    assert [(r.levelname, r.getMessage(), r.exc_info is not None) for r in caplog.records] == [
+        ("WARNING", "a: unexpected", True),
+        ("WARNING", "a: silent", False),
+        ("INFO", "a: well", False),
+    ]
