@@ -1,4 +1,4 @@
-"""Watches whether the sensors still agree with each other: learns once a day, judges once an hour, tells once."""
+"""Checks whether the sensors still agree with each other: learns once a day, judges once an hour, reports once."""
 
 import asyncio
 import logging
@@ -12,6 +12,7 @@ import numpy as np
 
 from gateway.clock import ServiceClock
 from gateway.control.subprocess import WorkError, apart
+from gateway.polling import Notice, Problems
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame
 from talc.sensor_check import Finding, Judgement, judge
 from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
@@ -20,6 +21,8 @@ from talc.settings import SensorCheckSettings
 log = logging.getLogger(__name__)
 
 _JUDGE_EVERY_STEPS = 12
+_JUDGE_EVERY_S = 3600.0
+"""With the usual step."""
 _LEARN_EVERY_STEPS = 288
 _LEARN_FIRST_STEPS = 288
 """A day: less does not show how the hall's temperature goes."""
@@ -106,8 +109,7 @@ class SensorWatch:
         self._last_k: int | None = None
         self._model: SensorModel | None = None
         self._learnt_k: int | None = None
-        self._failures: dict[str, set[str]] = {}
-        """What was told of each part that fails, until it works again."""
+        self._problems = Problems(clock, _JUDGE_EVERY_S, self._noticed, log)
         self._judged = self._quiet = 0
         """Judgements in all, and those without a finding since the last one with."""
         self._findings: list[_Standing] = []
@@ -134,25 +136,24 @@ class SensorWatch:
     async def look(self) -> None:
         """Judge the last window; then learn, when a day has passed and nothing is suspect.
 
-        Advice is not worth the gateway: what a part raises is told once, and the part is tried again when it is due.
+        Advice is not worth the gateway: what a part raises is reported, and the part is tried again when it is due.
         """
         await self._attempt("not judged", self._judge)
         await self._attempt("how they predict each other could not be learnt", self._learn_when_due)
 
     async def _attempt(self, failing: str, part: Callable[[], Awaitable[bool]]) -> None:
         try:
-            if await part() and failing in self._failures:
-                del self._failures[failing]
-                self._told.event(Event(EventKind.PROBLEM_ENDED, f"sensors, no longer: {failing}"), self._last_k)
-        except Exception as error:
-            expected = isinstance(error, WorkError)
-            text = f"sensors: {failing}: " + (str(error) if expected else f"unexpected {type(error).__name__}: {error}")
-            told = self._failures.setdefault(failing, set())
-            if text in told:
-                return
-            told.add(text)
-            log.error("%s", text, exc_info=None if expected else error)
-            self._told.event(Event(EventKind.PROBLEM, text), self._last_k)
+            if await part():
+                self._problems.clear(failing, f"sensors, no longer: {failing}")
+        except WorkError as error:
+            self._problems.report(failing, str(error), f"sensors: {failing}: {error}")
+        except Exception as error:  # noqa: BLE001 - reported with its traceback
+            text = f"unexpected {type(error).__name__}: {error}"
+            self._problems.report(failing, text, f"sensors: {failing}: {text}", bug=error)
+
+    def _noticed(self, notice: Notice) -> None:
+        kind = EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM
+        self._told.event(Event(kind, notice.text), self._last_k)
 
     def _append(self, k: int, inputs: FloatArray, valid: BoolArray) -> None:
         if self._last_k is not None:

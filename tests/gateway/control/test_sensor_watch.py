@@ -178,7 +178,7 @@ async def test_a_learning_that_fails_is_told_once_and_tried_each_hour(
     caplog: pytest.LogCaptureFixture, error: Exception, said: str
 ) -> None:
     ear, teacher = Ear(), Failing(*[error] * 3)
-    with caplog.at_level(logging.ERROR, logger="gateway.control.sensor_watch"):
+    with caplog.at_level(logging.WARNING, logger="gateway.control.sensor_watch"):
         await run(watch(ear, teacher), days()[: DAY + 48], K0)
     text = "how they predict each other could not be learnt"
     assert len(teacher.rows) == 4
@@ -200,7 +200,7 @@ async def test_a_judgement_that_raises_ends_nothing_and_is_told_once(caplog: pyt
             return model and replace(model, offset_std=model.offset_std[:3])
 
     ear, teacher, x = Ear(), Wrong(), days()
-    with caplog.at_level(logging.ERROR, logger="gateway.control.sensor_watch"):
+    with caplog.at_level(logging.WARNING, logger="gateway.control.sensor_watch"):
         await run(watch(ear, teacher), x[: 2 * DAY + 240], K0)
     assert len(teacher.rows) == 2, "learning goes on"
     assert not any(judgement.smallest_offset_K for judgement, _ in ear.judgements)
