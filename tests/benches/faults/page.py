@@ -1,110 +1,118 @@
-"""Writes docs/faults.md from the table that the tests play: `python -m tests.benches.faults.page > docs/faults.md`."""
+"""Writes docs/faults.md from the fault matrix: `python -m tests.benches.faults.page > docs/faults.md`."""
 
 from collections.abc import Mapping
+from textwrap import fill
 
 from tests.benches.faults.matrix import COMM, HARMLESS, MATRIX, Case
 from tests.benches.faults.plants import WIRES
 
 HEAD = """# Faults
 
-What each fault of a sensor, a device or a wire looks like to you, and what to do. This page is written from the table
-of the tests: each row is played there over the real wire (pseudo-terminal, TCP, serial CAN adapter, UDP multicast),
-with the gateway's acquisition on the other end, and in each it is checked that
+What each fault of a sensor, a device or a wire looks like, and what to do about it. This page is generated from the
+table of the tests. They play each row over the real wire (pseudo-terminal, TCP, serial CAN adapter, UDP multicast),
+with the gateway's acquisition on the other end, and check each time that
 
-- the channel's quality turns within two periods, and the reading says why, in the words of the last column;
-- no value of before is shown as good meanwhile;
+- the channel's quality changes within two periods, and the reading says why, in the words of the last column;
+- no earlier value is shown as good in the meantime;
 - other devices on the wire keep their period (99th percentile within 20 %) unless the wire itself is gone, and other
-  buses always;
+  buses always do;
 - recovery needs nobody: when the fault is gone the channel is good again;
-- log and events tell it once when it begins and once when it ends, not each second.
+- log and events report the fault once when it begins and once when it ends, not every second.
 
-`comm_fault`: no valid answer. `sensor_fault`, `out_of_range`: the device answers, this channel is broken or beyond.
-`stale`: the number may be an old one. Channels that are not good carry no number, or are not used. While a read hangs
-(it may, up to `read_limit_s`), the service publishes its bus's channels as `stale`, without a number and with the age
-of the last one, as soon as that is three periods old.
+`comm_fault`: no valid answer. `sensor_fault`, `out_of_range`: the device answers, but this channel is broken or beyond
+its range. `stale`: the number may be an old one. Channels that are not good have no number, or are not used. While a
+read hangs (for up to `read_limit_s`), the service publishes the channels of its bus as `stale`, without a number and
+with the age of the last one, as soon as that is three periods old.
 """
+
+WIDTH = 120
 
 MEANING: Mapping[str, str] = {
     "unplugged and back": (
-        "The adapter or the cable is out, or the host is off. The bus is opened again and again, less and less "
-        "often up to `retry_max_periods`; a serial port is found again by its lasting name."
+        "The adapter or the cable is unplugged, or the host is off. The gateway opens the bus again and again, less "
+        "and less often up to `retry_max_periods`; it finds a serial port again by its permanent name."
     ),
     "dead device": (
-        "It hears and does not answer: no power, wrong address, broken. It is asked less and less often. On "
-        "multicast it cannot be told from one that is unplugged."
+        "It receives and does not answer: no power, wrong address, broken. The gateway asks it less and less often. On "
+        "multicast it cannot be distinguished from an unplugged one."
     ),
     "dead device, long timeout": (
-        "The same with a `timeout_s` of half a period. A device that usually is quick is not waited for so long."
+        "The same with a `timeout_s` of half a period. The gateway waits less for a device that usually answers "
+        "quickly."
     ),
     "half-open connection": (
-        "The other end is gone without a word: power cut, network switched. The connection of before never comes back "
-        "to life: when nobody on it answers, it is closed and opened again."
+        "The other end disappears without closing: power cut, network switched. The old connection never works again: "
+        "when nobody on it answers, the gateway closes it and opens a new one."
     ),
     "gateway to a dead device": (
         "The TCP gateway answers for the device behind it. Its neighbours share the connection and keep it."
     ),
     "wrong device answers": (
-        "Two devices with one address, or a gateway that mixes them up. No foreign answer becomes a value."
+        "Two devices have one address, or a gateway mixes them up. No answer of another device becomes a value."
     ),
     "late answer": (
-        "It comes after `timeout_s`, when the next request waits for its own, and is not taken for that. If it is the "
-        "rule, raise `timeout_s`. Of Modbus devices and CANopen nodes read by SDO this holds though every answer be "
-        "one behind. What a Micro-Epsilon sensor on RS-485 or a node after SYNC sends carries no number: there it "
-        "holds when answers come late for a while, and one that lags behind for ever cannot be told."
+        "It comes after `timeout_s`, while the next request waits for its own answer, and is not taken for that "
+        "answer. If this happens all the time, raise `timeout_s`. For Modbus devices and CANopen nodes read by SDO this holds "
+        "even if every answer is one request late. Micro-Epsilon sensors on RS-485 and nodes read after SYNC do not "
+        "number their answers: there it holds when answers are late for a while, but a device that stays one answer "
+        "behind permanently cannot be detected."
     ),
-    "late answer, in another's time": "It comes while another device on the wire is asked, and is taken for nobody's.",
+    "late answer, in another's time": (
+        "It comes while another device on the wire is asked, and is taken for nobody's answer."
+    ),
     "checksum error": (
-        "Noise, missing termination, wrong baud rate. CAN frames with a wrong checksum never leave the controller; "
-        "TCP has its own."
+        "Noise, missing termination, wrong baud rate. CAN frames with a wrong checksum never leave the CAN controller; "
+        "TCP has a checksum of its own."
     ),
-    "truncated frame": "A frame ends too early. What comes next is read from its own beginning.",
-    "truncated datagram": "What is no CAN frame in the group is passed over.",
-    "overlong frame": "A frame is longer than it may be, or than was asked for.",
-    "exception code": "The device understood and said no. Does the profile fit the device?",
+    "truncated frame": "A frame ends too early. The next frame is read from its own beginning.",
+    "truncated datagram": "A datagram in the group that is not a CAN frame is ignored.",
+    "overlong frame": "A frame is longer than allowed, or longer than requested.",
+    "exception code": "The device understood the request and refused it. Does the profile fit the device?",
     "bus-off": (
         "The CAN controller left the bus after too many errors: wrong bitrate, short circuit, missing termination."
     ),
     "node reboots": (
-        "The node was without power and is back. It is checked anew (sensor types, units) and started (NMT)."
+        "The node lost its power and is back. The gateway checks it again (sensor types, units) and starts it (NMT)."
     ),
     "heartbeat lost": (
-        "The node answers while its heartbeat stopped: its program may hang and repeat the last values."
+        "The node answers although its heartbeat has stopped: its program may hang and repeat the last values."
     ),
     "returns with another type": (
-        "Another device, or another setting, is in the place of the one that was gone. Its values are refused."
+        "Another device, or another setting, has taken the place of the previous one. Its values are refused."
     ),
     "sensor open": (
-        "A wire is off or broken. The PTA8D08 shows 97.7 °C, a number like any other: only the profile's guess tells."
+        "A wire is disconnected or broken. The PTA8D08 shows 97.7 °C, like any other number: only the profile's guess "
+        "reveals it."
     ),
     "sensor short": "The wires touch.",
     "over range": "Above what the input can measure.",
     "under range": "Below what the input can measure.",
 }
 SLOW = """## slow device
-It answers within `timeout_s`, but the devices of the bus together do not within the period: every reading is good, and
-later than it should be. An event says how many periods were missed and which device takes longest; `periods_missed` in
-the key `status` counts them. Raise `period_s` or the line's speed, or read fewer channels of it.
+Each device answers within `timeout_s`, but together the devices of the bus take longer than the period: every reading
+is good, and later than it should be. An event says how many periods were missed and which device takes longest;
+`periods_missed` in the key `status` counts them. Raise `period_s` or the line's speed, or read fewer channels.
 """
 FROZEN = """## frozen value
-With `stuck_after_s` set, a channel whose number has not changed at all for so long is `stale` ("exactly 21 for
-600 s"), on every kind of bus. Without it a frozen value cannot be told from a steady one.
+With `stuck_after_s` set, a channel whose number has not changed at all for that long is `stale` ("exactly 21 for
+600 s"), on every kind of bus. Without it a frozen value cannot be distinguished from a steady one.
 """
-REST = """Two more are played on every wire above: the computer's clock jumps by an hour, forwards and back, while
-readings come and while the bus is closed and opened (periods, timeouts and ages stand on the monotonic clock, those of
-the libraries too; only the UTC of readings jumps); and every core is busy with other programs (periods are as regular
-as the computer lets a thread wake).
+REST = """Two more disturbances are played on every wire above. The computer's clock jumps by an hour, forwards and
+back, while readings come and while the bus is closed and opened: periods, timeouts and ages use the monotonic clock, also
+those of the libraries, so only the UTC of readings jumps. And every core is busy with other programs: periods are as
+regular as the computer lets a thread wake.
 
-A device that comes and goes, silent for a period and back for a while, on a wire whose `timeout_s` is half a period:
-its neighbours keep their period.
+An intermittent device, silent for one period and back for a while, is played on a wire whose `timeout_s` is half a
+period: its neighbours keep their period.
 
-Every row above is also played ten times over, all rows of a wire in a row, and leaves no descriptor, thread, task or
-memory behind. Of each wire that is some 350 to 850 polls in half a minute, as many as in a quarter of an hour at 1 Hz;
-it says nothing of what would grow in weeks.
+Every row above is also played ten times, all rows of a wire in sequence, and leaves no descriptor, thread, task or
+memory behind. For each wire that is about 350 to 850 polls in half a minute, as many as in a quarter of an hour at
+1 Hz; it says nothing about what would grow over weeks.
 
-Five units on one Modbus RTU line are played too, read each second with a timeout of half a second: three fall silent at
-once, or one comes and goes, or one answers late for once. In each the others keep every interval within 20 % of the
-period, and who was late for once is not told as a fault. When all five fall silent, each shows it within two periods,
-and no period is missed.
+Five units on one Modbus RTU line are played too, read every second with a timeout of half a second: three fall silent
+at once, or one is intermittent, or one answers late once. Each time the others keep every interval within 20 % of the
+period, and a single late answer is not reported as a fault. When all five fall silent, each shows it within two
+periods, and no period is missed.
 """
 
 
@@ -112,10 +120,14 @@ def page() -> str:
     """The text of docs/faults.md."""
     parts = [HEAD]
     faults = dict.fromkeys(case.fault for case in MATRIX)
-    parts += [f"## {fault}\n{MEANING[fault]}\n\n{_table([c for c in MATRIX if c.fault == fault])}" for fault in faults]
+    parts += [
+        f"## {fault}\n{fill(MEANING[fault], WIDTH)}\n\n{_table([c for c in MATRIX if c.fault == fault])}"
+        for fault in faults
+    ]
     parts += [FROZEN, SLOW]
     parts.append(
-        f"## What no reading may show\nEvery value right, every period kept, nothing told.\n\n{_harmless()}\n{REST}"
+        "## What no reading may show\nEvery value is right, every period is kept, nothing is reported.\n\n"
+        f"{_harmless()}\n{REST}"
     )
     return "\n".join(parts)
 
