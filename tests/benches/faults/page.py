@@ -51,11 +51,11 @@ MEANING: Mapping[str, str] = {
         "Two devices have one address, or a gateway mixes them up. No answer of another device becomes a value."
     ),
     "late answer": (
-        "It comes after `timeout_s`, while the next request waits for its own answer, and is not taken for that "
-        "answer. If this happens all the time, raise `timeout_s`. For Modbus devices and CANopen nodes read by SDO this holds "
-        "even if every answer is one request late. Micro-Epsilon sensors on RS-485 and nodes read after SYNC do not "
-        "number their answers: there it holds when answers are late for a while, but a device that stays one answer "
-        "behind permanently cannot be detected."
+        "It comes after `timeout_s`, while the next request waits for its own answer, and is not taken for "
+        "that answer. If this happens all the time, raise `timeout_s`. For Modbus devices and CANopen nodes "
+        "read by SDO this holds even if every answer is one request late. Micro-Epsilon sensors on RS-485 and "
+        "nodes read after SYNC do not number their answers: there it holds when answers are late for a while, "
+        "but a device that stays one answer behind permanently cannot be detected."
     ),
     "late answer, in another's time": (
         "It comes while another device on the wire is asked, and is taken for nobody's answer."
@@ -98,16 +98,16 @@ With `stuck_after_s` set, a channel whose number has not changed at all for that
 600 s"), on every kind of bus. Without it a frozen value cannot be distinguished from a steady one.
 """
 REST = """Two more disturbances are played on every wire above. The computer's clock jumps by an hour, forwards and
-back, while readings come and while the bus is closed and opened: periods, timeouts and ages use the monotonic clock, also
-those of the libraries, so only the UTC of readings jumps. And every core is busy with other programs: periods are as
-regular as the computer lets a thread wake.
+back, while readings come and while the bus is closed and opened: periods, timeouts and ages use the monotonic clock,
+also those of the libraries, so only the UTC of readings jumps. And every core is busy with other programs: periods are
+as regular as the computer lets a thread wake.
 
 An intermittent device, silent for one period and back for a while, is played on a wire whose `timeout_s` is half a
 period: its neighbours keep their period.
 
 Every row above is also played ten times, all rows of a wire in sequence, and leaves no descriptor, thread, task or
-memory behind. For each wire that is about 350 to 850 polls in half a minute, as many as in a quarter of an hour at
-1 Hz; it says nothing about what would grow over weeks.
+memory behind. For each wire that is about 350 to 850 polls in half a minute, as many as in a quarter of an hour at 1
+Hz; it says nothing about what would grow over weeks.
 
 Five units on one Modbus RTU line are played too, read every second with a timeout of half a second: three fall silent
 at once, or one is intermittent, or one answers late once. Each time the others keep every interval within 20 % of the
