@@ -2,8 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Mapping
-from contextlib import suppress
+from collections.abc import AsyncIterator, Awaitable, Mapping
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -93,6 +93,10 @@ class OpcUaSession:
         not there, SetupError when a file cannot be read.
         """
         await self.close()
+        async with self._malformed_is_bad("opens the session"):
+            await self._connect()
+
+    async def _connect(self) -> None:
         settings = self._settings
         client = Client(
             with_port(settings.url), timeout=settings.timeout_s, watchdog_intervall=max(settings.timeout_s, 5.0)
@@ -108,18 +112,20 @@ class OpcUaSession:
             await client.connect()
         except (UaError, OSError, TimeoutError, AssertionError) as error:
             raise self._unreachable(error) from error
+        except Exception as error:  # the library decodes the server's answers without checking them
+            raise self._unreadable(error, "opens the session") from error
         finally:
             if client.state is not UaClientState.CONNECTED:
                 await _drop(client)
         self._client = client
         self._nodes.clear()
         namespaces = await self._ask(client.get_namespace_array(), "reads the namespaces")
-        if settings.namespace_uri not in namespaces:
+        if settings.namespace_uri not in (namespaces or ()):
             await self.close()
             raise WrongDevice(
                 f"the server at {settings.url} has no namespace {settings.namespace_uri!r}",
                 device=self._device,
-                hint=f"it has {', '.join(namespaces)}",
+                hint=f"it has {', '.join(map(str, namespaces or ['none']))}",
             )
         self._namespace = namespaces.index(settings.namespace_uri)
 
@@ -129,7 +135,7 @@ class OpcUaSession:
         self._subscriptions.clear()
         if client is None:
             return
-        with suppress(UaError, OSError, TimeoutError):
+        with suppress(Exception):  # also what the library raises on a malformed answer to the goodbye
             await client.disconnect()
 
     async def read(self, paths: tuple[str, ...]) -> list[Number | None]:
@@ -138,15 +144,16 @@ class OpcUaSession:
         Raises WrongDevice for a node that does not exist, Refused for a missing right.
         """
         client = self._open()
-        answer = await self._ask(client.uaclient.read_attributes(self._ids(paths), AttributeIds.Value), "reads")
-        if len(answer) != len(paths):
-            raise BadAnswer(f"{len(answer)} values for {len(paths)} nodes", device=self._device)
-        return [self._value(path, value) for path, value in zip(paths, answer, strict=True)]
+        async with self._malformed_is_bad("reads"):
+            answer = await self._ask(client.uaclient.read_attributes(self._ids(paths), AttributeIds.Value), "reads")
+            self._expect(len(paths), answer, "values")
+            return [self._value(path, value) for path, value in zip(paths, answer, strict=True)]
 
     async def subscribe(self, paths: tuple[str, ...], interval_s: float) -> bool:
         """Have the server tell of changes of these nodes from now until the session ends; False when it will not."""
         subscription = Subscription(self._open(), self._ids(paths), interval_s)
-        started = await self._ask(subscription.start(), "subscribes")
+        async with self._malformed_is_bad("subscribes"):
+            started = await self._ask(subscription.start(), "subscribes")
         self._subscriptions[paths] = subscription if started else None
         return started
 
@@ -156,7 +163,8 @@ class OpcUaSession:
         values = subscription.latest() if subscription is not None else None
         if values is None:
             return await self.read(paths)
-        return [self._value(path, value) for path, value in zip(paths, values, strict=True)]
+        async with self._malformed_is_bad("takes a notification"):
+            return [self._value(path, value) for path, value in zip(paths, values, strict=True)]
 
     async def write(self, values: Mapping[str, float]) -> None:
         """Set several nodes in one request.
@@ -167,10 +175,12 @@ class OpcUaSession:
         paths = tuple(values)
         data = [DataValue(Variant(float(v), VariantType.Double)) for v in values.values()]
         request = client.uaclient.write_attributes(self._ids(paths), data, AttributeIds.Value)
-        answer = await self._ask(request, "writes")
-        for path, status in zip(paths, answer, strict=True):
-            if not status.is_good():
-                raise self._bad_status(path, status, "write")
+        async with self._malformed_is_bad("writes"):
+            answer = await self._ask(request, "writes")
+            self._expect(len(paths), answer, "statuses")
+            for path, status in zip(paths, answer, strict=True):
+                if not status.is_good():
+                    raise self._bad_status(path, status, "write")
 
     def _open(self) -> Client:
         if self._client is None:
@@ -181,6 +191,26 @@ class OpcUaSession:
         if paths not in self._nodes:
             self._nodes[paths] = [NodeId(String(path), Int16(self._namespace)) for path in paths]
         return self._nodes[paths]
+
+    @asynccontextmanager
+    async def _malformed_is_bad(self, what: str) -> AsyncIterator[None]:
+        """The library decodes answers without checking them: what it raises on a malformed one becomes BadAnswer.
+
+        The session is closed then, as nobody knows what of it can still be trusted.
+        """
+        try:
+            yield
+        except DriverError:
+            raise
+        except Exception as error:
+            await self.close()
+            raise self._unreadable(error, what) from error
+
+    def _expect(self, count: int, answer: object, of: str) -> None:
+        """Raises BadAnswer unless the answer is a list of so many."""
+        if not isinstance(answer, list) or len(answer) != count:
+            found = len(answer) if isinstance(answer, list) else "no"
+            raise BadAnswer(f"{found} {of} for {count} nodes", device=self._device)
 
     async def _ask(self, request: Awaitable[T], what: str) -> T:
         try:
@@ -224,6 +254,13 @@ class OpcUaSession:
             kind = Refused if error.code in DENIED else BadAnswer
             return kind(f"the control answers {_name(error)} when the gateway {what}", device=self._device)
         return ConnectError(f"the connection to {self._settings.url} is lost: {_say(error)}", device=self._device)
+
+    def _unreadable(self, error: Exception, what: str) -> BadAnswer:
+        """An exception that none of the library's own errors is."""
+        return BadAnswer(
+            f"the control's answer is malformed when the gateway {what}: {type(error).__name__}: {error}",
+            device=self._device,
+        )
 
     def _unreachable(self, error: Exception) -> DriverError:
         """An error while opening the session."""

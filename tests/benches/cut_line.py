@@ -1,7 +1,7 @@
-"""A line to a server that can be cut, or go silent while it stays open."""
+"""A line to a server that can be cut, go silent while it stays open, or spoil what the server answers."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
@@ -12,6 +12,8 @@ class Line:
 
     target: int
     silent: bool = False
+    spoil: Callable[[bytes], bytes] | None = None
+    """Changes what the server answers."""
     _writers: list[asyncio.StreamWriter] = field(default_factory=list)
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _server: asyncio.Server | None = None
@@ -23,15 +25,15 @@ class Line:
     async def _join(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         onward_reader, onward_writer = await asyncio.open_connection("127.0.0.1", self.target)
         self._writers += [writer, onward_writer]
-        for source, sink in ((reader, onward_writer), (onward_reader, writer)):
-            task = asyncio.create_task(self._pass_on(source, sink))
+        for source, sink, answers in ((reader, onward_writer, False), (onward_reader, writer, True)):
+            task = asyncio.create_task(self._pass_on(source, sink, answers))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
 
-    async def _pass_on(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
+    async def _pass_on(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter, answers: bool) -> None:
         while data := await source.read(65536):
             if not self.silent:
-                sink.write(data)
+                sink.write(self.spoil(data) if answers and self.spoil is not None else data)
         sink.close()
 
     async def cut(self) -> None:
