@@ -4,10 +4,14 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 KERNEL := CMakeLists.txt $(wildcard talc/kernel/*)
 
-# Speed beside others, in the same run on one thread; renews the table in README.md.
+# Speed and errors beside others, in the same run on one thread; renews the tables in README.md.
+# SUBJECTS=recordings RECORDINGS=folder: your own (docs/benchmark-recordings.md).
+RECORDINGS ?=
+METHODS ?=
 bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/bench.lock
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks $(SUBJECTS)
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 RECORDINGS="$(RECORDINGS)" METHODS="$(METHODS)" \
+		$(BIN)/python -m benchmarks $(SUBJECTS)
 
 # One of the papers' studies in full (docs/studies.md); goes on where it was stopped and renews its table in README.md.
 study: $(VENV)/.ready

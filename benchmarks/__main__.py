@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.rows import Row
 
-_SUBJECTS = ("acquisition", "sensor_check", "group_lasso", "selection", "footprint", "unseen_days")
+_SUBJECTS = ("acquisition", "sensor_check", "group_lasso", "selection", "footprint", "unseen_days", "recordings")
 _README = Path(__file__).parents[1] / "README.md"
 
 
@@ -16,11 +16,14 @@ def main(wanted: list[str]) -> None:
     if unknown:
         raise SystemExit(f"no such subject: {', '.join(sorted(unknown))}; there are {', '.join(_SUBJECTS)}")
     for subject in wanted or _SUBJECTS:
-        rows: list[Row] = importlib.import_module(f"benchmarks.{subject}").rows()
+        module = importlib.import_module(f"benchmarks.{subject}")
+        rows: list[Row] = module.rows()
         lines = ["| work | here | beside it | goal |", "|---|---|---|---|"]
         lines += [f"| {row.work} | {row.ours} | {row.peer} | {row.goal} |" for row in rows]
         table = "\n".join(lines) + "\n"
         print(table, flush=True)
+        if not getattr(module, "is_shipped", lambda: True)():
+            continue  # figures of a user's own data
         head, begin, rest = _README.read_text(encoding="utf-8").partition(f"<!-- benchmark {subject} -->\n")
         _, end, tail = rest.partition("<!-- end -->")
         if begin and end:

@@ -34,7 +34,7 @@ class Times:
         """(rows,) s; NaN where a cell is no time."""
         found = np.full(len(cells), np.nan)
         for i, cell in enumerate(cells):
-            second = _second(cell)
+            second = second_of(cell)
             if second is None:
                 self._problems.add(where(i), f"{shown(cell)} is no time; expected ISO 8601 or seconds")
             elif not _EARLIEST_S <= second <= _LATEST_S:
@@ -48,7 +48,7 @@ class Times:
         return found
 
 
-def _second(cell: object) -> float | None:
+def second_of(cell: object) -> float | None:
     """UTC seconds; a time without a zone is UTC."""
     if isinstance(cell, str):
         cell = _number(cell, default=_iso(cell))

@@ -1,0 +1,182 @@
+"""The TOML file beside a recording: which columns are what, in which unit, how noisy, and when the machine was off."""
+
+import tomllib
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from gateway.config.problems import ConfigError, Problem, problems_of
+
+Unit = Literal["nm", "um", "µm", "mm", "m", "um/m", "µm/m", "urad", "µrad", "mrad", "rad", "arcsec", "deg"]
+POSITION: Mapping[str, float] = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}
+"""µm in one of each."""
+ANGLE: Mapping[str, float] = {
+    "um/m": 1.0,
+    "µm/m": 1.0,
+    "urad": 1.0,
+    "µrad": 1.0,
+    "mrad": 1e3,
+    "rad": 1e6,
+    "arcsec": 4.84813681109536,
+    "deg": 17453.292519943295,
+}
+"""µm/m in one of each."""
+Kind = Literal["temperature", "speed", "power", "length", "state", "other"]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_TABLES = (".csv", ".parquet")
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ErrorColumn(_Section):
+    """One error; what is not given here is as given for all."""
+
+    unit: Unit | None = None
+    noise: NotNegative | None = None
+    probing: NotNegative | None = None
+
+
+class InputColumn(_Section):
+    """One input, or all that a pattern matches."""
+
+    kind: Kind | None = None
+    span: Positive | None = None
+    """What the input typically moves by, in its own unit."""
+
+
+class TimeColumn(_Section):
+    """The column of times."""
+
+    column: str = "time"
+    unit: Literal["s", "ms", "min", "h", "days"] = "s"
+    """Of numbers; ISO 8601 date-times are recognised."""
+    format: str | None = None
+    """Of other date-times, as Python's strptime has it."""
+
+
+class Runs(_Section):
+    """Stretches between which the machine was off."""
+
+    column: str | None = None
+    """Another value begins another run."""
+    gap_min: Positive = 60.0
+    """A longer silence begins one, too."""
+    off_h: NotNegative | tuple[NotNegative, ...] | None = None
+    """Hours off before each next run, where each run's time begins anew: one for all, or one for each gap."""
+    measure_first: bool = True
+    """Measure at the beginning of each run."""
+
+
+class Description(_Section):
+    """What a recording's TOML file says."""
+
+    name: str = ""
+    file: str = ""
+    errors: dict[str, ErrorColumn] = Field(min_length=1)
+    inputs: dict[str, InputColumn] = {"*": InputColumn()}
+    """By name or pattern; the name itself counts before patterns, and these in their order."""
+    ignore: tuple[str, ...] = ()
+    """Names or patterns of columns that are neither."""
+    unit: Unit = "um"
+    noise: NotNegative = 0.5
+    """Standard deviation of what the recorded errors have in noise, in their own unit."""
+    probing: NotNegative = 0.0
+    """Standard deviation of noise that is added to each measurement that a method receives."""
+    seed: int = Field(default=0, ge=0)
+    reference: Literal["first", "recorded"] = "first"
+    """`first`: each error counts from its first value."""
+    step_s: Annotated[float, Field(ge=1, le=3600)] = 300.0
+    sampling: Literal["mean", "last"] = "mean"
+    intervals_min: tuple[Positive, ...] = Field(default=(30.0, 60.0, 120.0, 240.0), min_length=1)
+    beginnings_h: tuple[NotNegative, ...] = Field(default=(0.0, 12.0, 24.0), min_length=1)
+    time: TimeColumn = TimeColumn()
+    runs: Runs = Runs()
+
+    @field_validator("errors", "inputs", mode="before")
+    @classmethod
+    def _names(cls, value: Any) -> Any:
+        """A list of names says nothing else about them."""
+        if isinstance(value, list) and all(isinstance(name, str) for name in value):
+            return {name: {} for name in value}
+        return value
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        twice = [name for name in self.errors if name == self.time.column or self.ignores(name)]
+        if twice:
+            raise ValueError(f"errors: {twice[0]!r} is also the time or in `ignore`; it can be one of them")
+        return self
+
+    def ignores(self, column: str) -> bool:
+        """Whether a column is left out by name or pattern."""
+        return any(fnmatchcase(column, pattern) for pattern in self.ignore)
+
+    def input_of(self, column: str) -> InputColumn | None:
+        """What is said of a column as an input; None: it is not one."""
+        if column in self.inputs:
+            return self.inputs[column]
+        return next((said for pattern, said in self.inputs.items() if fnmatchcase(column, pattern)), None)
+
+    def unit_of(self, error: str) -> Unit:
+        return self.errors[error].unit or self.unit
+
+    def scale_of(self, error: str) -> float:
+        """µm or µm/m in one of the error's unit."""
+        return {**POSITION, **ANGLE}[self.unit_of(error)]
+
+    def is_angle(self, error: str) -> bool:
+        return self.unit_of(error) in ANGLE
+
+    def noise_of(self, error: str) -> float:
+        """Standard deviation of the recorded values' own noise, µm or µm/m."""
+        said = self.errors[error].noise
+        return (self.noise if said is None else said) * self.scale_of(error)
+
+    def probing_of(self, error: str) -> float:
+        """Standard deviation of the added noise, µm or µm/m."""
+        said = self.errors[error].probing
+        return (self.probing if said is None else said) * self.scale_of(error)
+
+
+def describe(path: Path) -> tuple[Description, Path]:
+    """What a TOML file says, and the table that it is about. ConfigError names file, field and value."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
+    try:
+        said = Description.model_validate(data)
+    except ValidationError as error:
+        found = problems_of(error, data, Description)
+        raise ConfigError(path, [Problem(_plain(p.where, data), p.what) for p in found]) from None
+    beside = [path.parent / said.file] if said.file else [path.with_suffix(suffix) for suffix in _TABLES]
+    table = next((file for file in beside if file.is_file()), None)
+    if table is None:
+        expected = " or ".join(file.name for file in beside)
+        raise ConfigError(path, [Problem("file", f'{expected} is not beside it; name the recording: file = "NAME"')])
+    return said, table
+
+
+def _plain(where: str, data: Mapping[str, object]) -> str:
+    """A field outside any table without the brackets of one."""
+    name = where.strip("[]")
+    return where if isinstance(data.get(name), dict) else name if where == f"[{name}]" else where
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """The TOML files of a folder and those in it, by name. ConfigError: none."""
+    if not folder.is_dir():
+        raise ConfigError(folder, [Problem("", "is not a folder; set RECORDINGS to one with recordings in it")])
+    found = sorted(folder.rglob("*.toml"))
+    if not found:
+        tables = sorted(file.name for file in folder.iterdir() if file.suffix in _TABLES)
+        there = f"it holds {', '.join(tables)}; " if tables else ""
+        what = f"no TOML file: {there}describe each recording in one beside it (docs/benchmark-recordings.md)"
+        raise ConfigError(folder, [Problem("", what)])
+    return found

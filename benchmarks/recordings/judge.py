@@ -1,0 +1,142 @@
+"""Equal moments of measurement for all methods; what each leaves of the errors, before a row's own measurement."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from benchmarks.recordings.methods import Course, Given, Method, given_of
+from benchmarks.recordings.series import Series
+from talc.frame import BoolArray, FloatArray
+
+FIRST_HOURS = (0.0, 2.0, 6.0, 24.0, np.inf)
+"""Edges of the learning curve's windows, hours since the beginning."""
+_TWO_SIDED_95 = 1.96
+_MOVED = 1000.0
+"""By how much measurements are moved to see who looked at them too early: standard uncertainties."""
+
+
+class Peeked(Exception):
+    """A method's estimate rests on a measurement that was not made yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Of all errors of one unit together, in that unit."""
+
+    rms: float
+    p99: float
+    largest: float
+    inside: float
+    """Share of the recorded values inside the 95 % interval; NaN: no interval was stated."""
+    curve: tuple[float, ...]
+    """RMSE over that of no compensation in each window of FIRST_HOURS; NaN: no row there."""
+    by_error: tuple[float, ...]
+    """RMSE of each error."""
+
+
+def moments(series: Series, dense_h: float, interval_min: float, measure_first: bool = True) -> BoolArray:
+    """(T,) rows with a measurement: each row of the first hours, then one an interval, and at the beginning of a run.
+
+    Rows without any recorded error wait for the next one that has one. Hours off do not count as beginning.
+    """
+    available = np.isfinite(series.truth).any(axis=1)
+    used = np.zeros(len(series.k), dtype=np.bool_)
+    dense: BoolArray = np.less(series.on_h, dense_h)
+    steps = steps_of(interval_min, series.step_s)
+    last: int | None = None
+    run = -1
+    for row, k in enumerate(series.k.tolist()):
+        begins = measure_first and int(series.run[row]) != run
+        if available[row] and (last is None or dense[row] or begins or k - last >= steps):
+            used[row], last, run = True, k, int(series.run[row])
+    return used
+
+
+def steps_of(interval_min: float, step_s: float) -> int:
+    """Grid steps of an interval, at least one."""
+    return max(round(interval_min * 60.0 / step_s), 1)
+
+
+def carry_out(
+    method: Method, series: Series, used: BoolArray, seed: int, dense_h: float, interval_min: float
+) -> Course | None:
+    """The method's course; of several the one that leaves least. None: it cannot start from this."""
+    dense_steps = round(dense_h * 3600.0 / series.step_s)
+    given = given_of(series, used, seed, dense_steps, steps_of(interval_min, series.step_s))
+    courses = method.courses(given)
+    return min(courses, key=lambda course: _left(series, course, dense_h)) if courses else None
+
+
+def _left(series: Series, course: Course, dense_h: float) -> float:
+    """RMS in units of each error's own swing, so that µm and µm/m count alike."""
+    after = series.on_h >= dense_h
+    left = residual(series, course)[after]
+    swing = np.maximum(np.nanstd(series.truth, axis=0), 1e-9)
+    return float(np.sqrt(np.nanmean((left / swing) ** 2)))
+
+
+def check_causal(method: Method, given: Given, seed: int = 0) -> None:
+    """Raise Peeked when measurements from some row on, that row's included, change an estimate up to that row."""
+    rows = np.flatnonzero(given.used)
+    if len(rows) < 3:
+        return
+    row = int(np.random.default_rng([seed, 23]).choice(rows[len(rows) // 2 :]))
+    other = given.measured.copy()
+    other[row:] += _MOVED * given.sigma
+    pairs = zip(method.courses(given), method.courses(replace(given, measured=other)), strict=True)
+    for course, moved in pairs:
+        here = slice(None, row + 1)
+        # Before the row even the stated uncertainty must not know of it.
+        if not (
+            np.array_equal(course.estimate[here], moved.estimate[here], equal_nan=True)
+            and np.array_equal(course.sigma[here], moved.sigma[here], equal_nan=True)
+        ):
+            raise Peeked(f"{method.name}: an estimate up to row {row} changes with the measurement of row {row}")
+
+
+def residual(series: Series, course: Course) -> FloatArray:
+    """(T, m) what is left; an estimate that does not exist corrects nothing."""
+    return series.truth - np.where(np.isfinite(course.estimate), course.estimate, 0.0)
+
+
+def judge(series: Series, course: Course, dense_h: float, errors: Sequence[int]) -> Figures:
+    """Figures of some errors over all rows after the dense beginning in which they were recorded."""
+    chosen = list(errors)
+    after = series.on_h >= dense_h
+    truth = series.truth[:, chosen]
+    left = residual(series, course)[:, chosen]
+    judged = np.abs(left[after])
+    known = judged[np.isfinite(judged)]
+    hours = series.on_h
+    curve = tuple(
+        _over(left[window], truth[window]) for a, b in pairwise(FIRST_HOURS) for window in [(hours >= a) & (hours < b)]
+    )
+    return Figures(
+        rms=_rms(known),
+        p99=float(np.quantile(known, 0.99)) if known.size else np.nan,
+        largest=float(known.max()) if known.size else np.nan,
+        inside=coverage(left[after], course.sigma[after][:, chosen], series.noise[chosen]),
+        curve=curve,
+        by_error=tuple(_rms(e[np.isfinite(e)]) for e in left[after].T),
+    )
+
+
+def coverage(left: FloatArray, sigma: FloatArray, noise: FloatArray) -> float:
+    """Share of recorded values inside the 95 % interval of what is recorded: the truth's with the recording's noise."""
+    stated = np.isfinite(sigma) & np.isfinite(left)
+    if not stated.any():
+        return float("nan")
+    inside = np.abs(left) <= _TWO_SIDED_95 * np.hypot(sigma, noise)
+    return float(inside[stated].mean())
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def _over(left: FloatArray, truth: FloatArray) -> float:
+    known = np.isfinite(truth)
+    without = _rms(truth[known])
+    return _rms(left[known]) / without if without > 0 else float("nan")

@@ -1,0 +1,167 @@
+"""What a method may know, what it answers, and the peers that need no model."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from benchmarks.recordings.description import InputColumn
+from benchmarks.recordings.series import IntArray, Series
+from talc.frame import BoolArray, FloatArray
+
+_STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0, 1000.0)
+"""Of the ridge, in rows' worth of a standardised input."""
+_LEAST_SPREAD = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """Everything a method may know; nothing of the truth but the measurements."""
+
+    step_s: float
+    k: IntArray
+    """(T,) grid index."""
+    run: IntArray
+    """(T,) number of the run."""
+    input_names: tuple[str, ...]
+    about: tuple[InputColumn, ...]
+    inputs: FloatArray
+    """(T, n); NaN without a value."""
+    angle: BoolArray
+    """(m,) in µm/m, not in µm."""
+    measured: FloatArray
+    """(T, m); NaN in a row without a measurement. The estimate of its own row must not rest on it."""
+    sigma: FloatArray
+    """(m,) standard uncertainty of a measurement."""
+    dense_steps: int
+    """Grid steps at the beginning that are measured at each step."""
+    interval_steps: int
+    """Between measurements after that."""
+
+    @property
+    def used(self) -> BoolArray:
+        """(T,) rows with a measurement."""
+        return np.asarray(np.isfinite(self.measured).any(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """What a method answers."""
+
+    estimate: FloatArray
+    """(T, m) in each row, before its own measurement; NaN: none, which corrects nothing."""
+    sigma: FloatArray
+    """(T, m) standard deviation of the truth about it; NaN: not stated."""
+
+
+class Method(Protocol):
+    """A way to know errors between measurements."""
+
+    @property
+    def name(self) -> str: ...
+
+    def courses(self, given: Given) -> Sequence[Course]:
+        """One; several when the best is to be chosen in hindsight; none when the method cannot start from this."""
+        ...
+
+
+def given_of(series: Series, used: BoolArray, seed: int, dense_steps: int, interval_steps: int) -> Given:
+    """The series with measurements in the used rows alone. A row's noise is the same whatever else is measured."""
+    draw = np.random.default_rng([seed, 17]).normal(size=series.truth.shape)
+    measured = np.where(used[:, None], series.truth + series.probing * draw, np.nan)
+    return Given(
+        step_s=series.step_s,
+        k=series.k,
+        run=series.run,
+        input_names=series.input_names,
+        about=series.about,
+        inputs=series.inputs,
+        angle=series.angle,
+        measured=measured,
+        sigma=np.hypot(series.noise, series.probing),
+        dense_steps=dense_steps,
+        interval_steps=interval_steps,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Nothing:
+    """No compensation."""
+
+    name: str = "none"
+
+    def courses(self, given: Given) -> Sequence[Course]:
+        return [Course(np.zeros(given.measured.shape), np.full(given.measured.shape, np.nan))]
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """The last measurement of each error."""
+
+    name: str = "hold"
+
+    def courses(self, given: Given) -> Sequence[Course]:
+        estimate = np.full(given.measured.shape, np.nan)
+        for e, measured in enumerate(given.measured.T):
+            rows = np.arange(len(measured))
+            last = np.maximum.accumulate(np.where(np.isfinite(measured), rows, -1))
+            before = np.concatenate([[-1], last[:-1]])
+            estimate[:, e] = np.where(before >= 0, measured[before], np.nan)
+        return [Course(estimate, np.full(estimate.shape, np.nan))]
+
+
+@dataclass(frozen=True, slots=True)
+class Ridge:
+    """Linear in all inputs, fitted anew at each measurement to all so far.
+
+    Strengths, and whether its level is the fit's or the last measurement's, are for hindsight to choose. Inputs are
+    scaled by their spread over the whole recording: that, too, is hindsight in the peer's favour.
+    """
+
+    name: str = "ridge, best in hindsight"
+
+    def courses(self, given: Given) -> Sequence[Course]:
+        x = filled(given.inputs)
+        spread = x.std(axis=0)
+        x = (x - x.mean(axis=0))[:, spread > _LEAST_SPREAD] / spread[spread > _LEAST_SPREAD]
+        estimate = np.full((2, len(_STRENGTHS), *given.measured.shape), np.nan)
+        by_rows: dict[bytes, list[int]] = {}
+        for e, measured in enumerate(given.measured.T):
+            by_rows.setdefault(np.isfinite(measured).tobytes(), []).append(e)
+        for errors in by_rows.values():
+            estimate[..., errors] = _fits(x, given.measured[:, errors])
+        unknown = np.full(given.measured.shape, np.nan)
+        return [Course(way, unknown) for level in estimate for way in level]
+
+
+def _fits(x: FloatArray, measured: FloatArray) -> FloatArray:
+    """(2, strengths, T, m): level of the fit, level of the last measurement. All m are measured in the same rows."""
+    rows = np.flatnonzero(np.isfinite(measured[:, 0]))
+    n, m = x.shape[1], measured.shape[1]
+    found = np.full((2, len(_STRENGTHS), len(x), m), np.nan)
+    gram, moment, sum_x, sum_y = np.zeros((n, n)), np.zeros((n, m)), np.zeros(n), np.zeros(m)
+    until = np.append(rows[1:], len(x) - 1) + 1
+    for count, (row, end) in enumerate(zip(rows.tolist(), until.tolist(), strict=True), start=1):
+        gram += np.outer(x[row], x[row])
+        moment += np.outer(x[row], measured[row])
+        sum_x, sum_y = sum_x + x[row], sum_y + measured[row]
+        mean_x, mean_y = sum_x / count, sum_y / count
+        values, vectors = np.linalg.eigh(gram - count * np.outer(mean_x, mean_x))
+        target = vectors.T @ (moment - count * np.outer(mean_x, mean_y))
+        here = slice(row + 1, end)
+        from_mean, from_last = (x[here] - mean_x) @ vectors, (x[here] - x[row]) @ vectors
+        for s, strength in enumerate(_STRENGTHS):
+            gains = target / (np.maximum(values, 0.0) + strength)[:, None]
+            found[0, s, here] = mean_y + from_mean @ gains
+            found[1, s, here] = measured[row] + from_last @ gains
+    return found
+
+
+def filled(inputs: FloatArray) -> FloatArray:
+    """(T, n) an input without a value keeps its last one, or that of the first row in which it had one."""
+    good = np.isfinite(inputs)
+    rows = np.arange(len(inputs))[:, None]
+    last = np.maximum.accumulate(np.where(good, rows, -1), axis=0)
+    source = np.where(last >= 0, last, good.argmax(axis=0))
+    return np.nan_to_num(np.take_along_axis(inputs, source, axis=0), nan=0.0)

@@ -1,0 +1,97 @@
+"""The papers' ways and the sparse models through the whole controller: calibration, limits, updates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.recordings.methods import Course, Given
+from talc.control import Controller
+from talc.frame import BoolArray, Frame, Measurement
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.settings import ControlSettings, TalcSettings, TrainingSettings
+from talc.training import train
+
+_ERRORS = len(THERMAL_ERRORS)
+_POSITIONS = tuple(i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] == MICROMETRE)
+_ANGLES = tuple(i for i in range(_ERRORS) if i not in _POSITIONS)
+_DAY_S = 86400.0
+_LEAST_MEASUREMENTS = 12
+"""That a controller's calibration takes."""
+
+
+def slots(angle: BoolArray) -> list[dict[int, int]]:
+    """The controller's nine places for any number of errors: by group, place to error, µm in µm and µm/m in µm/m."""
+    groups: list[dict[int, int]] = []
+    for places, errors in ((_POSITIONS, np.flatnonzero(~angle)), (_ANGLES, np.flatnonzero(angle))):
+        for number, error in enumerate(errors.tolist()):
+            group, place = divmod(number, len(places))
+            while len(groups) <= group:
+                groups.append({})
+            groups[group][places[place]] = error
+    return groups
+
+
+@dataclass(frozen=True, slots=True)
+class Models:
+    """Models that a training finds after a calibration, then the controller's updates."""
+
+    name: str
+    training: TrainingSettings = field(default_factory=TrainingSettings)
+
+    def courses(self, given: Given) -> Sequence[Course]:
+        settings = self._settings(given)
+        if settings is None:
+            return []
+        estimate, sigma = np.full((2, *given.measured.shape), np.nan)
+        for group in slots(given.angle):
+            places, errors = list(group), list(group.values())
+            found = _controlled(given, places, errors, settings)
+            estimate[:, errors], sigma[:, errors] = found.estimate[:, places], found.sigma[:, places]
+        return [Course(estimate, sigma)]
+
+    def _settings(self, given: Given) -> TalcSettings | None:
+        """None: this selector needs a calibration that is measured at each step."""
+        each_step = self.training.selector != "search"
+        if given.dense_steps >= _LEAST_MEASUREMENTS:
+            control = ControlSettings(calibration_steps=given.dense_steps)
+        elif each_step:
+            return None
+        else:
+            every = given.interval_steps
+            steps = max(round(_DAY_S / given.step_s), _LEAST_MEASUREMENTS * every)
+            control = ControlSettings(calibration_steps=steps, calibration_interval_steps=every)
+        return TalcSettings(control=control, training=self.training)
+
+
+def _controlled(given: Given, places: list[int], errors: list[int], settings: TalcSettings) -> Course:
+    """(T, 9) of one controller that is measured when the others are; a training ends within its step."""
+    controller = Controller(given.input_names, settings)
+    rows = len(given.k)
+    estimate, stated = np.full((2, rows, _ERRORS), np.nan)
+    in_force, uncertainty = np.full(_ERRORS, np.nan), np.full(_ERRORS, np.nan)
+    uncertainty[places] = given.sigma[errors]
+    valid, used = np.isfinite(given.inputs), given.used
+    for row, k in enumerate(given.k.tolist()):
+        measurement = None
+        if used[row]:
+            values = np.full(_ERRORS, np.nan)
+            values[places] = given.measured[row, errors]
+            measurement = Measurement(values, uncertainty)
+        decision = controller.step(Frame(k, given.inputs[row], valid[row], measurement))
+        # What stood on the control before this row's measurement: an error without a model is held.
+        estimate[row] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
+        if not used[row]:  # afterwards it is the uncertainty with the measurement
+            stated[row] = decision.sigma
+        in_force = decision.corrected
+        if decision.training is not None:
+            controller.adopt(train(decision.training))
+    return Course(estimate, stated)
+
+
+def papers() -> tuple[Models, ...]:
+    """What the learner stands beside."""
+    return (
+        Models("`search`", TrainingSettings(selector="search")),
+        Models("`pso`", TrainingSettings(selector="pso", max_na=5, max_nb=5, estimator="least_squares")),
+    )

@@ -1,0 +1,92 @@
+"""Measuring when it is needed, beside a fixed interval: how many measurements for equal errors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from benchmarks.recordings.judge import Figures, Peeked, judge
+from benchmarks.recordings.methods import Course, Given
+from benchmarks.recordings.series import Series
+from talc.frame import BoolArray, FloatArray
+
+
+class Deciding(Protocol):
+    """A method that says itself when to measure."""
+
+    @property
+    def name(self) -> str: ...
+
+    def decide(self, given: Given, limit: float) -> tuple[Course, BoolArray]:
+        """Its course and the rows in which it measured, from a record of measurements in all rows.
+
+        limit: what its 95 % interval may reach, µm or µm/m.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One way to measure."""
+
+    what: str
+    """The limit, or the interval."""
+    measurements: int
+    """After the beginning."""
+    rms: float
+    p99: float
+    inside: float
+
+
+@dataclass(frozen=True, slots=True)
+class Saving:
+    """A policy's measurements over a fixed interval's at equal errors; NaN: beyond the intervals that were run."""
+
+    point: Point
+    at_equal_rms: float
+    at_equal_p99: float
+
+
+def point_of(
+    what: str, series: Series, course: Course, used: BoolArray, dense_h: float, errors: Sequence[int]
+) -> Point:
+    """What a way came to, after the beginning."""
+    found: Figures = judge(series, course, dense_h, errors)
+    return Point(what, int(used[series.on_h >= dense_h].sum()), found.rms, found.p99, found.inside)
+
+
+def savings(policy: Sequence[Point], fixed: Sequence[Point]) -> list[Saving]:
+    """Each point of the policy against the fixed intervals."""
+    return [
+        Saving(
+            p,
+            p.measurements / _needed([f.measurements for f in fixed], [f.rms for f in fixed], p.rms),
+            p.measurements / _needed([f.measurements for f in fixed], [f.p99 for f in fixed], p.p99),
+        )
+        for p in policy
+    ]
+
+
+def _needed(measurements: Sequence[int], left: Sequence[float], target: float) -> float:
+    """Measurements at which a fixed interval leaves `target`, between the intervals that were run; NaN beyond them.
+
+    Where a denser interval happens to leave more than a sparser one, the sparser one counts.
+    """
+    order = np.argsort(measurements)
+    n = np.log(np.asarray(measurements, dtype=np.float64)[order])
+    best: FloatArray = np.log(np.minimum.accumulate(np.asarray(left, dtype=np.float64)[order]))
+    if not best[-1] <= np.log(target) <= best[0]:
+        return float("nan")
+    better = np.append(True, np.diff(best) < 0)
+    return float(np.exp(np.interp(-np.log(target), -best[better], n[better])))
+
+
+def check_asked(method: Deciding, given: Given, limit: float) -> None:
+    """Raise Peeked when measurements that the method did not make change what it says."""
+    course, used = method.decide(given, limit)
+    other = np.where(used[:, None], given.measured, given.measured + 1000.0 * given.sigma)
+    moved, moved_used = method.decide(replace(given, measured=other), limit)
+    same = np.array_equal(course.estimate, moved.estimate, equal_nan=True) and np.array_equal(used, moved_used)
+    if not same:
+        raise Peeked(f"{method.name}: its estimates change with measurements that it did not ask for")

@@ -1,0 +1,319 @@
+"""A recording on the grid: inputs, errors in µm and µm/m, runs, and the true length of what lies between them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.recordings.description import Description, InputColumn, describe
+from gateway.config.problems import ConfigError, Problem, shown, suggestion
+from gateway.recordings.cells import second_of
+from gateway.recordings.files import Table, open_table
+from gateway.recordings.problems import Problems, RecordingError
+from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray
+
+IntArray = NDArray[np.int64]
+
+_UNIT_S = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "days": 86400.0}
+_NOTHING = frozenset({"", "nan", "na", "n/a", "none", "null", "-", "?"})
+_NUMERIC = 0.5
+"""Share of a column's cells that must be numbers for it to be an input without being named."""
+_LEAST_STEPS = 24
+_SPACED = 1.1
+"""A recording spaced wider than the grid by more than this keeps its own spacing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """T grid steps with anything in them."""
+
+    name: str
+    step_s: float
+    k: IntArray
+    """(T,) grid index, ascending; a step that is missing was not recorded."""
+    run: IntArray
+    """(T,) number of the run, from 0."""
+    input_names: tuple[str, ...]
+    about: tuple[InputColumn, ...]
+    """What is said of each input."""
+    inputs: FloatArray
+    """(T, n); NaN without a value."""
+    error_names: tuple[str, ...]
+    angle: BoolArray
+    """(m,) in µm/m, not in µm."""
+    truth: FloatArray
+    """(T, m) as recorded, µm or µm/m, from the reference; NaN without a value."""
+    noise: FloatArray
+    """(m,) standard deviation of the recorded values' own noise."""
+    probing: FloatArray
+    """(m,) of what is added to a measurement."""
+    notes: tuple[str, ...]
+    """What was found on reading."""
+
+    @property
+    def on_h(self) -> FloatArray:
+        """(T,) hours recorded since the beginning: what lies between runs does not count."""
+        steps = np.diff(self.k, prepend=self.k[0])
+        steps[1:][np.diff(self.run) != 0] = 1
+        return np.asarray(np.cumsum(steps) * self.step_s / 3600.0, dtype=np.float64)
+
+
+def read_series(description: Path) -> tuple[Description, Series]:
+    """The recording that a TOML file describes. ConfigError or RecordingError names file, place and value."""
+    said, path = describe(description)
+    table, problems = open_table(path), Problems(path)
+    inputs, strange_kinds = _plain(table, _roles(table.head, said, description), said.time.column, path)
+    wanted = [said.time.column, *said.errors, *inputs]
+    if said.runs.column is not None:
+        wanted.append(said.runs.column)
+    columns, places = _cells(table, wanted, problems)
+    time_s, run = _times(columns, places, table.word, said, description, problems)
+    problems.refuse()
+    notes = [f"column {name!r}: holds no numbers; left out" for name in strange_kinds]
+    errors = [_values(columns[e], e, said.scale_of(e), LARGEST_ERROR, table, places, problems) for e in said.errors]
+    problems.refuse()
+    kept, read = [], []
+    for name in inputs:
+        values, strange = _tolerant(columns[name])
+        if np.isfinite(values).mean() < _NUMERIC and strange:
+            notes.append(f"column {name!r}: {strange} of {len(values)} cells are no numbers; left out")
+            continue
+        if not np.isfinite(values).any():
+            notes.append(f"column {name!r}: empty; left out")
+            continue
+        if strange:
+            notes.append(f"column {name!r}: {strange} cells are no numbers; taken as missing")
+        kept.append(name)
+        read.append(values)
+    if not kept:
+        raise ConfigError(description, [Problem("inputs", f"no column of numbers is left as an input in {path.name}")])
+    return said, _gridded(said, description, time_s, run, errors, kept, read, notes)
+
+
+def _gridded(
+    said: Description,
+    description: Path,
+    time_s: FloatArray,
+    run: IntArray,
+    errors: Sequence[FloatArray],
+    kept: Sequence[str],
+    read: Sequence[FloatArray],
+    notes: list[str],
+) -> Series:
+    """Rows averaged, or the last of each taken, over steps."""
+    step_s = said.step_s
+    within = np.diff(time_s)[np.diff(run) == 0]
+    spacing_s = float(np.median(within)) if within.size else 0.0
+    if spacing_s > _SPACED * step_s:
+        notes.append(f"rows are {spacing_s:g} s apart: that is the grid's step instead of {step_s:g} s")
+        step_s = spacing_s
+    index = np.ceil((time_s - time_s[0]) / step_s - 1e-6).astype(np.int64)
+    # Two runs never share a step: the later one begins with the next.
+    for row in np.flatnonzero(np.diff(run)) + 1:
+        late = index[row - 1] + 1 - index[row]
+        if late > 0:
+            index[row:] += late
+    k, first = np.unique(index, return_index=True)
+    if len(k) < _LEAST_STEPS:
+        what = f"{len(time_s)} rows fill {len(k)} steps of {step_s:g} s; expected {_LEAST_STEPS} or more"
+        raise ConfigError(description, [Problem("time", f"{what}; are the times in {said.time.unit}?")])
+    bounds = [*first.tolist(), len(index)]
+    put = _mean if said.sampling == "mean" else _last
+    on_grid = np.array([put(np.column_stack(read)[a:b]) for a, b in pairwise(bounds)])
+    truth = np.array([put(np.column_stack(errors)[a:b]) for a, b in pairwise(bounds)])
+    for e, name in enumerate(said.errors):
+        known = truth[np.isfinite(truth[:, e]), e]
+        if not known.size:
+            raise ConfigError(description, [Problem(f"errors, {name!r}", "has no value in any row")])
+        if said.reference == "first":
+            truth[:, e] -= known[0]
+    return Series(
+        name=said.name or description.stem,
+        step_s=step_s,
+        k=k - k[0],
+        run=run[first] - run[0],
+        input_names=tuple(kept),
+        about=tuple(said.input_of(name) or InputColumn() for name in kept),
+        inputs=on_grid,
+        error_names=tuple(said.errors),
+        angle=np.array([said.is_angle(e) for e in said.errors]),
+        truth=truth,
+        noise=np.array([said.noise_of(e) for e in said.errors]),
+        probing=np.array([said.probing_of(e) for e in said.errors]),
+        notes=tuple(notes),
+    )
+
+
+def _roles(head: Sequence[str], said: Description, description: Path) -> list[str]:
+    """The columns that may be inputs. ConfigError: a named column that the table does not have."""
+    problems = []
+    named = [("time, column", said.time.column), *(("errors", name) for name in said.errors)]
+    if said.runs.column is not None:
+        named.append(("runs, column", said.runs.column))
+    named += [("inputs", name) for name in said.inputs if not set("*?[") & set(name)]
+    for field, name in named:
+        if name not in head:
+            problems.append(Problem(field, f"the recording has no column {name!r}; {suggestion(name, head)}"))
+    twice = sorted({name for name in head if name and list(head).count(name) > 1})
+    if twice:
+        problems.append(Problem("", f"the recording's column {twice[0]!r} occurs twice"))
+    if problems:
+        raise ConfigError(description, problems)
+    used = {said.time.column, said.runs.column, *said.errors, ""}
+    return [name for name in head if name not in used and not said.ignores(name) and said.input_of(name) is not None]
+
+
+def _plain(table: Table, names: Sequence[str], time: str, path: Path) -> tuple[list[str], list[str]]:
+    """Columns whose type can be read as numbers, and those that cannot (Parquet has types, CSV has none)."""
+    if table.word != "row":
+        return list(names), []
+    plain, others = [], []
+    for name in names:
+        found = Problems(path)
+        next(iter(table.chunks(time, [name], found)), None)
+        try:
+            found.refuse()
+        except RecordingError:
+            others.append(name)
+        else:
+            plain.append(name)
+    return plain, others
+
+
+def _cells(table: Table, wanted: Sequence[str], problems: Problems) -> tuple[dict[str, list[object]], list[int]]:
+    """Cells by column, and the line or row of each."""
+    time, *others = wanted
+    columns: dict[str, list[object]] = {name: [] for name in wanted}
+    places: list[int] = []
+    for chunk in table.chunks(time, others, problems):
+        places += chunk.places
+        columns[time] += chunk.time
+        for name, cells in zip(others, chunk.columns, strict=True):
+            columns[name] += cells
+    if not places:
+        problems.add("", "holds a heading and nothing else")
+    problems.refuse()
+    return columns, places
+
+
+def _times(
+    columns: dict[str, list[object]],
+    places: Sequence[int],
+    word: str,
+    said: Description,
+    description: Path,
+    problems: Problems,
+) -> tuple[FloatArray, IntArray]:
+    """(rows,) s, ascending over all runs, and (rows,) the number of the run."""
+    cells = columns[said.time.column]
+    time_s = np.array([_time(cell, said) for cell in cells])
+    for i in np.flatnonzero(np.isnan(time_s)).tolist():
+        expected = f"expected {said.time.format!r}" if said.time.format else "expected ISO 8601 or a number"
+        problems.add(f"{word} {places[i]}, column {said.time.column!r}", f"{shown(cells[i])} is no time; {expected}")
+    problems.refuse()
+    begins = np.zeros(len(cells), dtype=np.bool_)
+    if said.runs.column is not None:
+        marks = columns[said.runs.column]
+        begins[1:] = [a != b for a, b in pairwise(marks)]
+    back = np.diff(time_s, prepend=time_s[0]) < 0
+    for i in np.flatnonzero(back & ~begins).tolist():
+        what = f"{shown(cells[i])} comes before {shown(cells[i - 1])} of the row above"
+        hint = "sort the rows, or name the column that tells runs apart ([runs] column)"
+        problems.add(f"{word} {places[i]}, column {said.time.column!r}", f"{what}; {hint}")
+    problems.refuse()
+    anew = np.flatnonzero(back & begins)
+    off = said.runs.off_h
+    if anew.size and off is None:
+        what = f"missing: time begins anew at {word} {places[anew[0]]}, so the hours off before it are unknown"
+        raise ConfigError(description, [Problem("[runs] off_h", what)])
+    hours = off if isinstance(off, tuple) else (off or 0.0,) * int(anew.size)
+    if len(hours) != anew.size and anew.size:
+        what = f"has {len(hours)} entries; time begins anew {anew.size} times"
+        raise ConfigError(description, [Problem("[runs] off_h", what)])
+    for i, gap_h in zip(anew.tolist(), hours, strict=False):
+        time_s[i:] += time_s[i - 1] - time_s[i] + gap_h * 3600.0
+    begins[1:] |= np.diff(time_s) > said.runs.gap_min * 60.0
+    return time_s, np.cumsum(begins).astype(np.int64)
+
+
+def _time(cell: object, said: Description) -> float:
+    """Seconds; NaN: no time."""
+    if said.time.format is not None and isinstance(cell, str):
+        try:
+            found = datetime.strptime(cell, said.time.format)  # noqa: DTZ007 - a time without a zone is UTC
+        except ValueError:
+            return math.nan
+        return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+    plain = _number(cell)
+    if plain is not None:
+        return plain * _UNIT_S[said.time.unit]
+    second = second_of(cell)
+    return math.nan if second is None else second
+
+
+def _number(cell: object) -> float | None:
+    """None: not a finite number."""
+    if isinstance(cell, bool):
+        return float(cell)
+    if isinstance(cell, int | float | str):
+        try:
+            value = float(cell)
+        except (ValueError, OverflowError):
+            return None
+        return value if math.isfinite(value) else None
+    return None
+
+
+def _tolerant(cells: Sequence[object]) -> tuple[FloatArray, int]:
+    """(rows,) NaN where there is no number, and how many of those are not simply missing."""
+    found, strange = np.full(len(cells), np.nan), 0
+    for i, cell in enumerate(cells):
+        value = _number(cell)
+        if value is not None and abs(value) <= LARGEST_INPUT:
+            found[i] = value
+        elif not (cell is None or str(cell).strip().lower() in _NOTHING):
+            strange += 1
+    return found, strange
+
+
+def _values(
+    cells: Sequence[object],
+    name: str,
+    scale: float,
+    largest: float,
+    table: Table,
+    places: Sequence[int],
+    problems: Problems,
+) -> FloatArray:
+    """(rows,) an error, µm or µm/m; NaN where it was not measured."""
+    found = np.full(len(cells), np.nan)
+    for i, cell in enumerate(cells):
+        value = _number(cell)
+        where = f"{table.word} {places[i]}, column {name!r}"
+        if value is None:
+            if not (cell is None or str(cell).strip().lower() in _NOTHING):
+                problems.add(where, f"{shown(cell)} is no number; an unknown error is left empty")
+        elif abs(value * scale) > largest:
+            problems.add(where, f"{shown(cell)} is beyond {largest / scale:g}; is its unit right?")
+        else:
+            found[i] = value * scale
+    return found
+
+
+def _mean(rows: FloatArray) -> FloatArray:
+    known = np.isfinite(rows)
+    count = known.sum(axis=0)
+    total = np.where(known, rows, 0.0).sum(axis=0)
+    return np.asarray(np.divide(total, count, out=np.full(rows.shape[1], np.nan), where=count > 0), dtype=np.float64)
+
+
+def _last(rows: FloatArray) -> FloatArray:
+    found = np.full(rows.shape[1], np.nan)
+    for row in rows:
+        found = np.where(np.isfinite(row), row, found)
+    return found

@@ -1,0 +1,93 @@
+"""The subject `recordings` of `make bench`: all recordings of a folder, all methods, then the pages and the table."""
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.recordings.description import Description, recordings_in
+from benchmarks.recordings.judge import carry_out, judge, moments
+from benchmarks.recordings.methods import Hold, Method, Nothing, Ridge
+from benchmarks.recordings.models import papers
+from benchmarks.recordings.result import UNITS, Cell, Result, table_rows, write
+from benchmarks.recordings.series import Series, read_series
+from benchmarks.rows import Row
+from gateway.config.problems import ConfigError
+from gateway.recordings.problems import RecordingError
+
+SHIPPED = Path(__file__).with_name("fl_thermal")
+OUT = Path("out/recordings")
+
+
+def folder() -> Path:
+    """RECORDINGS of the environment, else the recording that the project ships."""
+    return Path(os.environ.get("RECORDINGS") or SHIPPED)
+
+
+def is_shipped() -> bool:
+    """Whether the figures belong into README.md."""
+    return folder().resolve() == SHIPPED.resolve() and not os.environ.get("METHODS")
+
+
+def methods() -> list[Method]:
+    """All, or those that METHODS of the environment names, set off by commas. SystemExit: an unknown one."""
+    known: list[Method] = [Nothing(), Hold(), Ridge(), *papers()]
+    wanted = [name.strip() for name in os.environ.get("METHODS", "").split(",") if name.strip()]
+    by_word = {method.name.strip("`").split(",")[0]: method for method in known}
+    unknown = [name for name in wanted if name not in by_word]
+    if unknown:
+        raise SystemExit(f"METHODS: no method {unknown[0]!r}; there are {', '.join(by_word)}")
+    return [by_word[name] for name in wanted] if wanted else known
+
+
+def rows() -> list[Row]:
+    """Every recording; one that cannot be used is reported and passed over. SystemExit: none could be used."""
+    found, wrong = [], []
+    try:
+        descriptions = recordings_in(folder())
+    except ConfigError as error:
+        raise SystemExit(str(error)) from None
+    chosen = methods()
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for path in descriptions:
+            begin = time.perf_counter()
+            try:
+                said, series = read_series(path)
+            except (ConfigError, RecordingError) as error:
+                wrong.append(str(error))
+                print(error, file=sys.stderr, flush=True)
+                continue
+            result = carry_out_all(said, series, chosen, pool)
+            write(result, OUT)
+            print(f"{series.name}: {time.perf_counter() - begin:.0f} s; {OUT}/", file=sys.stderr, flush=True)
+            found += table_rows(result, chosen[-1].name)
+    if wrong and not found:
+        raise SystemExit("no recording could be used")
+    return found
+
+
+def carry_out_all(said: Description, series: Series, chosen: Sequence[Method], pool: ProcessPoolExecutor) -> Result:
+    """Every method after every beginning at every interval, at equal moments of measurement."""
+    hours = [h for h in said.beginnings_h if h < series.on_h[-1]]
+    ways = list(product(hours, said.intervals_min))
+    jobs = [(said, series, method, h, minutes) for h, minutes in ways for method in chosen]
+    cells = list(pool.map(cell, *zip(*jobs, strict=True)))
+    return Result(series, cells, {})
+
+
+def cell(said: Description, series: Series, method: Method, dense_h: float, interval_min: float) -> Cell:
+    """One method after one beginning at one interval."""
+    begin = time.perf_counter()
+    used = moments(series, dense_h, interval_min, said.runs.measure_first)
+    course = carry_out(method, series, used, said.seed, dense_h, interval_min)
+    figures = {}
+    if course is not None:
+        for unit, there in zip(UNITS, (~series.angle, series.angle), strict=True):
+            if there.any():
+                figures[unit] = judge(series, course, dense_h, np.flatnonzero(there).tolist())
+    return Cell(method.name, dense_h, interval_min, int(used.sum()), time.perf_counter() - begin, figures)

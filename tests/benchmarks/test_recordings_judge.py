@@ -1,0 +1,253 @@
+"""Judging on recordings: equal moments, estimates before measurements, closed forms of the peers, coverage, savings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from benchmarks.recordings.description import InputColumn
+from benchmarks.recordings.judge import Peeked, carry_out, check_causal, coverage, judge, moments
+from benchmarks.recordings.methods import Course, Given, Hold, Method, Nothing, Ridge, given_of
+from benchmarks.recordings.models import Models, papers, slots
+from benchmarks.recordings.policy import Point, savings
+from benchmarks.recordings.series import Series
+from talc.frame import FloatArray
+from talc.settings import TrainingSettings
+
+
+def series_of(
+    truth: FloatArray, inputs: FloatArray, *, off_after: int | None = None, off_steps: int = 0, probing: float = 0.0
+) -> Series:
+    rows, errors = truth.shape
+    k = np.arange(rows)
+    run = np.zeros(rows, dtype=np.int64)
+    if off_after is not None:
+        k[off_after:] += off_steps
+        run[off_after:] = 1
+    names = tuple(f"t{i}" for i in range(inputs.shape[1]))
+    return Series(
+        name="made up",
+        step_s=300.0,
+        k=k,
+        run=run,
+        input_names=names,
+        about=tuple(InputColumn() for _ in names),
+        inputs=inputs,
+        error_names=tuple(f"e{i}" for i in range(errors)),
+        angle=np.zeros(errors, dtype=np.bool_),
+        truth=truth,
+        noise=np.zeros(errors),
+        probing=np.full(errors, probing),
+        notes=(),
+    )
+
+
+def ramp(rows: int = 288, errors: int = 2, **more: float) -> Series:
+    """Each error rises by its number plus one each step; the input rises by one."""
+    steps = np.arange(rows, dtype=np.float64)[:, None]
+    return series_of(steps * (1.0 + np.arange(errors)), steps, **more)  # type: ignore[arg-type]
+
+
+def wavy(rows: int = 400, errors: int = 3, seed: int = 0, probing: float = 0.5) -> Series:
+    """Errors that follow slow random walks of three temperatures."""
+    draw = np.random.default_rng(seed)
+    t = np.cumsum(draw.normal(0, 0.2, (rows, 3)), axis=0)
+    return series_of(t @ draw.normal(0, 4.0, (3, errors)), 20.0 + t, probing=probing)
+
+
+def test_moments_are_dense_first_then_an_interval_apart_and_at_each_run() -> None:
+    series = series_of(np.zeros((60, 1)), np.zeros((60, 1)), off_after=30, off_steps=170)
+    used = np.flatnonzero(moments(series, 0.5, 60.0))
+    assert used.tolist() == [0, 1, 2, 3, 4, 5, 17, 29, 30, 42, 54]
+    without = np.flatnonzero(moments(series, 0.5, 60.0, measure_first=False))
+    assert without.tolist() == [0, 1, 2, 3, 4, 5, 17, 29, 30, 42, 54]  # after 14 h off an interval has passed anyway
+
+
+def test_hours_off_do_not_shorten_the_beginning() -> None:
+    series = series_of(np.zeros((60, 1)), np.zeros((60, 1)), off_after=6, off_steps=200)
+    assert moments(series, 1.0, 240.0)[:14].tolist() == [True] * 12 + [False] * 2
+
+
+def test_a_moment_without_a_recorded_error_waits_for_the_next_one() -> None:
+    truth = np.zeros((40, 2))
+    truth[12:15] = np.nan
+    truth[15, 0] = np.nan
+    series = series_of(truth, np.zeros((40, 1)))
+    assert np.flatnonzero(moments(series, 0.0, 60.0)).tolist() == [0, 15, 27, 39]
+
+
+def test_hold_leaves_a_ramp_by_its_age() -> None:
+    """Measured each 12 steps, a ramp of 1 a step leaves 1 to 12 in turn: RMS sqrt(mean(1..12 squared))."""
+    series = ramp(errors=1, rows=12 * 20 + 1)
+    course = carry_out(Hold(), series, moments(series, 0.0, 60.0), 0, 0.0, 60.0)
+    assert course is not None
+    left = series.truth[1:, 0] - course.estimate[1:, 0]
+    assert left[:24].tolist() == [*range(1, 13), *range(1, 13)]
+    found = judge(series, course, 0.0, [0])
+    squares = np.tile(np.arange(1.0, 13.0) ** 2, 20)
+    assert found.rms == pytest.approx(np.sqrt(squares.sum() / 241))
+    assert found.largest == 12.0
+    assert np.isnan(found.inside)
+
+
+def test_nothing_leaves_the_errors_themselves() -> None:
+    series = ramp()
+    course = carry_out(Nothing(), series, moments(series, 0.0, 60.0), 0, 0.0, 60.0)
+    assert course is not None
+    found = judge(series, course, 12.0, [0, 1])
+    after = series.truth[144:]
+    assert found.rms == pytest.approx(np.sqrt(np.mean(after**2)))
+    assert found.p99 == pytest.approx(np.quantile(after, 0.99))
+    assert found.by_error == pytest.approx(np.sqrt(np.mean(after**2, axis=0)).tolist())
+    assert found.curve[:3] == (1.0, 1.0, 1.0)
+    assert np.isnan(found.curve[3])  # nothing was recorded after 24 h
+
+
+@pytest.mark.parametrize("row", [40, 250])
+def test_ridge_is_the_penalised_normal_equations(row: int) -> None:
+    """Against a solution with an augmented matrix by least squares, from the same measurements."""
+    series = wavy()
+    given = given_of(series, moments(series, 0.0, 60.0), 0, 0, 12)
+    x = (series.inputs - series.inputs.mean(axis=0)) / series.inputs.std(axis=0)
+    known = np.flatnonzero(given.used[:row])
+    y = given.measured[known]
+    for number, course in enumerate(Ridge().courses(given)):
+        strength = 10.0 ** (number % 7 - 3)
+        centred = x[known] - x[known].mean(axis=0)
+        stacked = np.vstack([centred, np.sqrt(strength) * np.eye(3)])
+        gains = np.linalg.lstsq(stacked, np.vstack([y - y.mean(axis=0), np.zeros((3, 3))]), rcond=None)[0]
+        from_fit = y.mean(axis=0) + (x[row] - x[known].mean(axis=0)) @ gains
+        from_last = y[-1] + (x[row] - x[known[-1]]) @ gains
+        assert course.estimate[row] == pytest.approx(from_fit if number < 7 else from_last, abs=1e-9)
+
+
+def test_ridge_finds_a_ramp_that_is_linear_in_its_input() -> None:
+    series = ramp()
+    course = carry_out(Ridge(), series, moments(series, 0.0, 60.0), 0, 6.0, 60.0)
+    assert course is not None
+    assert judge(series, course, 6.0, [0, 1]).rms < 0.02
+
+
+def test_all_methods_are_measured_at_the_same_moments_with_the_same_noise() -> None:
+    series = wavy()
+    often, seldom = (given_of(series, moments(series, 4.0, m), 3, 48, 12) for m in (60.0, 240.0))
+    both = often.used & seldom.used
+    assert both.sum() > 48
+    assert np.array_equal(often.measured[both], seldom.measured[both])
+    noise = (often.measured - series.truth)[often.used]
+    assert 0.3 < noise.std() < 0.7  # 0.5 was declared
+    assert np.isnan(often.measured[~often.used]).all()
+
+
+@dataclass(frozen=True)
+class Peeping:
+    """Uses a row's own measurement for its estimate, some rows late or early."""
+
+    early: int
+    name: str = "peeping"
+
+    def courses(self, given: Given) -> Sequence[Course]:
+        (held,) = Hold().courses(given)
+        estimate = held.estimate.copy()
+        source = np.arange(len(estimate)) + self.early
+        rows = np.flatnonzero(source < len(estimate))
+        measured = given.measured[source[rows]]
+        estimate[rows] = np.where(np.isfinite(measured), measured, estimate[rows])
+        return [Course(estimate, held.sigma)]
+
+
+@dataclass(frozen=True)
+class Informed:
+    """States an uncertainty that rests on the row's own measurement."""
+
+    name: str = "informed"
+
+    def courses(self, given: Given) -> Sequence[Course]:
+        (held,) = Hold().courses(given)
+        return [Course(held.estimate, np.abs(given.measured - held.estimate))]
+
+
+@pytest.mark.parametrize("method", [Peeping(0), Peeping(1), Peeping(5), Informed()])
+def test_a_method_that_peeks_is_caught(method: Method) -> None:
+    series = wavy()
+    given = given_of(series, moments(series, 4.0, 60.0), 0, 48, 12)
+    with pytest.raises(Peeked, match=method.name):
+        check_causal(method, given)
+
+
+@pytest.mark.parametrize("method", [Nothing(), Hold(), Ridge(), *papers()], ids=lambda m: m.name)
+def test_no_method_of_ours_peeks(method: Method) -> None:
+    series = wavy()
+    given = given_of(series, moments(series, 12.0, 60.0), 0, 144, 12)
+    for seed in range(2):
+        check_causal(method, given, seed)
+
+
+def test_models_through_the_controller_beat_nothing_on_what_they_can_learn() -> None:
+    series = wavy(rows=500)
+    used = moments(series, 12.0, 60.0)
+    course = carry_out(Models("", TrainingSettings()), series, used, 0, 12.0, 60.0)
+    assert course is not None
+    assert not np.isfinite(course.estimate[:100]).any()  # calibrating
+    none = np.sqrt(np.mean(series.truth[144:] ** 2))
+    found = judge(series, course, 12.0, [0, 1, 2])
+    assert found.rms < 0.5 * none
+    assert np.isfinite(found.inside)
+
+
+def test_a_swarm_has_no_course_without_a_dense_beginning() -> None:
+    series = wavy()
+    used = moments(series, 0.0, 60.0)
+    assert carry_out(papers()[1], series, used, 0, 0.0, 60.0) is None
+
+
+def test_any_number_of_errors_finds_places_of_its_unit() -> None:
+    groups = slots(np.array([False] * 8 + [True] * 2))
+    assert [sorted(group.values()) for group in groups] == [[0, 1, 2, 3, 4, 5, 8, 9], [6, 7]]
+    assert all(error < 8 for group in groups for place, error in group.items() if place < 6)
+    assert [sorted(g.values()) for g in slots(np.array([True] * 4))] == [[0, 1, 2], [3]]
+
+
+def test_coverage_counts_the_recordings_own_noise() -> None:
+    draw = np.random.default_rng(5)
+    left = draw.normal(0, np.hypot(2.0, 1.5), (40_000, 1))
+    sigma = np.full(left.shape, 2.0)
+    assert coverage(left, sigma, np.array([1.5])) == pytest.approx(0.95, abs=0.005)
+    assert coverage(left, sigma, np.array([0.0])) < 0.9
+    sigma[::2] = np.nan
+    left[1::2] = 100.0
+    assert coverage(left, sigma, np.array([1.5])) == 0.0
+
+
+def test_rows_after_the_beginning_alone_are_judged() -> None:
+    series = ramp(rows=200, errors=1)
+    estimate = series.truth.copy()
+    estimate[:144] += 50.0
+    course = Course(estimate, np.ones_like(estimate))
+    assert judge(series, course, 12.0, [0]).rms == 0.0
+    assert judge(series, course, 12.0, [0]).inside == 1.0
+    assert judge(series, course, 0.0, [0]).largest == 50.0
+
+
+def test_savings_are_read_off_between_the_fixed_intervals() -> None:
+    """Errors that fall with 1 / measurements: half the error needs twice the measurements."""
+    fixed = [Point(f"{n}", n, 100.0 / n, 300.0 / n, 0.95) for n in (10, 20, 40, 80)]
+    policy = [Point("5 µm", 15, 100.0 / 30, 300.0 / 15, 0.95), Point("1 µm", 15, 0.1, 0.1, 0.95)]
+    first, beyond = savings(policy, fixed)
+    assert first.at_equal_rms == pytest.approx(0.5)
+    assert first.at_equal_p99 == pytest.approx(1.0)
+    assert np.isnan(beyond.at_equal_rms)
+
+
+def test_what_a_denser_interval_left_by_chance_does_not_help_the_policy() -> None:
+    fixed = [Point("", n, left, left, 0.95) for n, left in ((10, 8.0), (20, 4.0), (40, 5.0), (80, 2.0))]
+    (found,) = savings([Point("", 20, 4.0, 4.0, 0.95)], fixed)
+    assert found.at_equal_rms == pytest.approx(1.0)
+
+
+def test_replaced_measurements_change_nothing_before_them() -> None:
+    """The check itself: what it alters is the chosen row and all after it."""
+    series = ramp()
+    given = given_of(series, moments(series, 0.0, 60.0), 0, 0, 12)
+    check_causal(Hold(), replace(given, sigma=np.ones(2)))

@@ -1,0 +1,209 @@
+"""Reading of described recordings: units, gaps, runs, cells of unknown quality, and what is reported as wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.recordings.description import recordings_in
+from benchmarks.recordings.series import read_series
+from benchmarks.recordings.subject import SHIPPED
+from gateway.config.problems import ConfigError
+from gateway.recordings.problems import RecordingError
+
+
+def written(folder: Path, toml: str, lines: list[str], name: str = "lathe") -> Path:
+    (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path = folder / f"{name}.toml"
+    path.write_text(toml, encoding="utf-8")
+    return path
+
+
+def rows_each(step_s: int, count: int, start_s: int = 0) -> list[str]:
+    """time, t1, drift: t1 is the minute, drift half of it."""
+    return [f"{start_s + i * step_s},{i * step_s / 60},{i * step_s / 120}" for i in range(count)]
+
+
+HEAD = "time,t1,drift"
+
+
+def test_faster_rows_are_averaged_over_the_step_that_they_end_in(tmp_path: Path) -> None:
+    path = written(tmp_path, 'errors = ["drift"]\nreference = "recorded"', [HEAD, *rows_each(60, 200)])
+    _, series = read_series(path)
+    # The first step holds 0 s alone, the next one 60 to 300 s: minutes 1 to 5.
+    assert series.inputs[:3, 0].tolist() == [0.0, 3.0, 8.0]
+    assert series.truth[:3, 0].tolist() == [0.0, 1.5, 4.0]
+    assert series.k[:3].tolist() == [0, 1, 2]
+
+
+def test_the_last_value_of_a_step_is_taken_where_that_is_wanted(tmp_path: Path) -> None:
+    path = written(tmp_path, 'errors = ["drift"]\nsampling = "last"', [HEAD, *rows_each(60, 200)])
+    _, series = read_series(path)
+    assert series.inputs[:3, 0].tolist() == [0.0, 5.0, 10.0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "angle"),
+    [("mm", 1000.0, False), ("nm", 0.001, False), ("um/m", 1.0, True), ("arcsec", np.pi / 180 / 3600 * 1e6, True)],
+)
+def test_errors_noise_and_probing_are_converted(tmp_path: Path, unit: str, scale: float, angle: bool) -> None:
+    toml = f'errors = ["drift"]\nunit = "{unit}"\nnoise = 0.3\nprobing = 0.4'
+    _, series = read_series(written(tmp_path, toml, [HEAD, *rows_each(300, 40)]))
+    assert series.truth[2, 0] == pytest.approx(5.0 * scale)
+    assert series.noise[0] == pytest.approx(0.3 * scale)
+    assert series.probing[0] == pytest.approx(0.4 * scale)
+    assert series.angle.tolist() == [angle]
+
+
+def test_one_error_may_differ_from_what_is_said_of_all(tmp_path: Path) -> None:
+    toml = 'noise = 0.1\n[errors]\ndrift = {}\nyaw = { unit = "mrad", noise = 0.002 }'
+    lines = [HEAD + ",yaw", *(f"{line},{i / 1000}" for i, line in enumerate(rows_each(300, 40)))]
+    _, series = read_series(written(tmp_path, toml, lines))
+    assert series.noise.tolist() == [0.1, 2.0]
+    assert series.truth[3].tolist() == pytest.approx([7.5, 3.0])
+    assert series.input_names == ("t1",)
+
+
+def test_a_silence_begins_a_run_and_counts_in_full(tmp_path: Path) -> None:
+    night_s = 14 * 3600
+    day = rows_each(300, 30)
+    next_day = rows_each(300, 30, start_s=29 * 300 + night_s)
+    _, series = read_series(written(tmp_path, 'errors = ["drift"]', [HEAD, *day, *next_day]))
+    assert series.run.tolist() == [0] * 30 + [1] * 30
+    assert int(series.k[30] - series.k[29]) == night_s // 300
+    # Hours recorded pass over the night.
+    assert series.on_h[-1] == pytest.approx(59 * 300 / 3600)
+
+
+def test_time_that_begins_anew_needs_the_hours_off(tmp_path: Path) -> None:
+    lines = ["run,time,t1,drift"]
+    lines += [f"{run},{line}" for run in (1, 2, 3) for line in rows_each(300, 20)]
+    toml = 'errors = ["drift"]\n[runs]\ncolumn = "run"\n'
+    with pytest.raises(ConfigError, match=r"lathe\.toml: \[runs\] off_h: missing: time begins anew at line 22"):
+        read_series(written(tmp_path, toml, lines))
+    _, series = read_series(written(tmp_path, toml + "off_h = [8.0, 60.0]", lines))
+    assert series.run.tolist() == [0] * 20 + [1] * 20 + [2] * 20
+    assert [int(series.k[i] - series.k[i - 1]) for i in (20, 40)] == [8 * 12, 60 * 12]
+    assert series.input_names == ("t1",)
+    with pytest.raises(ConfigError, match="has 1 entries; time begins anew 2 times"):
+        read_series(written(tmp_path, toml + "off_h = [8.0]", lines))
+
+
+def test_date_times_of_a_logger_are_read(tmp_path: Path) -> None:
+    lines = ["when;t1;drift", *(f"03.05.2022 {6 + i // 12:02}:{i % 12 * 5:02};{i},5;{i}" for i in range(40))]
+    toml = 'errors = ["drift"]\n[time]\ncolumn = "when"\nformat = "%d.%m.%Y %H:%M"'
+    _, series = read_series(written(tmp_path, toml, lines))
+    assert len(series.k) == 40
+    assert series.inputs[1, 0] == 1.5
+    assert series.k[-1] == 39
+
+
+def test_slower_rows_keep_their_own_step(tmp_path: Path) -> None:
+    _, series = read_series(written(tmp_path, 'errors = ["drift"]', [HEAD, *rows_each(600, 40)]))
+    assert series.step_s == 600.0
+    assert len(series.k) == 40
+    assert "600 s apart" in series.notes[0]
+
+
+def test_cells_of_unknown_quality(tmp_path: Path) -> None:
+    """Missing and strange input cells are missing; columns of text and empty ones are left out, and named."""
+    lines = ["time,t1,t2,operator,spare,drift"]
+    lines += [
+        f"{i * 300},{'' if i == 3 else i},{'OVL' if i == 4 else 7},Jo,,{'NaN' if i == 5 else i}" for i in range(40)
+    ]
+    _, series = read_series(written(tmp_path, 'errors = ["drift"]', lines))
+    assert series.input_names == ("t1", "t2")
+    assert np.flatnonzero(np.isnan(series.inputs).any(axis=1)).tolist() == [3, 4]
+    assert np.flatnonzero(np.isnan(series.truth[:, 0])).tolist() == [5]
+    assert any("'t2': 1 cells are no numbers" in note for note in series.notes)
+    assert any("'operator': 40 of 40" in note for note in series.notes)
+    assert any("'spare': empty" in note for note in series.notes)
+
+
+def test_patterns_choose_inputs_and_say_what_they_are(tmp_path: Path) -> None:
+    lines = ["time,t1,t2,rpm,load,drift", *(f"{i * 300},1,2,{i},5,{i}" for i in range(40))]
+    toml = 'errors = ["drift"]\nignore = ["l*"]\n'
+    toml += '[inputs]\nrpm = { kind = "speed", span = 5000 }\n"*" = { kind = "temperature" }'
+    _, series = read_series(written(tmp_path, toml, lines))
+    assert series.input_names == ("t1", "t2", "rpm")
+    assert [said.kind for said in series.about] == ["temperature", "temperature", "speed"]
+    assert series.about[2].span == 5000
+
+
+@pytest.mark.parametrize(
+    ("toml", "said"),
+    [
+        ('errors = ["drfit"]', "errors: the recording has no column 'drfit'; did you mean 'drift'?"),
+        ('errors = ["drift"]\ninputs = ["t9"]', "inputs: the recording has no column 't9'; possible: drift, t1, time"),
+        ('errors = ["drift"]\nunit = "inch"', "unit: 'inch' is not possible"),
+        ('errors = ["drift"]\nnoise = -1', "noise: -1: expected at least 0"),
+        ('errors = ["drift"]\nsigma = 1', "sigma: unknown key"),
+        ("step_s = 300", "errors: missing"),
+        ('errors = ["drift"]\nfile = "other.csv"', "file: other.csv is not beside it"),
+        ('errors = ["drift"]\n[time]\ncolumn = "zeit"', "time, column: the recording has no column 'zeit'"),
+        ('errors = ["drift"]\ninputs = ["x*"]', "inputs: no column of numbers is left as an input in lathe.csv"),
+        ("errors = [", "is not valid TOML"),
+    ],
+)
+def test_a_wrong_description_is_told_with_file_field_and_value(tmp_path: Path, toml: str, said: str) -> None:
+    path = written(tmp_path, toml, [HEAD, *rows_each(300, 40)])
+    with pytest.raises(ConfigError) as caught:
+        read_series(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("12000,1.0,broken", "lathe.csv: line 42, column 'drift': 'broken' is no number"),
+        ("noon,1.0,1.0", "lathe.csv: line 42, column 'time': 'noon' is no time"),
+        ("60,1.0,1.0", "lathe.csv: line 42, column 'time': '60' comes before '11700' of the row above; sort the rows"),
+        ("12000,1.0,2e9", "lathe.csv: line 42, column 'drift': '2e9' is beyond 1e+06; is its unit right?"),
+    ],
+)
+def test_a_wrong_cell_is_told_with_line_column_and_value(tmp_path: Path, line: str, said: str) -> None:
+    path = written(tmp_path, 'errors = ["drift"]', [HEAD, *rows_each(300, 40), line])
+    with pytest.raises(RecordingError) as caught:
+        read_series(path)
+    assert said in str(caught.value)
+
+
+def test_parquet_is_read_and_columns_that_are_no_numbers_left_out(tmp_path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    stamps = pa.array([1_650_000_000_000 + i * 300_000 for i in range(40)], pa.timestamp("ms"))
+    table = pa.table(
+        {
+            "time": stamps,
+            "t1": pa.array([float(i) for i in range(40)]),
+            "serviced": stamps,
+            "drift": pa.array([None if i == 2 else i for i in range(40)]),
+        }
+    )
+    parquet.write_table(table, tmp_path / "mill.parquet")
+    (tmp_path / "mill.toml").write_text('errors = ["drift"]')
+    _, series = read_series(tmp_path / "mill.toml")
+    assert series.input_names == ("t1",)
+    assert len(series.k) == 40
+    assert np.flatnonzero(np.isnan(series.truth[:, 0])).tolist() == [2]
+
+
+def test_a_folder_without_a_description_says_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "lathe.csv").write_text("time,t1\n")
+    with pytest.raises(ConfigError, match=r"no TOML file: it holds lathe\.csv; describe each recording"):
+        recordings_in(tmp_path)
+    with pytest.raises(ConfigError, match="is not a folder; set RECORDINGS"):
+        recordings_in(tmp_path / "nothing")
+
+
+def test_the_shipped_recording_is_whole() -> None:
+    (path,) = recordings_in(SHIPPED)
+    said, series = read_series(path)
+    assert series.truth.shape == (557, 5)
+    assert len(series.input_names) == 17
+    assert np.isfinite(series.inputs).all()
+    assert np.diff(series.k).tolist() == [1] * 556
+    assert (SHIPPED / "LICENSE").read_text(encoding="utf-8").startswith("MIT License")
+    assert said.probing == 1.0
