@@ -43,7 +43,7 @@ def moments(series: Series, dense_h: float, interval_min: float, measure_first: 
     """
     available = np.isfinite(series.truth).any(axis=1)
     used = np.zeros(len(series.k), dtype=np.bool_)
-    dense: BoolArray = np.less(series.on_h, dense_h)
+    dense = np.asarray(series.on_h < dense_h)
     steps = steps_of(interval_min, series.step_s)
     last: int | None = None
     run = -1

@@ -22,6 +22,8 @@ from gateway.recordings.problems import RecordingError
 
 SHIPPED = Path(__file__).with_name("fl_thermal")
 OUT = Path("out/recordings")
+_DEFAULT = "`search`"
+"""The method that the table is about."""
 
 
 def folder() -> Path:
@@ -65,7 +67,8 @@ def rows() -> list[Row]:
             result = carry_out_all(said, series, chosen, pool)
             write(result, OUT)
             print(f"{series.name}: {time.perf_counter() - begin:.0f} s; {OUT}/", file=sys.stderr, flush=True)
-            found += table_rows(result, chosen[-1].name)
+            ours = _DEFAULT if _DEFAULT in result.methods else chosen[-1].name
+            found += table_rows(result, ours)
     if wrong and not found:
         raise SystemExit("no recording could be used")
     return found
