@@ -41,9 +41,9 @@ def moments(series: Series, dense_h: float, interval_min: float, measure_first: 
 
     Rows without any recorded error wait for the next one that has one. Hours off do not count as beginning.
     """
-    available = np.isfinite(series.truth).any(axis=1)
     used = np.zeros(len(series.k), dtype=np.bool_)
-    dense = np.asarray(series.on_h < dense_h)
+    dense = [bool(hour < dense_h) for hour in series.on_h]
+    available = [bool(known.any()) for known in np.isfinite(series.truth)]
     steps = steps_of(interval_min, series.step_s)
     last: int | None = None
     run = -1
