@@ -29,8 +29,9 @@ from benchmarks.emulators import CHANNELS, UNITS
 from benchmarks.rows import Row
 from drivers.base import Quality, SystemClock
 from gateway.config import GatewayConfig, load
-from gateway.storage.store import Store
-from gateway.telemetry import keys
+from gateway.events import DecisionMade, FrameMade
+from gateway.storage import Store
+from gateway.telemetry import ReadingMessage, decode, keys
 from simulators.clock import SharedClock
 from talc.control import Controller
 from talc.frame import Frame, Measurement
@@ -98,9 +99,9 @@ class _Ear:
         self.heard += 1
         key = str(sample.key_expr)
         if self._missing and f"/{keys.READING}/" in key:
-            payload = keys.decode(sample.payload.to_bytes())
-            if payload["quality"] == Quality.GOOD:
-                self._missing.discard(payload["channel"])
+            reading = decode(keys.READING, sample.payload.to_bytes())
+            if isinstance(reading, ReadingMessage) and reading.quality == Quality.GOOD:
+                self._missing.discard(reading.channel)
                 if not self._missing:
                     self.complete_at = time.monotonic()
 
@@ -261,8 +262,8 @@ def want_training(config: GatewayConfig) -> None:
         store.begin(config.canonical(), config.fingerprint(), "")
         for k in range(steps):
             frame = Frame(first + k, inputs[k], np.ones(n, np.bool_), Measurement(errors[k], np.full(9, 0.5)))
-            store.frame(frame)
-            store.decision(controller.step(frame))
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(controller.step(frame)))
 
 
 def _row(work: str, cost: Cost, goal: str) -> Row:

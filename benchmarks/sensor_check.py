@@ -17,8 +17,9 @@ from benchmarks.data import Array, machine
 from benchmarks.rows import Row
 from gateway.clock import RealClock
 from gateway.control.sensor_watch import SensorWatch
-from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame
-from talc.sensor_check import Judgement, judge
+from gateway.events import EventReported, GatewayEvent
+from talc.frame import BoolArray, EventKind, FloatArray, Frame
+from talc.sensor_check import judge
 from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
 from talc.settings import SensorCheckSettings
 
@@ -50,11 +51,9 @@ class _Ear:
     def __init__(self, outcome: Outcome) -> None:
         self._outcome = outcome
 
-    def event(self, event: Event, k: int | None) -> None:
-        if event.kind is EventKind.SENSOR_SUSPECT:
-            self._outcome.told.append(f"step {k}: {event.text}")
-
-    def sensors(self, judgement: Judgement, k: int) -> None: ...
+    def __call__(self, event: GatewayEvent) -> None:
+        if isinstance(event, EventReported) and event.event.kind is EventKind.SENSOR_SUSPECT:
+            self._outcome.told.append(f"step {event.k}: {event.event.text}")
 
 
 async def _learn(

@@ -1,7 +1,7 @@
-"""Where everything that happens goes: the store, the telemetry, the view. Each is told and returns at once."""
+"""Everything that a running gateway reports, as a closed union of values, and how it reaches those who take it."""
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from drivers.base import Reading
 from gateway.nc.slew import Write
@@ -12,80 +12,108 @@ from talc.models import ModelSet
 from talc.sensor_check import Judgement
 
 
-class Outlet(Protocol):
-    """Told of everything, in the order in which it happens, from the event loop's thread."""
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadingsTaken:
+    """Channels were read, or went stale."""
 
-    def readings(self, readings: Sequence[Reading]) -> None: ...
-
-    def frame(self, frame: Frame) -> None: ...
-
-    def decision(self, decision: Decision) -> None: ...
-
-    def requested(self, number: int) -> None:
-        """A probing cycle is about to be asked for under this number. Returns when it will not be forgotten."""
-        ...
-
-    def measurement(self, outcome: Outcome) -> None: ...
-
-    def models(self, models: ModelSet, after_k: int) -> None:
-        """Models adopted after the step with index `after_k`; they act from the next step on."""
-        ...
-
-    def event(self, event: Event, k: int | None) -> None: ...
-
-    def compensation(self, write: Write) -> None: ...
-
-    def probing(self, outlook: Outlook) -> None:
-        """Where the wish for a measurement stands, when that changes."""
-        ...
-
-    def sensors(self, judgement: Judgement, k: int) -> None:
-        """What the sensors say of each other after the step with index `k`."""
-        ...
+    readings: Sequence[Reading]
 
 
-class Fanout:
-    """Hands everything to several outlets, in order: what is stored first is what is published next."""
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameMade:
+    """A grid step has ended."""
 
-    def __init__(self, outlets: Sequence[Outlet]) -> None:
-        self._outlets = tuple(outlets)
+    frame: Frame
 
-    def readings(self, readings: Sequence[Reading]) -> None:
-        for outlet in self._outlets:
-            outlet.readings(readings)
 
-    def frame(self, frame: Frame) -> None:
-        for outlet in self._outlets:
-            outlet.frame(frame)
+@dataclass(frozen=True, slots=True, eq=False)
+class DecisionMade:
+    """The controller has decided on the last frame."""
 
-    def decision(self, decision: Decision) -> None:
-        for outlet in self._outlets:
-            outlet.decision(decision)
+    decision: Decision
 
-    def requested(self, number: int) -> None:
-        for outlet in self._outlets:
-            outlet.requested(number)
 
-    def measurement(self, outcome: Outcome) -> None:
-        for outlet in self._outlets:
-            outlet.measurement(outcome)
+@dataclass(frozen=True, slots=True)
+class ProbingRequested:
+    """A probing cycle is about to be requested from the control.
 
-    def models(self, models: ModelSet, after_k: int) -> None:
-        for outlet in self._outlets:
-            outlet.models(models, after_k)
+    The number must never be used again, so a sink that stores it returns only when it is on the disk.
+    """
 
-    def event(self, event: Event, k: int | None) -> None:
-        for outlet in self._outlets:
-            outlet.event(event, k)
+    number: int
 
-    def compensation(self, write: Write) -> None:
-        for outlet in self._outlets:
-            outlet.compensation(write)
 
-    def probing(self, outlook: Outlook) -> None:
-        for outlet in self._outlets:
-            outlet.probing(outlook)
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasurementEnded:
+    """A requested measurement has succeeded, failed, or was refused."""
 
-    def sensors(self, judgement: Judgement, k: int) -> None:
-        for outlet in self._outlets:
-            outlet.sensors(judgement, k)
+    outcome: Outcome
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelsAdopted:
+    """The controller uses other models from the next step on."""
+
+    models: ModelSet
+    after_k: int
+    """Grid index of the last step before them."""
+
+
+@dataclass(frozen=True, slots=True)
+class EventReported:
+    """The controller or the service reports something in words."""
+
+    event: Event
+    k: int | None
+    """Grid index that it belongs to; None: none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompensationStepped:
+    """The compensation took a step; in some modes nothing is written to the control."""
+
+    write: Write
+
+
+@dataclass(frozen=True, slots=True)
+class OutlookChanged:
+    """Another state of the wish for a measurement, or another reason for it."""
+
+    outlook: Outlook
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorsJudged:
+    """The sensors were compared with each other."""
+
+    judgement: Judgement
+    k: int
+    """Grid index of the last frame of the window."""
+
+
+GatewayEvent = (
+    ReadingsTaken
+    | FrameMade
+    | DecisionMade
+    | ProbingRequested
+    | MeasurementEnded
+    | ModelsAdopted
+    | EventReported
+    | CompensationStepped
+    | OutlookChanged
+    | SensorsJudged
+)
+
+Sink = Callable[[GatewayEvent], None]
+"""Takes every event in the order in which it happens, in the event loop's thread, and returns at once."""
+
+
+def in_order(sinks: Sequence[Sink]) -> Sink:
+    """One sink that hands each event to several: to the next one when the one before has returned."""
+    several = tuple(sinks)
+
+    def take(event: GatewayEvent) -> None:
+        for sink in several:
+            sink(event)
+
+    return take

@@ -11,7 +11,7 @@ from gateway.config.model import validate
 from gateway.control.sensor_watch import SeenBefore
 from gateway.control.trainer import has_failed
 from gateway.service import Past
-from gateway.storage.store import History, StoredStep, StoreError
+from gateway.storage import History, StoredStep, StoreError
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, TrainingJob
 from talc.names import THERMAL_ERRORS

@@ -22,7 +22,7 @@ from gateway.config import GatewayConfig
 from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.sensor_watch import SeenBefore, SensorWatch
-from gateway.events import Outlet
+from gateway.events import CompensationStepped, EventReported, ProbingRequested, ReadingsTaken, Sink
 from gateway.nc.link import NcLink
 from gateway.polling import Notice
 from gateway.probing.cycle import Probe, poses_in_radians
@@ -63,7 +63,7 @@ class Service:
     ----------
     config: checked configuration
     clock: real or simulated
-    outlet: told of everything
+    sink: takes every event
     past: the controller and what else an earlier run left
     decided: told of every decision after it was stored
     tap: gives who listens in on the bus of that name
@@ -74,13 +74,13 @@ class Service:
         self,
         config: GatewayConfig,
         clock: ServiceClock,
-        outlet: Outlet,
+        sink: Sink,
         past: Past,
         decided: Callable[[Decision], None] = lambda _: None,
         configured: Callable[[GatewayConfig], None] = lambda _: None,
         tap: Callable[[str], Tap] | None = None,
     ) -> None:
-        self._config, self._clock, self._outlet, self._past, self._decided = config, clock, outlet, past, decided
+        self._config, self._clock, self._sink, self._past, self._decided = config, clock, sink, past, decided
         self._configured, self._tap = configured, tap
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
         self._schedule = Schedule(config.grid.step_s, past.last_k)
@@ -89,7 +89,7 @@ class Service:
         self._lines: tuple[Line, ...] = lines_of(config, clock, tap)
         self.link = self._make_link()
         self._sensors = SensorWatch(
-            config.input_names, config.sensor_check, self._is_temperature, outlet, clock, past.seen
+            config.input_names, config.sensor_check, self._is_temperature, sink, clock, past.seen
         )
         self._acquisition: Acquisition | None = None
 
@@ -128,7 +128,7 @@ class Service:
                 Acquisition(self._lines, self._clock, publish=self._take, notify=self._noticed)
             )
             self._acquisition = acquisition
-            stale = StaleWatch(self.board, self._clock, acquisition.number, self._outlet.readings)
+            stale = StaleWatch(self.board, self._clock, acquisition.number, self._publish)
             stack.callback(self._forget_acquisition)
             self._configured(self._config)
             async with asyncio.TaskGroup() as tasks:
@@ -161,7 +161,7 @@ class Service:
                 pause_s=probing.pause_s,
             ),
             probing,
-            self._outlet,
+            self._sink,
             self._decided,
             self._past.pending,
             seen=self._sensors.frame,
@@ -187,8 +187,8 @@ class Service:
             self._clock,
             probe,
             states=self._sampler.add_states,
-            written=self._outlet.compensation,
-            requested=self._outlet.requested,
+            written=lambda write: self._sink(CompensationStepped(write)),
+            requested=lambda number: self._sink(ProbingRequested(number)),
             notify=self._nc_noticed,
             reference_mm=self._past.reference_mm,
             first_number=number + 1,
@@ -210,13 +210,16 @@ class Service:
     def _take(self, readings: Sequence[Reading]) -> None:
         self.board.put(readings)
         self._sampler.add(readings)
-        self._outlet.readings(readings)
+        self._publish(readings)
+
+    def _publish(self, readings: Sequence[Reading]) -> None:
+        self._sink(ReadingsTaken(readings))
 
     def _noticed(self, notice: Notice) -> None:
-        self._outlet.event(Event(EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM, notice.text), None)
+        self._nc_noticed(notice.text, notice.ended)
 
     def _nc_noticed(self, text: str, ended: bool) -> None:
-        self._outlet.event(Event(EventKind.PROBLEM_ENDED if ended else EventKind.PROBLEM, text), None)
+        self._sink(EventReported(Event(EventKind.PROBLEM_ENDED if ended else EventKind.PROBLEM, text), None))
 
 
 def _owner(store: Path) -> int:

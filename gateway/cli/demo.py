@@ -18,7 +18,7 @@ from gateway.cli.report import write
 from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
-from gateway.cli.view import LiveView, ViewOutlet, ViewState
+from gateway.cli.view import LiveView, ViewState, feeding
 from gateway.config import GatewayConfig, load
 from simulators.clock import SharedClock
 
@@ -70,7 +70,7 @@ async def _run(demo: Demo) -> None:
             stop_on_signals(stop)
             state = ViewState(machine=config.machine.name)
             state.progress_until_s = demo.hours * 3600.0
-            view = ViewOutlet(state, config.input_names, clock, simulated=True)
+            view = feeding(state, config.input_names, clock, simulated=True)
             with LiveView(state, plain=demo.plain):
                 ender = asyncio.create_task(_end_at(clock, demo.hours * 3600.0, stop))
                 try:

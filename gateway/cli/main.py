@@ -11,7 +11,7 @@ from drivers.bus_settings import is_multicast_group
 from gateway.config import ConfigError, GatewayConfig, cautions, load
 from gateway.recordings.problems import RecordingError
 from gateway.recordings.wire_log import WireLogError
-from gateway.storage.store import StoreError
+from gateway.storage import StoreError
 
 EXIT_CONFIG = 2
 """The configuration (or what was typed) cannot be."""

@@ -14,7 +14,7 @@ from gateway.config.talc_only import TalcOnly, load_talc_only
 from gateway.recordings.columns import Columns
 from gateway.recordings.grid import Recording, read_recording
 from gateway.replay import replay
-from gateway.storage.store import History
+from gateway.storage import History
 
 _DAY_H = 24.0
 

@@ -8,7 +8,7 @@ import numpy as np
 from gateway.cli.terminal import terminal
 from gateway.replay import stored_config
 from gateway.report import AdoptedModels, ReportData, Truth, build, summary, table
-from gateway.storage.store import History, StoreError
+from gateway.storage import History, StoreError
 from talc.frame import FloatArray
 
 _TRUTH_COLUMNS = 17

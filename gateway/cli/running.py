@@ -7,12 +7,12 @@ from contextlib import AsyncExitStack
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 from gateway.config.packed import packed_toml
-from gateway.events import Fanout, Outlet
+from gateway.events import Sink, in_order
 from gateway.recordings.wire_log import WireLogWriter
 from gateway.replay import past_of
 from gateway.service import Service
-from gateway.storage.store import History, Store, boot_id
-from gateway.telemetry.publisher import Telemetry
+from gateway.storage import History, Store, boot_id
+from gateway.telemetry import Telemetry
 from gateway.versions import versions
 from talc.frame import Decision
 
@@ -25,7 +25,7 @@ async def serve(
     stop: asyncio.Event,
     *,
     simulated: bool,
-    more: Sequence[Outlet] = (),
+    more: Sequence[Sink] = (),
     decided: Callable[[Decision], None] = lambda _: None,
     started: Callable[[Service], None] = lambda _: None,
     wire_log: WireLogWriter | None = None,
@@ -50,14 +50,14 @@ async def serve(
         with History(config.storage.path) as history:
             past = past_of(history, config)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES))
-        outlets: list[Outlet] = [store]
+        sinks: list[Sink] = [store.record]
         told: list[Callable[[str], None]] = []
         telemetry: Telemetry | None = None
         if config.telemetry.enabled:
             telemetry = Telemetry(
                 config.telemetry, config.machine.name, config.input_names, clock, boot, simulated=simulated
             )
-            outlets.append(await stack.enter_async_context(telemetry))
+            sinks.append((await stack.enter_async_context(telemetry)).publish)
             told.append(telemetry.runs)
         recorded = packed_toml(config)
 
@@ -71,7 +71,7 @@ async def serve(
                 wire_log.reconfigure(wires)
 
         tap = None if wire_log is None else wire_log.tap
-        service = Service(config, clock, Fanout([*outlets, *more]), past, decided, configured, tap)
+        service = Service(config, clock, in_order([*sinks, *more]), past, decided, configured, tap)
         if telemetry is not None:
             telemetry.count_missed(lambda: service.periods_missed)
         started(service)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from types import TracebackType
-from typing import Self
+from typing import Self, assert_never
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -15,16 +15,25 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from drivers.base import Clock, Reading
+from drivers.base import Clock
 from gateway.cli.terminal import terminal
-from gateway.nc.slew import Write
-from gateway.probing.cycle import Outcome
-from gateway.probing.schedule import Outlook
-from gateway.telemetry import keys
-from talc.frame import Decision, Event, EventKind, Frame
-from talc.models import ModelSet
+from gateway.events import GatewayEvent, Sink
+from gateway.telemetry import (
+    CompensationMessage,
+    Composer,
+    DecisionMessage,
+    EventMessage,
+    FrameMessage,
+    MeasurementMessage,
+    ModelMessage,
+    ProbingMessage,
+    Published,
+    ReadingMessage,
+    SensorsMessage,
+    StatusMessage,
+)
+from talc.frame import EventKind
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
-from talc.sensor_check import Judgement
 
 _EVENTS_SHOWN = 5
 _REFRESH_PER_S = 4
@@ -64,16 +73,16 @@ class ViewState:
     limits: dict[str, float | None] = field(default_factory=dict)
     measured: dict[str, float | None] = field(default_factory=dict)
     measured_at: datetime | None = None
-    inputs: dict[str, list[str]] = field(default_factory=dict)
+    inputs: dict[str, tuple[str, ...]] = field(default_factory=dict)
     channels: dict[str, str] = field(default_factory=dict)
     """Channel to quality."""
-    offsets_um: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    offsets_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mode: str = ""
     source: str = ""
     probing: str = ""
+    """Why a wanted measurement waits."""
     sensors: list[str] = field(default_factory=list)
     """What does not agree with the other sensors."""
-    """Why a wanted measurement waits."""
     measurements: int = 0
     rejected: int = 0
     state_updates: int = 0
@@ -82,41 +91,45 @@ class ViewState:
     events_seen: int = 0
     _last_models_k: int | None = None
 
-    def apply(self, suffix: str, p: keys.Payload) -> None:
-        """Take one message: the key below `<prefix>/<machine>/` and its payload. Unknown kinds are passed over."""
-        now = datetime.fromisoformat(p["time"])
+    def apply(self, message: Published) -> None:
+        """Take one message."""
+        now = datetime.fromisoformat(message.time)
         self.time = now if self.time is None else max(self.time, now)
         self.began = self.began or now
-        self.simulated = p.get("clock") == "simulated"
-        match suffix.split("/")[0]:
-            case keys.READING:
-                self.channels[p["channel"]] = p["quality"]
-            case keys.DECISION:
-                self.phase, self.k = p["phase"], p["k"]
-                self.predicted, self.corrected = p["predicted"], p["corrected"]
-                self.sigma, self.limits = p["sigma"], p["limits"]
-            case keys.MEASUREMENT:
+        self.simulated = message.clock == "simulated"
+        match message:
+            case ReadingMessage():
+                self.channels[message.channel] = message.quality
+            case DecisionMessage():
+                self.phase, self.k = message.phase, message.k
+                self.predicted, self.corrected = message.predicted, message.corrected
+                self.sigma, self.limits = message.sigma, message.limits
+            case MeasurementMessage():
                 self.measurements += 1
-                if p["errors"] is None:
+                if message.errors is None:
                     self.rejected += 1
                 else:
-                    self.measured, self.measured_at = p["errors"], datetime.fromisoformat(p["ended"])
-            case keys.MODEL:
-                self.inputs[p["error"]] = p["inputs"]
-                if p["after_k"] != self._last_models_k:
-                    self._last_models_k = p["after_k"]
+                    self.measured, self.measured_at = message.errors, datetime.fromisoformat(message.ended)
+            case ModelMessage():
+                self.inputs[message.error] = message.inputs
+                if message.after_k != self._last_models_k:
+                    self._last_models_k = message.after_k
                     self.model_updates += 1
-            case keys.COMPENSATION:
-                self.offsets_um, self.mode, self.source = p["offsets_um"], p["mode"], p["source"]
-            case keys.SENSORS:
-                self.sensors = [finding["text"] for finding in p["findings"]]
-            case keys.PROBING:
-                self.probing = p["reason"]
-            case keys.EVENT:
-                if p["kind"] == EventKind.STATE_UPDATE:
+            case CompensationMessage():
+                self.offsets_um, self.mode, self.source = message.offsets_um, message.mode, message.source
+            case SensorsMessage():
+                self.sensors = [finding.text for finding in message.findings]
+            case ProbingMessage():
+                self.probing = message.reason
+            case EventMessage():
+                if message.kind == EventKind.STATE_UPDATE:
                     self.state_updates += 1
-                self.events.append((now, p["kind"], p["text"]))
+                self.events.append((now, message.kind, message.text))
                 self.events_seen += 1
+            case FrameMessage() | StatusMessage():
+                pass
+            case _:
+                assert_never(message)
 
     @property
     def elapsed_s(self) -> float:
@@ -170,7 +183,7 @@ def _errors(s: ViewState) -> RenderableType:
             _shown(None if sigma is None else 2 * sigma),
             _shown(s.measured.get(name)),
             _shown(s.limits.get(name)),
-            Text(", ".join(s.inputs.get(name, [])), overflow="ellipsis", style="dim"),
+            Text(", ".join(s.inputs.get(name, ())), overflow="ellipsis", style="dim"),
         )
     return table
 
@@ -203,48 +216,15 @@ def _age(seconds: float) -> str:
     return f"{seconds / 3600:.1f} h" if seconds >= 3600 else f"{seconds / 60:.0f} min"
 
 
-class ViewOutlet:
-    """An Outlet that feeds a ViewState in this process with just what telemetry would carry."""
+def feeding(state: ViewState, input_names: Sequence[str], clock: Clock, *, simulated: bool) -> Sink:
+    """A sink that feeds a state in this process with what telemetry would carry."""
+    composer = Composer("", input_names, clock, simulated=simulated)
 
-    def __init__(self, state: ViewState, input_names: Sequence[str], clock: Clock, *, simulated: bool) -> None:
-        self._state, self._names, self._clock = state, tuple(input_names), clock
-        self._clock_state = "simulated" if simulated else "system"
+    def take(event: GatewayEvent) -> None:
+        for _, message in composer.messages(event):
+            state.apply(message)
 
-    def _apply(self, suffix: str, payload: keys.Payload) -> None:
-        self._state.apply(suffix, {"time": self._clock.utc().isoformat(), "clock": self._clock_state} | payload)
-
-    def readings(self, readings: Sequence[Reading]) -> None:
-        now_s = self._clock.monotonic()
-        for r in readings:
-            self._apply(f"{keys.READING}/{r.channel}", keys.reading(r, now_s))
-
-    def frame(self, frame: Frame) -> None:
-        self._apply(keys.FRAME, keys.frame(frame, self._names))
-
-    def decision(self, decision: Decision) -> None:
-        self._apply(keys.DECISION, keys.decision(decision))
-
-    def requested(self, number: int) -> None: ...
-
-    def measurement(self, outcome: Outcome) -> None:
-        self._apply(keys.MEASUREMENT, keys.measurement(outcome))
-
-    def models(self, models: ModelSet, after_k: int) -> None:
-        for m in models.models:
-            if m is not None:
-                self._apply(f"{keys.MODEL}/{m.error}", keys.model(m, after_k))
-
-    def event(self, event: Event, k: int | None) -> None:
-        self._apply(keys.EVENT, keys.event(event, k))
-
-    def compensation(self, write: Write) -> None:
-        self._apply(keys.COMPENSATION, keys.compensation(write))
-
-    def sensors(self, judgement: Judgement, k: int) -> None:
-        self._apply(keys.SENSORS, keys.sensors(judgement, k))
-
-    def probing(self, outlook: Outlook) -> None:
-        self._apply(keys.PROBING, keys.probing(outlook))
+    return take
 
 
 class LiveView:

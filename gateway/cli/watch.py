@@ -10,7 +10,7 @@ import click
 import zenoh
 
 from gateway.cli.view import LiveView, ViewState
-from gateway.telemetry import keys
+from gateway.telemetry import decode, keys
 
 log = logging.getLogger(__name__)
 
@@ -40,11 +40,13 @@ def _follow(session: zenoh.Session, root: str, machine: str) -> int:
     def take(sample: zenoh.Sample) -> None:
         suffix = str(sample.key_expr).removeprefix(root + "/")
         try:
-            payload = keys.decode(sample.payload.to_bytes())
+            message = decode(suffix, sample.payload.to_bytes())
+        except ValueError as error:
+            log.warning("%s", error)
+            return
+        if message is not None:
             with lock:
-                state.apply(suffix, payload)
-        except (ValueError, KeyError, TypeError) as error:
-            log.warning("%s: not understood: %s", suffix, error)
+                state.apply(message)
 
     def life(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:

@@ -8,7 +8,15 @@ from gateway.clock import ServiceClock
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.trainer import failed, train_apart
-from gateway.events import Outlet
+from gateway.events import (
+    DecisionMade,
+    EventReported,
+    FrameMade,
+    MeasurementEnded,
+    ModelsAdopted,
+    OutlookChanged,
+    Sink,
+)
 from gateway.nc.link import NcLink
 from gateway.probing.cycle import End, Outcome
 from gateway.probing.schedule import Bulletin, Outlook, ProbingSchedule, Standing
@@ -29,8 +37,8 @@ class GridLoop:
     link: the NC; None when the gateway runs without one
     plan: when to ask for a measurement
     probing: `lead_s` and `poll_s` are used
-    outlet: told of frames, decisions, measurements, models and events
-    decided: told of every decision, after the outlet
+    sink: takes frames, decisions, measurements, models and events
+    decided: gets every decision, after the sink
     pending: a training and a measurement that an earlier run still wanted
     train: runs a training
     seen: told of every frame after all that follows from it
@@ -45,7 +53,7 @@ class GridLoop:
         link: NcLink | None,
         plan: ProbingSchedule,
         probing: Probing,
-        outlet: Outlet,
+        sink: Sink,
         decided: Callable[[Decision], None],
         pending: tuple[TrainingJob | None, Why | None] = (None, None),
         train: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
@@ -53,7 +61,7 @@ class GridLoop:
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
         self._link, self._plan, self._probing = link, plan, probing
-        self._outlet, self._decided = outlet, decided
+        self._sink, self._decided = sink, decided
         self._job, wish = pending
         self._plan.wish(wish, clock.monotonic())
         self._run_training, self._seen = train, seen
@@ -96,10 +104,10 @@ class GridLoop:
         frame = self._sampler.frame(instant, measurement)
         decision = self._controller.step(frame)
         self._last_k = frame.k
-        self._outlet.frame(frame)
-        self._outlet.decision(decision)
+        self._sink(FrameMade(frame))
+        self._sink(DecisionMade(decision))
         for event in decision.events:
-            self._outlet.event(event, decision.k)
+            self._sink(EventReported(event, decision.k))
         self._plan.wish(decision.measure, self._clock.monotonic())
         if decision.training is not None:
             self._job = decision.training
@@ -123,10 +131,10 @@ class GridLoop:
         why = self._plan.asked()
         self._tell(self._plan.look(link.present, self._clock.monotonic()))
         outcome: Outcome = await link.measure(why)
-        self._outlet.measurement(outcome)
+        self._sink(MeasurementEnded(outcome))
         if outcome.end is End.REJECTED:
             log.warning("measurement rejected: %s", outcome.reason)
-            self._outlet.event(Event(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._last_k)
+            self._sink(EventReported(Event(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._last_k))
         self._finished = outcome.measurement
         self._tell(self._plan.ended(outcome.end, outcome.reason, self._clock.monotonic()))
 
@@ -137,10 +145,10 @@ class GridLoop:
         if outlook.standing is Standing.WAITING and outlook.reason != self._outlook.reason:
             log.info("a measurement (%s) %s", outlook.why, outlook.reason)
         self._outlook = outlook
-        self._outlet.probing(outlook)
+        self._sink(OutlookChanged(outlook))
         for event in self._bulletin.of(outlook):
             log.log(logging.INFO if event.kind is EventKind.PROBLEM_ENDED else logging.WARNING, "%s", event.text)
-            self._outlet.event(event, self._last_k)
+            self._sink(EventReported(event, self._last_k))
 
     async def _train(self, job: TrainingJob) -> None:
         # A training takes seconds; on a real machine that is less than a grid step.
@@ -151,6 +159,6 @@ class GridLoop:
                 log.exception("the training of step %d failed", job.k)
                 models = failed(job, error)
             events = self._controller.adopt(models)
-        self._outlet.models(models, self._last_k)
+        self._sink(ModelsAdopted(models, self._last_k))
         for event in events:
-            self._outlet.event(event, self._last_k)
+            self._sink(EventReported(event, self._last_k))

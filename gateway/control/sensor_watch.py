@@ -6,15 +6,15 @@ import math
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from gateway.clock import ServiceClock
 from gateway.control.subprocess import WorkError, apart
+from gateway.events import EventReported, SensorsJudged, Sink
 from gateway.polling import Notice, Problems
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame
-from talc.sensor_check import Finding, Judgement, judge
+from talc.sensor_check import Finding, judge
 from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
 from talc.settings import SensorCheckSettings
 
@@ -32,14 +32,6 @@ _MOST_IN_A_THREAD = 64
 """Temperatures; the work grows with their square, and beyond it the buses would feel it."""
 
 Learn = Callable[[Sequence[str], FloatArray, BoolArray, SensorCheckSettings], Awaitable[SensorModel | None]]
-
-
-class Told(Protocol):
-    """Who hears of it; a part of an Outlet."""
-
-    def event(self, event: Event, k: int | None) -> None: ...
-
-    def sensors(self, judgement: Judgement, k: int) -> None: ...
 
 
 @dataclass(slots=True)
@@ -88,7 +80,7 @@ class SensorWatch:
     input_names: order of a frame's inputs
     settings: window, thresholds
     is_temperature: whether an input is one, by the unit of its readings; asked when learning
-    told: of findings that begin and of their end, and of every judgement
+    sink: takes every judgement, and an event when a finding begins and when all have ended
     clock: held while it computes
     before: what an earlier run saw
     """
@@ -98,13 +90,13 @@ class SensorWatch:
         input_names: Sequence[str],
         settings: SensorCheckSettings,
         is_temperature: Callable[[str], bool],
-        told: Told,
+        sink: Sink,
         clock: ServiceClock,
         before: SeenBefore | None = None,
         learn: Learn = _learn_apart,
     ) -> None:
         self._names, self._settings, self._is_temperature = tuple(input_names), settings, is_temperature
-        self._told, self._clock, self._learn = told, clock, learn
+        self._sink, self._clock, self._learn = sink, clock, learn
         self._rows: deque[tuple[FloatArray, BoolArray]] = deque(maxlen=settings.learn_steps + settings.window_steps)
         self._last_k: int | None = None
         self._model: SensorModel | None = None
@@ -153,7 +145,10 @@ class SensorWatch:
 
     def _noticed(self, notice: Notice) -> None:
         kind = EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM
-        self._told.event(Event(kind, notice.text), self._last_k)
+        self._report(Event(kind, notice.text), self._last_k)
+
+    def _report(self, event: Event, k: int | None) -> None:
+        self._sink(EventReported(event, k))
 
     def _append(self, k: int, inputs: FloatArray, valid: BoolArray) -> None:
         if self._last_k is not None:
@@ -178,7 +173,7 @@ class SensorWatch:
             judgement = await asyncio.to_thread(judge, *given)
         else:
             judgement = await apart(judge, *given)
-        self._told.sensors(judgement, k)
+        self._sink(SensorsJudged(judgement, k))
         if not judgement.smallest_offset_K:
             return False
         self._compare(judgement.findings, k)
@@ -203,13 +198,13 @@ class SensorWatch:
         if self._suspect_since_k is not None and self._quiet >= window and not self._findings:
             self._suspect_since_k = None
             log.info("sensors: all agree again")
-            self._told.event(Event(EventKind.SENSORS_AGREE, "the sensors agree with each other again"), k)
+            self._report(Event(EventKind.SENSORS_AGREE, "the sensors agree with each other again"), k)
 
     def _tell(self, finding: Finding, k: int) -> None:
         self._suspect_since_k = k if self._suspect_since_k is None else self._suspect_since_k
         log.warning("sensors: %s", finding.text())
         value = None if finding.kind == "swap" else finding.offset_K
-        self._told.event(Event(EventKind.SENSOR_SUSPECT, finding.text(), value=value), k)
+        self._report(Event(EventKind.SENSOR_SUSPECT, finding.text(), value=value), k)
 
     async def _learn_when_due(self) -> bool:
         """Whether it was tried."""

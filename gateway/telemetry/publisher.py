@@ -10,15 +10,14 @@ from typing import Self
 
 import zenoh
 
-from drivers.base import Clock, Reading
+from drivers.base import Clock
 from gateway.config.sections import Telemetry as TelemetrySettings
-from gateway.nc.slew import Write
-from gateway.probing.cycle import Outcome
+from gateway.events import CompensationStepped, DecisionMade, GatewayEvent, OutlookChanged, ReadingsTaken
 from gateway.probing.schedule import Outlook
 from gateway.telemetry import keys
-from talc.frame import Decision, Event, Frame
-from talc.models import ModelSet
-from talc.sensor_check import Judgement
+from gateway.telemetry.compose import Composer, Keyed
+from gateway.telemetry.messages import encode
+from talc.frame import Decision
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +50,7 @@ def session_config(settings: TelemetrySettings) -> zenoh.Config:
 
 
 class Telemetry:
-    """An Outlet that publishes. An async context manager.
+    """Publishes every event. An async context manager.
 
     A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`. When the network is slower
     than the readings, readings are dropped and counted; nothing else is.
@@ -79,18 +78,16 @@ class Telemetry:
         simulated: bool,
     ) -> None:
         self._settings, self._root = settings, keys.root(settings.prefix, machine)
-        self._names, self._clock, self._boot = tuple(input_names), clock, boot
-        self._clock_state = "simulated" if simulated else "system"
+        self._composer = Composer(boot, input_names, clock, simulated=simulated)
         self._queue: queue.Queue[tuple[str, bytes] | None] = queue.Queue()
         self._outlook: Outlook | None = None
-        self._sequence = 0
         self._dropped = 0
-        self._decided: tuple[str | None, int | None] = None, None
+        self._decision: Decision | None = None
         self._config: str | None = None
         self._periods_missed: Callable[[], Mapping[str, int]] = dict
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
-        self._thread = threading.Thread(target=self._publish, name="telemetry", daemon=True)
+        self._thread = threading.Thread(target=self._send, name="telemetry", daemon=True)
         self._session: zenoh.Session | None = None
 
     @property
@@ -123,48 +120,24 @@ class Telemetry:
         self._queryable.undeclare()
         session.close()
 
-    # Outlet ----------------------------------------------------------------------------------------------------------
-
-    def readings(self, readings: Sequence[Reading]) -> None:
-        if self._queue.qsize() > _QUEUE:
-            self._dropped += len(readings)
-            return
-        now_s = self._clock.monotonic()
-        for r in readings:
-            self._put(f"{keys.READING}/{r.channel}", keys.reading(r, now_s))
-
-    def frame(self, frame: Frame) -> None:
-        self._put(keys.FRAME, keys.frame(frame, self._names))
-
-    def decision(self, decision: Decision) -> None:
-        self._put(keys.DECISION, keys.decision(decision))
-        self._decided = decision.phase.value, decision.k
-        self._put_status()
-
-    def requested(self, number: int) -> None: ...
-
-    def measurement(self, outcome: Outcome) -> None:
-        self._put(keys.MEASUREMENT, keys.measurement(outcome))
-
-    def models(self, models: ModelSet, after_k: int) -> None:
-        for m in models.models:
-            if m is not None:
-                self._put(f"{keys.MODEL}/{m.error}", keys.model(m, after_k))
-
-    def event(self, event: Event, k: int | None) -> None:
-        self._put(keys.EVENT, keys.event(event, k))
-
-    def compensation(self, write: Write) -> None:
-        if write.mode != "monitor":
-            self._put(keys.COMPENSATION, keys.compensation(write))
-
-    def sensors(self, judgement: Judgement, k: int) -> None:
-        self._put(keys.SENSORS, keys.sensors(judgement, k))
-
-    def probing(self, outlook: Outlook) -> None:
-        self._outlook = outlook
-        self._put(keys.PROBING, keys.probing(outlook))
-        self._put_status()
+    def publish(self, event: GatewayEvent) -> None:
+        """A gateway.events.Sink: puts what is published of the event into the queue."""
+        match event:
+            case ReadingsTaken(readings) if self._queue.qsize() > _QUEUE:
+                self._dropped += len(readings)
+                return
+            case CompensationStepped(write) if write.mode == "monitor":
+                return
+            case DecisionMade(decision):
+                self._decision = decision
+            case OutlookChanged(outlook):
+                self._outlook = outlook
+            case _:
+                pass
+        for keyed in self._composer.messages(event):
+            self._put(keyed)
+        if isinstance(event, DecisionMade | OutlookChanged):
+            self._put_status()
 
     def runs(self, fingerprint: str) -> None:
         """The configuration with this fingerprint runs from now on; call it after every change."""
@@ -175,28 +148,19 @@ class Telemetry:
         """Where the status gets the number of missed periods from, by bus."""
         self._periods_missed = periods_missed
 
-    # Publishing ------------------------------------------------------------------------------------------------------
-
     def _put_status(self) -> None:
-        phase, k = self._decided
         missed = self._periods_missed()
-        self._put(keys.STATUS, keys.status(phase, k, self._dropped, missed, self._config, self._outlook))
+        self._put(self._composer.status(self._decision, self._dropped, missed, self._config, self._outlook))
 
-    def _put(self, suffix: str, payload: keys.Payload) -> None:
-        self._sequence += 1
-        common = {
-            "boot": self._boot,
-            "seq": self._sequence,
-            "time": self._clock.utc().isoformat(),
-            "clock": self._clock_state,
-        }
-        self._queue.put((suffix, keys.encode(common | payload)))
+    def _put(self, keyed: Keyed) -> None:
+        suffix, message = keyed
+        self._queue.put((suffix, encode(message)))
 
-    def _publish(self) -> None:
+    def _send(self) -> None:
         session = self._session
         while session is not None and (item := self._queue.get()) is not None:
             suffix, payload = item
-            must = suffix.split("/")[0] in _MUST_ARRIVE
+            must = keys.kind_of(suffix) in _MUST_ARRIVE
             control = zenoh.CongestionControl.BLOCK if must else zenoh.CongestionControl.DROP
             with self._last_lock:
                 self._last[suffix] = payload

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.base import Quality, Reading, SystemClock
-from gateway.storage.store import Store
+from gateway.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.storage import Store
 from talc.frame import Decision, Frame, Phase
 
 
@@ -27,9 +28,11 @@ def main(path: Path, first: int) -> None:
         for k in count(first):
             frame, decision = step(k)
             now = clock.utc()
-            store.readings([Reading(f"c{i}", 20.0 + i, "degC", Quality.GOOD, now, 0.0, k) for i in range(30)])
-            store.frame(frame)
-            store.decision(decision)
+            store.record(
+                ReadingsTaken([Reading(f"c{i}", 20.0 + i, "degC", Quality.GOOD, now, 0.0, k) for i in range(30)])
+            )
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(decision))
             store.flush()
             print(k, flush=True)
 

@@ -10,8 +10,9 @@ from gateway.config import GatewayConfig, parse
 from gateway.control.sensor_watch import SeenBefore
 from gateway.control.subprocess import WorkError
 from gateway.control.trainer import failed
+from gateway.events import DecisionMade, EventReported, FrameMade, ModelsAdopted
 from gateway.replay import past_of, replay
-from gateway.storage.store import History, Store
+from gateway.storage import History, Store
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement
 from tests.benches.stepped_clock import SteppedClock
@@ -55,15 +56,15 @@ def earlier_run(config: GatewayConfig, *events: tuple[int, Event], adopted: bool
         for k in range(STEPS):
             frame = Frame(k, x[k], np.ones(2, np.bool_), Measurement(x[k, 0] + draw.normal(0, 0.1, 9), np.full(9, 0.1)))
             decision = controller.step(frame)
-            store.frame(frame)
-            store.decision(decision)
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(decision))
             if decision.training is not None and adopted:
                 models = failed(decision.training, WorkError("its process was ended by SIGKILL; out of memory?"))
                 for event in controller.adopt(models):
-                    store.event(event, k)
-                store.models(models, k)
+                    store.record(EventReported(event, k))
+                store.record(ModelsAdopted(models, k))
         for k, event in events:
-            store.event(event, k)
+            store.record(EventReported(event, k))
 
 
 def seen(config: GatewayConfig) -> SeenBefore:
@@ -113,7 +114,7 @@ def test_a_restart_remembers_when_each_error_was_measured(config: GatewayConfig)
         for k in range(8):
             measurement = Measurement(np.array(errors[k]), np.full(9, 0.1)) if k in errors else None
             frame = Frame(k, np.full(2, 20.0), np.ones(2, np.bool_), measurement)
-            store.frame(frame)
-            store.decision(controller.step(frame))
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(controller.step(frame)))
     with History(config.storage.path) as history:
         assert past_of(history, config).measured == (2, 2, 2, 2, 5, 5, 5, 5, 2)

@@ -10,11 +10,12 @@ import pytest
 
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
+from gateway.events import MeasurementEnded
 from gateway.nc.link import NcLink
 from gateway.probing.cycle import End, Outcome
 from gateway.replay import past_of
 from gateway.service import Past, Service
-from gateway.storage.store import History, Store
+from gateway.storage import History, Store
 from simulators.nc.nck import R_WITHDRAW
 from simulators.nc.watchdog import R_OWNER
 from talc.control import Controller
@@ -54,7 +55,7 @@ async def serving(bench: WireBench, name: str = "a.sqlite", *, killed: bool = Fa
     stop = asyncio.Event()
     with Store(settings.storage.path, f"{name} {bench.clock.monotonic()}", bench.clock) as store:
         store.begin(settings.canonical(), settings.fingerprint(), "")
-        service = Service(settings, bench.clock, store, past)
+        service = Service(settings, bench.clock, store.record, past)
         assert service.link is not None
         if killed:
             service.link.stop = service.link._nc.close  # type: ignore[method-assign]
@@ -74,7 +75,7 @@ async def measured(bench: WireBench, gateway: Gateway) -> Outcome:
     for _ in range(100):
         await bench.clock.run_until(bench.clock.monotonic() + 10.0)
         if cycle.done():
-            gateway.store.measurement(cycle.result())
+            gateway.store.record(MeasurementEnded(cycle.result()))
             return cycle.result()
     raise AssertionError(f"{bench.control.nck.cycle.answer}")
 

@@ -1,22 +1,15 @@
 """A running service takes another configuration, or goes on as it was."""
 
 import asyncio
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from drivers.base import Reading
 from gateway.acquisition.reload import ReloadError
 from gateway.config import GatewayConfig, parse
-from gateway.nc.slew import Write
-from gateway.probing.cycle import Outcome
-from gateway.probing.schedule import Outlook
 from gateway.service import Past, Service
 from talc.control import Controller
-from talc.frame import Decision, Event, Frame
-from talc.models import ModelSet
-from talc.sensor_check import Judgement
+from tests.benches.kept_events import KeptEvents
 from tests.benches.stepped_clock import SteppedClock
 
 FILE = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
@@ -37,46 +30,18 @@ bed_front = 0
 """
 
 
-class Readings:
-    """An outlet that keeps the readings."""
-
-    def __init__(self) -> None:
-        self.kept: list[Reading] = []
-
-    def readings(self, readings: Sequence[Reading]) -> None:
-        self.kept.extend(readings)
-
-    def frame(self, frame: Frame) -> None: ...
-
-    def decision(self, decision: Decision) -> None: ...
-
-    def requested(self, number: int) -> None: ...
-
-    def measurement(self, outcome: Outcome) -> None: ...
-
-    def models(self, models: ModelSet, after_k: int) -> None: ...
-
-    def event(self, event: Event, k: int | None) -> None: ...
-
-    def compensation(self, write: Write) -> None: ...
-
-    def sensors(self, judgement: Judgement, k: int) -> None: ...
-
-    def probing(self, outlook: Outlook) -> None: ...
-
-
 def config(text: str = TEXT) -> GatewayConfig:
     return parse(text, FILE)
 
 
 async def test_a_reload_takes_effect_and_the_fingerprint_is_what_runs() -> None:
     old, new = config(), config(TEXT.replace("/nowhere/adapter", "/nowhere/other"))
-    clock, outlet, stop = SteppedClock(), Readings(), asyncio.Event()
+    clock, kept, stop = SteppedClock(), KeptEvents(), asyncio.Event()
     ran: list[str] = []
     service = Service(
         old,
         clock,
-        outlet,
+        kept,
         Past(Controller(old.input_names, old.talc)),
         configured=lambda running: ran.append(running.fingerprint()),
     )
@@ -85,7 +50,7 @@ async def test_a_reload_takes_effect_and_the_fingerprint_is_what_runs() -> None:
     running = asyncio.create_task(service.run(stop))
     try:
         await clock.run_until(3.0)
-        assert "/nowhere/adapter" in outlet.kept[-1].detail
+        assert "/nowhere/adapter" in kept.readings[-1].detail
         with pytest.raises(ReloadError, match="inputs changed"):
             await service.reload(config(TEXT.replace("bed_front", "bed_rear")))
         assert service.fingerprint == old.fingerprint()
@@ -95,8 +60,8 @@ async def test_a_reload_takes_effect_and_the_fingerprint_is_what_runs() -> None:
         assert change.started == ("rtu1",)
         assert service.fingerprint == new.fingerprint()
         assert ran == [old.fingerprint(), new.fingerprint()]
-        assert "/nowhere/other" in outlet.kept[-1].detail
-        numbers = [reading.sequence for reading in outlet.kept]
+        assert "/nowhere/other" in kept.readings[-1].detail
+        numbers = [reading.sequence for reading in kept.readings]
         assert numbers == sorted(set(numbers))
     finally:
         stop.set()

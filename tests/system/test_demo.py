@@ -19,8 +19,8 @@ import zenoh
 from gateway.cli.report import collect
 from gateway.replay import replay
 from gateway.report import summary
-from gateway.storage.store import History
-from gateway.telemetry import keys
+from gateway.storage import History
+from gateway.telemetry import FrameMessage, decode
 from talc.frame import EventKind, Phase
 
 HOURS, CALIBRATION_HOURS = 20.0, 8.0
@@ -74,8 +74,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         suffix = str(sample.key_expr).removeprefix("talc/bench/")
         with lock:
             kinds.add(suffix.split("/")[0])
-            if suffix == keys.FRAME:
-                frames.append(keys.decode(sample.payload.to_bytes())["k"])
+            message = decode(suffix, sample.payload.to_bytes())
+            if isinstance(message, FrameMessage):
+                frames.append(message.k)
 
     # An ordinary subscriber that is there before the gateway, so that it can see the first frame.
     config = zenoh.Config()

@@ -20,7 +20,7 @@ import pytest
 
 from gateway.cli.running import serve
 from gateway.config import GatewayConfig, load
-from gateway.storage.store import History
+from gateway.storage import History
 from simulators.clock import SharedClock
 from talc.frame import EventKind, Phase
 from tests.benches.faulty_machine import FAULT_EVERY_S

@@ -19,7 +19,8 @@ import pytest
 from drivers.base import SystemClock
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, load
-from gateway.storage.store import Store
+from gateway.events import DecisionMade, FrameMade, ModelsAdopted
+from gateway.storage import Store
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.modbus_servers import TcpHost
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
@@ -98,12 +99,12 @@ def calibrated(config: GatewayConfig) -> None:
             errors[2] += 1.5 * (table - 22.0)
             frame = Frame(k, np.array([column, table]), np.ones(2, np.bool_), Measurement(errors, np.full(9, 0.1)))
             made = controller.step(frame)
-            store.frame(frame)
-            store.decision(made)
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(made))
             if made.training is not None:
                 models = train(made.training)
                 controller.adopt(models)
-                store.models(models, k)
+                store.record(ModelsAdopted(models, k))
     assert models.models[1] is not None
     assert models.models[2] is not None
 

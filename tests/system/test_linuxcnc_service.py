@@ -18,8 +18,8 @@ from gateway.service import Past, Service
 from simulators.linuxcnc.machine import HURRY
 from talc.control import Controller
 from talc.frame import Why
+from tests.benches.kept_events import KeptEvents
 from tests.benches.linuxcnc_bench import running, until
-from tests.gateway.control.test_loop import Told
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -44,7 +44,7 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_not_
                 "storage": {"path": str(tmp_path / "gateway.sqlite")},
             }
         )
-        told, stop = Told(), asyncio.Event()
+        told, stop = KeptEvents(), asyncio.Event()
         service = Service(config, RealClock(), told, Past(Controller(config.input_names, config.talc)))
         at_work = asyncio.create_task(service.run(stop))
 

@@ -11,13 +11,14 @@ from gateway.acquisition.board import Board
 from gateway.acquisition.stale import StaleWatch
 from gateway.clock import RealClock
 from gateway.config import parse
+from gateway.events import GatewayEvent, ReadingsTaken
 from gateway.service import Past, Service
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.modbus_servers import TcpHost
 from talc.control import Controller
 from tests.benches.scripted_bus import Plant
 from tests.benches.stepped_clock import EPOCH
-from tests.gateway.test_service_reload import FILE, Readings
+from tests.gateway.test_service_reload import FILE
 
 PERIOD_S = 0.2
 LATE_S = 1.2
@@ -97,16 +98,16 @@ async def test_every_channel_of_a_hanging_bus_is_told_to_be_stale_once() -> None
     assert not numbers & {r.sequence for _, r in told}, "no number is used twice"
 
 
-class Heard(Readings):
-    """An outlet that notes when it was told, monotonic s."""
+class Heard:
+    """A sink that keeps readings and when they came, monotonic s."""
 
     def __init__(self, clock: RealClock) -> None:
-        super().__init__()
         self._clock = clock
         self.at: list[tuple[float, Reading]] = []
 
-    def readings(self, readings: Sequence[Reading]) -> None:
-        self.at.extend((self._clock.monotonic(), r) for r in readings)
+    def __call__(self, event: GatewayEvent) -> None:
+        if isinstance(event, ReadingsTaken):
+            self.at.extend((self._clock.monotonic(), r) for r in event.readings)
 
 
 async def test_the_service_tells_of_a_stale_value_while_the_read_hangs() -> None:
@@ -114,15 +115,15 @@ async def test_the_service_tells_of_a_stale_value_while_the_read_hangs() -> None
     host = TcpHost({1: Adam6015(lambda: [20.0, 30.0, *[0.0] * 5])})
     config = parse(TEXT.format(port=await host.start(), period_s=PERIOD_S), FILE)
     clock, stop = RealClock(), asyncio.Event()
-    outlet = Heard(clock)
-    service = Service(config, clock, outlet, Past(Controller(config.input_names, config.talc)))
+    heard = Heard(clock)
+    service = Service(config, clock, heard, Past(Controller(config.input_names, config.talc)))
     running = asyncio.create_task(service.run(stop))
 
     async def until(quality: Quality, after: int) -> int:
         """The position of the first reading of bed with this quality."""
         async with asyncio.timeout(10):
             while True:
-                for position, (_, r) in enumerate(outlet.at):
+                for position, (_, r) in enumerate(heard.at):
                     if position >= after and (r.channel, r.quality) == ("bed", quality):
                         return position
                 await asyncio.sleep(0.005)
@@ -138,11 +139,11 @@ async def test_the_service_tells_of_a_stale_value_while_the_read_hangs() -> None
         stop.set()
         await running
         await host.stop()
-    of_bed = [(at, r) for at, r in outlet.at[: again + 1] if r.channel == "bed"]
+    of_bed = [(at, r) for at, r in heard.at[: again + 1] if r.channel == "bed"]
     assert [r.quality for _, r in of_bed][-3:] == [Quality.GOOD, Quality.STALE, Quality.GOOD]
     (_, last), (told_s, gone), (came_s, _) = of_bed[-3:]
     assert math.isnan(gone.value)
     assert 3 * PERIOD_S <= told_s - last.monotonic_s < 3 * PERIOD_S + 0.2, "two periods after it should have come"
     assert told_s < came_s
     assert (gone.monotonic_s, gone.source_time) == (last.monotonic_s, last.source_time)
-    assert {r.quality for _, r in outlet.at} == {Quality.GOOD, Quality.STALE}
+    assert {r.quality for _, r in heard.at} == {Quality.GOOD, Quality.STALE}

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from gateway.config import load
-from gateway.storage.store import History
+from gateway.storage import History
 
 TEXT = """
 [machine]

@@ -1,7 +1,7 @@
 """The grid loop between controller, schedule and NC: who is asked when, and what is told."""
 
 import asyncio
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -9,24 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import Reading
 from drivers.nc import OperatingMode, ProbingState, ProbingStatus, ProgramState
 from gateway.config import parse
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
-from gateway.nc.slew import Write
-from gateway.probing.cycle import Outcome
-from gateway.probing.schedule import Outlook, ProbingSchedule, Standing
+from gateway.events import DecisionMade, FrameMade, ModelsAdopted
+from gateway.probing.schedule import ProbingSchedule, Standing
 from gateway.replay import past_of
 from gateway.service import Service
-from gateway.storage.store import History, Store
+from gateway.storage import History, Store
 from talc.control import Controller
-from talc.frame import Decision, Event, EventKind, Frame, Measurement, Why
-from talc.models import ModelSet
-from talc.sensor_check import Judgement
+from talc.frame import EventKind, Frame, Measurement, Why
 from talc.settings import ControlSettings, TalcSettings
 from talc.training import train
+from tests.benches.kept_events import KeptEvents
 from tests.benches.nc_link_bench import Bench
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.thermal_series import series
@@ -37,46 +34,9 @@ NOWHERE = ((0.0, 0.0, 0.0),) * 6
 CYCLES_OF_THE_REFERENCE = [41, 42, 43, 44, 45]
 
 
-class Told:
-    """An outlet that keeps what the tests ask for."""
-
-    def __init__(self) -> None:
-        self.frames: list[Frame] = []
-        self.outcomes: list[Outcome] = []
-        self.events: list[Event] = []
-        self.outlooks: list[Outlook] = []
-
-    def readings(self, readings: Sequence[Reading]) -> None: ...
-
-    def frame(self, frame: Frame) -> None:
-        self.frames.append(frame)
-
-    def decision(self, decision: Decision) -> None: ...
-
-    def requested(self, number: int) -> None: ...
-
-    def measurement(self, outcome: Outcome) -> None:
-        self.outcomes.append(outcome)
-
-    def models(self, models: ModelSet, after_k: int) -> None: ...
-
-    def event(self, event: Event, k: int | None) -> None:
-        self.events.append(event)
-
-    def compensation(self, write: Write) -> None: ...
-
-    def sensors(self, judgement: Judgement, k: int) -> None: ...
-
-    def probing(self, outlook: Outlook) -> None:
-        self.outlooks.append(outlook)
-
-    def of(self, *kinds: EventKind) -> list[str]:
-        return [e.text for e in self.events if e.kind in kinds]
-
-
 @asynccontextmanager
 async def running(
-    bench: Bench, told: Told, *, pending: Why | None = None, retries: int = 2
+    bench: Bench, told: KeptEvents, *, pending: Why | None = None, retries: int = 2
 ) -> AsyncIterator[ProbingSchedule]:
     plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
     loop = GridLoop(
@@ -93,7 +53,7 @@ async def running(
 
 
 async def test_a_calibration_measurement_is_asked_for_so_long_before_its_step_ends() -> None:
-    bench, told = Bench("monitor"), Told()
+    bench, told = Bench("monitor"), KeptEvents()
     bench.control.answer = ProbingStatus(0, ProbingState.DONE, NOWHERE)
     async with running(bench, told):
         await bench.clock.run_until(STEP_S + 119.0)
@@ -105,7 +65,7 @@ async def test_a_calibration_measurement_is_asked_for_so_long_before_its_step_en
 
 
 async def test_what_blocks_probing_is_published_and_logged_once(caplog: pytest.LogCaptureFixture) -> None:
-    bench, told = Bench("monitor"), Told()
+    bench, told = Bench("monitor"), KeptEvents()
     bench.control.mode = OperatingMode.JOG
     async with running(bench, told):
         await bench.clock.run_until(4 * STEP_S)
@@ -113,8 +73,8 @@ async def test_what_blocks_probing_is_published_and_logged_once(caplog: pytest.L
         bench.control.mode = OperatingMode.AUTO
         bench.control.answer = ProbingStatus(0, ProbingState.DONE, NOWHERE)
         await bench.clock.run_until(5 * STEP_S)
-    assert told.of(EventKind.PROBLEM) == ["probing: the control is in JOG, not in AUTO"]
-    assert len(told.of(EventKind.PROBLEM_ENDED)) == 1
+    assert told.texts(EventKind.PROBLEM) == ["probing: the control is in JOG, not in AUTO"]
+    assert len(told.texts(EventKind.PROBLEM_ENDED)) == 1
     assert len([r for r in caplog.records if "in JOG" in r.message and r.levelname == "WARNING"]) == 1
     standings = [o.standing for o in told.outlooks]
     assert standings == [Standing.BLOCKED, Standing.DUE, Standing.ASKED, Standing.NOT_WANTED]
@@ -122,7 +82,7 @@ async def test_what_blocks_probing_is_published_and_logged_once(caplog: pytest.L
 
 
 async def test_a_wish_that_ends_while_it_waits_is_never_asked_for() -> None:
-    bench, told = Bench("monitor"), Told()
+    bench, told = Bench("monitor"), KeptEvents()
     bench.control.program, bench.control.speed = ProgramState.RUNNING, 8000.0
     async with running(bench, told, pending=Why.INTERVAL) as plan:
         await bench.clock.run_until(200.0)
@@ -134,7 +94,7 @@ async def test_a_wish_that_ends_while_it_waits_is_never_asked_for() -> None:
 
 
 async def test_a_cycle_that_keeps_failing_is_asked_for_so_often_and_the_operator_is_told_once() -> None:
-    bench, told = Bench("monitor"), Told()
+    bench, told = Bench("monitor"), KeptEvents()
     bench.control.answer = ProbingStatus(0, ProbingState.FAILED, reason="a touch found no sphere")
     async with running(bench, told, retries=2):
         await bench.clock.run_until(3000.0)
@@ -142,8 +102,8 @@ async def test_a_cycle_that_keeps_failing_is_asked_for_so_often_and_the_operator
     assert [o.why for o in told.outcomes] == [Why.CALIBRATION, Why.RETRY, Why.RETRY]
     assert all(o.reason == "the cycle failed: a touch found no sphere" for o in told.outcomes)
     assert all(f.measurement is None for f in told.frames)
-    assert len(told.of(EventKind.OPERATOR)) == 1
-    assert "Clean the sphere" in told.of(EventKind.OPERATOR)[0]
+    assert len(told.texts(EventKind.OPERATOR)) == 1
+    assert "Clean the sphere" in told.texts(EventKind.OPERATOR)[0]
 
 
 async def test_a_restart_remembers_since_when_an_input_is_missing(tmp_path: Path) -> None:
@@ -181,18 +141,18 @@ security = "none"
             measured = Measurement(day.measured[row], np.full(9, 0.5)) if k < 288 else None
             frame = Frame(first_k + k, day.inputs[row], valid, measured)
             made = controller.step(frame)
-            store.frame(frame)
-            store.decision(made)
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(made))
             if made.training is not None:
                 models = train(made.training)
                 controller.adopt(models)
-                store.models(models, frame.k)
+                store.record(ModelsAdopted(models, frame.k))
             if k == 289:
                 lost = next(m.inputs[0] for m in models.models if m is not None and m.inputs)
     with History(config.storage.path) as history:
         past = past_of(history, config)
     assert past.missing == {lost: first_k + 290}
-    link = Service(config, clock, Told(), past).link
+    link = Service(config, clock, KeptEvents(), past).link
     assert link is not None
     link.follow(replace(made, k=first_k + 300))
     assert link.missing_since[lost] == pytest.approx(-10 * STEP_S)

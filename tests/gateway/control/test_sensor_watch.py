@@ -13,8 +13,9 @@ from rich.console import Console
 from gateway.cli.view import ViewState, render
 from gateway.control.sensor_watch import SeenBefore, SensorWatch
 from gateway.control.subprocess import WorkError
-from gateway.telemetry import keys
-from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame
+from gateway.events import EventReported, GatewayEvent, SensorsJudged
+from gateway.telemetry import Composer, SensorsMessage, decode, encode
+from talc.frame import BoolArray, EventKind, FloatArray, Frame
 from talc.sensor_check import Judgement
 from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
@@ -33,11 +34,14 @@ class Ear:
         self.events: list[tuple[EventKind, str, int | None]] = []
         self.judgements: list[tuple[Judgement, int]] = []
 
-    def event(self, event: Event, k: int | None) -> None:
-        self.events.append((event.kind, event.text, k))
-
-    def sensors(self, judgement: Judgement, k: int) -> None:
-        self.judgements.append((judgement, k))
+    def __call__(self, event: GatewayEvent) -> None:
+        match event:
+            case EventReported(reported, k):
+                self.events.append((reported.kind, reported.text, k))
+            case SensorsJudged(judgement, k):
+                self.judgements.append((judgement, k))
+            case _:
+                raise AssertionError(event)
 
 
 class Teacher:
@@ -104,15 +108,18 @@ async def test_a_finding_is_published_and_shown() -> None:
     seen = SeenBefore(K0, days()[: 2 * DAY], np.ones((2 * DAY, len(INPUTS)), np.bool_), None)
     await run(watch(ear, Teacher(), seen), x[2 * DAY : 2 * DAY + 150], K0 + 2 * DAY)
     judgement, k = ear.judgements[-1]
-    payload = keys.decode(keys.encode(keys.sensors(judgement, k)))
-    finding = payload["findings"][0]
-    assert (finding["kind"], set(finding["inputs"]), finding["offset_K"]) == ("swap", set(SWAPPED), None)
-    assert set(payload["smallest_offset_K"]) == set(NAMES)
+    composer = Composer("boot", INPUTS, SteppedClock(), simulated=False)
+    ((key, message),) = composer.messages(SensorsJudged(judgement, k))
+    received = decode(key, encode(message))
+    assert isinstance(received, SensorsMessage)
+    finding = received.findings[0]
+    assert (finding.kind, set(finding.inputs), finding.offset_K) == ("swap", set(SWAPPED), None)
+    assert set(received.smallest_offset_K) == set(NAMES)
     state = ViewState("mill")
-    state.apply(keys.SENSORS, payload | {"time": "2026-03-02T06:00:00+00:00", "clock": "system"})
+    state.apply(received)
     with (console := Console(width=100)).capture() as shown:
         console.print(render(state))
-    assert f"sensors: {finding['text']}" in shown.get()
+    assert f"sensors: {finding.text}" in shown.get()
 
 
 async def test_nothing_is_learnt_from_a_window_that_is_not_judged_yet() -> None:

@@ -21,13 +21,12 @@ from gateway.control.subprocess import WorkError
 from gateway.control.trainer import failed, has_failed, train_apart
 from gateway.probing.schedule import ProbingSchedule
 from talc.control import Controller
-from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, TrainingJob, Why
-from talc.models import ModelSet
+from talc.frame import EventKind, Frame, Measurement, Phase, TrainingJob, Why
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 from talc.training import train
+from tests.benches.kept_events import KeptEvents
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.thermal_series import series
-from tests.gateway.test_service_reload import Readings
 
 DAY = series(288, seed=41)
 JOB = TrainingJob(
@@ -129,25 +128,6 @@ def _is_there(pid: int) -> bool:
     return state != "Z"
 
 
-class Log(Readings):
-    """An outlet that keeps events and decisions."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.events: list[Event] = []
-        self.decisions: list[Decision] = []
-        self.adopted: list[ModelSet] = []
-
-    def event(self, event: Event, k: int | None) -> None:
-        self.events.append(event)
-
-    def decision(self, decision: Decision) -> None:
-        self.decisions.append(decision)
-
-    def models(self, models: ModelSet, after_k: int) -> None:
-        self.adopted.append(models)
-
-
 async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixture) -> None:
     """A second training that crashes is an event and a log entry; the first one's models predict as before."""
     caplog.set_level(logging.CRITICAL, logger="gateway.control.loop")
@@ -159,7 +139,7 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
         first = controller.step(Frame(k, DAY.inputs[k], np.ones(12, np.bool_), measurement)).training or first
     assert first is not None
     controller.adopt(train(first))
-    crashing, log, clock = replace(first, measured=first.measured[:, :4]), Log(), SteppedClock()
+    crashing, log, clock = replace(first, measured=first.measured[:, :4]), KeptEvents(), SteppedClock()
     sampler, schedule = GridSampler(DAY.names, 300.0), Schedule(300.0)
     plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0)
     loop = GridLoop(controller, sampler, schedule, clock, None, plan, Probing(), log, lambda _: None, (crashing, None))
@@ -172,7 +152,7 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
         with pytest.raises(asyncio.CancelledError):
             await running
     assert has_failed(log.adopted[0])
-    rejected = [e.text for e in log.events if e.kind is EventKind.MODEL_REJECTED]
+    rejected = log.texts(EventKind.MODEL_REJECTED)
     assert len(rejected) == 1
     assert "IndexError" in rejected[0]
     assert "the models stay as they were" in rejected[0]
@@ -180,7 +160,7 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
     assert np.isfinite(log.decisions[-1].predicted).all()
 
 
-async def until_adopted(clock: SteppedClock, log: Log) -> None:
+async def until_adopted(clock: SteppedClock, log: KeptEvents) -> None:
     deadline = time.monotonic() + 30.0
     while not log.adopted:
         assert time.monotonic() < deadline

@@ -11,8 +11,9 @@ import pytest
 
 from gateway.acquisition.reload import ReloadError, difference
 from gateway.config.sections import Compensation, Probing
+from gateway.events import CompensationStepped
 from gateway.nc.slew import Source
-from gateway.storage.store import History, Store
+from gateway.storage import History, Store
 from simulators.nc.watchdog import R_OWNER, Logged
 from talc import kinematics
 from talc.frame import Decision
@@ -333,7 +334,7 @@ async def test_every_write_is_in_the_store_with_what_it_rests_on(tmp_path: Path)
                 await bench.clock.run_until(8.0 * number)
         with Store(tmp_path / "gateway.sqlite", "boot", bench.clock) as store:
             for write in bench.writes:
-                store.compensation(write)
+                store.record(CompensationStepped(write))
         with History(tmp_path / "gateway.sqlite") as history:
             rows = history.compensation()
         stored = [tuple(row.offsets_um) for row in rows if row.written]

@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality, Reading
+from gateway.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted, ReadingsTaken
 from gateway.nc.slew import Source, Step, Write
 from gateway.probing.cycle import End, Outcome
-from gateway.storage.store import History, Store, StoreError
+from gateway.storage import History, Store, StoreError
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
 from tests.benches.stepped_clock import EPOCH, SteppedClock
@@ -62,11 +63,11 @@ def test_steps_come_back_bit_for_bit_in_order_with_the_models_adopted_after_them
     valid = np.array([True, False] * 4 + [True])
     with store_at(path) as store:
         for k in (5, 6, 9):
-            store.frame(Frame(k, AWKWARD, valid, measurement if k == 6 else None))
-            store.decision(decision(k, (event,) if k == 9 else ()))
+            store.record(FrameMade(Frame(k, AWKWARD, valid, measurement if k == 6 else None)))
+            store.record(DecisionMade(decision(k, (event,) if k == 9 else ())))
             if k == 6:
-                store.models(no_models(6), after_k=6)
-                store.models(no_models(60), after_k=6)
+                store.record(ModelsAdopted(no_models(6), after_k=6))
+                store.record(ModelsAdopted(no_models(60), after_k=6))
     with History(path) as history:
         steps = list(history.steps())
     assert [s.frame.k for s in steps] == [5, 6, 9]
@@ -91,9 +92,13 @@ def test_measurements_keep_the_raw_centres_and_why_they_were_refused(tmp_path: P
     later = EPOCH + timedelta(seconds=120)
     good = Measurement(AWKWARD, AWKWARD)
     with store_at(path) as store:
-        store.measurement(Outcome(1, Why.CALIBRATION, EPOCH, later, centres, (1.0, 2.0, 1 / 3), good, 0.4))
-        store.measurement(
-            Outcome(2, Why.RETRY, EPOCH, later, None, (0.0, 0.0, 0.0), None, math.nan, "refused: alarm", End.REFUSED)
+        store.record(MeasurementEnded(Outcome(1, Why.CALIBRATION, EPOCH, later, centres, (1.0, 2.0, 1 / 3), good, 0.4)))
+        store.record(
+            MeasurementEnded(
+                Outcome(
+                    2, Why.RETRY, EPOCH, later, None, (0.0, 0.0, 0.0), None, math.nan, "refused: alarm", End.REFUSED
+                )
+            )
         )
     with History(path) as history:
         accepted, refused = history.measurements()
@@ -108,8 +113,8 @@ def test_every_write_to_the_control_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     taken = Step((10.0, 0.0, -3.0), (1.0, 0.0, -1 / 3), Source.PREDICTION, (False, False, False))
     with store_at(path) as store:
-        store.compensation(Write(EPOCH, "compensate", taken, 7, {"X": 1.0}, True, (1.0, 0.0, -0.25)))
-        store.compensation(Write(EPOCH, "monitor", taken, None, {}, False, None))
+        store.record(CompensationStepped(Write(EPOCH, "compensate", taken, 7, {"X": 1.0}, True, (1.0, 0.0, -0.25))))
+        store.record(CompensationStepped(Write(EPOCH, "monitor", taken, None, {}, False, None)))
     with History(path) as history:
         first, second = history.compensation()
     assert (first.time, first.mode, first.written) == (EPOCH, "compensate", True)
@@ -126,11 +131,11 @@ def test_every_write_to_the_control_is_kept(tmp_path: Path) -> None:
 def test_a_reading_handed_in_twice_is_kept_once(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_at(path) as store:
-        store.readings([reading("a", 1), reading("b", 1)])
-        store.readings([reading("a", 1), reading("a", 2, math.nan)])
+        store.record(ReadingsTaken([reading("a", 1), reading("b", 1)]))
+        store.record(ReadingsTaken([reading("a", 1), reading("a", 2, math.nan)]))
     with Store(path, "boot2", SteppedClock()) as store:
         store.begin("{}", "hash", "versions")
-        store.readings([reading("a", 1)])  # another boot counts anew
+        store.record(ReadingsTaken([reading("a", 1)]))  # another boot counts anew
     assert rows(path, "SELECT boot, sequence, channel, value FROM sample ORDER BY boot, channel, sequence") == [
         (1, 1, "a", 20.0),
         (1, 2, "a", None),
@@ -146,11 +151,13 @@ def test_old_readings_and_writes_go_and_what_was_learnt_stays(tmp_path: Path) ->
     path = tmp_path / "g.sqlite"
     still = Step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), Source.NO_MODEL, (False, False, False))
     with store_at(path) as store:
-        store.readings([reading(sequence=1, age_days=11), reading(sequence=2, age_days=9)])
+        store.record(ReadingsTaken([reading(sequence=1, age_days=11), reading(sequence=2, age_days=9)]))
         for days in (11, 9):
-            store.compensation(Write(EPOCH - timedelta(days=days), "monitor", still, None, {}, False, None))
-        store.frame(Frame(1, AWKWARD, AWKWARD > 0))
-        store.decision(decision(1))
+            store.record(
+                CompensationStepped(Write(EPOCH - timedelta(days=days), "monitor", still, None, {}, False, None))
+            )
+        store.record(FrameMade(Frame(1, AWKWARD, AWKWARD > 0)))
+        store.record(DecisionMade(decision(1)))
     with store_at(path, keep_samples_days=10.0):
         pass
     assert rows(path, "SELECT sequence FROM sample") == [(2,)]
@@ -173,8 +180,8 @@ def test_a_reader_sees_what_is_committed_while_the_gateway_writes(tmp_path: Path
     with store_at(path) as store:
         store.begin('{"a":1}', "hash", "python")
         for k in range(5):
-            store.frame(Frame(k, AWKWARD, AWKWARD > 0))
-            store.decision(decision(k))
+            store.record(FrameMade(Frame(k, AWKWARD, AWKWARD > 0)))
+            store.record(DecisionMade(decision(k)))
             store.flush()
             with History(path) as history:
                 assert len(list(history.steps())) == k + 1
@@ -241,10 +248,10 @@ def test_a_failing_disk_is_told_to_the_next_who_writes_and_nobody_waits(tmp_path
 
     def write() -> None:
         with store:
-            store.frame(Frame(1, AWKWARD, AWKWARD > 0))
-            store.frame(Frame(1, AWKWARD, AWKWARD > 0))  # the same index twice: the database refuses
+            store.record(FrameMade(Frame(1, AWKWARD, AWKWARD > 0)))
+            store.record(FrameMade(Frame(1, AWKWARD, AWKWARD > 0)))  # the same index twice: the database refuses
             store.flush()
-            store.frame(Frame(2, AWKWARD, AWKWARD > 0))
+            store.record(FrameMade(Frame(2, AWKWARD, AWKWARD > 0)))
 
     with pytest.raises(StoreError, match="UNIQUE constraint failed"):
         write()

@@ -6,6 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+from gateway.events import (
+    CompensationStepped,
+    DecisionMade,
+    EventReported,
+    FrameMade,
+    MeasurementEnded,
+    ModelsAdopted,
+    OutlookChanged,
+    ReadingsTaken,
+    SensorsJudged,
+)
 from gateway.nc.slew import Source, Step, Write
 from gateway.probing.cycle import Outcome
 from gateway.probing.schedule import Outlook, Standing
@@ -34,15 +45,17 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
     async with telemetry(port) as t:
         t.count_missed(lambda: {"rtu1": 3})
         t.runs("the hash")
-        t.readings([reading(20.0)])
-        t.frame(Frame(7, np.array([20.5, math.nan]), np.array([True, False])))
-        t.decision(decision(7))
-        t.measurement(Outcome(1, Why.CALIBRATION, NOW, NOW, np.zeros((6, 3)), (0.0, 0.0, 0.0), measured, 0.4))
-        t.models(models(7), 7)
-        t.compensation(Write(NOW, "advise", step, 7, {"X": 1.0}, False, None))
-        t.sensors(Judgement(), 7)
-        t.probing(Outlook(Standing.DUE, Why.INTERVAL, "", 0, ""))
-        t.event(Event(EventKind.PROBLEM, "the last"), 7)
+        t.publish(ReadingsTaken([reading(20.0)]))
+        t.publish(FrameMade(Frame(7, np.array([20.5, math.nan]), np.array([True, False]))))
+        t.publish(DecisionMade(decision(7)))
+        t.publish(
+            MeasurementEnded(Outcome(1, Why.CALIBRATION, NOW, NOW, np.zeros((6, 3)), (0.0, 0.0, 0.0), measured, 0.4))
+        )
+        t.publish(ModelsAdopted(models(7), 7))
+        t.publish(CompensationStepped(Write(NOW, "advise", step, 7, {"X": 1.0}, False, None)))
+        t.publish(SensorsJudged(Judgement(), 7))
+        t.publish(OutlookChanged(Outlook(Standing.DUE, Why.INTERVAL, "", 0, "")))
+        t.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
         found = last_values(port)
     common = {"boot", "seq", "time", "clock"}
     assert all(common <= payload.keys() for payload in found.values())

@@ -1,0 +1,108 @@
+"""Reads a database, also while a gateway writes to it."""
+
+import sqlite3
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Self
+
+from gateway.storage import rows
+from gateway.storage.schema import SCHEMA_VERSION, StoreError
+from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
+from talc.frame import Event
+from talc.models import ModelSet
+
+
+class History:
+    """One database. A context manager.
+
+    Raises StoreError when the file is not a database of this gateway.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_file():
+            raise StoreError(f"{path}: no such file")
+        self._path = path
+        self._connection = sqlite3.connect(path, timeout=10.0)
+        try:
+            version = self._connection.execute("PRAGMA user_version").fetchone()[0]
+        except sqlite3.DatabaseError as error:
+            self._connection.close()
+            raise StoreError(f"{path}: is not a database of this gateway: {error}") from error
+        if version != SCHEMA_VERSION:
+            self._connection.close()
+            raise StoreError(f"{path}: schema version {version}, expected {SCHEMA_VERSION}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._connection.close()
+
+    def config(self) -> tuple[str, str, str] | None:
+        """Canonical configuration, its fingerprint and the versions of the latest run; what a reload left running."""
+        row = self._connection.execute(
+            "SELECT config, fingerprint, versions, number FROM boot ORDER BY number DESC LIMIT 1"
+        ).fetchone()
+        if row is None:
+            return None
+        config, fingerprint, versions, boot = row
+        latest = [(text, mark) for number, _, text, mark in self._running() if number == boot][-1:]
+        config, fingerprint = latest[0] if latest else (config, fingerprint)
+        return str(config), str(fingerprint), str(versions)
+
+    def fingerprints(self) -> list[tuple[datetime, str]]:
+        """UTC and fingerprint of each configuration that began to run, by a start or a reload; oldest first."""
+        return [(datetime.fromisoformat(began), fingerprint) for _, began, _, fingerprint in self._running()]
+
+    def last_number(self) -> int | None:
+        """Of the last probing request, whatever became of it."""
+        numbers = self._connection.execute("SELECT number FROM measurement ORDER BY id DESC LIMIT 1").fetchall()
+        if self._has("request"):  # written before the cycle is asked for, the measurement when it has ended
+            numbers = self._connection.execute("SELECT number FROM request").fetchall() or numbers
+        return int(numbers[0][0]) if numbers else None
+
+    def _has(self, table: str) -> bool:
+        """False in a file of an earlier program."""
+        known = "SELECT count(*) FROM sqlite_master WHERE name = ?"
+        return bool(self._connection.execute(known, (table,)).fetchone()[0])
+
+    def _running(self) -> list[tuple[int, str, str, str]]:
+        """Number of the run, UTC, configuration, fingerprint; none in a file of an earlier program."""
+        if not self._has("running"):
+            return []
+        return self._connection.execute("SELECT boot, began, config, fingerprint FROM running ORDER BY id").fetchall()
+
+    def steps(self) -> Iterator[StoredStep]:
+        """Every grid step, oldest first."""
+        adopted: dict[int, list[ModelSet]] = {}
+        for after_k, text in self._connection.execute("SELECT after_k, models FROM model ORDER BY id"):
+            adopted.setdefault(after_k, []).append(rows.models_of(text))
+        found = self._connection.execute(
+            f"SELECT {rows.STEP_COLUMNS} FROM frame f JOIN decision d ON d.k = f.k ORDER BY f.k"
+        )
+        for row in found:
+            yield rows.step_of(row, adopted.get(row[0], ()))
+
+    def measurements(self) -> list[StoredMeasurement]:
+        """Every probing cycle, oldest first; `centres_mm` has three columns."""
+        found = self._connection.execute(f"SELECT {rows.MEASUREMENT_COLUMNS} FROM measurement ORDER BY id")
+        return [rows.measurement_of(row) for row in found]
+
+    def events(self) -> list[tuple[datetime, int | None, Event]]:
+        """Every event, oldest first."""
+        found = self._connection.execute(f"SELECT {rows.EVENT_COLUMNS} FROM event ORDER BY id")
+        return [rows.event_of(row) for row in found]
+
+    def compensation(self) -> list[StoredCompensation]:
+        """Every step of the compensation, oldest first."""
+        found = self._connection.execute(f"SELECT {rows.COMPENSATION_COLUMNS} FROM compensation ORDER BY id")
+        return [rows.compensation_of(row) for row in found]
+
+    def channel_health(self) -> dict[str, dict[str, int]]:
+        """Channel to the number of stored readings of each quality."""
+        found: dict[str, dict[str, int]] = {}
+        counts = self._connection.execute("SELECT channel, quality, count(*) FROM sample GROUP BY channel, quality")
+        for channel, quality, count in counts:
+            found.setdefault(channel, {})[quality] = count
+        return found

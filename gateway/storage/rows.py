@@ -1,0 +1,144 @@
+"""Between values and the database's rows.
+
+Arrays are little-endian float64 blobs, models JSON whose floats round-trip: what is read is bit for bit what was
+written.
+"""
+
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from drivers.base import Reading
+from gateway.nc.slew import Write
+from gateway.probing.cycle import Outcome
+from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
+from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
+from talc.models import ModelSet
+
+Row = tuple[object, ...]
+
+STEP_COLUMNS = (
+    "f.k, f.inputs, f.valid, f.errors, f.sigma, d.phase, d.predicted, d.corrected, d.sigma, d.limits,"
+    " d.measure, d.training, d.events"
+)
+MEASUREMENT_COLUMNS = "number, why, ended, centres, in_force, errors, reason"
+EVENT_COLUMNS = "time, k, kind, text, error, value, bound"
+COMPENSATION_COLUMNS = "time, mode, source, offsets, written"
+
+
+def of_readings(boot: int, readings: Sequence[Reading]) -> list[Row]:
+    """Rows of `sample`."""
+    return [
+        (boot, r.sequence, r.channel, r.source_time.timestamp(), None if r.value != r.value else r.value,
+         r.unit, r.quality.value, r.detail)
+        for r in readings
+    ]  # fmt: skip
+
+
+def of_frame(boot: str, frame: Frame) -> Row:
+    """Row of `frame`."""
+    m = frame.measurement
+    return (
+        frame.k, boot, _blob(frame.inputs), np.packbits(frame.valid).tobytes(),
+        None if m is None else _blob(m.errors), None if m is None else _blob(m.sigma),
+    )  # fmt: skip
+
+
+def of_decision(decision: Decision) -> Row:
+    """Row of `decision`."""
+    events = [[e.kind.value, e.text, e.error, e.value, e.limit] for e in decision.events]
+    return (
+        decision.k, decision.phase.value, _blob(decision.predicted), _blob(decision.corrected),
+        _blob(decision.sigma), _blob(decision.limits), decision.measure and decision.measure.value,
+        decision.training and decision.training.why.value, json.dumps(events),
+    )  # fmt: skip
+
+
+def of_outcome(outcome: Outcome) -> Row:
+    """Row of `measurement`, without its id."""
+    m = outcome.measurement
+    return (
+        outcome.number, outcome.why.value, outcome.asked.isoformat(), outcome.ended.isoformat(),
+        None if outcome.centres_mm is None else _blob(outcome.centres_mm), _blob(outcome.in_force_um),
+        None if m is None else _blob(m.errors), None if m is None else _blob(m.sigma), outcome.residual_um,
+        outcome.reason,
+    )  # fmt: skip
+
+
+def of_models(models: ModelSet, after_k: int) -> Row:
+    """Row of `model`, without its id."""
+    return after_k, models.fingerprint(), json.dumps(models.to_dict())
+
+
+def of_event(event: Event, k: int | None, time: datetime) -> Row:
+    """Row of `event`, without its id."""
+    return time.isoformat(), k, event.kind.value, event.text, event.error, event.value, event.limit
+
+
+def of_write(write: Write) -> Row:
+    """Row of `compensation`, without its id."""
+    return (
+        write.time.isoformat(), write.mode, write.step.source.value, write.k, _blob(write.step.target_um),
+        _blob(write.step.offsets_um), json.dumps(dict(write.positions)), int(write.written),
+        None if write.read_back_um is None else _blob(write.read_back_um), _blob(write.step.coefficients_um),
+    )  # fmt: skip
+
+
+def models_of(text: str) -> ModelSet:
+    """From column `models`."""
+    return ModelSet.from_dict(json.loads(text))
+
+
+def step_of(row: Sequence[Any], adopted: Sequence[ModelSet]) -> StoredStep:
+    """From STEP_COLUMNS, and the models that were adopted after the step."""
+    k, frame_inputs, valid, errors, measured_sigma, phase, *four, measure, training, events = row
+    inputs = _array(frame_inputs)
+    measurement = None if errors is None else Measurement(_array(errors), _array(measured_sigma))
+    predicted, corrected, sigma, limits = (_array(blob) for blob in four)
+    decision = Decision(
+        k=k, phase=Phase(phase), predicted=predicted, corrected=corrected, sigma=sigma, limits=limits,
+        measure=None if measure is None else Why(measure), training=None,
+        events=tuple(_event(parts) for parts in json.loads(events)),
+    )  # fmt: skip
+    return StoredStep(Frame(k, inputs, _mask(valid, inputs.size), measurement), decision, training, tuple(adopted))
+
+
+def measurement_of(row: Sequence[Any]) -> StoredMeasurement:
+    """From MEASUREMENT_COLUMNS."""
+    number, why, ended, centres, in_force, errors, reason = row
+    return StoredMeasurement(
+        number, why, datetime.fromisoformat(ended), None if centres is None else _array(centres).reshape(-1, 3),
+        _array(in_force).reshape(-1, 3).squeeze(), None if errors is None else _array(errors), reason,
+    )  # fmt: skip
+
+
+def event_of(row: Sequence[Any]) -> tuple[datetime, int | None, Event]:
+    """From EVENT_COLUMNS: UTC, grid index and event."""
+    time, k, *parts = row
+    return datetime.fromisoformat(time), k, _event(parts)
+
+
+def compensation_of(row: Sequence[Any]) -> StoredCompensation:
+    """From COMPENSATION_COLUMNS."""
+    time, mode, source, offsets, written = row
+    return StoredCompensation(datetime.fromisoformat(time), mode, source, _array(offsets), bool(written))
+
+
+def _blob(values: object) -> bytes:
+    return np.ascontiguousarray(values, dtype="<f8").tobytes()
+
+
+def _array(blob: bytes) -> FloatArray:
+    return np.frombuffer(blob, dtype="<f8").astype(np.float64)
+
+
+def _mask(blob: bytes, size: int) -> BoolArray:
+    return np.unpackbits(np.frombuffer(blob, dtype=np.uint8), count=size).astype(np.bool_)
+
+
+def _event(parts: Sequence[Any]) -> Event:
+    kind, text, error, value, limit = parts
+    return Event(EventKind(kind), text, error, value, limit)

@@ -1,0 +1,265 @@
+"""From events to the messages that are published of them."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, assert_never
+
+import numpy as np
+
+from drivers.base import Clock, Reading
+from gateway.events import (
+    CompensationStepped,
+    DecisionMade,
+    EventReported,
+    FrameMade,
+    GatewayEvent,
+    MeasurementEnded,
+    ModelsAdopted,
+    OutlookChanged,
+    ProbingRequested,
+    ReadingsTaken,
+    SensorsJudged,
+)
+from gateway.nc.slew import Write
+from gateway.probing.cycle import Outcome
+from gateway.probing.schedule import Outlook
+from gateway.telemetry import keys
+from gateway.telemetry.messages import (
+    CompensationMessage,
+    DecisionMessage,
+    EventMessage,
+    FrameMessage,
+    MeasurementMessage,
+    ModelMessage,
+    ProbingMessage,
+    ProbingState,
+    Published,
+    ReadingMessage,
+    SensorFinding,
+    SensorsMessage,
+    StatusMessage,
+)
+from talc.frame import Decision, Event, FloatArray, Frame
+from talc.models import ErrorModel
+from talc.names import THERMAL_ERRORS
+from talc.sensor_check import Judgement
+
+Keyed = tuple[str, Published]
+"""A key below the root, and what is published under it."""
+
+
+class _Stamp(NamedTuple):
+    """The fields of every message."""
+
+    boot: str
+    seq: int
+    time: str
+    clock: str
+
+
+class Composer:
+    """Makes messages and numbers them.
+
+    Parameters
+    ----------
+    boot: identifies this run of the process
+    input_names: order of a frame's inputs
+    clock: for the time in each message and the age of readings
+    simulated: whether the clock is a simulated one
+    """
+
+    def __init__(self, boot: str, input_names: Sequence[str], clock: Clock, *, simulated: bool) -> None:
+        self._boot, self._names, self._clock = boot, tuple(input_names), clock
+        self._clock_state = "simulated" if simulated else "system"
+        self._sequence = 0
+
+    def messages(self, event: GatewayEvent) -> list[Keyed]:
+        """What is published of an event."""
+        match event:
+            case ReadingsTaken(readings):
+                now_s = self._clock.monotonic()
+                return [(f"{keys.READING}/{r.channel}", _reading(self._stamp(), r, now_s)) for r in readings]
+            case FrameMade(frame):
+                return [(keys.FRAME, _frame(self._stamp(), frame, self._names))]
+            case DecisionMade(decision):
+                return [(keys.DECISION, _decision(self._stamp(), decision))]
+            case ProbingRequested():
+                return []
+            case MeasurementEnded(outcome):
+                return [(keys.MEASUREMENT, _measurement(self._stamp(), outcome))]
+            case ModelsAdopted(models, after_k):
+                live = [model for model in models.models if model is not None]
+                return [(f"{keys.MODEL}/{m.error}", _model(self._stamp(), m, after_k)) for m in live]
+            case EventReported(reported, k):
+                return [(keys.EVENT, _event(self._stamp(), reported, k))]
+            case CompensationStepped(write):
+                return [(keys.COMPENSATION, _compensation(self._stamp(), write))]
+            case OutlookChanged(outlook):
+                return [(keys.PROBING, _probing(self._stamp(), outlook))]
+            case SensorsJudged(judgement, k):
+                return [(keys.SENSORS, _sensors(self._stamp(), judgement, k))]
+            case _:
+                assert_never(event)
+
+    def status(
+        self,
+        decision: Decision | None,
+        readings_dropped: int,
+        periods_missed: Mapping[str, int],
+        config: str | None,
+        outlook: Outlook | None,
+    ) -> Keyed:
+        """The latest decision, the fingerprint of the configuration that really runs, how probing stands.
+
+        periods_missed: by bus
+        """
+        message = StatusMessage(
+            *self._stamp(),
+            phase=None if decision is None else decision.phase.value,
+            k=None if decision is None else decision.k,
+            readings_dropped=readings_dropped,
+            periods_missed=dict(periods_missed),
+            config=config,
+            probing=None if outlook is None else _probing_state(outlook),
+        )
+        return keys.STATUS, message
+
+    def _stamp(self) -> _Stamp:
+        self._sequence += 1
+        return _Stamp(self._boot, self._sequence, self._clock.utc().isoformat(), self._clock_state)
+
+
+def _reading(stamp: _Stamp, r: Reading, now_s: float) -> ReadingMessage:
+    return ReadingMessage(
+        *stamp,
+        channel=r.channel,
+        value=_number(r.value),
+        unit=r.unit,
+        quality=r.quality.value,
+        source_time=r.source_time.isoformat(),
+        age_s=round(max(0.0, now_s - r.monotonic_s), 3),
+        sequence=r.sequence,
+        detail=r.detail,
+    )
+
+
+def _frame(stamp: _Stamp, f: Frame, input_names: Sequence[str]) -> FrameMessage:
+    values = zip(input_names, f.inputs.tolist(), f.valid.tolist(), strict=True)
+    return FrameMessage(
+        *stamp,
+        k=f.k,
+        inputs={name: _number(value) if ok else None for name, value, ok in values},
+        measured=None if f.measurement is None else _by_error(f.measurement.errors),
+    )
+
+
+def _decision(stamp: _Stamp, d: Decision) -> DecisionMessage:
+    return DecisionMessage(
+        *stamp,
+        k=d.k,
+        phase=d.phase.value,
+        predicted=_by_error(d.predicted),
+        corrected=_by_error(d.corrected),
+        sigma=_by_error(d.sigma),
+        limits=_by_error(d.limits),
+        measure=None if d.measure is None else d.measure.value,
+        training=None if d.training is None else d.training.why.value,
+        substituted=d.substituted,
+    )
+
+
+def _measurement(stamp: _Stamp, o: Outcome) -> MeasurementMessage:
+    m = o.measurement
+    return MeasurementMessage(
+        *stamp,
+        number=o.number,
+        why=o.why.value,
+        asked=o.asked.isoformat(),
+        ended=o.ended.isoformat(),
+        errors=None if m is None else _by_error(m.errors),
+        sigma=None if m is None else _by_error(m.sigma),
+        residual_um=_number(o.residual_um),
+        in_force_um=np.asarray(o.in_force_um, dtype=np.float64).tolist(),
+        reason=o.reason,
+    )
+
+
+def _model(stamp: _Stamp, m: ErrorModel, after_k: int) -> ModelMessage:
+    return ModelMessage(
+        *stamp,
+        error=m.error,
+        after_k=after_k,
+        inputs=tuple(m.inputs),
+        poles=[_number(abs(complex(p))) for p in m.poles()],
+        static_gain=[_number(gain) for gain in m.static_gain()],
+        limit=_number(m.limit),
+        residual_std=_number(m.residual_std),
+        criterion=_number(m.criterion),
+    )
+
+
+def _event(stamp: _Stamp, e: Event, k: int | None) -> EventMessage:
+    return EventMessage(
+        *stamp,
+        k=k,
+        kind=e.kind.value,
+        text=e.text,
+        error=e.error,
+        value=None if e.value is None else _number(e.value),
+        limit=None if e.limit is None else _number(e.limit),
+    )
+
+
+def _compensation(stamp: _Stamp, w: Write) -> CompensationMessage:
+    return CompensationMessage(
+        *stamp,
+        k=w.k,
+        mode=w.mode,
+        source=w.step.source.value,
+        target_um=w.step.target_um,
+        offsets_um=w.step.offsets_um,
+        coefficients_um=w.step.coefficients_um,
+        bounded=w.step.bounded,
+        positions={axis: _number(position) for axis, position in w.positions.items()},
+        written=w.written,
+        read_back_um=w.read_back_um,
+    )
+
+
+def _probing(stamp: _Stamp, o: Outlook) -> ProbingMessage:
+    state = _probing_state(o)
+    return ProbingMessage(
+        *stamp,
+        standing=state.standing,
+        why=state.why,
+        reason=state.reason,
+        rejected=state.rejected,
+        operator=state.operator,
+    )
+
+
+def _probing_state(o: Outlook) -> ProbingState:
+    why = None if o.why is None else o.why.value
+    return ProbingState(o.standing.value, why, o.reason, o.rejected, o.operator)
+
+
+def _sensors(stamp: _Stamp, j: Judgement, k: int) -> SensorsMessage:
+    findings = (
+        SensorFinding(f.kind, f.inputs, f.alternatives, _number(f.offset_K), _number(f.score), f.text())
+        for f in j.findings
+    )
+    return SensorsMessage(
+        *stamp,
+        k=k,
+        findings=tuple(findings),
+        smallest_offset_K={name: _number(value) for name, value in j.smallest_offset_K.items()},
+        alike=j.alike,
+    )
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _by_error(values: FloatArray) -> dict[str, float | None]:
+    return {name: _number(value) for name, value in zip(THERMAL_ERRORS, values.tolist(), strict=True)}

@@ -1,0 +1,241 @@
+"""What is published, as types: one class per kind of key, and its JSON in UTF-8.
+
+A number that does not exist is null. Changes are compatible ones: fields are added, and texts to those that a field
+lists as examples. Readers ignore fields that they do not know. The JSON Schemas in docs/telemetry are made from these
+classes by gateway.telemetry.schemas.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta, Struct
+
+from drivers.base import Quality
+from gateway.nc.slew import Source
+from gateway.probing.schedule import Standing
+from gateway.telemetry import keys
+from talc.frame import EventKind, Phase, Why
+
+
+def _texts(texts: type[StrEnum] | tuple[str, ...], description: str = "") -> Meta:
+    """Of a field that has one of these texts today; later versions may know more."""
+    known = [str(text) for text in texts]
+    return Meta(description=description or None, extra_json_schema={"examples": known})
+
+
+Number = float | None
+ByError = Annotated[dict[str, Number], Meta(description="By thermal error; µm, and µm/m for EA0C, EB0C and EC0C")]
+Utc = Annotated[str, Meta(description="UTC, ISO 8601", extra_json_schema={"format": "date-time"})]
+Step = Annotated[int, Meta(description="Grid index: UTC seconds // grid step")]
+Offsets = Annotated[tuple[float, float, float], Meta(description="X, Y, Z at the tool centre point, µm")]
+Reason = Annotated[str, _texts(Why)]
+
+
+class Message(Struct, frozen=True):
+    """What every payload begins with."""
+
+    boot: Annotated[str, Meta(description="Identifies a run of the gateway")]
+    seq: Annotated[int, Meta(description="Ascends within a run, over all keys")]
+    time: Annotated[Utc, Meta(description="When this was published, UTC")]
+    clock: Annotated[str, _texts(("system", "simulated"))]
+
+
+class ReadingMessage(Message, frozen=True):
+    """`reading/<channel>`: a channel was read, or went stale because no new value came for three periods."""
+
+    channel: str
+    value: Number
+    unit: str
+    quality: Annotated[str, _texts(Quality)]
+    source_time: Utc
+    age_s: Annotated[float, Meta(description="How long ago the value was taken when this was published", ge=0.0)]
+    sequence: Annotated[int, Meta(description="Counts the reads of one driver")]
+    detail: Annotated[str, Meta(description="Why the quality is not good")]
+
+
+class FrameMessage(Message, frozen=True):
+    """`frame`: the inputs of one grid step."""
+
+    k: Step
+    inputs: Annotated[dict[str, Number], Meta(description="By name; null without a good value")]
+    measured: ByError | None
+
+
+class DecisionMessage(Message, frozen=True):
+    """`decision`: what the controller made of one frame."""
+
+    k: Step
+    phase: Annotated[str, _texts(Phase)]
+    predicted: ByError
+    corrected: ByError
+    sigma: ByError
+    limits: ByError
+    measure: Annotated[Reason | None, Meta(description="Why a measurement is wanted; null: none is")]
+    training: Annotated[Reason | None, Meta(description="Why a training is wanted; null: none is")]
+    substituted: Annotated[
+        tuple[str, ...], Meta(description="Inputs of models without a good value, for which the last good one stands")
+    ]
+
+
+class MeasurementMessage(Message, frozen=True):
+    """`measurement`: how a requested measurement ended; without errors when it was refused, failed or rejected."""
+
+    number: int
+    why: Reason
+    asked: Utc
+    ended: Utc
+    errors: ByError | None
+    sigma: ByError | None
+    residual_um: Annotated[Number, Meta(description="RMS of what the nine errors do not explain")]
+    in_force_um: Annotated[
+        list[float | list[float]], Meta(description="Compensation in force during the cycle: X, Y, Z, or these by pose")
+    ]
+    reason: Annotated[str, Meta(description="Why there are no errors")]
+
+
+class ModelMessage(Message, frozen=True):
+    """`model/<error>`: what predicts this error from the step after `after_k` on."""
+
+    error: str
+    after_k: Step
+    inputs: tuple[str, ...]
+    poles: Annotated[list[Number], Meta(description="Magnitudes")]
+    static_gain: Annotated[list[Number], Meta(description="By input")]
+    limit: Annotated[Number, Meta(description="Action control limit, µm or µm/m")]
+    residual_std: Number
+    criterion: Number
+
+
+class EventMessage(Message, frozen=True):
+    """`event`: the controller or the service reports something in words."""
+
+    k: Step | None
+    kind: Annotated[str, _texts(EventKind)]
+    text: str
+    error: Annotated[str | None, Meta(description="Thermal error that it concerns")]
+    value: Number
+    limit: Number
+
+
+class CompensationMessage(Message, frozen=True):
+    """`compensation`: one step of the compensation; not published in mode monitor."""
+
+    k: Annotated[Step | None, Meta(description="Grid index of the decision that was used")]
+    mode: Annotated[str, _texts(("advise", "compensate"))]
+    source: Annotated[str, _texts(Source)]
+    target_um: Offsets
+    offsets_um: Offsets
+    coefficients_um: Annotated[tuple[tuple[float, ...], ...], Meta(description="Rows X, Y, Z")]
+    bounded: Annotated[tuple[bool, bool, bool], Meta(description="Which axes the bound has cut")]
+    positions: Annotated[dict[str, Number], Meta(description="X, Y, Z in mm; A, C in degrees")]
+    written: bool
+    read_back_um: Offsets | None
+
+
+class ProbingState(Struct, frozen=True):
+    """State of the wish for a measurement."""
+
+    standing: Annotated[str, _texts(Standing)]
+    why: Reason | None
+    reason: Annotated[str, Meta(description="Why no measurement is requested yet")]
+    rejected: Annotated[int, Meta(description="Results rejected in a row")]
+    operator: Annotated[str, Meta(description="What an operator should know or do")]
+
+
+class ProbingMessage(Message, frozen=True):
+    """`probing`: the state of the wish for a measurement, when it changes. Fields as in ProbingState."""
+
+    standing: Annotated[str, _texts(Standing)]
+    why: Reason | None
+    reason: str
+    rejected: int
+    operator: str
+
+
+class SensorFinding(Struct, frozen=True):
+    """An input that is off, or two that are exchanged."""
+
+    kind: Annotated[str, _texts(("offset", "swap"))]
+    inputs: tuple[str, ...]
+    alternatives: Annotated[tuple[str, ...], Meta(description="Other inputs whose offset would explain it as well")]
+    offset_K: Number  # noqa: N815
+    score: Annotated[Number, Meta(description="1 is just enough evidence")]
+    text: str
+
+
+class SensorsMessage(Message, frozen=True):
+    """`sensors`: how the sensors agree with each other, each hour."""
+
+    k: Step
+    findings: tuple[SensorFinding, ...]
+    smallest_offset_K: Annotated[  # noqa: N815
+        dict[str, Number], Meta(description="By input: the offset that this window would have shown")
+    ]
+    alike: Annotated[
+        tuple[tuple[str, str], ...], Meta(description="Inputs whose exchange this window would not have shown")
+    ]
+
+
+class StatusMessage(Message, frozen=True):
+    """`status`: the latest decision and how the gateway runs. Null before the first decision."""
+
+    phase: Annotated[str | None, _texts(Phase)]
+    k: Step | None
+    readings_dropped: Annotated[int, Meta(description="Not published, as the network was too slow")]
+    periods_missed: Annotated[
+        dict[str, int], Meta(description="By bus: nothing was read, as the read before took long")
+    ]
+    config: Annotated[str | None, Meta(description="SHA-256 of the configuration that runs")]
+    probing: ProbingState | None
+
+
+Published = (
+    ReadingMessage
+    | FrameMessage
+    | DecisionMessage
+    | MeasurementMessage
+    | ModelMessage
+    | EventMessage
+    | CompensationMessage
+    | ProbingMessage
+    | SensorsMessage
+    | StatusMessage
+)
+
+TYPES: Final[Mapping[str, type[Published]]] = {
+    keys.READING: ReadingMessage,
+    keys.FRAME: FrameMessage,
+    keys.DECISION: DecisionMessage,
+    keys.MEASUREMENT: MeasurementMessage,
+    keys.MODEL: ModelMessage,
+    keys.EVENT: EventMessage,
+    keys.COMPENSATION: CompensationMessage,
+    keys.PROBING: ProbingMessage,
+    keys.SENSORS: SensorsMessage,
+    keys.STATUS: StatusMessage,
+}
+"""Kind of key to its type."""
+
+_ENCODER = msgspec.json.Encoder()
+_DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in TYPES.items()}
+
+
+def encode(message: Published) -> bytes:
+    """JSON."""
+    return _ENCODER.encode(message)
+
+
+def decode(suffix: str, payload: bytes) -> Published | None:
+    """The message under a key below the root; None: a kind of key that this version does not know.
+
+    Raises ValueError naming key and field: not what the type says.
+    """
+    decoder = _DECODERS.get(keys.kind_of(suffix))
+    if decoder is None:
+        return None
+    try:
+        return decoder.decode(payload)
+    except msgspec.DecodeError as error:
+        raise ValueError(f"payload of {suffix}: {error}") from error

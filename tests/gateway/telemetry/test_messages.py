@@ -1,0 +1,120 @@
+"""What is published, byte by byte where it matters to a subscriber: names, their order, values and their types."""
+
+import json
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gateway.events import (
+    CompensationStepped,
+    DecisionMade,
+    EventReported,
+    FrameMade,
+    GatewayEvent,
+    MeasurementEnded,
+    ModelsAdopted,
+    OutlookChanged,
+    ProbingRequested,
+    ReadingsTaken,
+    SensorsJudged,
+)
+from gateway.probing.schedule import Outlook
+from gateway.telemetry import TYPES, Composer, ReadingMessage, decode, encode
+from gateway.telemetry.schemas import schemas
+from talc.frame import Decision
+from tests.benches import telemetry_examples as example
+
+FOLDER = Path(__file__).parent
+SCHEMAS = Path(__file__).parents[3] / "docs" / "telemetry"
+PUBLISHED = (FOLDER / "published.txt").read_text(encoding="utf-8").splitlines()
+"""Key and payload of each example, as the first version of the key space published them: never renewed."""
+
+
+class Clock:
+    """Stands still."""
+
+    def monotonic(self) -> float:
+        return example.MONOTONIC_S
+
+    def utc(self) -> datetime:
+        return example.NOW
+
+
+def published() -> list[tuple[str, bytes]]:
+    """The examples as they are published now."""
+    composer = Composer("boot-1", example.NAMES, Clock(), simulated=True)
+    found: list[tuple[str, bytes]] = []
+
+    def take(event: GatewayEvent) -> None:
+        found.extend((key, encode(message)) for key, message in composer.messages(event))
+
+    def status(decision: Decision, outlook: Outlook | None) -> None:
+        key, message = composer.status(decision, 0, {"rtu1": 3}, "the hash", outlook)
+        found.append((key, encode(message)))
+
+    take(ReadingsTaken([example.READING, example.BAD_READING]))
+    take(FrameMade(example.FRAME))
+    take(FrameMade(example.MEASURED_FRAME))
+    for decision in (example.FIRST_DECISION, example.DECISION):
+        take(DecisionMade(decision))
+        status(decision, None)
+    take(ProbingRequested(41))
+    for outcome in (example.OUTCOME, example.PER_POSE, example.REFUSED):
+        take(MeasurementEnded(outcome))
+    take(ModelsAdopted(example.MODELS, 7))
+    for event, k in ((example.PROBLEM, None), (example.LIMIT, 7), (example.NO_NUMBER, 7)):
+        take(EventReported(event, k))
+    take(CompensationStepped(example.WRITE))
+    take(CompensationStepped(example.ADVICE))
+    for outlook in (example.OUTLOOK, example.NO_WISH):
+        take(OutlookChanged(outlook))
+        status(example.DECISION, outlook)
+    take(SensorsJudged(example.JUDGEMENT, 7))
+    return found
+
+
+def test_every_payload_is_what_the_first_version_published_byte_by_byte() -> None:
+    assert [f"{key} {payload.decode()}" for key, payload in published()] == PUBLISHED
+    assert {line.split(" ")[0].split("/")[0] for line in PUBLISHED} == set(TYPES)
+
+
+@pytest.mark.parametrize("line", PUBLISHED)
+def test_what_was_published_is_read_without_loss(line: str) -> None:
+    key, payload = line.split(" ", 1)
+    message = decode(key, payload.encode())
+    assert message is not None
+    assert encode(message).decode() == payload
+
+
+def with_field(payload: dict[str, Any]) -> dict[str, Any]:
+    return payload | {"of_the_future": {"unknown": 1}, "quality": "of_the_future"}
+
+
+def test_a_reader_passes_over_keys_and_fields_and_texts_of_later_versions() -> None:
+    key, payload = PUBLISHED[0].split(" ", 1)
+    message = decode(key, json.dumps(with_field(json.loads(payload))).encode())
+    assert isinstance(message, ReadingMessage)
+    assert (message.value, message.quality) == (20.0, "of_the_future")
+    assert decode("of_the_future/x", b"anything") is None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda p: {**p, "value": "warm"}, r"reading/bed_front: Expected `float \| null`, got `str` - at `\$.value`"),
+        (lambda p: {k: v for k, v in p.items() if k != "unit"}, "missing required field `unit`"),
+        (lambda p: [p], "Expected `object`"),
+    ],
+)
+def test_a_payload_that_is_invalid_is_an_error_with_key_and_field(change: Callable[[Any], Any], said: str) -> None:
+    key, payload = PUBLISHED[0].split(" ", 1)
+    with pytest.raises(ValueError, match=said):
+        decode(key, json.dumps(change(json.loads(payload))).encode())
+
+
+def test_the_committed_schemas_are_those_of_the_types() -> None:
+    committed = {path.name: path.read_text(encoding="utf-8") for path in SCHEMAS.glob("*.schema.json")}
+    assert committed == schemas(), "renew them: python -m gateway.telemetry.schemas docs/telemetry"
