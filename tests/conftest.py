@@ -6,16 +6,42 @@ import inspect
 import os
 import threading
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Generator, Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.benches.simulated_time import real_monotonic_s, simulated_time
 
 # Before NumPy is imported: tests run side by side, and BLAS threads that wait for a core cost a hundredfold.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _GRACE_S = 2.0
 """Threads of C libraries end a moment after their object is closed."""
+
+
+_phase_began_s = pytest.StashKey[float]()
+"""When setup, call or teardown of a test on simulated time began, by the computer's clock."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Run the whole of a test marked `simulated_time` on it."""
+    if item.get_closest_marker("simulated_time") is None:
+        return (yield)
+    item.stash[_phase_began_s] = real_monotonic_s()
+    with simulated_time():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Report how long it took, not how much time was simulated."""
+    report = yield
+    if (began_s := item.stash.get(_phase_began_s, None)) is not None:
+        item.stash[_phase_began_s] = real_monotonic_s()
+        report.duration = item.stash[_phase_began_s] - began_s
+    return report
 
 
 @pytest.fixture

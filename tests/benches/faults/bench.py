@@ -1,10 +1,7 @@
-"""An acquisition on real wires and a real clock, and what was heard of it."""
+"""An acquisition on real wires, and what was heard of it."""
 
 import asyncio
 import logging
-import threading
-import time
-from collections import deque
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
@@ -24,8 +21,6 @@ FAULT_PERIODS = 6
 RETRY_MAX_PERIODS = 2
 RESOLUTION = 0.06
 """Half of what any of the devices can tell, degC or µm."""
-_TIMER_S = 0.001
-"""Every timer is late by that much; it is no sign of a busy computer."""
 
 
 @dataclass
@@ -35,6 +30,12 @@ class Heard:
     readings: list[Reading] = field(default_factory=list)
     notices: list[Notice] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
+    _news: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def put(self, readings: Sequence[Reading]) -> None:
+        """Take the readings of one device."""
+        self.readings.extend(readings)
+        self._news.set()
 
     def of(self, channel: str, since: float = 0.0) -> list[Reading]:
         return [r for r in self.readings if r.channel == channel and r.monotonic_s >= since]
@@ -43,50 +44,9 @@ class Heard:
         """The first such reading; fails when none comes in time."""
         async with asyncio.timeout(within_s):
             while not (found := [r for r in self.of(channel, since) if r.quality is quality]):
-                await asyncio.sleep(0.005)
+                self._news.clear()
+                await self._news.wait()
         return found[0]
-
-
-class Metronome:
-    """How late this computer wakes a thread that wants nothing: what a busy machine takes, the gateway cannot give."""
-
-    def __init__(self) -> None:
-        self._late: list[tuple[float, float]] = []
-        self._end = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="metronome")
-
-    def lost_s(self, begin_s: float = 0.0, end_s: float = float("inf")) -> float:
-        """The most time that it lost within one period, of what ended between these monotonic times.
-
-        In sum, because a read is a chain of threads that wake each other, and each may be late.
-        """
-        window: deque[tuple[float, float]] = deque()
-        lost = most = 0.0
-        for at, late in self._late:
-            if begin_s <= at <= end_s:
-                window.append((at, late))
-                lost += late
-                while window[0][0] < at - PERIOD_S:
-                    lost -= window.popleft()[1]
-                most = max(most, lost)
-        return most
-
-    def _run(self) -> None:
-        while True:
-            before = time.monotonic()
-            if self._end.wait(0.005):
-                return
-            now = time.monotonic()
-            if (late := now - before - 0.005) > _TIMER_S:
-                self._late.append((now, late))
-
-    def __enter__(self) -> "Metronome":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._end.set()
-        self._thread.join()
 
 
 class _ToItsPlant(logging.Handler):
@@ -116,7 +76,7 @@ async def acquiring(*plants: Plant, limits: Mapping[str, Plausible] | None = Non
     _log.set(heard.log)
     lines = [Line(plant.bus, plant.drivers, PERIOD_S, RETRY_MAX_PERIODS, plausible=limits or {}) for plant in plants]
     try:
-        async with Acquisition(lines, RealClock(), heard.readings.extend, heard.notices.append):
+        async with Acquisition(lines, RealClock(), heard.put, heard.notices.append):
             yield heard
     finally:
         for plant in plants:
@@ -137,7 +97,11 @@ def shows_what_was_said(plant: Plant, heard: Heard) -> None:
                 before_s = reading.monotonic_s
 
 
-def keeps_period(readings: Sequence[Reading], allowed_s: float) -> None:
+def keeps_period(readings: Sequence[Reading], allowed_s: float = 0.0) -> None:
+    """Every reading good, and none more than a fifth of a period out of time.
+
+    allowed_s: how much more, s
+    """
     assert len(readings) >= FAULT_PERIODS - 1
     assert {r.quality for r in readings} == {Quality.GOOD}
     intervals = np.diff([r.monotonic_s for r in readings])

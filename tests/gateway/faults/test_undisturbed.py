@@ -1,11 +1,7 @@
-"""What must not touch a value: noise between frames, storms, a jumping wall clock, a busy computer; a frozen one."""
+"""What must not touch a value: noise between frames, storms; a frozen one."""
 
 import asyncio
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -14,13 +10,12 @@ import pytest
 from drivers.base import Quality
 from gateway.acquisition.plausibility import Plausible
 from tests.benches.faults.actions import PERIOD_S
-from tests.benches.faults.bench import FAULT_PERIODS, Metronome, acquiring, keeps_period, shows_what_was_said
+from tests.benches.faults.bench import FAULT_PERIODS, acquiring, keeps_period, shows_what_was_said
 from tests.benches.faults.matrix import HARMLESS, Harmless
 from tests.benches.faults.plants import PLANTS
-from tests.benches.faults.play import ONE_AFTER_THE_OTHER_S, all_at_once, done
-from tests.benches.wall_clock import run_tests
+from tests.benches.faults.play import all_at_once, done
 
-LASTS_S = 8 * PERIOD_S
+pytestmark = pytest.mark.simulated_time
 
 
 @pytest.mark.parametrize("disturbance", sorted({case.disturbance for case in HARMLESS}))
@@ -29,7 +24,7 @@ async def test_no_reading_shows(disturbance: str, tmp_path: Path) -> None:
     await all_at_once({case.plant: partial(undisturbed, case) for case in cases}, tmp_path)
 
 
-async def undisturbed(case: Harmless, folder: Path, metronome: Metronome) -> None:
+async def undisturbed(case: Harmless, folder: Path) -> None:
     plant = await PLANTS[case.plant](folder)
     async with acquiring(plant) as heard:
         await heard.until("victim", Quality.GOOD, 0.0, 5.0)
@@ -42,49 +37,14 @@ async def undisturbed(case: Harmless, folder: Path, metronome: Metronome) -> Non
     assert {r.quality for r in heard.readings} == {Quality.GOOD}
     shows_what_was_said(plant, heard)
     for channel in ("victim", "neighbour") if len(plant.drivers) > 1 else ("victim",):
-        keeps_period(heard.of(channel, begun), metronome.lost_s(begun))
-
-
-def test_wall_clock_jumps(tmp_path: Path) -> None:
-    run_tests(Path(__file__).with_name("clock_jumps.py"), tmp_path)
-
-
-@contextmanager
-def busy_computer(processes: int) -> Iterator[None]:
-    running = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
-    try:
-        yield
-    finally:
-        for process in running:
-            process.kill()
-            process.wait()
-
-
-async def test_every_core_is_busy(tmp_path: Path) -> None:
-    with Metronome() as metronome, busy_computer(2):
-        async with asyncio.TaskGroup() as tasks:
-            for name in PLANTS:
-                tasks.create_task(beside_others(name, tmp_path / name, metronome), name=name)
-                await asyncio.sleep(ONE_AFTER_THE_OTHER_S)
-
-
-async def beside_others(name: str, folder: Path, metronome: Metronome) -> None:
-    await asyncio.to_thread(folder.mkdir)
-    plant = await PLANTS[name](folder, PERIOD_S)  # who has to wait for a core has not met a dead device
-    async with acquiring(plant) as heard:
-        await heard.until("victim", Quality.GOOD, 0.0, 5.0)
-        await asyncio.sleep(PERIOD_S)
-        begun = time.monotonic()
-        await asyncio.sleep(LASTS_S)
-    # Whose answer had to wait for a core is asked again, and may have to wait again.
-    keeps_period(heard.of("victim", begun), 2 * metronome.lost_s(begun))
+        keeps_period(heard.of(channel, begun))
 
 
 async def test_frozen_value_is_told_and_only_that_channel(tmp_path: Path) -> None:
     await all_at_once({plant: partial(frozen, plant) for plant in PLANTS}, tmp_path)
 
 
-async def frozen(name: str, folder: Path, metronome: Metronome) -> None:
+async def frozen(name: str, folder: Path) -> None:
     plant = await PLANTS[name](folder)
     for said in plant.said:
         said.steady = True
@@ -93,6 +53,6 @@ async def frozen(name: str, folder: Path, metronome: Metronome) -> None:
         first = await heard.until("victim", Quality.GOOD, 0.0, 5.0)
         stale = await heard.until("victim", Quality.STALE, 0.0, 5.0)
         await asyncio.sleep(3 * PERIOD_S)
-    assert stale.monotonic_s - first.monotonic_s <= after_s + 2 * PERIOD_S + metronome.lost_s(first.monotonic_s)
+    assert stale.monotonic_s - first.monotonic_s <= after_s + 2 * PERIOD_S
     assert {r.quality for r in heard.readings if r.channel != "victim"} <= {Quality.GOOD}
     assert [n.subject for n in heard.notices] == ["channel victim"]

@@ -1,0 +1,56 @@
+"""Simulated time for a whole process: clocks that go on only when every thread sleeps and every wire is quiet.
+
+A test marked `simulated_time` runs on it, fixtures included, with the real event loop, threads, sockets and
+pseudo-terminals. Work takes no time, however slow or busy the computer is; waiting takes none of the computer's. It is
+for what stays within this process: another process would not wait for it.
+"""
+
+import ctypes
+import hashlib
+import os
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
+_SOURCE = Path(__file__).with_suffix(".cc")
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """Compiled once for each user and version of the source. Raises subprocess.CalledProcessError."""
+    source = _SOURCE.read_bytes()
+    name = f"talc-gateway-simulated-time-{os.getuid()}-{hashlib.sha256(source).hexdigest()[:16]}.so"
+    path = Path(tempfile.gettempdir()) / name
+    if not path.exists():
+        with tempfile.TemporaryDirectory() as folder:
+            made = Path(folder) / name
+            compiler = ["g++", "-std=c++17", "-O2", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror"]
+            subprocess.run([*compiler, "-o", made, _SOURCE, "-lpthread", "-lutil"], check=True)
+            made.replace(path)  # at once, as other workers may look
+    library = ctypes.CDLL(str(path))
+    library.real_monotonic_s.restype = ctypes.c_double
+    return library
+
+
+def real_monotonic_s() -> float:
+    """The computer's own clock, also within simulated time."""
+    return float(_library().real_monotonic_s())
+
+
+def jump_wall_clock(seconds: int) -> None:
+    """Set the wall clock of this process, s ahead; the monotonic clock stays. Within simulated time."""
+    _library().jump_simulated_wall_clock(ctypes.c_long(seconds))
+
+
+@contextmanager
+def simulated_time() -> Iterator[None]:
+    """Inside, the clocks of this process are simulated; they begin with the real time, and end with it."""
+    library = _library()
+    library.begin_simulated_time()
+    try:
+        yield
+    finally:
+        library.end_simulated_time()
