@@ -15,6 +15,7 @@ from simulators.nc.cycle import CycleSettings
 from simulators.nc.nck import MachineState, MachineUnderControl, Nck
 from simulators.nc.program import LoadCase
 from simulators.nc.sampler import Sampler
+from simulators.nc.standard_nodes import StandardServer
 from simulators.nc.variables import variables
 
 NAMESPACE_URI = "SinumerikVarProvider"
@@ -73,7 +74,7 @@ class EmulatedControl:
 
     async def start(self) -> str:
         """Listen on loopback; returns the URL."""
-        server = Server(user_manager=self._users)
+        server = Server(StandardServer(self._users))
         await server.init()
         server.disable_clock()  # a task that only shows the time, and delays stopping by a second
         server.set_server_name("emulated SINUMERIK")

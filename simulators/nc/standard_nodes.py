@@ -1,0 +1,57 @@
+"""OPC UA's standard nodes, made once a process: it takes a second and a half of computing, and each server needs them."""
+
+import asyncio
+from collections.abc import Iterator, Mapping, MutableMapping
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+
+from asyncua.server.address_space import AddressSpace, NodeData, NodeManagementService
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.standard_address_space import standard_address_space
+from asyncua.ua.uatypes import NodeId
+
+
+class StandardServer(InternalServer):
+    """A server of the library that copies what it uses of the standard nodes."""
+
+    async def load_standard_address_space(self, shelf_file: Path | None = None) -> None:  # noqa: ARG002
+        """In place of making them anew. As in the library's own loading from a shelf, nodes come when they are used."""
+        standard = await asyncio.to_thread(_standard)
+        self.aspace._nodes = _Copied(standard)  # type: ignore[assignment]
+
+
+@cache
+def _standard() -> Mapping[NodeId, NodeData]:
+    space = AddressSpace()
+    standard_address_space.fill_address_space(NodeManagementService(space))
+    return {key: space[key] for key in space.keys()}  # noqa: SIM118 - it is no mapping
+
+
+class _Copied(MutableMapping[NodeId, NodeData]):
+    """The nodes of one server: the first look at a standard node copies it."""
+
+    def __init__(self, standard: Mapping[NodeId, NodeData]) -> None:
+        self._left, self._own = dict(standard), dict[NodeId, NodeData]()
+
+    def __getitem__(self, key: NodeId) -> NodeData:
+        if key in self._left:
+            self._own[key] = deepcopy(self._left.pop(key))
+        return self._own[key]
+
+    def __setitem__(self, key: NodeId, node: NodeData) -> None:
+        self._left.pop(key, None)
+        self._own[key] = node
+
+    def __delitem__(self, key: NodeId) -> None:
+        if self._left.pop(key, None) is None:
+            del self._own[key]
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._own or key in self._left
+
+    def __iter__(self) -> Iterator[NodeId]:
+        yield from (*self._left, *self._own)
+
+    def __len__(self) -> int:
+        return len(self._left) + len(self._own)
