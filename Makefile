@@ -40,11 +40,13 @@ imports: $(VENV)/.ready
 	PYTHONPATH=. $(BIN)/lint-imports
 
 # Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them,
-# and runs the slow ones too.
-TESTS ?= -n 2 -m "not peer and not slow"
+# and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the others.
+TESTS ?= not peer and not slow
+PYTEST := $(BIN)/python -m pytest --durations=15
 
 test: lint types imports
-	$(BIN)/python -m pytest $(TESTS)
+	$(PYTEST) -n 2 --dist worksteal -m "not realtime and ($(TESTS))"
+	$(PYTEST) -m "realtime and ($(TESTS))"
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format .

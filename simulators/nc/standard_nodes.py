@@ -1,4 +1,4 @@
-"""OPC UA's standard nodes, made once a process: it takes a second and a half of computing, and each server needs them."""
+"""OPC UA's standard nodes, made once a process: each server needs them, and making them takes 1.5 s of computing."""
 
 import asyncio
 from collections.abc import Iterator, Mapping, MutableMapping
@@ -24,7 +24,7 @@ class StandardServer(InternalServer):
 @cache
 def _standard() -> Mapping[NodeId, NodeData]:
     space = AddressSpace()
-    standard_address_space.fill_address_space(NodeManagementService(space))
+    standard_address_space.fill_address_space(NodeManagementService(space))  # type: ignore[no-untyped-call]
     return {key: space[key] for key in space.keys()}  # noqa: SIM118 - it is no mapping
 
 
