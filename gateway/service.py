@@ -7,7 +7,6 @@ import platform
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.base import Reading
@@ -21,15 +20,14 @@ from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
-from gateway.control.sensor_watch import SeenBefore, SensorWatch
+from gateway.control.sensor_watch import SensorWatch
 from gateway.events import CompensationStepped, EventReported, ProbingRequested, ReadingsTaken, Sink
 from gateway.nc.link import NcLink
+from gateway.past import Past
 from gateway.polling import Notice
 from gateway.probing.cycle import Probe, poses_in_radians
 from gateway.probing.schedule import ProbingSchedule
-from talc.control import Controller
-from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
-from talc.names import THERMAL_ERRORS
+from talc.frame import Decision, Event, EventKind
 
 log = logging.getLogger(__name__)
 
@@ -38,22 +36,6 @@ _FIRST_NUMBER_BELOW = 1_000_000
 
 _TEMPERATURE = "degC"
 _MACHINE_ID = Path("/etc/machine-id")
-
-
-@dataclass(frozen=True, slots=True)
-class Past:
-    """What an earlier run left in the store."""
-
-    controller: Controller
-    last_k: int | None = None
-    pending: tuple[TrainingJob | None, Why | None] = (None, None)
-    reference_mm: FloatArray | None = None
-    last_number: int | None = None
-    missing: Mapping[str, int] = field(default_factory=dict)
-    """Inputs of live models without a good value at the last step, and the grid index since when."""
-    measured: tuple[int | None, ...] = (None,) * len(THERMAL_ERRORS)
-    """Grid index of each error's last measurement."""
-    seen: SeenBefore | None = None
 
 
 class Service:

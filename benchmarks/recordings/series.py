@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.recordings.description import Description, InputColumn, describe
 from gateway.config.problems import ConfigError, Problem, shown, suggestion
-from gateway.recordings.cells import second_of
-from gateway.recordings.files import Table, open_table
-from gateway.recordings.problems import Problems, RecordingError
+from gateway.recordings import FileProblems, RecordingError, Table, open_table, second_of
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray
 
 IntArray = NDArray[np.int64]
@@ -66,7 +64,7 @@ class Series:
 def read_series(description: Path) -> tuple[Description, Series]:
     """The recording that a TOML file describes. ConfigError or RecordingError names file, place and value."""
     said, path = describe(description)
-    table, problems = open_table(path), Problems(path)
+    table, problems = open_table(path), FileProblems(path)
     inputs, strange_kinds = _plain(table, _roles(table.head, said, description), said.time.column, path)
     wanted = [said.time.column, *said.errors, *inputs]
     if said.runs.column is not None:
@@ -174,7 +172,7 @@ def _plain(table: Table, names: Sequence[str], time: str, path: Path) -> tuple[l
         return list(names), []
     plain, others = [], []
     for name in names:
-        found = Problems(path)
+        found = FileProblems(path)
         next(iter(table.chunks(time, [name], found)), None)
         try:
             found.refuse()
@@ -185,7 +183,7 @@ def _plain(table: Table, names: Sequence[str], time: str, path: Path) -> tuple[l
     return plain, others
 
 
-def _cells(table: Table, wanted: Sequence[str], problems: Problems) -> tuple[dict[str, list[object]], list[int]]:
+def _cells(table: Table, wanted: Sequence[str], problems: FileProblems) -> tuple[dict[str, list[object]], list[int]]:
     """Cells by column, and the line or row of each."""
     time, *others = wanted
     columns: dict[str, list[object]] = {name: [] for name in wanted}
@@ -207,7 +205,7 @@ def _times(
     word: str,
     said: Description,
     description: Path,
-    problems: Problems,
+    problems: FileProblems,
 ) -> tuple[FloatArray, IntArray]:
     """(rows,) s, ascending over all runs, and (rows,) the number of the run."""
     cells = columns[said.time.column]
@@ -288,7 +286,7 @@ def _values(
     largest: float,
     table: Table,
     places: Sequence[int],
-    problems: Problems,
+    problems: FileProblems,
 ) -> FloatArray:
     """(rows,) an error, µm or µm/m; NaN where it was not measured."""
     found = np.full(len(cells), np.nan)

@@ -18,7 +18,7 @@ from benchmarks.recordings.result import UNITS, Cell, Result, table_rows, write
 from benchmarks.recordings.series import Series, read_series
 from benchmarks.rows import Row
 from gateway.config.problems import ConfigError
-from gateway.recordings.problems import RecordingError
+from gateway.recordings import RecordingError
 
 SHIPPED = Path(__file__).with_name("fl_thermal")
 OUT = Path("out/recordings")

@@ -9,8 +9,7 @@ import click
 from drivers.base import DriverError, SetupError
 from drivers.bus_settings import is_multicast_group
 from gateway.config import ConfigError, GatewayConfig, cautions, load
-from gateway.recordings.problems import RecordingError
-from gateway.recordings.wire_log import WireLogError
+from gateway.recordings import RecordingError, WireLogError
 from gateway.storage import StoreError
 
 EXIT_CONFIG = 2
@@ -250,8 +249,7 @@ def replay(
     gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), every other column an input. The controller runs over it as if it
     were live, and the report is written. The options are for recordings.
     """
-    from gateway.recordings.columns import Columns
-    from gateway.recordings.files import is_database
+    from gateway.recordings import Columns, is_database
 
     if is_database(file):
         from gateway.cli.replay import show

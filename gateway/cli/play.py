@@ -16,7 +16,7 @@ from gateway.config.buses import Bus, CanBus, CanopenBus, MeEthernetBus, ModbusT
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import unpacked
 from gateway.config.wires import toml_value, wires_toml
-from gateway.recordings.wire_log import Event, WireLogError, is_wire_log, read_wire_log
+from gateway.recordings import WireEvent, WireLogError, is_wire_log, read_wire_log
 from simulators.devices.playback import PlayedAdapter, PlayedGroup, PlayedHost, PlayedLine
 from simulators.devices.script import EXTENDED, Passed, Script, can_script, stream_script, unnumbered
 
@@ -41,7 +41,7 @@ class Played:
 
 
 async def play_bus(
-    bus: str, kind: str, events: Sequence[Event], folder: Path, group: tuple[str, int] | None = None
+    bus: str, kind: str, events: Sequence[WireEvent], folder: Path, group: tuple[str, int] | None = None
 ) -> Played:
     """Put one bus of a recording on a wire: serial lines and CAN adapters get a link named after it in `folder`.
 
@@ -75,7 +75,7 @@ async def play_bus(
             raise WireLogError(f"bus {bus}: a bus of kind {kind} cannot be played")
 
 
-def _passed(events: Iterable[Event], kind: str) -> Iterable[Passed]:
+def _passed(events: Iterable[WireEvent], kind: str) -> Iterable[Passed]:
     """In the player's terms. What the gateway itself did to the connection is left out."""
     for event in events:
         if event.passed == "note":
@@ -106,7 +106,7 @@ def play(path: Path, folder: Path, seconds: float | None, group: tuple[str, int]
 
 async def _play(
     config: GatewayConfig | None,
-    events: Sequence[Event],
+    events: Sequence[WireEvent],
     folder: Path,
     seconds: float | None,
     group: tuple[str, int] | None,
@@ -172,7 +172,7 @@ def _fields(one: Played) -> dict[str, object]:
     return {"name": one.bus, "kind": one.kind, **one.place}
 
 
-def read_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None, Sequence[Event]]:
+def read_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None, Sequence[WireEvent]]:
     """The configuration, which a file of another program has not (None), and what passed.
 
     folder: the user's own profiles in the recording are written into its sub-folder `profiles`
@@ -192,14 +192,14 @@ def read_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None, Sequ
     return None, events
 
 
-def _event(message: can.Message) -> Event:
-    return Event(
+def _event(message: can.Message) -> WireEvent:
+    return WireEvent(
         message.timestamp, "can1", "received" if message.is_rx else "sent", bytes(message.data), message.arbitration_id,
         message.is_extended_id,
     )  # fmt: skip
 
 
-def _kinds(config: GatewayConfig | None, events: Sequence[Event]) -> dict[str, str]:
+def _kinds(config: GatewayConfig | None, events: Sequence[WireEvent]) -> dict[str, str]:
     """Bus to its kind. A CAN log of another program counts as CANopen when somebody asked a node in it."""
     if config is not None:
         return {bus.name: bus.kind for bus in config.buses}

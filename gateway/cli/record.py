@@ -16,7 +16,7 @@ from gateway.clock import RealClock
 from gateway.config import GatewayConfig
 from gateway.config.packed import packed_toml
 from gateway.polling import Notice
-from gateway.recordings.wire_log import WireLogWriter
+from gateway.recordings import WireLogWriter
 
 _SHOWN_EVERY_S = 1.0
 

@@ -11,8 +11,7 @@ from rich.progress import Progress
 
 from gateway.cli.terminal import terminal
 from gateway.config.talc_only import TalcOnly, load_talc_only
-from gateway.recordings.columns import Columns
-from gateway.recordings.grid import Recording, read_recording
+from gateway.recordings import Columns, Recording, read_recording
 from gateway.replay import replay
 from gateway.storage import History
 
@@ -61,7 +60,7 @@ class Request:
 
 def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
-    from gateway.recordings.rehearsal import rehearse
+    from gateway.rehearsal import rehearse
     from gateway.report import build, summary, table
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)

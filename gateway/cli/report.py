@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gateway.cli.terminal import terminal
-from gateway.replay import stored_config
+from gateway.past import stored_config
 from gateway.report import AdoptedModels, ReportData, Truth, build, summary, table
 from gateway.storage import History, StoreError
 from talc.frame import FloatArray

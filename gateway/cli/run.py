@@ -15,7 +15,7 @@ from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, load
 from gateway.config.packed import packed_toml
-from gateway.recordings.wire_log import WireLogWriter
+from gateway.recordings import WireLogWriter
 from gateway.service import Service
 
 log = logging.getLogger(__name__)

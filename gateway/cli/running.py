@@ -8,8 +8,8 @@ from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 from gateway.config.packed import packed_toml
 from gateway.events import Sink, in_order
-from gateway.recordings.wire_log import WireLogWriter
-from gateway.replay import past_of
+from gateway.past import past_of
+from gateway.recordings import WireLogWriter
 from gateway.service import Service
 from gateway.storage import History, Store, boot_id
 from gateway.telemetry import Telemetry

@@ -1,1 +1,35 @@
-"""Recordings of machines and of wires: read, checked, replayed."""
+"""Recordings: of machines (CSV, Parquet), read, checked and put on the grid; and of wires, as a text log."""
+
+from gateway.recordings.cells import second_of
+from gateway.recordings.columns import Columns
+from gateway.recordings.files import Table, is_database, open_table
+from gateway.recordings.grid import Recording, read_recording
+from gateway.recordings.problems import FileProblems, RecordingError
+from gateway.recordings.wire_log import (
+    BusTap,
+    WireEvent,
+    WireLog,
+    WireLogError,
+    WireLogWriter,
+    is_wire_log,
+    read_wire_log,
+)
+
+__all__ = [
+    "BusTap",
+    "Columns",
+    "FileProblems",
+    "Recording",
+    "RecordingError",
+    "Table",
+    "WireEvent",
+    "WireLog",
+    "WireLogError",
+    "WireLogWriter",
+    "is_database",
+    "is_wire_log",
+    "open_table",
+    "read_recording",
+    "read_wire_log",
+    "second_of",
+]

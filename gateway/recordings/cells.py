@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from gateway.config.problems import shown
-from gateway.recordings.problems import Problems
+from gateway.recordings.problems import FileProblems
 from talc.frame import FloatArray
 
 Where = Callable[[int], str]
@@ -26,7 +26,7 @@ _FRACTIONS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)
 class Times:
     """The time column, chunk by chunk: UTC seconds, ascending."""
 
-    def __init__(self, problems: Problems) -> None:
+    def __init__(self, problems: FileProblems) -> None:
         self._problems = problems
         self._before: tuple[float, object] | None = None
 
@@ -77,7 +77,7 @@ def _fraction(second: float) -> str:
     return ""
 
 
-def numbers(cells: Sequence[object], largest: float, where: Where, problems: Problems) -> FloatArray:
+def numbers(cells: Sequence[object], largest: float, where: Where, problems: FileProblems) -> FloatArray:
     """(rows,) NaN where the cell is empty or says `nan`. largest: magnitude that can be."""
     try:
         found = np.array([math.nan if cell in (None, "") else float(cell) for cell in cells])  # type: ignore[arg-type]

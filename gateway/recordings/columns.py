@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.config.problems import suggestion
-from gateway.recordings.problems import Problems
+from gateway.recordings.problems import FileProblems
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
 _WORD = re.compile(r"[^0-9A-Za-z]+|_")
@@ -35,7 +35,7 @@ class Roles:
     """As told, and a first column without a name: pandas writes its row numbers there."""
 
 
-def roles_of(head: Sequence[str], columns: Columns, problems: Problems) -> Roles:
+def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> Roles:
     """The role of each column of a heading; what cannot be goes to `problems`."""
     for number, name in enumerate(head):
         if name in head[:number]:
@@ -74,7 +74,7 @@ def _own_names(error: str) -> tuple[str, str]:
     return error, error + ("_um" if ERROR_UNITS[error] == MICROMETRE else "_um_per_m")
 
 
-def _used_once(time: str, errors: Mapping[str, str], ignored: Sequence[str], problems: Problems) -> None:
+def _used_once(time: str, errors: Mapping[str, str], ignored: Sequence[str], problems: FileProblems) -> None:
     """What was told must not contradict itself."""
     told = [(time, "the time"), *((name, error) for error, name in errors.items())]
     told += [(name, "left out by --ignore") for name in dict.fromkeys(ignored)]
@@ -85,7 +85,7 @@ def _used_once(time: str, errors: Mapping[str, str], ignored: Sequence[str], pro
         first.setdefault(name, role)
 
 
-def _no_error(name: str, errors: Mapping[str, str], problems: Problems) -> None:
+def _no_error(name: str, errors: Mapping[str, str], problems: FileProblems) -> None:
     """An error among the inputs would explain itself, and every figure would be worthless."""
     words = [word.upper().replace("O", "0") for word in _WORD.split(name)]
     like = next((word for word in words if _GEOMETRIC.fullmatch(word)), None)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from gateway.config.problems import Problem
-from gateway.recordings.problems import Problems, RecordingError
+from gateway.recordings.problems import FileProblems, RecordingError
 
 if TYPE_CHECKING:
     import pyarrow
@@ -36,7 +36,7 @@ class Table(Protocol):
     word: str
     """What its entries are called: `line` or `row`."""
 
-    def chunks(self, time: str, names: Sequence[str], problems: Problems) -> Iterator[Chunk]:
+    def chunks(self, time: str, names: Sequence[str], problems: FileProblems) -> Iterator[Chunk]:
         """All rows of the time's column and of others."""
         ...
 
@@ -73,7 +73,7 @@ class _Csv:
         if not any(self.head):
             raise RecordingError(path, [Problem("", "is empty; expected a heading and lines below it")])
 
-    def chunks(self, time: str, names: Sequence[str], problems: Problems) -> Iterator[Chunk]:
+    def chunks(self, time: str, names: Sequence[str], problems: FileProblems) -> Iterator[Chunk]:
         wanted = [self.head.index(name) for name in (time, *names)]
         places: list[int] = []
         rows: list[list[str]] = []
@@ -90,7 +90,7 @@ class _Csv:
         if rows:
             yield _chunk(places, rows)
 
-    def _rows(self, problems: Problems) -> Iterator[tuple[int, list[str]]]:
+    def _rows(self, problems: FileProblems) -> Iterator[tuple[int, list[str]]]:
         """Line on which each row begins, and its cells; empty lines are passed over."""
         with self._path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, delimiter=self._delimiter, strict=True)
@@ -153,7 +153,7 @@ class _Parquet:
         if not any(self.head):
             raise RecordingError(path, [Problem("", "has no column with a name")])
 
-    def chunks(self, time: str, names: Sequence[str], problems: Problems) -> Iterator[Chunk]:
+    def chunks(self, time: str, names: Sequence[str], problems: FileProblems) -> Iterator[Chunk]:
         usable = [self._is_plain(name, problems) for name in names]
         if not all(usable):
             return
@@ -162,7 +162,7 @@ class _Parquet:
             columns = [part.column(name).to_pylist() for name in names]
             yield Chunk(range(start + 1, start + 1 + part.num_rows), _time_cells(part.column(time)), columns)
 
-    def _is_plain(self, name: str, problems: Problems) -> bool:
+    def _is_plain(self, name: str, problems: FileProblems) -> bool:
         from pyarrow import types
 
         kind: Any = self._table.schema.field(name).type

@@ -12,7 +12,7 @@ from gateway.config.problems import Problem
 from gateway.recordings.cells import Times, numbers
 from gateway.recordings.columns import Columns, Roles, roles_of
 from gateway.recordings.files import Chunk, Table, open_table
-from gateway.recordings.problems import Problems, RecordingError
+from gateway.recordings.problems import FileProblems, RecordingError
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
 from talc.names import THERMAL_ERRORS
 
@@ -57,7 +57,7 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
     RecordingError tells every problem with line (row in Parquet), column and value.
     """
     table = open_table(path)
-    problems = Problems(path)
+    problems = FileProblems(path)
     roles = roles_of(table.head, columns, problems)
     problems.refuse()
     time_s, values = _read(table, roles, problems)
@@ -94,7 +94,7 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
     )
 
 
-def _read(table: Table, roles: Roles, problems: Problems) -> tuple[FloatArray, FloatArray]:
+def _read(table: Table, roles: Roles, problems: FileProblems) -> tuple[FloatArray, FloatArray]:
     """(rows,) s, and (rows, inputs and errors)."""
     names = (*roles.inputs, *roles.errors.values())
     largest = [LARGEST_INPUT] * len(roles.inputs) + [LARGEST_ERROR] * len(roles.errors)

@@ -19,7 +19,7 @@ class RecordingError(Exception):
         super().__init__("\n".join(told))
 
 
-class Problems:
+class FileProblems:
     """The problems of one file: the first ones are kept, the others counted."""
 
     def __init__(self, file: Path) -> None:

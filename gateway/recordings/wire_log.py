@@ -32,7 +32,7 @@ class WireLogError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class WireEvent:
     """One thing that passed, or happened to the connection."""
 
     at_s: float
@@ -52,9 +52,9 @@ class WireLog:
 
     config: str
     """TOML: the buses and devices that were read."""
-    events: tuple[Event, ...]
+    events: tuple[WireEvent, ...]
 
-    def of(self, bus: str) -> tuple[Event, ...]:
+    def of(self, bus: str) -> tuple[WireEvent, ...]:
         """The events of one bus, in order."""
         return tuple(event for event in self.events if event.bus == bus)
 
@@ -220,7 +220,7 @@ def read_wire_log(path: Path) -> WireLog:
     if (lines or [cut])[0] != _FIRST_LINE:
         raise WireLogError(f"{path}: is no recording: its first line is not {_FIRST_LINE!r}")
     config: list[str] = []
-    events: list[Event] = []
+    events: list[WireEvent] = []
     for number, line in enumerate(lines[1:], start=2):
         if line.startswith(_CONFIG):
             config.append(line.removeprefix(_CONFIG))
@@ -232,17 +232,17 @@ def read_wire_log(path: Path) -> WireLog:
     return WireLog("\n".join(config), tuple(events))
 
 
-def _event(line: str) -> Event | None:
+def _event(line: str) -> WireEvent | None:
     found = _LINE.fullmatch(line)
     if found is None:
         return None
     at, bus, arrow, stream, note, identifier, frame, direction = found.groups()
     if note is not None:
-        return Event(float(at), bus, "note", note=note)
+        return WireEvent(float(at), bus, "note", note=note)
     digits = frame if identifier else stream
     if len(digits) % 2:
         return None
     passed: Passed = "sent" if arrow == ">" or direction == "T" else "received"
     if identifier is None:
-        return Event(float(at), bus, passed, bytes.fromhex(digits))
-    return Event(float(at), bus, passed, bytes.fromhex(digits), int(identifier, 16), len(identifier) == 8)
+        return WireEvent(float(at), bus, passed, bytes.fromhex(digits))
+    return WireEvent(float(at), bus, passed, bytes.fromhex(digits), int(identifier, 16), len(identifier) == 8)

@@ -8,8 +8,8 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from gateway.report.data import ReportData
+from gateway.report.figures import summary
 from gateway.report.plots import error_plot, inputs_plot, tool_plot
-from gateway.report.summary import summary
 from talc.frame import EventKind
 from talc.names import THERMAL_ERRORS
 

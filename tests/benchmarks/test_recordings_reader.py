@@ -9,7 +9,7 @@ from benchmarks.recordings.description import recordings_in
 from benchmarks.recordings.series import read_series
 from benchmarks.recordings.subject import SHIPPED
 from gateway.config.problems import ConfigError
-from gateway.recordings.problems import RecordingError
+from gateway.recordings import RecordingError
 
 
 def written(folder: Path, toml: str, lines: list[str], name: str = "lathe") -> Path:

@@ -11,7 +11,8 @@ from gateway.control.sensor_watch import SeenBefore
 from gateway.control.subprocess import WorkError
 from gateway.control.trainer import failed
 from gateway.events import DecisionMade, EventReported, FrameMade, ModelsAdopted
-from gateway.replay import past_of, replay
+from gateway.past import past_of
+from gateway.replay import replay
 from gateway.storage import History, Store
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement

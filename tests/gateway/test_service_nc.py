@@ -12,9 +12,9 @@ from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.events import MeasurementEnded
 from gateway.nc.link import NcLink
+from gateway.past import Past, past_of
 from gateway.probing.cycle import End, Outcome
-from gateway.replay import past_of
-from gateway.service import Past, Service
+from gateway.service import Service
 from gateway.storage import History, Store
 from simulators.nc.nck import R_WITHDRAW
 from simulators.nc.watchdog import R_OWNER

@@ -7,7 +7,8 @@ import pytest
 
 from gateway.acquisition.reload import ReloadError
 from gateway.config import GatewayConfig, parse
-from gateway.service import Past, Service
+from gateway.past import Past
+from gateway.service import Service
 from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
 from tests.benches.stepped_clock import SteppedClock

@@ -12,9 +12,10 @@ import pytest
 from drivers.nc import OperatingMode
 from gateway.clock import RealClock
 from gateway.config.model import validate
+from gateway.past import Past
 from gateway.probing.cycle import End
 from gateway.probing.schedule import Standing
-from gateway.service import Past, Service
+from gateway.service import Service
 from simulators.linuxcnc.machine import HURRY
 from talc.control import Controller
 from talc.frame import Why

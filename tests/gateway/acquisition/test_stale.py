@@ -12,7 +12,8 @@ from gateway.acquisition.stale import StaleWatch
 from gateway.clock import RealClock
 from gateway.config import parse
 from gateway.events import GatewayEvent, ReadingsTaken
-from gateway.service import Past, Service
+from gateway.past import Past
+from gateway.service import Service
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.modbus_servers import TcpHost
 from talc.control import Controller

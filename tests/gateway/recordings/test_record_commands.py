@@ -11,7 +11,7 @@ import can
 import pytest
 
 from gateway.cli.play import read_recording
-from gateway.recordings.wire_log import read_wire_log
+from gateway.recordings import read_wire_log
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015

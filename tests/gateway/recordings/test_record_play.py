@@ -17,7 +17,7 @@ from gateway.cli.play import play_bus, read_recording
 from gateway.clock import RealClock
 from gateway.config.load import parse
 from gateway.config.wires import wires_toml
-from gateway.recordings.wire_log import WireLog, WireLogWriter, read_wire_log
+from gateway.recordings import WireLog, WireLogWriter, read_wire_log
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015

@@ -14,7 +14,7 @@ from drivers.profiles import load_profile
 from gateway.config import ConfigError
 from gateway.config.load import load
 from gateway.config.packed import packed_toml, unpacked
-from gateway.recordings.wire_log import read_wire_log
+from gateway.recordings import read_wire_log
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.m7015 import M7015
 from simulators.devices.modbus_servers import RtuLine

@@ -13,10 +13,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.cli import main
-from gateway.recordings.columns import Columns
-from gateway.recordings.grid import read_recording
-from gateway.recordings.problems import RecordingError
-from gateway.recordings.rehearsal import rehearse
+from gateway.recordings import Columns, RecordingError, read_recording
+from gateway.rehearsal import rehearse
 from talc.frame import Phase
 from talc.settings import ControlSettings, TalcSettings
 from tests.benches.thermal_series import series

@@ -6,9 +6,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.cli import main
-from gateway.recordings.columns import Columns
-from gateway.recordings.grid import Recording, read_recording
-from gateway.recordings.problems import RecordingError
+from gateway.recordings import Columns, Recording, RecordingError, read_recording
 
 
 def run(*arguments: object) -> Result:

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.recordings.columns import Columns
-from gateway.recordings.grid import Recording, read_recording
-from gateway.recordings.rehearsal import rehearse
+from gateway.recordings import Columns, Recording, read_recording
+from gateway.rehearsal import rehearse
 from talc.frame import Phase
 from talc.settings import ControlSettings, TalcSettings
 from tests.benches.thermal_series import series

@@ -12,9 +12,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.cli import main
-from gateway.recordings.columns import Columns
-from gateway.recordings.grid import read_recording
-from gateway.recordings.rehearsal import rehearse
+from gateway.recordings import Columns, read_recording
+from gateway.rehearsal import rehearse
 from gateway.report import build
 from talc.settings import TalcSettings
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import can
 import pytest
 
-from gateway.recordings.wire_log import WireLogError, WireLogWriter, read_wire_log
+from gateway.recordings import WireLogError, WireLogWriter, read_wire_log
 
 BEGAN = datetime(2026, 11, 23, 8, tzinfo=UTC)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.recordings.wire_log import Event, WireLogError, WireLogWriter, read_wire_log
+from gateway.recordings import WireEvent, WireLogError, WireLogWriter, read_wire_log
 
 BEGAN = datetime(2026, 11, 23, 8, tzinfo=UTC)
 FIRST = b"# talc wire log 1\n"
@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("wires")
 
 
-def written(file: Path, calls: list[tuple[object, ...]], config: str) -> list[Event]:
+def written(file: Path, calls: list[tuple[object, ...]], config: str) -> list[WireEvent]:
     """Make a recording of these calls of a tap; what must be read from it, without times."""
     with WireLogWriter(file, config, BEGAN, most_bytes=10**6) as writer:
         tap = writer.tap("bus1")
@@ -42,17 +42,17 @@ def written(file: Path, calls: list[tuple[object, ...]], config: str) -> list[Ev
     for call in calls:
         match call:
             case ("data", bool(sent), bytes(data)):
-                expected.append(Event(0.0, "bus1", "sent" if sent else "received", data))
+                expected.append(WireEvent(0.0, "bus1", "sent" if sent else "received", data))
             case ("frame", bool(sent), int(identifier), bool(extended), bytes(data)):
-                expected.append(Event(0.0, "bus1", "sent" if sent else "received", data, identifier, extended))
+                expected.append(WireEvent(0.0, "bus1", "sent" if sent else "received", data, identifier, extended))
             case ("note", str(text)):
                 note = "".join(c if c.isprintable() else " " for c in text)
-                expected.append(Event(0.0, "bus1", "note", note=note))
+                expected.append(WireEvent(0.0, "bus1", "note", note=note))
     return expected
 
 
-def without_times(events: tuple[Event, ...]) -> list[Event]:
-    return [Event(0.0, e.bus, e.passed, e.data, e.identifier, e.extended, e.note) for e in events]
+def without_times(events: tuple[WireEvent, ...]) -> list[WireEvent]:
+    return [WireEvent(0.0, e.bus, e.passed, e.data, e.identifier, e.extended, e.note) for e in events]
 
 
 @settings(deadline=None)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gateway.recordings.grid import Recording
+from gateway.recordings import Recording
 from gateway.report import AdoptedModels, ReportData
 from gateway.versions import versions
 from talc.control import Controller
