@@ -92,6 +92,16 @@ class Bus(Protocol):
     def name(self) -> str: ...
 
     @property
+    def kind(self) -> str:
+        """Protocol and wire, as a configuration and the profiles name them, such as `modbus_rtu`."""
+        ...
+
+    @property
+    def units(self) -> tuple[int, int]:
+        """Lowest and highest address that a device can have on it."""
+        ...
+
+    @property
     def timeout_s(self) -> float:
         """How long one answer may take at most."""
         ...

@@ -4,38 +4,46 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from drivers.base import Bus, Clock, Driver, SetupError
-from drivers.bus_settings import (
-    BUS_KINDS,
-    BusSettings,
-    CanOpenSettings,
-    CanSettings,
-    MeEthernetSettings,
-    MeRs485Settings,
-    ModbusRtuSettings,
-    ModbusTcpSettings,
-    settings_from,
-)
 from drivers.can.bus import CanBus
 from drivers.can.dbc import CanDbcDevice, CanDbcProfile
+from drivers.can.settings import CanSettings
 from drivers.canopen.bus import CanOpenBus
-from drivers.canopen.cia404 import Cia404Device, Cia404Options
+from drivers.canopen.cia404 import Cia404Device
 from drivers.canopen.profile import Cia404Profile
+from drivers.canopen.settings import CanOpenSettings, Cia404Options
 from drivers.micro_epsilon.ethernet import MeEthernetBus, MeEthernetDevice
-from drivers.micro_epsilon.profile import DisplacementOptions, MeEthernetProfile, MeRs485Profile
+from drivers.micro_epsilon.profile import MeEthernetProfile, MeRs485Profile
 from drivers.micro_epsilon.rs485 import MeRs485Bus, MeRs485Device
+from drivers.micro_epsilon.settings import DisplacementOptions, MeEthernetSettings, MeRs485Settings
 from drivers.modbus.bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
-from drivers.modbus.device import ModbusDevice, ModbusOptions
+from drivers.modbus.device import ModbusDevice
 from drivers.modbus.profile import ModbusProfile
+from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusTcpSettings
+from drivers.problems import read_settings
 from drivers.profiles import Profile, load_profile
+from drivers.section import Section
 from drivers.tap import Tap
 
-__all__ = ["BUS_KINDS", "make_bus", "make_device"]
+__all__ = ["BUS_KINDS", "BusSettings", "bus_from_settings", "make_bus", "make_device"]
 
 _LAST_ADDRESS = 65535
 
 
-@dataclass(frozen=True, slots=True)
-class NoOptions:
+BusSettings = (
+    ModbusRtuSettings | ModbusTcpSettings | CanOpenSettings | CanSettings | MeRs485Settings | MeEthernetSettings
+)
+
+BUS_KINDS: Mapping[str, type[BusSettings]] = {
+    "modbus_rtu": ModbusRtuSettings,
+    "modbus_tcp": ModbusTcpSettings,
+    "canopen": CanOpenSettings,
+    "can": CanSettings,
+    "me_rs485": MeRs485Settings,
+    "me_ethernet": MeEthernetSettings,
+}
+
+
+class NoOptions(Section):
     """Of a device that has none."""
 
 
@@ -48,7 +56,7 @@ def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | Non
     """
     if kind not in BUS_KINDS:
         raise SetupError(f"kind {kind!r} does not exist", bus=name, hint=f"there are {', '.join(BUS_KINDS)}")
-    return bus_from_settings(name, settings_from(BUS_KINDS[kind], options, bus=name), tap)
+    return bus_from_settings(name, read_settings(BUS_KINDS[kind], options, bus=name), tap)
 
 
 def bus_from_settings(name: str, settings: BusSettings, tap: Tap | None = None) -> Bus:
@@ -90,7 +98,7 @@ def make_device(
     _Place(device_name, bus).check(profile, unit, channels)
     match profile, bus:
         case ModbusProfile(), ModbusBus():
-            where = settings_from(ModbusOptions, options, bus=bus.name, device=device_name)
+            where = read_settings(ModbusOptions, options, bus=bus.name, device=device_name)
             device = ModbusDevice(device_name, bus, profile, unit, channels, where, clock)
             if device.last_address > _LAST_ADDRESS:
                 raise SetupError(
@@ -101,7 +109,7 @@ def make_device(
                 )
             return device
         case Cia404Profile(), CanOpenBus():
-            chosen = settings_from(Cia404Options, options, bus=bus.name, device=device_name)
+            chosen = read_settings(Cia404Options, options, bus=bus.name, device=device_name)
             if chosen.vendor not in profile.vendors:
                 raise SetupError(
                     f"vendor = {chosen.vendor!r} is not in profile {profile.name}",
@@ -111,13 +119,13 @@ def make_device(
                 )
             return Cia404Device(device_name, bus, profile, unit, channels, chosen, clock)
         case CanDbcProfile(), CanBus():
-            settings_from(NoOptions, options, bus=bus.name, device=device_name)
+            read_settings(NoOptions, options, bus=bus.name, device=device_name)
             return CanDbcDevice(device_name, bus, profile, channels, clock)
         case MeRs485Profile(), MeRs485Bus():
-            growth = settings_from(DisplacementOptions, options, bus=bus.name, device=device_name)
+            growth = read_settings(DisplacementOptions, options, bus=bus.name, device=device_name)
             return MeRs485Device(device_name, bus, profile, unit, channels, growth, clock)
         case MeEthernetProfile(), MeEthernetBus():
-            growth = settings_from(DisplacementOptions, options, bus=bus.name, device=device_name)
+            growth = read_settings(DisplacementOptions, options, bus=bus.name, device=device_name)
             return MeEthernetDevice(device_name, bus, profile, channels, growth, clock)
         case _:
             raise SetupError(f"{type(bus).__name__} was not made by make_bus", bus=bus.name, device=device_name)
@@ -131,12 +139,12 @@ class _Place:
     bus: Bus
 
     def check(self, profile: Profile, unit: int, channels: Mapping[str, int]) -> None:
-        kind = getattr(self.bus, "kind", type(self.bus).__name__)
+        kind = self.bus.kind
         if kind not in profile.buses:
             raise self._error(
                 f"profile {profile.name} does not fit a {kind} bus", hint=f"it needs {' or '.join(profile.buses)}"
             )
-        low, high = getattr(self.bus, "units", (0, 255))
+        low, high = self.bus.units
         if not low <= unit <= high:
             raise self._error(f"unit = {unit}: expected {low} to {high} on a {kind} bus")
         if not channels:

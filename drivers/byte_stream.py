@@ -8,12 +8,12 @@ import socket
 import termios
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Protocol
 
 import serial
 
 from drivers.base import ConnectError
+from drivers.bus_settings import SerialSettings
 from drivers.tap import Tap
 
 _READ_SIZE = 4096
@@ -22,16 +22,6 @@ _CLOSED = "not connected"
 _TAKEN = "another program has it open"
 _ERROR_NUMBER = re.compile(r"(?:Errno |\()(\d+)")
 """As it stands in the texts of pyserial and termios."""
-
-
-@dataclass(frozen=True, slots=True)
-class SerialSettings:
-    """Where a serial line is and how fast it talks."""
-
-    port: str
-    baud: int
-    parity: str
-    stopbits: int
 
 
 class ByteStream(Protocol):

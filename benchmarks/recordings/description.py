@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from gateway.config.problems import ConfigError, Problem, problems_of
+from drivers.problems import problems_of
+from gateway.config.problems import ConfigError, Problem, place
 
 Unit = Literal["nm", "um", "µm", "mm", "m", "um/m", "µm/m", "urad", "µrad", "mrad", "rad", "arcsec", "deg"]
 POSITION: Mapping[str, float] = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}
@@ -153,7 +154,7 @@ def describe(path: Path) -> tuple[Description, Path]:
     try:
         said = Description.model_validate(data)
     except ValidationError as error:
-        found = problems_of(error, data, Description)
+        found = problems_of(error, data, Description, place)
         raise ConfigError(path, [Problem(_plain(p.where, data), p.what) for p in found]) from None
     beside = [path.parent / said.file] if said.file else [path.with_suffix(suffix) for suffix in _TABLES]
     table = next((file for file in beside if file.is_file()), None)

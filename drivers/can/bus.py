@@ -11,9 +11,9 @@ from time import monotonic
 import can
 
 from drivers.base import ConnectError, NoAnswer
-from drivers.bus_settings import CanSettings
 from drivers.can.interface import failed, open_interface, shut
 from drivers.can.receiver import Receiver
+from drivers.can.settings import CanSettings
 from drivers.tap import Tap
 
 FrameId = tuple[int, bool]

@@ -21,9 +21,9 @@ from can.interfaces.udp_multicast.utils import unpack_message
 from can.interfaces.virtual import VirtualBus
 
 from drivers.base import ConnectError
-from drivers.bus_settings import CanInterfaceSettings
 from drivers.byte_stream import serial_port_hint
 from drivers.can.receiver import MonotonicInterface
+from drivers.can.settings import CanInterfaceSettings
 from drivers.tap import Tap, TappedInterface
 
 _SERIAL_WAIT_S = 0.1

@@ -13,9 +13,9 @@ from typing import Self
 import can
 
 from drivers.base import ConnectError
-from drivers.bus_settings import CanInterfaceSettings
 from drivers.can.bus import FrameId
 from drivers.can.interface import failed, open_interface, shut
+from drivers.can.settings import CanInterfaceSettings
 
 _SLICE_S = 0.05
 """How long stopping may have to wait."""

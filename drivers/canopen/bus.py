@@ -19,11 +19,11 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
-from drivers.bus_settings import CanOpenSettings
 from drivers.can.interface import failed, open_interface, shut
 from drivers.can.receiver import Receiver
 from drivers.canopen.events import NodeEvents
 from drivers.canopen.frames import LatestFrames, pass_on
+from drivers.canopen.settings import CanOpenSettings
 from drivers.patience import Patience
 from drivers.tap import Tap
 

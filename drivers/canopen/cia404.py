@@ -1,7 +1,7 @@
 """A CANopen measuring device (CiA 404), read by SDO, by TPDOs after SYNC, or by TPDOs that it sends by its timer."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import monotonic
 
 from drivers.base import BadAnswer, Clock, DriverError, Quality, Reading, Refused, WrongDevice
@@ -9,6 +9,7 @@ from drivers.canopen.bus import CanObject, CanOpenBus
 from drivers.canopen.events import HeartbeatWatch
 from drivers.canopen.pdo import COMMUNICATION, EVERY_SYNC, MAPPING, ON_EVENTS, TPDOS, PdoMap, pdo_map
 from drivers.canopen.profile import Cia404Profile, Scaling
+from drivers.canopen.settings import Cia404Options
 from drivers.faults import Fault, first_fault
 from drivers.readings import ReadingMaker
 
@@ -26,26 +27,6 @@ _PRODUCER_TIMES = 3
 _NO_HEARTBEAT = Fault(
     Quality.STALE, "the node answers, but its heartbeat stopped: its program may hang; switch it off and on"
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cia404Options:
-    """What a configuration may say about one node."""
-
-    vendor: str
-    """Whose table of status bits applies; the profile lists them."""
-    transfer: str = "sdo"
-    """`sdo`: ask for each value; `sync`: send SYNC and take the node's TPDOs, much cheaper on the bus; `timer`: send
-    nothing and take the TPDOs that the node sends by its event timer."""
-    heartbeat_s: float = 0.0
-    """For how long the node's heartbeat may be absent (consumer time); 0: three times what the node says in object
-    1017, and no watch over a node that sends none."""
-
-    def __post_init__(self) -> None:
-        if self.transfer not in ("sdo", "sync", "timer"):
-            raise ValueError(f"transfer = {self.transfer!r}: expected sdo, sync or timer")
-        if not 0 <= self.heartbeat_s <= 600:
-            raise ValueError(f"heartbeat_s = {self.heartbeat_s!r}: expected 0 to 600")
 
 
 class Cia404Device:

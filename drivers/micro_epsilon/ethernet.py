@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.base import BadAnswer, Clock, DriverError, NoAnswer, Quality, Reading, WrongDevice
-from drivers.bus_settings import MeEthernetSettings
 from drivers.byte_stream import TcpStream
 from drivers.faults import Fault
-from drivers.micro_epsilon.profile import DisplacementOptions, MeEthernetProfile
+from drivers.micro_epsilon.profile import MeEthernetProfile
+from drivers.micro_epsilon.settings import DisplacementOptions, MeEthernetSettings
 from drivers.readings import ReadingMaker
 from drivers.tap import Tap
 

@@ -5,20 +5,6 @@ from dataclasses import dataclass
 from drivers.toml_table import Table
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DisplacementOptions:
-    """What a configuration says about one sensor."""
-
-    range_um: float
-    """Measuring range."""
-    zero_um: float = 0.0
-    """Distance that counts as no growth; subtracted from every value."""
-
-    def __post_init__(self) -> None:
-        if not 0 < self.range_um <= 1e6:
-            raise ValueError(f"range_um = {self.range_um!r}: expected more than 0, at most 1000000")
-
-
 @dataclass(frozen=True, slots=True)
 class MeRs485Profile:
     """A Micro-Epsilon sensor with RS-485 framing."""

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from drivers.base import BadAnswer, Clock, NoAnswer, Quality, Reading
-from drivers.bus_settings import MeRs485Settings
 from drivers.byte_stream import SerialStream
 from drivers.faults import Fault
-from drivers.micro_epsilon.profile import DisplacementOptions, MeRs485Profile
+from drivers.micro_epsilon.profile import MeRs485Profile
+from drivers.micro_epsilon.settings import DisplacementOptions, MeRs485Settings
 from drivers.patience import Patience
 from drivers.readings import ReadingMaker
 from drivers.tap import Tap
@@ -35,7 +35,7 @@ class MeRs485Bus:
 
     def __init__(self, name: str, settings: MeRs485Settings, tap: Tap | None = None) -> None:
         self._name, self._timeout_s = name, settings.timeout_s
-        self._stream = SerialStream(name, settings.serial, tap)
+        self._stream = SerialStream(name, settings, tap)
         self._patience = Patience(settings.timeout_s)
         self._lock = asyncio.Lock()
         self._owed: dict[int, int] = {}

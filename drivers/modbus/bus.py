@@ -16,9 +16,9 @@ from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from drivers.base import BadAnswer, NoAnswer, Refused
-from drivers.bus_settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
 from drivers.modbus.profile import BIT_FUNCTIONS, Block
+from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.patience import Patience
 from drivers.tap import Tap
 
@@ -52,7 +52,6 @@ class ModbusBus(ABC):
 
     kind: str
     units: tuple[int, int]
-    """Lowest and highest unit id."""
 
     def __init__(self, name: str, stream: ByteStream, timeout_s: float) -> None:
         self._name, self._stream, self._timeout_s = name, stream, timeout_s
@@ -129,7 +128,7 @@ class ModbusRtuBus(ModbusBus):
     units = (1, 247)
 
     def __init__(self, name: str, settings: ModbusRtuSettings, tap: Tap | None = None) -> None:
-        super().__init__(name, SerialStream(name, settings.serial, tap), settings.timeout_s)
+        super().__init__(name, SerialStream(name, settings, tap), settings.timeout_s)
         self._gap_s = 3.5 * 11 / settings.baud
         self._quiet_since = 0.0
         self._owing: tuple[int, float] | None = None
@@ -206,7 +205,7 @@ class ModbusTcpBus(ModbusBus):
     def __init__(self, name: str, settings: ModbusTcpSettings, tap: Tap | None = None) -> None:
         super().__init__(name, TcpStream(name, settings.host, settings.port, tap), settings.timeout_s)
         self._number = 0
-        self._opened()
+        self._perhaps_busy_until, self._mute = 0.0, False
 
     def _opened(self) -> None:
         self._perhaps_busy_until, self._mute = 0.0, False

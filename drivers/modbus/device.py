@@ -1,31 +1,19 @@
 """A Modbus device as its profile describes it."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from math import isfinite
 
 from drivers.base import Clock, DriverError, Quality, Reading, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus.bus import ModbusBus
 from drivers.modbus.profile import BIT_FUNCTIONS, Block, ModbusProfile, Plausibility, Span, TypeCodes
+from drivers.modbus.settings import ModbusOptions
 from drivers.readings import ReadingMaker
 
 _MOST_BITS = 2000
 
 Place = tuple[int, int, int]
 """Function, address, width."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModbusOptions:
-    """What a configuration may say about one Modbus device."""
-
-    address_offset: int = 0
-    """Added to every address of the profile: where a module stands in a coupler's process image."""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.address_offset <= 65535:
-            raise ValueError(f"address_offset = {self.address_offset!r}: expected 0 to 65535")
 
 
 class ModbusDevice:

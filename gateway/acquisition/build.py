@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import assert_never
 
-from drivers.build import make_bus, make_device
+from drivers.build import bus_from_settings, make_device
 from drivers.linuxcnc.control import LinuxCnc
 from drivers.nc import NumericalControl
 from drivers.tap import Tap
@@ -31,7 +31,7 @@ def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Ta
     }
     lines: list[Line] = []
     for section in config.buses:
-        bus = make_bus(section.name, section.kind, section.options(), None if tap is None else tap(section.name))
+        bus = bus_from_settings(section.name, section, None if tap is None else tap(section.name))
         drivers = tuple(
             make_device(
                 device.name,

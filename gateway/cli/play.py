@@ -12,7 +12,7 @@ import can
 
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
-from gateway.config.buses import Bus, CanBus, CanopenBus, MeEthernetBus, ModbusTcpBus
+from gateway.config.buses import Bus, CanOpenSection, CanSection, MeEthernetSection, ModbusTcpSection
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import unpacked
 from gateway.config.wires import toml_value, wires_toml
@@ -160,9 +160,9 @@ def _nowhere(bus: Bus, folder: Path) -> dict[str, object]:
     """Where a bus that never opened cannot be opened either."""
     absent = str(folder / bus.name)
     match bus:
-        case ModbusTcpBus() | MeEthernetBus():
+        case ModbusTcpSection() | MeEthernetSection():
             return {"host": "127.0.0.1", "port": 1}
-        case CanopenBus() | CanBus():
+        case CanOpenSection() | CanSection():
             return {"interface": "slcan", "channel": absent}
         case _:
             return {"port": absent}

@@ -12,7 +12,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from drivers.bus_settings import CAN_BITRATES, CAN_INTERFACES, CanOpenSettings, settings_from
+from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD, Parity
+from drivers.can.settings import CAN_BITRATES, CAN_INTERFACES
+from drivers.canopen.settings import CanOpenSettings
+from drivers.problems import read_settings
 from drivers.recognition import describe
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
@@ -30,6 +33,7 @@ Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
 _BAUDS = (9600, 19200, 38400, 57600, 115200)
 _ME_BAUDS = (230_400, 256_000)
 _BITRATES = (125_000, 250_000, 500_000, 1_000_000)
+_Baud = click.IntRange(SLOWEST_BAUD, FASTEST_BAUD)
 _EXIT_NOTHING = 3
 
 
@@ -105,13 +109,13 @@ def ports_command() -> None:
 
 @scan.command("serial")
 @click.argument("port")
-@click.option("--baud", "bauds", type=click.IntRange(300, 4_000_000), multiple=True, default=_BAUDS, show_default=True,
+@click.option("--baud", "bauds", type=_Baud, multiple=True, default=_BAUDS, show_default=True,
               help="Speed to try; may be given several times.")  # fmt: skip
 @click.option(
     "--parity", "parities", type=click.Choice(["N", "E", "O"]), multiple=True, default=("N",), show_default=True
 )
 @click.option("--units", type=Numbers(1, 247), default="1-32", show_default=True, help="Modbus unit ids to ask.")
-@click.option("--me-baud", "me_bauds", type=click.IntRange(300, 4_000_000), multiple=True, default=_ME_BAUDS,
+@click.option("--me-baud", "me_bauds", type=_Baud, multiple=True, default=_ME_BAUDS,
               show_default=True, help="Speeds at which Micro-Epsilon sensors are asked, parity N and E.")  # fmt: skip
 @click.option("--me-addresses", type=Numbers(2, 126), default="126", show_default=True)
 @click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
@@ -123,7 +127,7 @@ def ports_command() -> None:
 @Toml
 @Yes
 def serial_command(
-    port: str, bauds: tuple[int, ...], parities: tuple[str, ...], units: tuple[int, ...], me_bauds: tuple[int, ...],
+    port: str, bauds: tuple[int, ...], parities: tuple[Parity, ...], units: tuple[int, ...], me_bauds: tuple[int, ...],
     me_addresses: tuple[int, ...], protocol: str, function: int, timeout_s: float, limit: float, toml: Path | None,
     yes: bool,
 ) -> None:  # fmt: skip
@@ -190,7 +194,7 @@ def can_command(
         raise click.UsageError(f"--bitrate: the rate of {interface} cannot be switched here; give one, or none")
     rates = bitrates or (_BITRATES if interface == "slcan" else (125_000,))
     place: dict[str, object] = {"interface": interface, "channel": channel, "bitrate": rates[0], "port": udp_port}
-    settings = settings_from(CanOpenSettings, place)
+    settings = read_settings(CanOpenSettings, place)
     what = can.CanScan(settings, rates, nodes, listen_s, timeout_s)
     rate = (
         "bit rate as the system has set it" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"

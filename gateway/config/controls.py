@@ -15,6 +15,7 @@ from drivers.base import SetupError
 from drivers.linuxcnc.control import STATES as LINUXCNC_STATES
 from drivers.linuxcnc.settings import DEFAULT_PORT, LARGEST_UM, LinuxCncSettings
 from drivers.opcua.settings import OpcUaSettings, valid_certificate
+from drivers.section import FilePath, NotNegative, Positive, Section, matching
 from drivers.sinumerik.settings import (
     Handshake,
     LeaseParameters,
@@ -24,7 +25,7 @@ from drivers.sinumerik.settings import (
     StateNode,
     default_states,
 )
-from gateway.config.fields import FilePath, Name, NotNegative, Positive, Section, matching
+from gateway.config.fields import Name
 
 _SOON = timedelta(days=30)
 

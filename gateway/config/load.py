@@ -4,12 +4,10 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from drivers.base import SetupError
 from drivers.profiles import is_users, user_profile
-from gateway.config.model import GatewayConfig, validate
-from gateway.config.problems import ConfigError, Problem, problems_of
+from gateway.config.model import GatewayConfig, with_database
+from gateway.config.problems import ConfigError, Problem, read_sections
 from gateway.config.rules import problems_between
 
 
@@ -66,7 +64,4 @@ def data_of(text: str, path: Path) -> dict[str, object]:
 
 
 def _validated(data: Mapping[str, object], path: Path) -> GatewayConfig:
-    try:
-        return validate(data, path.resolve().parent)
-    except ValidationError as error:
-        raise ConfigError(path, problems_of(error, data, GatewayConfig)) from None
+    return read_sections(GatewayConfig, with_database(data), path)

@@ -10,9 +10,9 @@ from typing import Self
 from pydantic import Field, PrivateAttr
 
 from drivers.profiles import UserProfile
+from drivers.section import Section, strictly
 from gateway.config.buses import Bus
 from gateway.config.controls import Nc
-from gateway.config.fields import Section
 from gateway.config.sections import (
     DEFAULT_DATABASE,
     Compensation,
@@ -110,12 +110,11 @@ def validate(data: Mapping[str, object] | str, folder: Path | None = None) -> Ga
 
     `folder`: where relative paths start. Raises pydantic.ValidationError.
     """
-    # As JSON, so that strict types hold (no "9600" for 9600) while lists and texts still become tuples and paths.
-    text = data if isinstance(data, str) else json.dumps(_with_database(data), default=str)
-    return GatewayConfig.model_validate_json(text, strict=True, context={"folder": folder} if folder else None)
+    whole = data if isinstance(data, str) else with_database(data)
+    return strictly(GatewayConfig, whole, {"folder": folder} if folder else None)
 
 
-def _with_database(data: Mapping[str, object]) -> Mapping[str, object]:
+def with_database(data: Mapping[str, object]) -> Mapping[str, object]:
     """The database's default path written out: like any path of the file it then starts at the file's folder."""
     storage = data.get("storage", {})
     return {**data, "storage": {"path": DEFAULT_DATABASE, **storage}} if isinstance(storage, Mapping) else data

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from drivers.base import SetupError, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import bus_from_settings, make_device
 from drivers.profiles import profile_names
-from gateway.config.buses import Bus, CanBus, CanopenBus, MeEthernetBus, MeRs485Bus, ModbusRtuBus
+from gateway.config.buses import Bus, CanOpenSection, CanSection, MeEthernetSection, MeRs485Section, ModbusRtuSection
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem, suggestion
 from talc.probing import check_poses
@@ -47,7 +47,7 @@ def cautions(config: GatewayConfig) -> list[Problem]:
                     f"'{port}' may name another adapter after a reboot; use its name in /dev/serial/by-id",
                 )
             )
-        asks = not isinstance(bus, CanBus | MeEthernetBus)  # these only listen
+        asks = not isinstance(bus, CanSection | MeEthernetSection)  # these only listen
         shared = sum(device.bus == bus.name for device in config.devices) > 1
         if asks and shared and bus.timeout_s > bus.period_s:
             found.append(
@@ -63,9 +63,9 @@ def cautions(config: GatewayConfig) -> list[Problem]:
 
 
 def _serial_port(bus: Bus) -> tuple[str, str | None]:
-    if isinstance(bus, ModbusRtuBus | MeRs485Bus):
+    if isinstance(bus, ModbusRtuSection | MeRs485Section):
         return "port", bus.port
-    if isinstance(bus, CanopenBus | CanBus) and bus.interface == "slcan":
+    if isinstance(bus, CanOpenSection | CanSection) and bus.interface == "slcan":
         return "channel", bus.channel
     return "", None
 
@@ -190,7 +190,7 @@ def _built(config: GatewayConfig) -> Iterator[Problem]:
         if names[section.name] > 1:
             continue
         try:
-            bus = make_bus(section.name, section.kind, section.options())
+            bus = bus_from_settings(section.name, section)
         except SetupError as error:
             yield Problem(f"bus '{section.name}'", _said(error))
             continue

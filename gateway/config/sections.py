@@ -6,17 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from gateway.config.fields import (
-    LARGEST_BOUND_UM,
-    MOST_POSES,
-    FilePath,
-    Name,
-    NotNegative,
-    Positive,
-    ProfileName,
-    Section,
-    matching,
-)
+from drivers.section import FilePath, NotNegative, Positive, Section, matching
+from gateway.config.fields import LARGEST_BOUND_UM, MOST_POSES, Name, ProfileName
 
 
 class Machine(Section):

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from drivers.base import BadAnswer, NoAnswer
-from drivers.bus_settings import CanOpenSettings
 from drivers.can.survey import CanSurvey, Heard
 from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.settings import CanOpenSettings
 from drivers.recognition import Recognition, recognise_canopen
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
 
@@ -82,7 +82,7 @@ async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> Repor
 
 
 def _at(scan: CanScan, rate: int) -> CanOpenSettings:
-    return replace(scan.settings, bitrate=rate)
+    return scan.settings.model_copy(update={"bitrate": rate})
 
 
 def _listen(scan: CanScan, rate: int, heard: Heard, stopped: Stopped) -> None:
@@ -98,7 +98,7 @@ def _ask(scan: CanScan, rate: int, heard: Heard, stopped: Stopped) -> None:
 async def _look(scan: CanScan, rate: int, heard: Heard, report: Report, progress: Progress, stopped: Stopped) -> None:
     """What each node that answered is."""
     settings = _at(scan, rate)
-    bus = CanOpenBus("scan", replace(settings, timeout_s=max(scan.wait_s, 0.1)))
+    bus = CanOpenBus("scan", settings.model_copy(update={"timeout_s": max(scan.wait_s, 0.1)}))
     found: list[Found] = []
     try:
         await bus.connect()

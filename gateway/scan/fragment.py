@@ -109,7 +109,7 @@ def _fits(bus: Bus, place: Place) -> bool:
 
 def _as_place(bus: Bus, place: Place) -> Place:
     """The bus, by the fields that a scan knows of the place."""
-    options = bus.options()
+    options = bus.model_dump()
     return Place(bus.kind, {key: options[key] for key in place.options if key in options})
 
 

@@ -6,10 +6,12 @@ from itertools import product
 from typing import Literal
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
-from drivers.bus_settings import MeRs485Settings, ModbusRtuSettings
+from drivers.bus_settings import Parity
 from drivers.micro_epsilon.rs485 import MeRs485Bus
+from drivers.micro_epsilon.settings import MeRs485Settings
 from drivers.modbus.bus import ModbusRtuBus
 from drivers.modbus.profile import Block
+from drivers.modbus.settings import ModbusRtuSettings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
 
@@ -18,6 +20,7 @@ Protocol = Literal["modbus_rtu", "me_rs485"]
 ANY_REGISTER = Block(3, 0, 1)
 """Asked of every unit: reading holding registers is what nearly every device can do; most others refuse, which is an
 answer too."""
+_ME_PARITIES: tuple[Parity, ...] = ("N", "E")
 _MOST_BABBLE = 3
 """Units whose garbage is shown for one speed."""
 
@@ -28,7 +31,7 @@ class LineTry:
 
     protocol: Protocol
     baud: int
-    parity: str
+    parity: Parity
     units: Sequence[int]
 
     @property
@@ -58,12 +61,12 @@ class SerialScan:
 
 
 def plan(
-    port: str, *, bauds: Sequence[int], parities: Sequence[str], units: Sequence[int],
+    port: str, *, bauds: Sequence[int], parities: Sequence[Parity], units: Sequence[int],
     me_bauds: Sequence[int], me_addresses: Sequence[int], timeout_s: float, function: int = 3,
 ) -> SerialScan:  # fmt: skip
     """Modbus at every speed and parity, then Micro-Epsilon sensors likewise; an empty list leaves a protocol out."""
     modbus = [LineTry("modbus_rtu", baud, parity, units) for baud, parity in product(bauds, parities) if units]
-    me = [LineTry("me_rs485", b, parity, me_addresses) for b, parity in product(me_bauds, ("N", "E")) if me_addresses]
+    me = [LineTry("me_rs485", b, parity, me_addresses) for b, parity in product(me_bauds, _ME_PARITIES) if me_addresses]
     return SerialScan(port, (*modbus, *me), timeout_s, function)
 
 

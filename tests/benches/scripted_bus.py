@@ -15,6 +15,8 @@ from tests.benches.stepped_clock import SteppedClock
 class ScriptedBus:
     """A bus whose connection the test breaks."""
 
+    kind, units = "modbus_rtu", (1, 247)
+
     def __init__(self, name: str = "rtu1") -> None:
         self.name = name
         self.timeout_s = 0.5

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import NoAnswer
-from drivers.bus_settings import ModbusTcpSettings
 from drivers.byte_stream import TcpStream
 from drivers.modbus.bus import ModbusTcpBus
+from drivers.modbus.settings import ModbusTcpSettings
 from drivers.patience import Patience
 from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.me_sensor import answer_frame

@@ -97,14 +97,20 @@ RTU = {"port": "/dev/null"}
     ("kind", "options", "message"),
     [
         ("modbus", {}, "bus b: kind 'modbus' does not exist (there are modbus_rtu, "),
-        ("modbus_rtu", {}, "bus b: port is missing"),
-        ("modbus_rtu", RTU | {"bauds": 9600}, "bus b: unknown option 'bauds' (options are: port, baud, "),
-        ("modbus_rtu", RTU | {"baud": "fast"}, "bus b: baud = 'fast': expected a whole number"),
-        ("modbus_rtu", RTU | {"parity": "X"}, "bus b: parity = 'X': expected N, E or O"),
-        ("modbus_tcp", {"host": "h", "port": 70000}, "bus b: port = 70000: expected 1 to 65535"),
-        ("modbus_tcp", {"host": "h", "timeout_s": 0}, "bus b: timeout_s = 0: expected more than 0"),
-        ("canopen", {"interface": "usb", "channel": "x"}, "bus b: interface = 'usb': expected one of slcan, "),
-        ("canopen", {"interface": "slcan", "channel": "x", "bitrate": 1}, "bus b: bitrate = 1: expected one of 10000"),
+        ("modbus_rtu", {}, "bus b: port: missing; it has no default"),
+        ("modbus_rtu", RTU | {"bauds": 9600}, "bus b: bauds: unknown key; did you mean 'baud'?"),
+        ("modbus_rtu", RTU | {"baud": "fast"}, "bus b: baud: 'fast': expected a whole number"),
+        ("modbus_rtu", RTU | {"baud": "9600"}, "bus b: baud: '9600': expected a whole number"),
+        ("modbus_rtu", RTU | {"baud": 299}, "bus b: baud: 299: expected at least 300"),
+        ("modbus_rtu", RTU | {"parity": "X"}, "bus b: parity: 'X' is not possible; possible: E, N, O"),
+        ("modbus_tcp", {"host": "h", "port": 70000}, "bus b: port: 70000: expected at most 65535"),
+        ("modbus_tcp", {"host": "h", "timeout_s": 0}, "bus b: timeout_s: 0: expected more than 0"),
+        (
+            "canopen",
+            {"interface": "usb", "channel": "x"},
+            "bus b: interface: 'usb' is not possible; possible: slcan, ",
+        ),
+        ("canopen", {"interface": "slcan", "channel": "x", "bitrate": 1}, "bus b: bitrate: 1: expected 10000, 20000, "),
     ],
 )
 def test_wrong_bus_settings_name_field_and_value(kind: str, options: dict[str, object], message: str) -> None:
@@ -126,7 +132,7 @@ def test_wrong_bus_settings_name_field_and_value(kind: str, options: dict[str, o
             1,
             {"a": 0},
             {"unit": 1},
-            "bus b, device d: unknown option 'unit' (options are: address_offset)",
+            "bus b, device d: unit: unknown key; possible: address_offset",
         ),
         ("cia404", 1, {"a": 0}, {}, "bus b, device d: profile cia404 does not fit a modbus_rtu bus (it needs canopen)"),
     ],
@@ -143,7 +149,7 @@ def test_wrong_devices_name_bus_device_and_channel(
 def test_options_that_are_no_finite_number_are_refused(zero_um: float) -> None:
     bus = make_bus("b", "me_rs485", RTU)
     options = {"range_um": 500.0, "zero_um": zero_um}
-    with pytest.raises(SetupError, match=f"bus b, device d: zero_um = {zero_um}: expected a finite number"):
+    with pytest.raises(SetupError, match=f"bus b, device d: zero_um: {zero_um}: expected a finite number"):
         make_device("d", bus, "me_rs485", 126, {"a": 0}, options, SystemClock())
 
 

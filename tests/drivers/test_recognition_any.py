@@ -13,19 +13,15 @@ from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SystemClock
 from drivers.build import make_device
-from drivers.bus_settings import (
-    CanOpenSettings,
-    MeEthernetSettings,
-    MeRs485Settings,
-    ModbusRtuSettings,
-    ModbusTcpSettings,
-)
 from drivers.canopen.bus import CanObject, CanOpenBus
 from drivers.canopen.profile import Cia404Profile
+from drivers.canopen.settings import CanOpenSettings
 from drivers.micro_epsilon.ethernet import MeBlock, MeEthernetBus
 from drivers.micro_epsilon.rs485 import MeRs485Bus
+from drivers.micro_epsilon.settings import MeEthernetSettings, MeRs485Settings
 from drivers.modbus.bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
 from drivers.modbus.profile import Block, ModbusProfile
+from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.profiles import load_profile, profile_names
 from drivers.recognition import (
     Recognition,

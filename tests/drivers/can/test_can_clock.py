@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from drivers.build import make_bus
-from drivers.bus_settings import CAN_INTERFACES, CanInterfaceSettings
+from drivers.can.settings import CAN_INTERFACES, CanInterfaceSettings
 from drivers.can.survey import CanSurvey, Heard
 from simulators.devices.slcan_adapter import SlcanAdapter
 from tests.benches.can_kernel import CanKernel
@@ -76,7 +76,7 @@ async def test_closing_takes_no_time_and_leaves_no_thread(
 @pytest.mark.parametrize("interface", CAN_INTERFACES)
 async def test_listening_ends_in_time(interface: str, monkeypatch: pytest.MonkeyPatch) -> None:
     async with silent(interface, monkeypatch) as options:
-        settings = CanInterfaceSettings(**options)  # type: ignore[arg-type]
+        settings = CanInterfaceSettings.model_validate(options)
 
         def listen() -> float:
             begun = time.monotonic()

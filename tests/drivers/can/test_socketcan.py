@@ -12,7 +12,7 @@ import pytest
 
 from drivers.base import Bus, ConnectError, Driver, DriverError, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.bus_settings import CanInterfaceSettings
+from drivers.can.settings import CanInterfaceSettings
 from drivers.can.survey import CanSurvey, Heard
 from gateway.acquisition.runner import Acquisition, Line
 from gateway.clock import RealClock

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, NoAnswer
-from drivers.bus_settings import MeRs485Settings
 from drivers.micro_epsilon.rs485 import MeRs485Bus, decode_counted, decode_float, find_answers, request_frame
+from drivers.micro_epsilon.settings import MeRs485Settings
 from simulators.devices.me_sensor import MeLine, MeSensor, answer_frame, counted_frame
 from simulators.devices.pty_port import PtyPort
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
-from drivers.bus_settings import ModbusTcpSettings
 from drivers.modbus.bus import ModbusTcpBus, find_tcp_answer
 from drivers.modbus.profile import Block
+from drivers.modbus.settings import ModbusTcpSettings
 
 TWO = Block(3, 0, 2)
 GOOD = bytes.fromhex("03 04 00 64 00 65")

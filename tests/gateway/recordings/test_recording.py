@@ -13,6 +13,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.cli import main
+from gateway.config import ConfigError, load
+from gateway.config.talc_only import load_talc_only
 from gateway.recordings import Columns, RecordingError, read_recording
 from gateway.rehearsal import rehearse
 from talc.frame import Phase
@@ -245,6 +247,20 @@ def test_without_pyarrow_parquet_is_refused_with_what_to_do(tmp_path: Path, monk
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(RecordingError, match="install talc-gateway with the extra `parquet`, or save the table as CSV"):
         read_recording(path, Columns(), 300.0)
+
+
+@pytest.mark.parametrize("key", ['calibration_steps = "300"', "calibration_steps = 300.5", "calibration_steps = true"])
+def test_a_configuration_for_replay_is_read_as_strictly_as_one_to_run(tmp_path: Path, key: str) -> None:
+    config = tmp_path / "talc.toml"
+    config.write_text(f"[talc.control]\n{key}\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as replayed:
+        load_talc_only(config)
+    whole = tmp_path / "gateway.toml"
+    whole.write_text(f'[machine]\nname = "mill"\n[talc.control]\n{key}\n', encoding="utf-8")
+    with pytest.raises(ConfigError) as run:
+        load(whole)
+    assert replayed.value.problems == run.value.problems
+    assert replayed.value.problems[0].where == "[talc.control] calibration_steps"
 
 
 def test_settings_come_from_a_configuration_and_too_little_is_told(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 import can as python_can
 import pytest
 
-from drivers.bus_settings import CanOpenSettings
 from drivers.can.survey import Heard
+from drivers.canopen.settings import CanOpenSettings
 from gateway.config import load
 from gateway.scan.can import CanScan, scan_can
 from gateway.scan.found import Report
@@ -224,9 +224,9 @@ def test_frames_of_a_known_node_are_explained(identifier: int, data: int, extend
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("10.0.0.1",), "channel = '10.0.0.1': expected a multicast group, such as 239.74.163.2, on udp_multicast"),
-        (("can0",), "channel = 'can0': expected a multicast group"),
-        (("239.74.163.2", "--udp-port", "0"), "port = 0: expected 1 to 65535"),
+        (("10.0.0.1",), "channel: '10.0.0.1': expected a multicast group, such as 239.74.163.2"),
+        (("can0",), "channel: 'can0': expected a multicast group"),
+        (("239.74.163.2", "--udp-port", "0"), "port: 0: expected at least 1"),
     ],
 )
 async def test_group_that_cannot_be_is_refused(options: tuple[str, ...], says: str) -> None:

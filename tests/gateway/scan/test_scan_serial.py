@@ -10,7 +10,9 @@ import pytest
 
 from drivers.base import ConnectError
 from gateway.config import load
+from gateway.config.buses import ModbusRtuSection
 from gateway.scan.found import Found, Report
+from gateway.scan.fragment import merged
 from gateway.scan.serial import SerialScan, plan, scan_line
 from simulators.devices.m7015 import M7015
 from simulators.devices.me_sensor import MeSensor
@@ -61,6 +63,17 @@ async def scan(what: SerialScan) -> Report:
 
 def by_unit(report: Report) -> dict[int, Found]:
     return {device.unit: device for device in report.found}
+
+
+async def test_slow_module_can_be_written_to_a_configuration_that_loads(tmp_path: Path) -> None:
+    """600 baud is slower than what a configuration once accepted."""
+    async with line({1: M7015(lambda: SIX)}, baud=600) as path:
+        report = await scan(line_plan(path, bauds=(1200, 600), units=(1,)))
+    file = tmp_path / "gateway.toml"
+    file.write_text(merged("", report.places, file), encoding="utf-8")
+    (bus,) = load(file).buses
+    assert isinstance(bus, ModbusRtuSection)
+    assert (bus.baud, bus.place) == (600, path)
 
 
 async def test_known_modules_are_recognised_and_others_called_unknown() -> None:
@@ -265,7 +278,7 @@ async def test_file_that_exists_is_added_to_only_after_a_yes(tmp_path: Path) -> 
     [
         (b'[machine]\nname = "mill\n', "is not valid TOML: Illegal character '\\n' (at line 2, column 13)"),
         (b'[machine]\nname = "M\xfchle"\n', "is not UTF-8 text: byte 19 is 0xfc"),
-        (b'[machine]\nnames = "mill"\n', "unknown key; did you mean 'name'?"),
+        (b'[machine]\nnames = "mill"\n', "[machine] name: missing; is 'names' meant to be it?"),
         (
             b'[machine]\nname = "mill"\n[[device]]\nname = "a"\nbus = "x"\nprofile = "icpdas_m7015"\n'
             b"[device.channels]\nbed = 0\n",

@@ -1,0 +1,53 @@
+"""How a CAN bus is reached."""
+
+from ipaddress import ip_address
+from typing import Final, Literal, Self, get_args
+
+from pydantic import model_validator
+
+from drivers.bus_settings import BusSettings
+from drivers.section import NotEmpty, Port, wrong
+
+Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
+Bitrate = Literal[10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_000]
+CAN_INTERFACES: Final[tuple[Interface, ...]] = get_args(Interface)
+CAN_BITRATES: Final[tuple[Bitrate, ...]] = get_args(Bitrate)
+
+
+def is_multicast_group(text: str) -> bool:
+    """Whether that is an address many can listen at: 224.0.0.0 to 239.255.255.255, or IPv6 beginning with ff."""
+    try:
+        return ip_address(text).is_multicast
+    except ValueError:
+        return False
+
+
+class CanInterfaceSettings(BusSettings):
+    """Any CAN interface."""
+
+    interface: Interface = "socketcan"
+    """How the CAN bus is reached: the kernel, a serial adapter, or (for tests) the network or this process."""
+    channel: NotEmpty
+    """`can0` for socketcan, the serial port for slcan, the group's address for udp_multicast."""
+    bitrate: Bitrate = 125_000
+    """Bits per second. Only slcan sets it; a socketcan interface is set up by the system."""
+    port: Port = 43113
+    """UDP port, for udp_multicast only."""
+
+    @model_validator(mode="after")
+    def _reachable(self) -> Self:
+        if self.interface == "udp_multicast" and not is_multicast_group(self.channel):
+            raise wrong(f"{self.channel!r}: expected a multicast group, such as 239.74.163.2", "channel")
+        return self
+
+    @property
+    def place(self) -> str:
+        """What two buses may not share."""
+        return f"{self.interface} {self.channel}" + (f":{self.port}" if self.interface == "udp_multicast" else "")
+
+
+class CanSettings(CanInterfaceSettings):
+    """Devices on a CAN bus that send by themselves, named by a DBC file. `timeout_s`: how old a frame may be.
+
+    It must be longer than the devices' cycle.
+    """

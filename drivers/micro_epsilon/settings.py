@@ -1,0 +1,31 @@
+"""Where Micro-Epsilon sensors and controllers are, and what a configuration says about one."""
+
+from pydantic import Field
+
+from drivers.bus_settings import Baud, HostSettings, Parity, SerialSettings
+from drivers.section import Port, Section
+
+
+class MeRs485Settings(SerialSettings):
+    """Micro-Epsilon displacement sensors on RS-485."""
+
+    baud: Baud = 230_400
+    """Bits per second."""
+    parity: Parity = "N"
+    """None, even or odd. Sensors leave the works with E at 256000 baud or N at 230400."""
+
+
+class MeEthernetSettings(HostSettings):
+    """The data port of a Micro-Epsilon controller on Ethernet."""
+
+    port: Port = 10001
+    """TCP port of the measured values."""
+
+
+class DisplacementOptions(Section):
+    """What a configuration says about one sensor."""
+
+    range_um: float = Field(gt=0, le=1e6)
+    """Measuring range."""
+    zero_um: float = 0.0
+    """Distance that counts as no growth; subtracted from every value."""

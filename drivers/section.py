@@ -1,0 +1,70 @@
+"""What every table of a file is: a frozen model that refuses unknown keys and wrong types; and common fields."""
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
+from pydantic_core import PydanticCustomError
+
+WRONG = "wrong"
+"""Type of the errors that `wrong` makes."""
+
+
+class Section(BaseModel):
+    """One table of a file. The text under each field is its reference and its error message's neighbour."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, hide_input_in_errors=True
+    )
+
+
+S = TypeVar("S", bound=BaseModel)
+
+
+def strictly(kind: type[S], data: Mapping[str, object] | str, context: Mapping[str, object] | None = None) -> S:
+    """The model that TOML's data, or JSON text, describes. Raises pydantic.ValidationError.
+
+    context: what validators need besides; see `FilePath`
+    """
+    # As JSON, so that strict types hold (no "9600" for 9600) while lists and texts still become tuples and paths.
+    text = data if isinstance(data, str) else json.dumps(dict(data), default=_plain)
+    return kind.model_validate_json(text, strict=True, context=None if context is None else dict(context))
+
+
+def _plain(value: object) -> object:
+    """What JSON does not know: any mapping as a table, a date as text."""
+    return dict(value) if isinstance(value, Mapping) else str(value)
+
+
+def wrong(what: str, *at: str | int) -> PydanticCustomError:
+    """The error of a validator that knows which field below its own, at `at`, is wrong."""
+    return PydanticCustomError(WRONG, "{what}", {"what": what, "at": at})
+
+
+def beside_the_file(path: Path, info: ValidationInfo) -> Path:
+    """A relative path starts at the file's folder (`folder` of the context), wherever the program was started."""
+    folder = info.context.get("folder") if isinstance(info.context, dict) else None
+    return path if folder is None or path.is_absolute() else Path(folder) / path
+
+
+def matching(pattern: str, expected: str) -> AfterValidator:
+    """A validator of a text's form with a message for a person."""
+    compiled = re.compile(pattern)
+
+    def check(text: str) -> str:
+        if not compiled.fullmatch(text):
+            raise ValueError(f"{text!r}: expected {expected}")
+        return text
+
+    return AfterValidator(check)
+
+
+FilePath = Annotated[Path, AfterValidator(beside_the_file)]
+NotEmpty = Annotated[str, Field(min_length=1)]
+Port = Annotated[int, Field(ge=1, le=65535)]
+"""A TCP or UDP port."""
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
