@@ -2,6 +2,7 @@
 
 from gateway.telemetry import keys
 from gateway.telemetry.compose import Composer
+from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import (
     TYPES,
     CompensationMessage,
@@ -43,4 +44,5 @@ __all__ = [
     "decode",
     "encode",
     "keys",
+    "schemas",
 ]

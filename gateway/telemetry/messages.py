@@ -2,7 +2,7 @@
 
 A number that does not exist is null. Changes are compatible ones: fields are added, and texts to those that a field
 lists as examples. Readers ignore fields that they do not know. The JSON Schemas in docs/telemetry are made from these
-classes by gateway.telemetry.schemas.
+classes by `python -m gateway.telemetry docs/telemetry`.
 """
 
 from collections.abc import Mapping

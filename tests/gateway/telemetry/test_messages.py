@@ -22,8 +22,7 @@ from gateway.events import (
     SensorsJudged,
 )
 from gateway.probing.schedule import Outlook
-from gateway.telemetry import TYPES, Composer, ReadingMessage, decode, encode
-from gateway.telemetry.schemas import schemas
+from gateway.telemetry import TYPES, Composer, ReadingMessage, decode, encode, schemas
 from talc.frame import Decision
 from tests.benches import telemetry_examples as example
 
@@ -117,4 +116,4 @@ def test_a_payload_that_is_invalid_is_an_error_with_key_and_field(change: Callab
 
 def test_the_committed_schemas_are_those_of_the_types() -> None:
     committed = {path.name: path.read_text(encoding="utf-8") for path in SCHEMAS.glob("*.schema.json")}
-    assert committed == schemas(), "renew them: python -m gateway.telemetry.schemas docs/telemetry"
+    assert committed == schemas(), "renew them: python -m gateway.telemetry docs/telemetry"

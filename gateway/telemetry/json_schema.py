@@ -1,8 +1,6 @@
-"""JSON Schemas of everything that is published; `python -m gateway.telemetry.schemas FOLDER` writes them."""
+"""JSON Schemas of everything that is published, made from the types."""
 
 import json
-import sys
-from pathlib import Path
 
 import msgspec
 
@@ -19,14 +17,3 @@ def schemas() -> dict[str, str]:
 def _text(kind: str) -> str:
     schema = {"$schema": _DIALECT, **msgspec.json.schema(TYPES[kind])}
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
-
-
-def main(folder: Path) -> None:
-    """Write all; files of kinds that are gone stay."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in schemas().items():
-        (folder / name).write_text(text, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
