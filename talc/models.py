@@ -122,16 +122,6 @@ class ErrorModel:
         sums = np.array([b.sum() for b in self.b])
         return np.asarray(sums / (1.0 + self.a.sum()) * self.y_std / self.u_std, dtype=np.float64)
 
-    def coefficient_std(self) -> tuple[FloatArray, ...]:
-        """Standard error of each coefficient in `b`, same shapes; zero where training did not tell.
-
-        From the blocks of training left out in turn: rows within a block are not independent, blocks are.
-        """
-        if not self.leverage.size:
-            return tuple(np.zeros(b.size) for b in self.b)
-        std = np.sqrt(np.diag(self.leverage)) * self.novelty_std / self.y_std
-        return tuple(np.split(std, np.cumsum([b.size for b in self.b])[:-1]))
-
     def runner(self) -> _kernel.Runner:
         """The model set to work: it keeps the state between steps."""
         d, coefficients = self.disturbance, sum(b.size for b in self.b)

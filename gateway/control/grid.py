@@ -14,16 +14,6 @@ USABLE = frozenset({Quality.GOOD, Quality.SIMULATED})
 """What may enter a model. Everything else is masked, however plausible its number."""
 
 
-def grid_index(utc: datetime, step_s: float) -> int:
-    """Index of the last grid instant at or before `utc`: UTC seconds // step.
-
-    A restart therefore continues the index. ValueError: a time without a zone.
-    """
-    if utc.tzinfo is None:
-        raise ValueError(f"utc = {utc!r}: expected an aware time")
-    return math.floor(utc.timestamp() / step_s)
-
-
 @dataclass(frozen=True, slots=True)
 class Instant:
     """The end of one grid step."""

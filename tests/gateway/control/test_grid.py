@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import Quality, Reading
-from gateway.control.grid import GridSampler, Instant, Schedule, grid_index
+from gateway.control.grid import GridSampler, Instant, Schedule
 from talc.frame import Measurement
 
 UTC_0 = datetime(2026, 3, 2, 6, 2, 10, tzinfo=UTC)  # 130 s into a step
@@ -62,12 +62,6 @@ def test_the_mean_lies_between_the_readings(values: list[float]) -> None:
     sampler.add([reading("a", value, float(i)) for i, value in enumerate(values, start=1)])
     found = float(sampler.frame(Instant(1, 300.0)).inputs[0])
     assert min(values) - 1e-9 <= found <= max(values) + 1e-9
-
-
-def test_index_counts_steps_of_utc() -> None:
-    assert grid_index(UTC_0, 300.0) == K_0
-    with pytest.raises(ValueError, match="aware"):
-        grid_index(UTC_0.replace(tzinfo=None), 300.0)
 
 
 def test_instants_lie_on_utc_and_do_not_drift() -> None:

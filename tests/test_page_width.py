@@ -1,0 +1,26 @@
+"""Every page of the documentation wraps its prose at one width, the code's."""
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+WIDTH = 120
+PAGES = sorted(page.relative_to(ROOT).as_posix() for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")))
+
+
+def prose(text: str) -> list[tuple[int, str]]:
+    """Numbered lines that wrap: neither in a code block nor of a table, nor a link that cannot be broken."""
+    lines, in_code = [], False
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.lstrip().startswith("```"):
+            in_code = not in_code
+        elif not (in_code or line.startswith(("|", "    ")) or len(line.split()) == 1):
+            lines.append((number, line))
+    return lines
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_prose_wraps(page: str) -> None:
+    lines = prose((ROOT / page).read_text(encoding="utf-8"))
+    assert [number for number, line in lines if len(line) > WIDTH] == []
