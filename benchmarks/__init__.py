@@ -1,1 +1,1 @@
-"""What is fast, and beside whom: one module a subject, each answers rows; `python -m benchmarks` runs and tabulates."""
+"""Benchmarks beside peers: one module per subject returns rows; `python -m benchmarks` runs and tabulates them."""

@@ -1,4 +1,4 @@
-"""What the whole service costs at real time: `talc-gateway run` in its process, the emulated devices in others.
+"""Cost of the whole service at real time: `talc-gateway run` in its own process, the emulated devices in others.
 
 The processor time is the service's process' alone, all its threads, from /proc; periods are those of the stored
 readings, by their source times. Each is taken over three windows in a row, and the median is shown.

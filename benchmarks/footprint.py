@@ -1,4 +1,4 @@
-"""What importing and training cost in time and memory, each in a fresh interpreter."""
+"""Time and memory of importing and training, each in a fresh interpreter."""
 
 import statistics
 import subprocess

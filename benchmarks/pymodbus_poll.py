@@ -1,4 +1,4 @@
-"""`python -m benchmarks.pymodbus_poll SECONDS WINDOWS WHERE`: the bare loop that one writes with pymodbus' own client.
+"""`python -m benchmarks.pymodbus_poll SECONDS WINDOWS WHERE`: a bare polling loop with pymodbus' own client.
 
 The same requests to the same units at the same rate; nothing is decoded, checked, stored or published. Prints JSON:
 share of a core, and p99 of |interval - 1 s| in ms of each of so many windows of so many seconds.

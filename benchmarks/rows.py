@@ -1,4 +1,4 @@
-"""A row of the table, and how things are timed."""
+"""One row of a benchmark's table, and the timing of functions."""
 
 import statistics
 import time

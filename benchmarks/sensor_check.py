@@ -1,4 +1,4 @@
-"""Offsets and exchanged sensors on simulated machines: how often they are found, and how often something that is not.
+"""Offset and exchanged sensors on simulated machines: how often they are found, and how many alarms are false.
 
 Sixteen varied machines, each twelve days under a shop's day and under random loads of single axes. False alarms: the
 gateway's own watch over all days, learning and telling as in service. Detection: a window that is wholly under the

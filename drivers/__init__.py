@@ -1,1 +1,1 @@
-"""How to talk to one device. Knows neither TALC nor the gateway: no retries, no schedules, no policy."""
+"""Drivers: how to read one device or control. They know neither TALC nor the gateway: no retries, no schedules."""

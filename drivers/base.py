@@ -1,4 +1,4 @@
-"""What every driver is: made (validates, no network), connect, read, close. The runner decides everything else."""
+"""The interface of drivers and buses: made (validates, no network), connect, read, close. Runners decide the rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Buses and devices from a configuration's fields. Making validates everything and never touches the network."""
+"""Makes buses and devices from a configuration's fields. This validates everything and never uses the network."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How devices tell a broken sensor: the rules a profile states, as data."""
+"""Rules of a profile that say how a device reports a broken sensor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What every numerical control is to the gateway. The NC's own units: mm and degrees; offsets in µm."""
+"""The interface of numerical controls. Units are those of the NC, mm and degrees; offsets are in µm."""
 
 import math
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Devices are data: profiles from `drivers/profiles/*.toml`, or a user's own file of the same form."""
+"""Loads device profiles: from `drivers/profiles/*.toml`, or from a user's own file of the same form."""
 
 import tomllib
 from collections.abc import Callable, Mapping

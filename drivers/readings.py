@@ -1,4 +1,4 @@
-"""Building one device's readings: same times and sequence for all channels of one read."""
+"""Builds one device's readings: same times and sequence for all channels of one read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Which profile a device fits, judged by what can be read from it. Reads only; nothing is ever written.
+"""Recognises which profile a device fits by what can be read from it. It never writes.
 
 Devices that hold type codes, or a register that identifies them, are recognised for certain; others by registers that
 must agree with each other. A device whose registers mean nothing by themselves stays unknown: better than a guess.

@@ -1,4 +1,4 @@
-"""Listening in on a bus: told of everything that passes its wire, in the order in which it passes."""
+"""The tap of a bus: receives everything that passes its wire, in order."""
 
 from collections import Counter
 from typing import Protocol

@@ -1,4 +1,4 @@
-"""Reading a TOML table strictly: every key is asked for with its type, and what nobody asked for is an error."""
+"""Reads a TOML table strictly: every key is read with its type, and an unread key is an error."""
 
 from collections.abc import Collection, Mapping
 from difflib import get_close_matches

@@ -1,4 +1,4 @@
-"""Time for the service: the computer's clocks, or a simulated clock handed in by the command line."""
+"""Clocks of the service: the computer's, or a simulated one that the command line passes in."""
 
 import asyncio
 from contextlib import AbstractContextManager, nullcontext

@@ -1,4 +1,4 @@
-"""Everything that a running gateway reports, as a closed union of values, and how it reaches those who take it."""
+"""Everything that a running gateway reports, as a closed union of events, and its distribution to receivers."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

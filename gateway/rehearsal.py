@@ -1,4 +1,4 @@
-"""A recording through a controller as if it were live, and what the report needs to show of it."""
+"""Runs a controller on a recording as if it were live, and collects what the report shows."""
 
 from collections.abc import Callable
 

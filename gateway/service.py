@@ -1,4 +1,4 @@
-"""The service: builds everything from one configuration, runs it until told to stop, and leaves nothing behind."""
+"""The service: builds everything from one configuration, runs it until it is stopped, and leaves nothing behind."""
 
 import asyncio
 import logging

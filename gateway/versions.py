@@ -1,4 +1,4 @@
-"""Versions of what matters for results, for the record."""
+"""Versions of the packages that results depend on, to be stored with them."""
 
 import platform
 from importlib.metadata import version

@@ -1,4 +1,4 @@
-"""What every study shares: runs keyed by their parameters, done once, in parallel, kept as one JSON file each."""
+"""The runs of a study: keyed by their parameters, done once, in parallel, kept as one JSON file each."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""A machine's days as the controller sees them, the controller's course over them, and naive peers beside it."""
+"""A machine's days as the controller sees them, the controller run over them, and naive peers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a study reports, as values; and one self-contained HTML page, CSV files and a Markdown table made of it."""
+"""A study's report as values, and the HTML page, CSV files and Markdown table made from it."""
 
 import csv
 import io

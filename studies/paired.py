@@ -1,4 +1,4 @@
-"""Differences between two ways over the same repetitions, with how sure their mean is."""
+"""Differences between two methods over the same repetitions, with the uncertainty of their mean."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What the study parameters found: the paper's findings, the policies at equal P99, the regression, other series."""
+"""Findings of the study parameters: the paper's, the policies at equal P99, the regression, other series."""
 
 from collections.abc import Callable
 

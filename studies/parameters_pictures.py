@@ -1,4 +1,4 @@
-"""Pictures of the study parameters: the paper's figures, with the policies and the regression on the same front."""
+"""Pictures of the study parameters: the paper's figures, with the policies and the regression."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""One set of parameters with its figures, and what is looked for among many of them."""
+"""One set of parameters with its figures, and the best among many."""
 
 from collections.abc import Mapping
 from typing import Any

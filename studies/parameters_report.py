@@ -1,4 +1,4 @@
-"""Report of the study parameters: the paper's figures and tables, the policies and the regression on the same front."""
+"""Report of the study parameters: the paper's figures and tables, with the policies and the regression."""
 
 from studies.frame import Run
 from studies.page import Report, Row, Section, Table, number

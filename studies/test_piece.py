@@ -1,4 +1,4 @@
-"""A test piece milled hour by hour on a machine that warms and cools, as in B19 section 4.
+"""A test piece milled hour by hour on a machine that warms up and cools down, as in B19 section 4.
 
 A day of calibration under changing loads, a night of rest, then 4 h of the C axis at 1200 1/min and 4 h of rest; each
 hour a set of features is milled. A feature's deviation is that of the tool against the workpiece when it is milled,

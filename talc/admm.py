@@ -1,4 +1,4 @@
-"""The papers' Group-LASSO solver, ADMM after Boyd et al. (2011, §6.4), as the reference to compare with.
+"""The papers' Group-LASSO solver, ADMM after Boyd et al. (2011, §6.4): the reference to compare with.
 
 Boyd's default stopping rule leaves a duality gap near 1 on thermal data; this one stops on the gap.
 """

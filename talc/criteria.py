@@ -1,4 +1,4 @@
-"""What a candidate model costs: the adapted BIC of Z22 beside AIC, BIC and MDL. The kernel's selectors use the same."""
+"""Criteria for candidate models: the adapted BIC of Z22, AIC, BIC and MDL. The kernel's selectors use the same."""
 
 import math
 from typing import Final, Literal

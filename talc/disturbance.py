@@ -1,4 +1,4 @@
-"""What a model leaves: probing noise, and a slow disturbance of unknown pole and drift. What a measurement is worth.
+"""The disturbance of a model: probing noise, and a slow part of unknown pole and drift that measurements follow.
 
 A day of training cannot tell a slow drift from none, and other days drift otherwise. So no single answer is kept, but a
 grid of candidates, each an AR(1) disturbance, weighted by their likelihoods, and anew by each later measurement

@@ -1,4 +1,4 @@
-"""What goes into the controller and what comes out: values, all frozen.
+"""The controller's inputs and outputs: frozen values.
 
 `controller.step(frame) -> decision`; `train(decision.training) -> models`; `controller.adopt(models)`.
 """

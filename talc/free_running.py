@@ -1,4 +1,4 @@
-"""One model at work: its state between measurements, and what it says of the present step."""
+"""One running model: its state between measurements, and its prediction for the present step."""
 
 from dataclasses import dataclass
 

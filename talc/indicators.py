@@ -1,4 +1,4 @@
-"""What a compensation is judged by (B19 eq. 1-7; Z22 Tables 3 and 4). NaN means not measured and is left out."""
+"""Indicators that judge a compensation (B19 eq. 1-7; Z22 Tables 3 and 4). NaN means not measured and is left out."""
 
 import numpy as np
 

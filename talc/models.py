@@ -1,4 +1,4 @@
-"""One thermal error's model, and the nine together: values that predict (Z22 eq. 1 and 2).
+"""The model of one thermal error, and the set of nine (Z22 eq. 1 and 2).
 
 In scaled units (z-scores of the training window, eq. 1) a model is
 

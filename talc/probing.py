@@ -1,4 +1,4 @@
-"""From the sphere's centres at several poses to the nine thermal errors, and back.
+"""Probing equations: from the sphere's centres at several poses to the nine thermal errors, and back.
 
 The sphere stands on the table at p0 = (R, 0, h) in the C frame. At pose (a, c) its centre moves, for small errors, by
 

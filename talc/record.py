@@ -1,4 +1,4 @@
-"""What the controller has seen: consecutive grid steps of inputs and measurements, growing."""
+"""The controller's record: consecutive grid steps of inputs and measurements, growing."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""From one error's rows to one model's parameters: the default route by output error, and the papers' by ARX."""
+"""From one error's rows to one model's parameters: by output error (default), or by ARX as in the papers."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Choice of poles, inputs and orders by what predicts rows that the fit has not seen. Deterministic.
+"""Chooses poles, inputs and orders by how well they predict rows that the fit has not seen. Deterministic.
 
 Each row of the record belongs to a block of consecutive rows. A candidate is fitted without one block after the other,
 and judged on that one: n ln(SSE / n) + ln(n) (poles + coefficients), a BIC on unseen residuals. The first block is

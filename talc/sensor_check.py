@@ -1,4 +1,4 @@
-"""Sensors against each other: has one been offset, or have two been exchanged, since they were learnt?
+"""The sensor check: has a sensor acquired an offset, or have two been exchanged, since they were learnt?
 
 Hypotheses about the last window, each against "nothing happened":
 

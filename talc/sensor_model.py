@@ -1,4 +1,4 @@
-"""How temperatures predict each other, and what such a prediction is worth on rows that it was not learnt from.
+"""Models of how temperatures predict each other, judged on rows from which they were not learnt.
 
 With P the inverse of their covariance (plus the sensors' own noise), an input's prediction from all others misses it by
 e_i = (P x)_i / P_ii, and a pair's from the rest by P_AA^-1 (P x)_A: every leave-one-out and leave-two-out ridge

@@ -1,4 +1,4 @@
-"""Every choice TALC leaves open, with the papers' defaults. ValueError names a field that cannot be."""
+"""Settings of TALC, with the papers' defaults. ValueError names an invalid field."""
 
 from dataclasses import dataclass, field
 from typing import Literal

@@ -1,4 +1,4 @@
-"""What selectors and estimators share: one error's training rows in scaled units, a structure, and its parameters."""
+"""Data that selectors and estimators share: one error's training rows in scaled units, a structure, its parameters."""
 
 from dataclasses import dataclass
 

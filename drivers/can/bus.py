@@ -1,4 +1,4 @@
-"""A CAN interface with devices that send by themselves: the latest frame of each identifier somebody wants.
+"""A CAN bus with devices that send by themselves: it keeps the latest frame of each subscribed identifier.
 
 One thread receives while connected; frames that nobody wants are dropped there.
 """

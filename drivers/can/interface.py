@@ -1,4 +1,4 @@
-"""Opening and closing a CAN interface with python-can, and saying what is wrong with it. All of it blocks.
+"""Opens and closes a CAN interface with python-can, and says what is wrong with it. All calls block.
 
 Its classes are taken in a form of our own: theirs wait by the wall clock, and two of them end at the first line or
 packet that is no frame, so a disturbed byte would cost the whole bus a period.

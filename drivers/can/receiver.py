@@ -1,4 +1,4 @@
-"""Receiving from a CAN interface of python-can without the wall clock.
+"""Receives from a CAN interface of python-can without using the wall clock.
 
 Its own `recv` and `Notifier` count with `time.time()`: on a silent bus, a clock set back by an hour made them wait an
 hour longer, so that closing took seconds and left a thread behind.

@@ -1,4 +1,4 @@
-"""Who is on a CAN bus: what is heard without asking, then the device type (object 1000) of every CANopen node.
+"""Survey of a CAN bus: the frames heard without a request, then the device type (object 1000) of every CANopen node.
 
 Blocks: use it in a thread of its own. It sends SDO upload requests only, and nothing at all while it listens.
 """

@@ -1,4 +1,4 @@
-"""A CAN interface with CANopen nodes. The canopen library blocks, so it lives in threads that this bus owns and joins.
+"""A CAN bus with CANopen nodes. The canopen library blocks, so it runs in threads that this bus owns and joins.
 
 Two threads while connected: one receives, one asks. Nothing of the library is touched from the event loop.
 """

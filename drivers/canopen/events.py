@@ -1,4 +1,4 @@
-"""What a CANopen node says unasked: boot-up, heartbeat, emergencies (CiA 301). Bounded, whatever the node sends."""
+"""Boot-up messages, heartbeats and emergencies of a CANopen node (CiA 301). Bounded, whatever the node sends."""
 
 import struct
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Frames on a CANopen bus: which of them the library gets, and the latest of those that nodes send by themselves."""
+"""Frames on a CANopen bus: the filter for the library, and the latest frames that nodes send by themselves."""
 
 from collections.abc import Collection
 from threading import Condition

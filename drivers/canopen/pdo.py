@@ -1,4 +1,4 @@
-"""Transmit PDOs: which objects of a node lie where in which frame (CiA 301, objects 1800.. and 1A00..)."""
+"""Transmit PDOs: where a node's objects are in which frame (CiA 301, objects 1800.. and 1A00..)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

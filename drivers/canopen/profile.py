@@ -1,4 +1,4 @@
-"""What a CiA 404 profile says: which objects hold the values, and each vendor's table of status bits."""
+"""CiA 404 profiles: the objects that hold the values, and each vendor's table of status bits."""
 
 from dataclasses import dataclass
 

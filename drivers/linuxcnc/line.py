@@ -1,4 +1,4 @@
-"""One connection to LinuxCNC's agent: lines of JSON, each signed with a key of this session. docs/nc.md, LinuxCNC."""
+"""One connection to LinuxCNC's agent: lines of JSON, each signed with the session's key. See docs/nc.md, LinuxCNC."""
 
 import asyncio
 import hmac

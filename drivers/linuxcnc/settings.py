@@ -1,4 +1,4 @@
-"""Where LinuxCNC's agent is and what it shares with us. No network."""
+"""Settings of the connection to LinuxCNC's agent: address and shared key. No network."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a profile of a displacement sensor says: payload form and scaling."""
+"""Profiles of displacement sensors: payload form and scaling."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Modbus RTU and TCP: one request, one answer, and never a late or foreign answer taken for ours.
+"""Modbus RTU and TCP: one request, one answer; a late answer or one of another device is never accepted.
 
 pymodbus makes and reads the messages and checksums. Its client is not used: after a timeout or a cancelled await it
 hands the late answer to the next RTU request, and one dead unit behind a gateway makes it close the connection that

@@ -1,4 +1,4 @@
-"""What a Modbus profile says: where a device's registers are, what they mean, how it reports a broken sensor."""
+"""Modbus profiles: where a device's registers are, what they mean, how it reports a broken sensor."""
 
 import struct
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Where an OPC UA server is and how it is spoken to: settings, certificates, ports. No network."""
+"""Settings of an OPC UA connection: address, certificates, ports. No network."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime

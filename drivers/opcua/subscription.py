@@ -1,4 +1,4 @@
-"""Values that an OPC UA server tells of by itself: one subscription, and whether it is alive."""
+"""One subscription to an OPC UA server: the reported values, and whether it is alive."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Where things are on a SINUMERIK control: node names, handshake parameters, compensation route. All replaceable."""
+"""Settings of a SINUMERIK control: node names, handshake parameters, compensation route. All can be replaced."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""SINUMERIK that follows its own position: K0, tanβ and P0 of each axis, and sag compensation tables across axes.
+"""SINUMERIK with slopes: K0, tanβ and P0 of each axis, and sag compensation tables across axes.
 
 ΔK = K0 + tanβ (P - P0) per axis (SD43900, SD43910, SD43920; Function Manual Extended Functions, K3, temperature
 compensation). What one axis needs because of another's position goes over sag compensation: a table that rises by 1 µm

@@ -1,1 +1,1 @@
-"""Reads every device of every bus once per period, and tells what is wrong with them."""
+"""Reads every device of every bus once per period, and reports problems."""

@@ -1,4 +1,4 @@
-"""Whether the devices of a bus answer within its period. One small object, without clock or sleep."""
+"""Detects a bus whose devices together take longer than its period. One small object, without clock or sleep."""
 
 from collections import deque
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Which problems are worth a message: each once when it begins and once when it ends, unless it comes and goes."""
+"""Which problems to report: each once when it begins and once when it ends, unless it is intermittent."""
 
 from collections import deque
 from dataclasses import dataclass, field

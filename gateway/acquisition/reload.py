@@ -1,4 +1,4 @@
-"""Another configuration while the gateway runs: checked as a whole, applied by its difference, or not at all."""
+"""Reload: a new configuration for a running gateway, checked as a whole, applied by its differences or not at all."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Reads every device once per period of its bus, for ever. A dead device never takes its neighbours' time for long."""
+"""Reads every device once per period of its bus. A dead device never takes its neighbours' time for long."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""Tells of a channel that goes stale at the moment it does: also while a read hangs and its runner can say nothing."""
+"""Reports a channel as stale as soon as it is, even while a read hangs and its runner cannot report."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""`talc-gateway`: its commands, and what their exit codes mean."""
+"""The commands of `talc-gateway`, and their exit codes."""
 
 import logging
 import sys

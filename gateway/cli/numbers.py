@@ -1,4 +1,4 @@
-"""How measured values are written for people."""
+"""Formats measured values for people."""
 
 
 def shown(value: float) -> str:

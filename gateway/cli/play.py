@@ -1,4 +1,4 @@
-"""`talc-gateway play`: a recording's devices on wires of this computer again, and a configuration that reads them."""
+"""`talc-gateway play`: puts a recording's devices on wires of this computer, with a configuration that reads them."""
 
 import asyncio
 import struct

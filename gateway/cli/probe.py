@@ -1,4 +1,4 @@
-"""`talc-gateway probe`: touch every device once and show what comes back."""
+"""`talc-gateway probe`: reads every device once and shows the result."""
 
 import asyncio
 import time

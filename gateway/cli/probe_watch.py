@@ -1,4 +1,4 @@
-"""`talc-gateway probe --watch`: the devices read over and over, as a table on a terminal or as lines elsewhere."""
+"""`talc-gateway probe --watch`: reads the devices repeatedly; a table on a terminal, lines elsewhere."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""`talc-gateway record`: the devices read as in `run`, and everything that passes the wires written down."""
+"""`talc-gateway record`: reads the devices as `run` does, and records everything that passes the wires."""
 
 import asyncio
 import logging

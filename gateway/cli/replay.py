@@ -1,4 +1,4 @@
-"""`talc-gateway replay`: of a store, to prove its decisions; of a user's recording, as if it were live."""
+"""`talc-gateway replay`: repeats the decisions of a database, or runs the controller on a user's recording."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""`talc-gateway report`: from a database, and in a simulation the truth, to a table and an HTML page."""
+"""`talc-gateway report`: makes a table and an HTML page from a database, and in a simulation from the truth."""
 
 import csv
 from pathlib import Path

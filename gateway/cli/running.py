@@ -1,4 +1,4 @@
-"""What `run` and `demo` share: store, telemetry and service around one configuration, until a signal."""
+"""What `run` and `demo` share: store, telemetry and service for one configuration, until a signal."""
 
 import asyncio
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""`talc-gateway scan`: what stands on a wire, as a table and as configuration text."""
+"""`talc-gateway scan`: finds the devices on a wire; prints a table and writes a configuration."""
 
 import asyncio
 import sys

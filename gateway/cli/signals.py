@@ -1,4 +1,4 @@
-"""How a command is asked to end."""
+"""Signals that end a command."""
 
 import asyncio
 import signal

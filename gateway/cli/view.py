@@ -1,4 +1,4 @@
-"""What a person sees of a running gateway, in the demo and in `watch` alike: decoded telemetry, drawn by rich."""
+"""The view of a running gateway in `demo` and `watch`: decoded telemetry, drawn with rich."""
 
 import threading
 from collections import deque

@@ -1,4 +1,4 @@
-"""Typed configuration of one gateway: one TOML file in, one frozen value out, clear messages when it cannot be."""
+"""Typed configuration of one gateway: one TOML file in, one frozen value out, clear messages when it is invalid."""
 
 from gateway.config.load import load, parse
 from gateway.config.model import Channel, GatewayConfig

@@ -1,4 +1,4 @@
-"""`[nc]`: where the numerical control is and how it is spoken to. One section per kind of control."""
+"""`[nc]`: the connection to the numerical control. One section per kind of control."""
 
 import stat
 from collections.abc import Iterable, Iterator, Mapping

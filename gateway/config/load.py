@@ -1,4 +1,4 @@
-"""From a file to a checked configuration."""
+"""Loads and checks a configuration file."""
 
 import tomllib
 from collections.abc import Mapping

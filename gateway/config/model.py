@@ -1,4 +1,4 @@
-"""The whole configuration as one frozen value."""
+"""The whole configuration of a gateway as one frozen value."""
 
 import json
 from collections.abc import Mapping

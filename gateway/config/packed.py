@@ -1,4 +1,4 @@
-"""The wires of a configuration with the user's own profiles in them: what a recording must hold to be played elsewhere.
+"""Packs the wires of a configuration with the user's own profiles, so that a recording can be played elsewhere.
 
 It is TOML as `wires_toml` gives it, and a table `[files]`: name of a file to its text. Profiles are named by these.
 """

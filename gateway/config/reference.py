@@ -1,4 +1,4 @@
-"""The reference of every key, from the sections themselves: `python -m gateway.config.reference` prints it."""
+"""The reference of every key, made from the sections: `python -m gateway.config.reference` prints it."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""What one field cannot know alone: names used twice, addresses shared, references to nothing."""
+"""Checks across fields: names used twice, addresses shared, references to nothing."""
 
 import re
 from collections import Counter

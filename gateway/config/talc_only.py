@@ -1,4 +1,4 @@
-"""The two sections that a recording needs: of a gateway's configuration, or of a file that holds nothing else."""
+"""The sections `[grid]` and `[talc]` for a recording, from a gateway's configuration or a file of their own."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The part of a configuration that says what is on which wire, as TOML: buses, devices, limits of channels."""
+"""The wires of a configuration as TOML: buses, devices, limits of channels."""
 
 import json
 from collections.abc import Mapping

@@ -1,1 +1,1 @@
-"""The grid loop around the pure controller, and what computes beside it."""
+"""The grid loop around the pure controller, training and the sensor check."""

@@ -1,4 +1,4 @@
-"""From readings at their own times to frames on the common grid. Pure: the service tells it the time."""
+"""Makes frames on the common grid from readings at their own times. Pure: time is an argument."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence

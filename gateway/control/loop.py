@@ -1,4 +1,4 @@
-"""The grid loop: once per step make a frame, let the controller decide, and see to what it wants."""
+"""The grid loop: once per step it makes a frame, lets the controller decide, and does what the decision wants."""
 
 import asyncio
 import logging

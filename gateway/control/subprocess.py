@@ -1,4 +1,4 @@
-"""Work in a process of its own: it computes for seconds, and the buses must keep their periods meanwhile.
+"""Runs work that computes for seconds in a process of its own, so that the buses keep their periods.
 
 The process gets the work on its standard input, answers on its standard output, and gives its memory back by ending.
 It runs at a lower priority than the gateway and ends at once when the gateway is gone.

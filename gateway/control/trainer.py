@@ -1,4 +1,4 @@
-"""Training apart from the gateway, and what stands for a training that failed."""
+"""Runs trainings outside the gateway's process, and makes an empty model set of one that failed."""
 
 from gateway.control.subprocess import apart
 from talc.frame import TrainingJob

@@ -1,1 +1,1 @@
-"""What goes to the numerical control: bounded, slewed, under a lease, read back."""
+"""The link to the numerical control: offsets are bounded, slewed, written under a lease and read back."""

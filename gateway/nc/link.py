@@ -1,4 +1,4 @@
-"""The gateway's side of the NC: keeps the connection, hands on its state, probes when asked, writes what is safe."""
+"""The link to the NC: keeps the connection, reports its state, probes on request, writes what is safe."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""Whether an axis that reports a speed also moves: a control whose values stand still looks healthy otherwise. Pure."""
+"""Detects axes that report a speed and do not move: the values of such a control are frozen. Pure."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""In which form offsets go to a control: a shift for here and now, or one that the control lets follow its position.
+"""The form in which offsets go to a control: a shift for the present position, or one that follows the position.
 
 Either is a matrix of coefficients (3, n), µm, rows X, Y, Z. The first column is the shift at the reference; the
 others are the most that each axis' position can add within its travel. So the sum of a row's magnitudes bounds the

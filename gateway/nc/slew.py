@@ -1,4 +1,4 @@
-"""From predicted errors to offsets that are safe to send: bounded, slewed, declared when nothing is known. Pure."""
+"""Makes safe offsets from predicted errors: bounded, slewed, and as configured when nothing is known. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Errors without a model, which are corrected by their last measurement: for how long that is believed."""
+"""Errors without a model are corrected by their last measurement: this says for how long."""
 
 from collections.abc import Sequence
 

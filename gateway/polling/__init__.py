@@ -1,4 +1,4 @@
-"""What every part that polls something outside the gateway needs: when to ask, when to ask again, what to report."""
+"""What the parts that poll share: when to ask, when to ask again after a failure, and what to report."""
 
 from gateway.polling.breaker import Breaker
 from gateway.polling.periodic import Periodic

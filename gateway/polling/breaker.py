@@ -1,4 +1,4 @@
-"""When to ask again something that did not answer. One small object on monotonic time, without tasks or sleep."""
+"""The breaker: when to ask again after a failure. One small object on monotonic time, without tasks or sleep."""
 
 
 class Breaker:

@@ -1,4 +1,4 @@
-"""Reports problems: each once when it begins and once when it ends, unless it comes and goes."""
+"""Reports problems: each once when it begins and once when it ends, unless it is intermittent."""
 
 import logging
 from collections import deque

@@ -1,1 +1,1 @@
-"""When to ask the control for a probing cycle, and what its result is worth."""
+"""Probing: when to request a cycle from the control, and whether to use its result."""

@@ -1,4 +1,4 @@
-"""Whether a probing cycle's result is to be believed. Pure but for the one result that waits to be confirmed.
+"""Checks whether a probing cycle's result is used. Pure but for the one result that waits for confirmation.
 
 In this order: do repeated touches agree, do the centres fit a rigid body that moved (a chip under one touch does not),
 does the result agree with what was expected. A surprise that is not absurd may be the machine's new truth: it must be

@@ -1,4 +1,4 @@
-"""One probing cycle from the wish to the nine errors: ask the NC, wait, check, solve."""
+"""One probing cycle from the request to the nine errors: ask the NC, wait, check, solve."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Runs probing cycles on one control and makes measurements of their results, or says why there is none."""
+"""Runs probing cycles on one control and makes measurements from their results, or says why there is none."""
 
 import logging
 import math

@@ -1,4 +1,4 @@
-"""When to ask for a measurement: between the controller's wish and the machine's day. Pure: time is an argument.
+"""When to request a wanted measurement, given what the machine does. Pure: time is an argument.
 
 The request itself is an offer: the control begins the cycle at its next safe point, between two operations, never in a
 cut. What is decided here is when to make the offer, so that probing costs as little of a program's time as it can.

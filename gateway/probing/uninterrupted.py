@@ -1,4 +1,4 @@
-"""Requests that are never cut in half."""
+"""Requests to the control that a cancelled task still completes."""
 
 import asyncio
 from collections.abc import Coroutine

@@ -1,4 +1,4 @@
-"""Cells of a recording: times and numbers, or what is wrong with them."""
+"""Parses the cells of a recording: times and numbers, or what is wrong with them."""
 
 import math
 from collections.abc import Callable, Sequence

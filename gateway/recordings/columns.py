@@ -1,4 +1,4 @@
-"""Which column is what: the time, thermal errors, inputs. A column that looks like an error never becomes an input."""
+"""Assigns the columns: time, thermal errors, inputs. A column that looks like an error never becomes an input."""
 
 import re
 from collections.abc import Mapping, Sequence

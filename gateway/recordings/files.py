@@ -1,4 +1,4 @@
-"""Tables in files, chunk by chunk: CSV in the ways that loggers and spreadsheets write it, and Parquet."""
+"""Reads tables chunk by chunk: CSV as loggers and spreadsheets write it, and Parquet."""
 
 import csv
 from collections.abc import Iterator, Sequence

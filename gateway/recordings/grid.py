@@ -1,4 +1,4 @@
-"""A user's own recording, CSV or Parquet, checked and put on the grid: time, input columns, error columns with gaps."""
+"""Checks a user's recording (CSV or Parquet) and puts it on the grid: time, inputs, errors with gaps."""
 
 import hashlib
 from collections.abc import Callable, Mapping

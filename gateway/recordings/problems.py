@@ -1,4 +1,4 @@
-"""What is wrong with a recording, collected and told."""
+"""Problems of a recording, collected into one error."""
 
 from collections.abc import Sequence
 from pathlib import Path

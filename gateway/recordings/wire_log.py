@@ -1,4 +1,4 @@
-"""What passed the wires, as text, one line each; `docs/wire-log.md` describes the form, version 1.
+"""The wire log: what passed the wires, one line of text each; `docs/wire-log.md` describes the form, version 1.
 
 CAN frames are lines of candump's log format, `(time) bus id#data R` or `T`; bytes of serial lines and TCP connections
 are `(time) bus > hex` (sent by the gateway) or `<`; `!` tells of the connection. Times are UTC seconds that never jump.

@@ -1,4 +1,4 @@
-"""All that a report shows, as arrays; whoever collects it decides where it comes from."""
+"""The data of a report, as arrays."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Figures of a run: per error without and with compensation, each with the basis it rests on."""
+"""Figures of a run: each error without and with compensation, and what each figure is based on."""
 
 from dataclasses import dataclass, replace
 

@@ -1,1 +1,1 @@
-"""Finding what stands on a wire, for a configuration that is still to be written. Reads only."""
+"""Finds the devices on a wire, to write a configuration. It only reads."""

@@ -1,4 +1,4 @@
-"""CAN buses: listen first, then ask every node by SDO for what it is."""
+"""Scans CAN buses: listens first, then asks every node by SDO for its identity."""
 
 import asyncio
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What a scan found: places and the devices on them."""
+"""The result of a scan: places and the devices on them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""From what a scan found to configuration text that validates: `[[bus]]` and `[[device]]` sections."""
+"""Makes valid configuration text from a scan's result: `[[bus]]` and `[[device]]` sections."""
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence

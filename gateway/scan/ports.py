@@ -1,4 +1,4 @@
-"""Where wires can be on this computer: serial ports by their lasting names, CAN interfaces of the kernel."""
+"""Lists serial ports by their permanent names, and the kernel's CAN interfaces."""
 
 import os
 from dataclasses import dataclass

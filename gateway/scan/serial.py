@@ -1,4 +1,4 @@
-"""Serial lines: units are asked one by one, at each speed and parity that is to be tried."""
+"""Scans serial lines: asks unit after unit, at each speed and parity to try."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

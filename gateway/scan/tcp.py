@@ -1,4 +1,4 @@
-"""Hosts that the user names: Modbus TCP units behind them, or a Micro-Epsilon controller's data port."""
+"""Scans hosts that the user names: Modbus TCP units behind them, or a Micro-Epsilon controller's data port."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

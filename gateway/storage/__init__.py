@@ -1,4 +1,4 @@
-"""The database of a gateway: what is written while it runs, and what is read of it."""
+"""The database of a gateway: writing while it runs, and reading."""
 
 from gateway.storage.history import History
 from gateway.storage.schema import StoreError

@@ -1,4 +1,4 @@
-"""Between values and the database's rows.
+"""Converts between values and the database's rows.
 
 Arrays are little-endian float64 blobs, models JSON whose floats round-trip: what is read is bit for bit what was
 written.

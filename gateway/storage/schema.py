@@ -1,4 +1,4 @@
-"""The database's file: its tables, how it is opened, and the lock that keeps a second gateway away."""
+"""The database file: its tables, how it is opened, and the lock that keeps a second gateway out."""
 
 import fcntl
 import os

@@ -1,4 +1,4 @@
-"""Everything that happened, in one SQLite file: bounded, safe against power cuts, exact enough to replay.
+"""The store: everything that happened, in one SQLite file; bounded, safe against power cuts, exact enough to replay.
 
 The journal is a write-ahead log, synchronised with the disk at every commit (gateway.storage.schema says why).
 Decisions and models are committed at once, because a decision that was acted upon must not be lost; readings are

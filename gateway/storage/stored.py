@@ -1,4 +1,4 @@
-"""What the database gives back, as values."""
+"""Values read from the database."""
 
 from dataclasses import dataclass
 from datetime import datetime

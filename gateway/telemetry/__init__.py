@@ -1,4 +1,4 @@
-"""What is published over Zenoh, and under which keys."""
+"""Telemetry: what is published over Zenoh, and under which keys."""
 
 from gateway.telemetry import keys
 from gateway.telemetry.compose import Composer

@@ -1,4 +1,4 @@
-"""From events to the messages that are published of them."""
+"""Makes the published messages from events."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What is published, as types: one class per kind of key, and its JSON in UTF-8.
+"""Types of the published messages: one class per kind of key, and its JSON in UTF-8.
 
 A number that does not exist is null. Changes are compatible ones: fields are added, and texts to those that a field
 lists as examples. Readers ignore fields that they do not know. The JSON Schemas in docs/telemetry are made from these

@@ -1,4 +1,4 @@
-"""Publishes everything over Zenoh, from a thread of its own: the control loop never waits for the network."""
+"""Publishes everything over Zenoh from a thread of its own, so that the control loop never waits for the network."""
 
 import asyncio
 import json

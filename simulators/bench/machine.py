@@ -1,4 +1,4 @@
-"""The machine on the bench: plant, load case and control joined on one clock, seen by the devices' wires."""
+"""The machine on the bench: plant, load case and control on one clock, as the devices' wires see them."""
 
 import csv
 from collections.abc import Callable, Sequence

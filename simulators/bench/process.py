@@ -1,4 +1,4 @@
-"""The emulated machine as a process of its own: starts everything, says where it is, ends when its starter is gone."""
+"""The emulated machine as a process: starts everything, prints the addresses, ends when its starter is gone."""
 
 import asyncio
 import json

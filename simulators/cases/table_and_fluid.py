@@ -1,4 +1,4 @@
-"""Load cases A to D of B19's kind: the C axis turns, cutting fluid comes and goes."""
+"""Load cases A to D after B19: the C axis turns, and cutting fluid is switched on and off."""
 
 from collections.abc import Callable
 from itertools import cycle

@@ -1,1 +1,1 @@
-"""Emulated devices, faithful on the wire. Each takes physical values from a function and knows no plant."""
+"""Emulated devices that behave like real ones on the wire. Each takes physical values from a function."""

@@ -1,4 +1,4 @@
-"""The device's end of TCP: one port on loopback, and who is connected to it."""
+"""The device's end of TCP: one loopback port and its clients."""
 
 import asyncio
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Where emulated Modbus units stand: on one serial line, or behind one TCP port."""
+"""Servers for emulated Modbus units: on one serial line, or behind one TCP port."""
 
 import struct
 from collections.abc import Mapping

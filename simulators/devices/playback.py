@@ -1,4 +1,4 @@
-"""Recorded devices on their wires again: a pseudo-terminal, a TCP port, an slcan adapter, a multicast group."""
+"""Plays recorded devices on wires: a pseudo-terminal, a TCP port, an slcan adapter, a multicast group."""
 
 import asyncio
 from collections import Counter

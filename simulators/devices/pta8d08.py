@@ -1,4 +1,4 @@
-"""An emulated Eletechsup PTA8D08 (eight Pt100 inputs), which does not notice broken sensors."""
+"""An emulated Eletechsup PTA8D08 (eight Pt100 inputs), which does not detect broken sensors."""
 
 from collections.abc import Mapping
 

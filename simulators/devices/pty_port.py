@@ -1,4 +1,4 @@
-"""The device's end of a serial line: a pseudo-terminal in raw mode, watched by the event loop."""
+"""The device's end of a serial line: a pseudo-terminal in raw mode, read by the event loop."""
 
 import asyncio
 import fcntl

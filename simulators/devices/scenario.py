@@ -1,4 +1,4 @@
-"""What an emulated device measures and suffers over time, told by a scenario instead of a plant.
+"""A scenario: what an emulated device measures and which faults it has over time.
 
 A scenario is TOML: `[[at]]` tables in the order of time, each with `s` and some of
 

@@ -1,4 +1,4 @@
-"""What a recorded device said: its answers to each request, and what it sent unasked. No wire, no clock.
+"""A recorded device's answers to each request, and what it sent without one. No wire, no clock.
 
 A request that is made again gets the next of its recorded answers; after the last one the first comes again.
 """

@@ -1,4 +1,4 @@
-"""What drives an emulated device: a value source, and the faults somebody wants to see."""
+"""What drives an emulated device: a value source and its faults."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Faults of the wire: what becomes of an answer on its way."""
+"""Faults of the wire: how answers are changed on their way."""
 
 import asyncio
 from collections.abc import Callable, Collection, Sequence

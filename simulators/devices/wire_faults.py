@@ -1,4 +1,4 @@
-"""Faults of an emulated device's wire that a scenario switches on and off: late, spoilt, cut and refusing answers.
+"""Wire faults that a scenario switches on and off: late, corrupted, truncated and refused answers.
 
 What each kind of wire can suffer is its Framing. TCP and CAN have checksums of their own below us: there is no `crc`.
 """

@@ -1,4 +1,4 @@
-"""Where the sphere on the table is for given thermal errors. The standard library alone: LinuxCNC's Python runs it."""
+"""Position of the sphere on the table for given thermal errors. Standard library only: LinuxCNC's Python runs it."""
 
 import math
 from collections.abc import Sequence

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The person at LinuxCNC: started by it as its screen, does what standard input asks, answers on standard output.
+"""The operator of LinuxCNC, started by it as its screen: commands on standard input, answers on standard output.
 
 One JSON object per line. Runs under the system's Python, which has LinuxCNC's modules; its end shuts LinuxCNC down.
 """

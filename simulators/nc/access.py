@@ -1,4 +1,4 @@
-"""Who may do what on the emulated control: users with rights, and certificates that are trusted."""
+"""Access to the emulated control: users with rights, and trusted certificates."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

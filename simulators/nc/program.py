@@ -1,4 +1,4 @@
-"""The machine's day as a pure function of time: a seeded sequence of operations with mean speeds.
+"""The machine's program as a pure function of time: a seeded sequence of operations with mean speeds.
 
 Z22 loads the machine with random load cases of five minutes; B19 varies C axis speed and cutting fluid in longer
 blocks, with standstill between. A load case here mixes both. It is indexed by the clock, not by parts made: what

@@ -1,4 +1,4 @@
-"""Subscriptions of the emulated control: its values are computed when read, so somebody must look for changes."""
+"""Subscriptions of the emulated control: values are computed when read, so this sampler looks for changes."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""The control's variables under their OPC UA names: which value is where, who may write it. Knows no protocol.
+"""The control's variables under their OPC UA names, and the rights to write them. Knows no protocol.
 
 Names as in the SINUMERIK Access MyMachine / OPC UA manual: R-parameters `/Channel/Parameter/R[u1,10]`, machine axes
 `/Channel/MachineAxis/...[u1,axis]`, setting data `/NC/_N_AX_SEA_ACX/$SA_...[u<axis>]`, PLC bits `/Plc/M120.0`.

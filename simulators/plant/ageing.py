@@ -1,4 +1,4 @@
-"""What changes over days and weeks, and sensors that fail. Every draw is fixed by the seed and the hour alone."""
+"""Drift over days and weeks, and failing sensors. Every draw depends only on the seed and the hour."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""One body's heat conduction as matrices: whole (finite elements) or reduced by a congruence, in the same form."""
+"""One body's heat conduction as matrices: full (finite elements) or reduced by a congruence, in the same form."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the machine does: speeds and switches, and the heat and films that follow."""
+"""Drives of the machine: speeds and switches, and the resulting heat and films."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Quasi-static elasticity of the bodies joined by springs: what temperatures do to the nine errors (scikit-fem)."""
+"""Quasi-static elasticity of the bodies joined by springs: the nine errors caused by temperatures (scikit-fem)."""
 
 from collections.abc import Mapping
 

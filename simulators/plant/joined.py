@@ -1,4 +1,4 @@
-"""Bodies and lumped parts joined to one heat network by the table `machine.toml`; whole or reduced bodies alike."""
+"""Joins bodies and lumped parts to one heat network by the table `machine.toml`; for full and reduced bodies."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The machine in its hall: stepped by an argument, read like an instrument."""
+"""The machine in its hall: stepped by time, read like an instrument."""
 
 import math
 from collections.abc import Sequence

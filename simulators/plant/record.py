@@ -1,4 +1,4 @@
-"""Series of inputs and errors without wires, for studies and numerics."""
+"""Records series of inputs and errors without wires, for studies and numerics."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

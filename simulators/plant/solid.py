@@ -1,4 +1,4 @@
-"""Finite elements of the machine's bodies: heat conduction, each for itself (scikit-fem)."""
+"""Finite elements of the machine's bodies: heat conduction, each body by itself (scikit-fem)."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The gateway's hand at LinuxCNC: tells the control's state, asks for probing cycles, hands offsets on to HAL.
+"""The gateway's agent on LinuxCNC: reports the control's state, requests probing cycles, passes offsets to HAL.
 
 A HAL component named talc, started by talc_agent.hal under the system's Python. The watchdog over the gateway's
 heartbeat is not here but in real time, in that file: an agent that is killed beats no more.

@@ -1,4 +1,4 @@
-"""One probing request at a time: waits for a safe point of the part program, or starts the cycle where that is allowed.
+"""Handles one probing request at a time: waits for the part program's safe point, or starts the cycle where allowed.
 
 Times are arguments. The pins are the handshake with talc_safe_point.ngc, see talc_agent.hal.
 """
