@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
 
 from drivers.base import Quality
-from drivers.toml_table import Table
+from drivers.section import Section, wrong
 
-_FAULT_QUALITIES = {Quality.SENSOR_FAULT.value, Quality.OUT_OF_RANGE.value}
+_MOST = 0xFFFFFFFFFFFFFFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,28 +21,61 @@ class Fault:
     detail: str
 
 
-@dataclass(frozen=True, slots=True)
-class CodeRule:
+class FaultText(Section):
+    """What a table of a profile says of a fault."""
+
+    quality: Literal["sensor_fault", "out_of_range"]
+    """Quality of the reading."""
+    detail: str
+    """Why, in words for a person."""
+
+    @property
+    def fault(self) -> Fault:
+        return Fault(Quality(self.quality), self.detail)
+
+
+class CodeRule(FaultText):
     """A raw number means a fault when `number & mask == equals`."""
 
-    mask: int
-    equals: int
-    fault: Fault
+    bit: int | None = Field(default=None, ge=0)
+    """Short for mask and equals of that one bit."""
+    mask: int | None = Field(default=None, ge=1, le=_MOST)
+    """None: every bit counts."""
+    equals: int | None = Field(default=None, ge=0, le=_MOST)
+    """The number."""
+
+    @model_validator(mode="after")
+    def _said_once(self) -> Self:
+        if self.bit is None and self.equals is None:
+            raise wrong("missing; give it, or bit", "equals")
+        if self.bit is not None and not self.mask is self.equals is None:
+            raise wrong(f"{self.bit}: it stands for mask and equals, leave these out", "bit")
+        return self
 
     def matches(self, number: int) -> bool:
-        return number & self.mask == self.equals
+        """Whether the number means the fault."""
+        if self.bit is not None:
+            return bool(number >> self.bit & 1)
+        return number & (-1 if self.mask is None else self.mask) == self.equals
 
 
-@dataclass(frozen=True, slots=True)
-class RangeRule:
-    """A raw number means a fault from `low` to `high`, both included."""
+class RangeRule(FaultText):
+    """A raw number means a fault from `low` to `high`, both included; without one there is no bound on that side."""
 
-    low: float
-    high: float
-    fault: Fault
+    low: int | float | None = None
+    """Lowest number."""
+    high: int | float | None = None
+    """Highest number."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise wrong(f"{self.low:g} is above high = {self.high:g}", "low")
+        return self
 
     def matches(self, number: float) -> bool:
-        return self.low <= number <= self.high
+        """Whether the number means the fault."""
+        return (-inf if self.low is None else self.low) <= number <= (inf if self.high is None else self.high)
 
 
 def first_fault(rules: Sequence[CodeRule], number: int) -> Fault | None:
@@ -47,45 +83,18 @@ def first_fault(rules: Sequence[CodeRule], number: int) -> Fault | None:
     return next((rule.fault for rule in rules if rule.matches(number)), None)
 
 
-def code_rule(table: Table, within: int = 0xFFFFFFFF) -> CodeRule:
-    """Read `{mask, equals, quality, detail}`; `bit = n` is short for mask and equals of that one bit.
+def check_code(rule: CodeRule, within: int, *at: str | int) -> None:
+    """For validators: raises the error of a rule that could never match.
 
-    within: the bits that a number can have; SetupError for a rule that could never match
+    within: the bits that a number can have
+    at: where the rule stands
     """
-    if table.has("bit"):
-        bit = table.integer("bit", low=0, high=within.bit_length() - 1)
-        mask = equals = 1 << bit
-        if not within & mask:
-            raise table.error("bit", f"{bit} is never set; only bits within 0x{within:X} are looked at")
-    else:
-        mask = table.integer("mask", within, low=1, high=0xFFFFFFFFFFFFFFFF)
-        equals = table.integer("equals", low=0, high=0xFFFFFFFFFFFFFFFF)
-        if equals & ~(mask & within):
-            raise table.error("equals", f"0x{equals:X} never comes; only bits within 0x{mask & within:X} are looked at")
-    rule = CodeRule(mask, equals, fault(table))
-    table.finish()
-    return rule
-
-
-def range_rule(table: Table, least: int | None, most: int | None) -> RangeRule:
-    """Read `{low, high, quality, detail}`; one of the two may be left out, and there is no bound on that side then.
-
-    least, most: between them lie the whole numbers that can come; None: any real number can. SetupError for a rule
-    that could never match, or always would
-    """
-    if least is None or most is None:
-        low, high = table.number("low", -inf), table.number("high", inf)
-    else:
-        low, high = table.integer("low", least, low=least, high=most), table.integer("high", most, low=least, high=most)
-        if (low, high) == (least, most):
-            raise table.error("low", f"{least} to {most} are all the numbers there are")
-    if low > high:
-        raise table.error("low", f"{low:g} is above high = {high:g}")
-    rule = RangeRule(low, high, fault(table))
-    table.finish()
-    return rule
-
-
-def fault(table: Table) -> Fault:
-    """Read the keys `quality` and `detail`."""
-    return Fault(Quality(table.text("quality", choices=_FAULT_QUALITIES)), table.text("detail"))
+    if rule.bit is not None:
+        if rule.bit >= within.bit_length():
+            raise wrong(f"{rule.bit}: expected at most {within.bit_length() - 1}", *at, "bit")
+        if not within >> rule.bit & 1:
+            raise wrong(f"{rule.bit} is never set; only bits within 0x{within:X} are looked at", *at, "bit")
+    looked_at = within if rule.mask is None else rule.mask & within
+    if rule.equals is not None and rule.equals & ~looked_at:
+        what = f"0x{rule.equals:X} never comes; only bits within 0x{looked_at:X} are looked at"
+        raise wrong(what, *at, "equals")

@@ -73,7 +73,8 @@ def problems_of(
 
     place: gives a field's place for a person, from its location in the data
     """
-    details = error.errors(include_url=False)
+    # A default that rests on a wrong field is no mistake of its own.
+    details = [d for d in error.errors(include_url=False) if d["type"] != "default_factory_not_called"]
     meant = {(*d["loc"][:-1], name) for d in details if d["type"] == "missing" if (name := _misspelt(d, details))}
     found: dict[str, Problem] = {}
     for detail in details:
@@ -111,7 +112,8 @@ def _problem(
     location = _without_tags(detail["loc"], data)
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
     if kind == WRONG:
-        return Problem(place((*location, *context["at"]), data), str(context["what"]))
+        at = _without_tags((*detail["loc"], *context["at"]), data)
+        return Problem(place(at, data), str(context["what"]))
     where = place(location, data)
     key = str(location[-1]) if location else ""
     match kind:
@@ -214,7 +216,8 @@ def _annotations(root: object, location: Location) -> Iterator[object]:
                 following.append(get_args(member)[0])
             elif get_origin(member) is Mapping:
                 following.append(get_args(member)[1])
-        types = following
+        if following or not isinstance(part, str):  # else it is the tag of a union, which the file does not have
+            types = following
     yield from (m for t in types for m in _members(t))
 
 

@@ -1,32 +1,27 @@
 """Loads device profiles: from `drivers/profiles/*.toml`, or from a user's own file of the same form."""
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
 from drivers.base import SetupError
-from drivers.can.dbc import DBC_ENCODING, CanDbcProfile, can_dbc_profile, dbc_path
-from drivers.canopen.profile import Cia404Profile, cia404_profile
-from drivers.micro_epsilon.profile import (
-    MeEthernetProfile,
-    MeRs485Profile,
-    me_ethernet_profile,
-    me_rs485_profile,
-)
-from drivers.modbus.profile import ModbusProfile, modbus_profile
-from drivers.toml_table import Table
+from drivers.can.dbc import DBC_ENCODING, CanDbcProfile
+from drivers.canopen.profile import Cia404Profile
+from drivers.micro_epsilon.profile import MeEthernetProfile, MeRs485Profile
+from drivers.modbus.profile import ModbusProfile
+from drivers.problems import read_settings, shown, suggestion
 
 Profile = ModbusProfile | Cia404Profile | CanDbcProfile | MeRs485Profile | MeEthernetProfile
 
-_READERS: Mapping[str, Callable[[str, Table], Profile]] = {
-    "modbus": modbus_profile,
-    "cia404": cia404_profile,
-    "can_dbc": can_dbc_profile,
-    "me_rs485": me_rs485_profile,
-    "me_ethernet": me_ethernet_profile,
+_PROTOCOLS: Mapping[object, type[Profile]] = {
+    "modbus": ModbusProfile,
+    "cia404": Cia404Profile,
+    "can_dbc": CanDbcProfile,
+    "me_rs485": MeRs485Profile,
+    "me_ethernet": MeEthernetProfile,
 }
 _SUPPLIED = files("drivers") / "profiles"
 
@@ -42,13 +37,13 @@ def load_profile(name: str) -> Profile:
     Raises SetupError naming file, field and value, or listing the profiles that exist.
     """
     if is_users(name):
-        return _parse(Path(name).stem, _users_table(name))
+        return _parse(Path(name).stem, _text(name), file=name)
     if name not in profile_names():
         raise SetupError(
             f"profile {name!r} does not exist",
             hint=f"there are {', '.join(profile_names())}, or give a path to a .toml file",
         )
-    return _parse(name, _table((_SUPPLIED / f"{name}.toml").read_text(encoding="utf-8"), file=f"{name}.toml"))
+    return _parse(name, (_SUPPLIED / f"{name}.toml").read_text(encoding="utf-8"), file=f"{name}.toml")
 
 
 def is_users(name: str) -> bool:
@@ -69,10 +64,10 @@ class UserProfile:
 
 def user_profile(name: str) -> UserProfile:
     """What the user's profile in that file holds now, with the DBC file that it names. Raises SetupError."""
-    path, table = Path(name), _users_table(name)
+    profile = load_profile(name)
     try:
-        own = path.read_bytes()
-        named = dbc_path(table).read_bytes() if table.text("protocol", choices=_READERS) == "can_dbc" else None
+        own = Path(name).read_bytes()
+        named = profile.dbc.read_bytes() if isinstance(profile, CanDbcProfile) else None
         text = _one_line_end(own.decode("utf-8"))
         dbc = None if named is None else _one_line_end(named.decode(DBC_ENCODING))
     except (OSError, UnicodeDecodeError) as error:
@@ -86,20 +81,21 @@ def _one_line_end(text: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _users_table(name: str) -> Table:
+def _text(name: str) -> str:
     try:
-        text = Path(name).read_text(encoding="utf-8")
+        return Path(name).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SetupError(f"profile {name}: cannot be read: {error}", hint="give the path of a TOML file") from error
-    return _table(text, file=name)
 
 
-def _table(text: str, *, file: str) -> Table:
+def _parse(name: str, text: str, *, file: str) -> Profile:
     try:
-        return Table(tomllib.loads(text), file=file)
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SetupError(f"{file}: is not TOML: {error}") from error
-
-
-def _parse(name: str, table: Table) -> Profile:
-    return _READERS[table.text("protocol", choices=_READERS)](name, table)
+    protocol = data.get("protocol", "")
+    if not isinstance(protocol, str) or protocol not in _PROTOCOLS:
+        possible = suggestion(str(protocol), map(str, _PROTOCOLS))
+        found = f"{shown(protocol)} is not possible" if protocol else "missing"
+        raise SetupError(f"{file}: protocol: {found}; {possible}")
+    return read_settings(_PROTOCOLS[protocol], data, {"name": name, "folder": Path(file).parent}, file=file)

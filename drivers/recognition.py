@@ -13,7 +13,8 @@ from drivers.canopen.profile import Cia404Profile
 from drivers.micro_epsilon.ethernet import MeEthernetBus
 from drivers.micro_epsilon.rs485 import MeRs485Bus, decode_counted, decode_float
 from drivers.modbus.bus import ModbusBus
-from drivers.modbus.profile import Block, ModbusProfile, NumberFormat
+from drivers.modbus.numbers import Block, NumberFormat
+from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import load_profile, profile_names
 
 _PROPOSED_RANGE_UM = 500.0

@@ -3,18 +3,20 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import cantools
 from cantools.database.can import Database, Message, Signal
 from cantools.database.errors import Error as DbcError
+from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from drivers.base import Clock, Quality, Reading
 from drivers.can.bus import CanBus, FrameId
-from drivers.faults import CodeRule, Fault, RangeRule, code_rule, range_rule
+from drivers.faults import CodeRule, Fault, RangeRule, check_code
+from drivers.problems import suggestion
+from drivers.profile import DeviceProfile
 from drivers.readings import ReadingMaker
-from drivers.toml_table import Table
+from drivers.section import FilePath, Section, wrong
 
 DBC_ENCODING = "cp1252"
 
@@ -59,73 +61,93 @@ class DbcSignal:
         return value
 
 
-@dataclass(frozen=True, slots=True)
-class CanDbcProfile:
-    """A device whose signals a DBC file names."""
+def _form(rule: object) -> str:
+    return "range" if isinstance(rule, dict) and ("low" in rule or "high" in rule) else "code"
 
+
+Rule = Annotated[Annotated[CodeRule, Tag("code")] | Annotated[RangeRule, Tag("range")], Discriminator(_form)]
+"""A range has low or high."""
+
+
+class SignalEntry(Section):
+    """Which signal a channel is."""
+
+    message: str
+    """Name of its message in the DBC file."""
     name: str
-    title: str
-    unit: str
-    confirm: tuple[str, ...]
-    signals: tuple[DbcSignal, ...]
+    """Its own name there."""
+    invalid: tuple[Rule, ...] = ()
+    """Raw numbers that mean a fault, the most telling first."""
+
+
+class CanDbcProfile(DeviceProfile):
+    """A device with signals that a DBC file names."""
+
+    buses: ClassVar[tuple[str, ...]] = ("can",)
+
+    protocol: Literal["can_dbc"]
+    """`can_dbc`."""
+    dbc: FilePath
+    """The DBC file; a relative path starts at the profile's folder."""
+    entries: tuple[SignalEntry, ...] = Field(alias="signal", min_length=1)
+    _signals: tuple[DbcSignal, ...] = PrivateAttr(default=())
+
+    @model_validator(mode="after")
+    def _found(self) -> Self:
+        messages = {message.name: message for message in self._database().messages}
+        self._signals = tuple(_signal(entry, messages, "signal", i) for i, entry in enumerate(self.entries))
+        return self
+
+    def _database(self) -> Database:
+        try:
+            database = cantools.database.load_file(self.dbc, database_format="dbc", encoding=DBC_ENCODING)
+        except (OSError, DbcError, ValueError) as error:
+            raise wrong(f"{self.dbc} cannot be read: {error}", "dbc") from error
+        if not isinstance(database, Database):
+            raise wrong(f"{self.dbc} describes no CAN messages", "dbc")
+        return database
+
+    @property
+    def signals(self) -> tuple[DbcSignal, ...]:
+        """One a channel."""
+        return self._signals
 
     @property
     def channels(self) -> int:
-        return len(self.signals)
-
-    @property
-    def buses(self) -> tuple[str, ...]:
-        return ("can",)
+        return len(self.entries)
 
 
-def dbc_path(table: Table) -> Path:
-    """The DBC file's path counts from the profile's. Raises SetupError."""
-    return Path(table.file).parent / table.text("dbc")
-
-
-def can_dbc_profile(name: str, table: Table) -> CanDbcProfile:
-    """Read a profile of `protocol = "can_dbc"`. Raises SetupError."""
-    path = dbc_path(table)
-    try:
-        database = cantools.database.load_file(path, database_format="dbc", encoding=DBC_ENCODING)
-    except (OSError, DbcError, ValueError) as error:
-        raise table.error("dbc", f"{path} cannot be read: {error}") from error
-    if not isinstance(database, Database):
-        raise table.error("dbc", f"{path} describes no CAN messages")
-    messages = {message.name: message for message in database.messages}
-    profile = CanDbcProfile(
-        name=name,
-        title=table.text("title"),
-        unit=table.text("unit"),
-        confirm=table.texts("confirm", ()),
-        signals=tuple(_signal(entry, messages) for entry in table.tables("signal")),
-    )
-    if not profile.signals:
-        raise table.error("signal", "at least one [[signal]] is needed")
-    table.finish()
-    return profile
-
-
-def _signal(table: Table, messages: Mapping[str, Message]) -> DbcSignal:
-    message = messages[table.text("message", choices=messages)]
+def _signal(entry: SignalEntry, messages: Mapping[str, Message], *at: str | int) -> DbcSignal:
+    message = messages.get(entry.message)
+    if message is None:
+        raise wrong(f"unknown message {entry.message!r}; {suggestion(entry.message, messages)}", *at, "message")
     if message.is_multiplexed() or message.is_container:
-        raise table.error("message", f"{message.name} is multiplexed or a container, which is not supported")
+        raise wrong(f"{message.name} is multiplexed or a container, which is not supported", *at, "message")
     signals = {signal.name: signal for signal in message.signals}
-    signal = signals[table.text("name", choices=signals)]
-    rules = tuple(_rule(entry, signal) for entry in table.tables("invalid"))
-    table.finish()
-    return DbcSignal(message, signal, rules)
+    signal = signals.get(entry.name)
+    if signal is None:
+        raise wrong(f"unknown signal {entry.name!r}; {suggestion(entry.name, signals)}", *at, "name")
+    for number, rule in enumerate(entry.invalid):
+        _check_rule(rule, signal, *at, "invalid", number)
+    return DbcSignal(message, signal, entry.invalid)
 
 
-def _rule(table: Table, signal: Signal) -> CodeRule | RangeRule:
-    if not (table.has("low") or table.has("high")):
+def _check_rule(rule: CodeRule | RangeRule, signal: Signal, *at: str | int) -> None:
+    """Raises the error of a rule that could never match, or always would."""
+    if isinstance(rule, CodeRule):
         if signal.is_float:
-            raise table.error("mask", f"{signal.name} is a real number and has no bits to look at; state low or high")
-        return code_rule(table, _bits(signal))
-    if signal.is_float:
-        return range_rule(table, None, None)
-    least = -(1 << signal.length - 1) if signal.is_signed else 0
-    return range_rule(table, least, least + _bits(signal))
+            raise wrong(f"{signal.name} is a real number and has no bits to look at; state low or high", *at, "mask")
+        check_code(rule, _bits(signal), *at)
+    elif not signal.is_float:
+        least = -(1 << signal.length - 1) if signal.is_signed else 0
+        most = least + _bits(signal)
+        for name, bound in (("low", rule.low), ("high", rule.high)):
+            if bound is not None and not isinstance(bound, int):
+                raise wrong(f"{bound}: expected a whole number", *at, name)
+            if bound is not None and not least <= bound <= most:
+                raise wrong(f"{bound}: expected {least} to {most}", *at, name)
+        if rule.low in (None, least) and rule.high in (None, most):
+            raise wrong(f"{least} to {most} are all the numbers there are", *at, "low")
 
 
 def _bits(signal: Signal) -> int:

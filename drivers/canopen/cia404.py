@@ -8,7 +8,7 @@ from drivers.base import BadAnswer, Clock, DriverError, Quality, Reading, Refuse
 from drivers.canopen.bus import CanObject, CanOpenBus
 from drivers.canopen.events import HeartbeatWatch
 from drivers.canopen.pdo import COMMUNICATION, EVERY_SYNC, MAPPING, ON_EVENTS, TPDOS, PdoMap, pdo_map
-from drivers.canopen.profile import Cia404Profile, Scaling
+from drivers.canopen.profile import STATUS_BITS, Cia404Profile, Scaling
 from drivers.canopen.settings import Cia404Options
 from drivers.faults import Fault, first_fault
 from drivers.readings import ReadingMaker
@@ -44,7 +44,7 @@ class Cia404Device:
     ) -> None:
         self._device, self._bus, self._profile, self._node = device, bus, profile, node
         self._channels = dict(channels)
-        self._rules = profile.vendors[options.vendor]
+        self._rules = profile.vendors[options.vendor].status
         self._maker = ReadingMaker(profile.unit, clock)
         self._scales: dict[int, Scaling] = {}
         self._boots = 0
@@ -152,7 +152,7 @@ class Cia404Device:
                 channel,
                 f"set object 6131:{number + 1:02X} to 0x{self._profile.unit_code:08X}",
             )
-        return Scaling(10.0 ** -int.from_bytes(digits[:1], "little", signed=True))
+        return Scaling(scale=10.0 ** -int.from_bytes(digits[:1], "little", signed=True))
 
     async def _heartbeat_limit_s(self) -> float:
         """Consumer time, s; 0: no heartbeat is expected. Raises WrongDevice when the node cannot keep it."""
@@ -247,7 +247,7 @@ class Cia404Device:
     def _value(self, channel: str, number: int, value: bytes, status: int) -> float | Fault:
         if status:
             unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{status:02X}, which the profile does not explain")
-            fault = first_fault(self._rules, status) or unknown
+            fault = first_fault(self._rules, status & STATUS_BITS) or unknown
             emergency = self._bus.events(self._node).emergency
             return fault if emergency is None else Fault(fault.quality, f"{fault.detail}; the node reports {emergency}")
         if len(value) < (size := self._profile.value_bytes):

@@ -1,95 +1,121 @@
 """CiA 404 profiles: the objects that hold the values, and each vendor's table of status bits."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from functools import cached_property
+from typing import ClassVar, Final, Literal, Self
 
-from drivers.faults import CodeRule, code_rule
-from drivers.toml_table import Table
+from pydantic import Field, model_validator
 
-_FIELD_VALUES = (0x7100, 0x9100)
-_STATUS_BITS = 0xFF
+from drivers.faults import CodeRule, check_code
+from drivers.profile import DeviceProfile
+from drivers.section import Section, wrong
+
+_FIELD_VALUES = ("7100", "9100")
+STATUS_BITS: Final = 0xFF
 """Object 6150 is an UNSIGNED8."""
 
 
-@dataclass(frozen=True, slots=True)
-class Scaling:
+class Scaling(Section):
     """Value = raw * scale + offset."""
 
     scale: float
     offset: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Cia404Profile:
+class ValueObject(Section):
+    """Where the values are."""
+
+    object: Literal["7100", "7130", "9100", "9130"]
+    """Object that is read: the process value 7130 (int16) or 9130 (int32), or the field value 7100 or 9100."""
+    scale: float | None = None
+    """Of a field value, which is what the converter sends: no object of the node says what it means, so the profile
+    does. The node itself states digits and unit of its process value."""
+    offset: float | None = None
+    """See scale; None: 0."""
+
+    @model_validator(mode="after")
+    def _scaled_once(self) -> Self:
+        if self.object not in _FIELD_VALUES:
+            for name in ("scale", "offset"):
+                if getattr(self, name) is not None:
+                    raise wrong("the node states the scaling of its process value; leave this key out", name)
+        elif self.scale is None:
+            raise wrong("missing; no object states the scaling of a field value", "scale")
+        elif self.scale == 0:
+            raise wrong("0 would make every value equal", "scale")
+        return self
+
+
+class Sensor(Section):
+    """What must be connected."""
+
+    types: tuple[int, ...]
+    """Values of object 6110 that are right."""
+
+
+class PhysicalUnit(Section):
+    """What a process value must be in."""
+
+    code: int = Field(ge=0, le=0xFFFFFFFF)
+    """Value of object 6131 that stands for the profile's unit."""
+
+
+class Vendor(Section):
+    """What is one vendor's own."""
+
+    status: tuple[CodeRule, ...] = ()
+    """Rules for the status in object 6150, the most telling first."""
+
+
+class Cia404Profile(DeviceProfile):
     """A CANopen measuring device (CiA 404)."""
 
-    name: str
-    title: str
-    channels: int
-    unit: str
-    confirm: tuple[str, ...]
-    value_object: int
-    """Object that is read: the process value 0x7130 (int16) or 0x9130 (int32), or the field value 0x7100 or 0x9100."""
-    field_scaling: Scaling | None
-    """Of a field value, which is what the converter sends: no object of the node says what it means, so the profile
-    does. None: the node states digits and unit of its process value."""
-    sensor_types: frozenset[int]
-    """Values of object 0x6110 that are right."""
-    unit_code: int | None
-    """Value of object 0x6131 that stands for `unit`; None for a field value, which has no such object."""
-    vendors: dict[str, tuple[CodeRule, ...]]
-    """Rules for the status in object 0x6150, by vendor."""
+    buses: ClassVar[tuple[str, ...]] = ("canopen",)
+
+    protocol: Literal["cia404"]
+    """`cia404`."""
+    channels: int = Field(ge=1, le=254)
+    """Number of inputs."""
+    value: ValueObject
+    sensor: Sensor
+    physical_unit: PhysicalUnit | None = None
+    vendors: Mapping[str, Vendor] = Field(alias="vendor")
+
+    @model_validator(mode="after")
+    def _fitting(self) -> Self:
+        of_field = self.value.object in _FIELD_VALUES
+        if of_field and self.physical_unit is not None:
+            raise wrong("no object says the unit of a field value; leave this table out", "physical_unit")
+        if not of_field and self.physical_unit is None:
+            raise wrong("missing; object 6131 says the unit of a process value", "physical_unit")
+        for name, vendor in self.vendors.items():
+            for number, rule in enumerate(vendor.status):
+                check_code(rule, STATUS_BITS, "vendor", name, "status", number)
+        return self
 
     @property
-    def buses(self) -> tuple[str, ...]:
-        return ("canopen",)
+    def value_object(self) -> int:
+        """Index of the object that is read."""
+        return int(self.value.object, 16)
 
     @property
     def value_bytes(self) -> int:
         """Size of the object that is read."""
-        return 2 if self.value_object in (0x7100, 0x7130) else 4
+        return 2 if self.value.object in ("7100", "7130") else 4
 
+    @cached_property
+    def field_scaling(self) -> Scaling | None:
+        """None: the node states it."""
+        if self.value.scale is None:
+            return None
+        return Scaling(scale=self.value.scale, offset=self.value.offset or 0.0)
 
-def cia404_profile(name: str, table: Table) -> Cia404Profile:
-    """Read a profile of `protocol = "cia404"`. Raises SetupError."""
-    value, sensor = table.table("value"), table.table("sensor")
-    number = int(value.text("object", choices=("7100", "7130", "9100", "9130")), 16)
-    of_field = number in _FIELD_VALUES
-    if of_field and table.has("physical_unit"):
-        raise table.error("physical_unit", "no object says the unit of a field value; leave this table out")
-    profile = Cia404Profile(
-        name=name,
-        title=table.text("title"),
-        channels=table.integer("channels", low=1, high=254),
-        unit=table.text("unit"),
-        confirm=table.texts("confirm", ()),
-        value_object=number,
-        field_scaling=_scaling(value) if of_field else None,
-        sensor_types=frozenset(sensor.integers("types")),
-        unit_code=None if of_field else _unit_code(table.table("physical_unit")),
-        vendors=_vendors(table.table("vendor")),
-    )
-    for part in (value, sensor, table):
-        part.finish()
-    return profile
+    @property
+    def sensor_types(self) -> frozenset[int]:
+        """Values of object 6110 that are right."""
+        return frozenset(self.sensor.types)
 
-
-def _scaling(table: Table) -> Scaling:
-    scaling = Scaling(table.number("scale"), table.number("offset", 0.0))
-    if scaling.scale == 0:
-        raise table.error("scale", "0 would make every value equal")
-    return scaling
-
-
-def _unit_code(table: Table) -> int:
-    code = table.integer("code", low=0, high=0xFFFFFFFF)
-    table.finish()
-    return code
-
-
-def _vendors(table: Table) -> dict[str, tuple[CodeRule, ...]]:
-    vendors = {}
-    for vendor in table.names():
-        entry = table.table(vendor)
-        vendors[vendor] = tuple(code_rule(rule, _STATUS_BITS) for rule in entry.tables("status"))
-        entry.finish()
-    return vendors
+    @property
+    def unit_code(self) -> int | None:
+        """Value of object 6131 that stands for `unit`; None for a field value, which has no such object."""
+        return None if self.physical_unit is None else self.physical_unit.code

@@ -149,7 +149,7 @@ class MeEthernetDevice:
         return block
 
     def _distance(self, raw: int) -> float | Fault:
-        fraction = raw / self._profile.full_scale
+        fraction = raw / self._profile.value.full_scale
         if not 0.0 <= fraction <= 1.0:
             return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
         return fraction * self._options.range_um - self._options.zero_um

@@ -1,78 +1,46 @@
 """Profiles of displacement sensors: payload form and scaling."""
 
-from dataclasses import dataclass
+from typing import ClassVar, Literal
 
-from drivers.toml_table import Table
+from pydantic import Field
+
+from drivers.profile import DeviceProfile
+from drivers.section import Positive, Section
 
 
-@dataclass(frozen=True, slots=True)
-class MeRs485Profile:
+class StreamValue(Section):
+    """What a raw value means."""
+
+    full_scale: Positive
+    """Raw value at the end of the measuring range."""
+
+
+class PayloadValue(StreamValue):
+    """What the data of an answer mean."""
+
+    payload: Literal["float", "counted"]
+    """`float`: two float32, unscaled and scaled. `counted`: u16 counter, u8 number, filler, int32 values (DT6120)."""
+
+
+class MeRs485Profile(DeviceProfile):
     """A Micro-Epsilon sensor with RS-485 framing."""
 
-    name: str
-    title: str
-    channels: int
-    unit: str
-    confirm: tuple[str, ...]
-    payload: str
-    """`float`: two float32, unscaled and scaled. `counted`: u16 counter, u8 number, filler, int32 values (DT6120)."""
-    full_scale: float
-    """Raw value at the end of the measuring range."""
+    buses: ClassVar[tuple[str, ...]] = ("me_rs485",)
 
-    @property
-    def buses(self) -> tuple[str, ...]:
-        return ("me_rs485",)
+    protocol: Literal["me_rs485"]
+    """`me_rs485`."""
+    channels: Literal[1]
+    """A sensor has one."""
+    value: PayloadValue
 
 
-def me_rs485_profile(name: str, table: Table) -> MeRs485Profile:
-    """Read a profile of `protocol = "me_rs485"`. Raises SetupError."""
-    value = table.table("value")
-    profile = MeRs485Profile(
-        name=name,
-        title=table.text("title"),
-        channels=table.integer("channels", low=1, high=1),
-        unit=table.text("unit"),
-        confirm=table.texts("confirm", ()),
-        payload=value.text("payload", choices=("float", "counted")),
-        full_scale=value.number("full_scale"),
-    )
-    if profile.full_scale <= 0:
-        raise value.error("full_scale", f"{profile.full_scale} is not above 0")
-    value.finish()
-    table.finish()
-    return profile
-
-
-@dataclass(frozen=True, slots=True)
-class MeEthernetProfile:
+class MeEthernetProfile(DeviceProfile):
     """A Micro-Epsilon controller that streams on Ethernet."""
 
-    name: str
-    title: str
-    channels: int
-    unit: str
-    confirm: tuple[str, ...]
-    full_scale: float
-    """Raw value at the end of the measuring range."""
+    buses: ClassVar[tuple[str, ...]] = ("me_ethernet",)
 
-    @property
-    def buses(self) -> tuple[str, ...]:
-        return ("me_ethernet",)
-
-
-def me_ethernet_profile(name: str, table: Table) -> MeEthernetProfile:
-    """Read a profile of `protocol = "me_ethernet"`. Raises SetupError."""
-    value = table.table("value")
-    profile = MeEthernetProfile(
-        name=name,
-        title=table.text("title"),
-        channels=table.integer("channels", low=1, high=32),
-        unit=table.text("unit"),
-        confirm=table.texts("confirm", ()),
-        full_scale=value.number("full_scale"),
-    )
-    if profile.full_scale <= 0:
-        raise value.error("full_scale", f"{profile.full_scale} is not above 0")
-    value.finish()
-    table.finish()
-    return profile
+    protocol: Literal["me_ethernet"]
+    """`me_ethernet`."""
+    channels: int = Field(ge=1, le=32)
+    """Number of channels."""
+    value: StreamValue

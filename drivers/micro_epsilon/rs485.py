@@ -158,14 +158,14 @@ class MeRs485Device:
     async def _distance(self) -> float | Fault:
         data = await self._bus.measure(self._device, self._address)
         try:
-            unscaled = decode_float(data) if self._profile.payload == "float" else decode_counted(data)
+            unscaled = decode_float(data) if self._profile.value.payload == "float" else decode_counted(data)
         except ValueError as error:
             raise BadAnswer(
                 str(error), bus=self._bus.name, device=self._device, hint="the sensor has another payload form"
             ) from error
         if not isfinite(unscaled):
             return Fault(Quality.SENSOR_FAULT, "the sensor sends no number: no target, or the probe is not connected")
-        fraction = unscaled / self._profile.full_scale
+        fraction = unscaled / self._profile.value.full_scale
         if not 0.0 <= fraction <= 1.0:
             return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
         return float(fraction * self._options.range_um - self._options.zero_um)

@@ -17,7 +17,7 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInput
 
 from drivers.base import BadAnswer, NoAnswer, Refused
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
-from drivers.modbus.profile import BIT_FUNCTIONS, Block
+from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.patience import Patience
 from drivers.tap import Tap

@@ -6,7 +6,8 @@ from math import isfinite
 from drivers.base import Clock, DriverError, Quality, Reading, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus.bus import ModbusBus
-from drivers.modbus.profile import BIT_FUNCTIONS, Block, ModbusProfile, Plausibility, Span, TypeCodes
+from drivers.modbus.numbers import BIT_FUNCTIONS, Block, Span
+from drivers.modbus.profile import ModbusProfile, Plausibility, TypeCodes
 from drivers.modbus.settings import ModbusOptions
 from drivers.readings import ReadingMaker
 
@@ -41,6 +42,7 @@ class ModbusDevice:
         self._code_blocks = plan_blocks(self._type_code_places(), profile.max_registers, profile.max_gap)
         settings = [(setting.function, setting.address + self._offset, 1) for setting in profile.settings]
         self._setting_blocks = plan_blocks(settings, profile.max_registers, profile.max_gap)
+        self._format, self._sentinels = profile.values.format, profile.sentinel_faults
         self._spans: dict[int, Span] = {}
         self._checked = False
         """Whether the unit is known to be what the profile says."""
@@ -138,8 +140,8 @@ class ModbusDevice:
     def _value(self, index: int, words: Mapping[tuple[int, int], int]) -> float | Fault:
         profile, values = self._profile, self._profile.values
         start = values.address + self._offset + index * values.stride
-        raw = values.format.decode([words[values.function, start + i] for i in range(values.format.registers)])
-        sentinel = next((s.fault for s in profile.sentinels if s.raw == raw), None)
+        raw = self._format.decode([words[values.function, start + i] for i in range(self._format.registers)])
+        sentinel = self._sentinels.get(raw)
         if (bits := profile.fault_bits) is not None and words[bits.function, bits.address + self._offset + index]:
             return (
                 bits.fault if sentinel is None else Fault(bits.fault.quality, f"{bits.fault.detail}; {sentinel.detail}")
@@ -154,7 +156,7 @@ class ModbusDevice:
         if not isfinite(raw):
             return Fault(Quality.SENSOR_FAULT, f"the device sends {raw} instead of a value")
         span = self._spans.get(index)
-        value = span.apply(raw) if values.scaled_by_type_code and span else raw * values.scale + values.offset
+        value = span.apply(raw) if values.scaled_by == "type_code" and span else raw * values.scale + values.offset
         if span is not None and not span.holds(value):
             text = f"{value:.4g} {profile.unit} is beyond what the input is set to, {span.low:g} to {span.high:g}"
             return Fault(Quality.OUT_OF_RANGE, text)

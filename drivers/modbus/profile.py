@@ -1,150 +1,205 @@
 """Modbus profiles: where a device's registers are, what they mean, how it reports a broken sensor."""
 
-import struct
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Literal, Self
 
-from drivers.faults import CodeRule, Fault, code_rule, fault
-from drivers.toml_table import Table
+from pydantic import AfterValidator, Field, model_validator
 
-Order = Literal["big", "little"]
+from drivers.faults import CodeRule, Fault, FaultText, check_code
+from drivers.modbus.numbers import (
+    BIT_FUNCTIONS,
+    REGISTER_FUNCTIONS,
+    NumberFormat,
+    NumberType,
+    Order,
+    Span,
+    registers_of,
+)
+from drivers.profile import DeviceProfile
+from drivers.section import Section, wrong
 
-REGISTER_FUNCTIONS = (3, 4)
-BIT_FUNCTIONS = (1, 2)
 _REGISTER_BITS = 16
 
-_FORMATS = {"int16": ("h", 1), "uint16": ("H", 1), "int32": ("i", 2), "uint32": ("I", 2), "float32": ("f", 2)}
+
+def _of_registers(function: int) -> int:
+    if function not in REGISTER_FUNCTIONS:
+        raise ValueError(f"{function} does not read registers: expected 3 or 4")
+    return function
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
-    """One read request: function code 1 to 4, first address (counted from 0), count of registers or bits."""
-
-    function: int
-    address: int
-    count: int
+def _of_bits(function: int) -> int:
+    if function not in BIT_FUNCTIONS:
+        raise ValueError(f"{function} does not read bits: expected 1 or 2")
+    return function
 
 
-@dataclass(frozen=True, slots=True)
-class NumberFormat:
+Address = Annotated[int, Field(ge=0, le=65535)]
+"""Of a register or bit, counted from 0."""
+RegisterFunction = Annotated[int, AfterValidator(_of_registers)]
+BitFunction = Annotated[int, AfterValidator(_of_bits)]
+
+
+class Values(Section):
+    """Where the measured values are. Channel i starts at `address + i * stride`."""
+
+    function: RegisterFunction
+    """Function code."""
+    address: Address
+    """Of channel 0."""
+    type: NumberType
     """How a number lies in registers."""
-
-    type: str
     byte_order: Order = "big"
     """Order of the two bytes in a register; Modbus says big."""
     word_order: Order = "big"
     """Order of the registers of a 32-bit number; Modbus does not say, vendors differ."""
+    stride: int = Field(default_factory=lambda data: registers_of(data.get("type")), ge=1, le=1000)
+    """From one channel to the next; by default they stand without a gap."""
+    scale: float = 1.0
+    """Value = raw * scale + offset, unless the type code gives the scaling."""
+    offset: float = 0.0
+    """See scale."""
+    scaled_by: Literal["fixed", "type_code"] = "fixed"
+    """Whether scale and offset hold, or the scaling of each input's type code."""
+
+    @model_validator(mode="after")
+    def _readable(self) -> Self:
+        if self.stride < (least := registers_of(self.type)):
+            raise wrong(f"{self.stride}: expected at least {least}, the registers of a {self.type}", "stride")
+        if self.scale == 0:
+            raise wrong("0 would make every value equal", "scale")
+        return self
 
     @property
-    def registers(self) -> int:
-        return _FORMATS[self.type][1]
-
-    def decode(self, registers: Sequence[int]) -> int | float:
-        """The number in `registers` (as many as `self.registers`, each 0..65535)."""
-        words = registers if self.word_order == "big" else tuple(reversed(registers))
-        raw = b"".join(word.to_bytes(2, self.byte_order) for word in words)
-        number: int | float = struct.unpack(">" + _FORMATS[self.type][0], raw)[0]
-        return number
-
-    def nearest(self, number: float) -> int | float | None:
-        """What a device sends for this number; None when it cannot be sent: too large, or a fraction of an integer."""
-        form = ">" + _FORMATS[self.type][0]
-        if self.type != "float32" and not float(number).is_integer():
-            return None
-        try:
-            sent: int | float = struct.unpack(
-                form, struct.pack(form, number if self.type == "float32" else int(number))
-            )[0]
-        except (struct.error, OverflowError):
-            return None
-        return sent
+    def format(self) -> NumberFormat:
+        return NumberFormat(self.type, self.byte_order, self.word_order)
 
 
-_SPAN_MARGIN = 0.01
+class TypeCode(Section):
+    """What one code stands for: raw low and high stand for low and high in the profile's unit."""
 
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """Linear scaling: raw low and high (numbers) stand for low and high in the profile's unit."""
-
-    raw_low: float
-    raw_high: float
+    code: Address
+    """The number in the register."""
     low: float
+    """Start of the input's range."""
     high: float
-
-    def apply(self, raw: float) -> float:
-        return self.low + (raw - self.raw_low) * (self.high - self.low) / (self.raw_high - self.raw_low)
-
-    def holds(self, value: float) -> bool:
-        """Whether an input set to this span can measure the value; modules go a little beyond what they promise."""
-        margin = _SPAN_MARGIN * (self.high - self.low)
-        return self.low - margin <= value <= self.high + margin
+    """End of the input's range."""
+    raw_low: float | None = None
+    """None: as for all codes."""
+    raw_high: float | None = None
+    """None: as for all codes."""
 
 
-@dataclass(frozen=True, slots=True)
-class Values:
-    """Where the measured values are. Channel i starts at `address + i * stride`."""
-
-    function: int
-    address: int
-    stride: int
-    format: NumberFormat
-    scale: float
-    """Value = raw * scale + offset, unless the type code gives the scaling."""
-    offset: float
-    scaled_by_type_code: bool
-
-
-@dataclass(frozen=True, slots=True)
-class TypeCodes:
+class TypeCodes(Section):
     """Registers that say what is connected and how it is scaled; checked whenever the device is connected."""
 
-    function: int
-    address: int
-    spans: dict[int, Span]
-    """Every code that this profile can read, with its scaling."""
+    function: RegisterFunction
+    """Function code."""
+    address: Address
+    """Of channel 0."""
+    raw_low: float = 0.0
+    """What the device sends at the start of an input's range."""
+    raw_high: float = 1.0
+    """What the device sends at the end of an input's range."""
+    codes: tuple[TypeCode, ...] = Field(alias="code", min_length=1)
+    """Every code that this profile can read."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for number, entry in enumerate(self.codes):
+            span = self._span(entry)
+            if span.low >= span.high:
+                raise wrong(f"{span.low} is not below high = {span.high}", "code", number, "low")
+            if span.raw_low == span.raw_high:
+                what = f"{span.raw_low} is raw_high, too: every value would be equal"
+                raise wrong(what, "code", number, "raw_low")
+        return self
+
+    @cached_property
+    def spans(self) -> Mapping[int, Span]:
+        """Every code with its scaling."""
+        return {entry.code: self._span(entry) for entry in self.codes}
+
+    def _span(self, entry: TypeCode) -> Span:
+        raw_low = self.raw_low if entry.raw_low is None else entry.raw_low
+        raw_high = self.raw_high if entry.raw_high is None else entry.raw_high
+        return Span(raw_low, raw_high, entry.low, entry.high)
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
+class Setting(Section):
     """A bit or register of the device that must hold one number, or its values mean something else.
 
     Checked whenever the device is connected.
     """
 
-    function: int
-    address: int
-    equals: int
+    function: int = Field(ge=1, le=4)
+    """Function code."""
+    address: Address
+    """Where it stands."""
+    equals: int = Field(ge=0, le=65535)
+    """What it must hold."""
     name: str
+    """What messages call it."""
     hint: str
     """What to do when it is otherwise."""
 
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.function in BIT_FUNCTIONS and self.equals > 1:
+            raise wrong(f"{self.equals}: expected 0 or 1, as function {self.function} reads bits", "equals")
+        return self
 
-@dataclass(frozen=True, slots=True)
-class FaultBits:
+
+class FaultBits(FaultText):
     """One bit a channel, from `address` on, set when the device finds its sensor broken."""
 
-    function: int
-    address: int
-    fault: Fault
+    function: BitFunction
+    """Function code."""
+    address: Address
+    """Of channel 0."""
 
 
-@dataclass(frozen=True, slots=True)
-class StatusRegister:
-    """Registers that tell each sensor's state by number or bits, one for a channel or one for several."""
+class StatusRegister(Section):
+    """Registers that hold each sensor's state by number or bits, one for a channel or one for several."""
 
-    function: int
-    address: int
-    stride: int
+    function: RegisterFunction
+    """Function code."""
+    address: Address
+    """Of the first."""
+    stride: int = Field(default=1, ge=1, le=1000)
     """From one status register to the next."""
-    channels_per_register: int
-    bit_stride: int
+    channels_per_register: int = Field(default=1, ge=1, le=_REGISTER_BITS)
+    """Channels that share a register."""
+    bit_stride: int = Field(default=0, ge=0, lt=_REGISTER_BITS)
     """By how many bits a channel's status is higher than that of the channel before, in the same register."""
-    mask: int
-    """The bits that are the first channel's status; others are not looked at."""
-    good: frozenset[int]
-    rules: tuple[CodeRule, ...]
+    mask: int | None = Field(default=None, ge=1, le=0xFFFF)
+    """The bits that are the first channel's status; others are not looked at. None: as many as each has for itself."""
+    good: tuple[int, ...] = (0,)
+    """Numbers of a sensor that is in order."""
+    rules: tuple[CodeRule, ...] = Field(default=(), alias="rule")
+    """The most telling first."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        shared = self.channels_per_register > 1
+        if shared and not self.bit_stride:
+            what = f"missing; {self.channels_per_register} channels share a register, {_REGISTER_BITS} bits"
+            raise wrong(what, "bit_stride")
+        if self.bit_stride and not shared:
+            raise wrong(f"{self.bit_stride}: only where channels_per_register is more than 1", "bit_stride")
+        if never := [code for code in self.good if code & ~self.bits]:
+            what = f"{never[0]} never comes; only bits within mask = 0x{self.bits:X} are looked at"
+            raise wrong(what, "good")
+        for number, rule in enumerate(self.rules):
+            check_code(rule, self.bits, "rule", number)
+        return self
+
+    @property
+    def bits(self) -> int:
+        """The mask, written out."""
+        if self.mask is not None:
+            return self.mask
+        return (1 << self.bit_stride) - 1 if self.bit_stride else 0xFFFF
 
     def register(self, channel: int) -> int:
         """Address of the register that holds the channel's status."""
@@ -152,205 +207,94 @@ class StatusRegister:
 
     def code(self, channel: int, register: int) -> int:
         """The channel's status out of that register, as if the channel were the register's first."""
-        return register >> channel % self.channels_per_register * self.bit_stride & self.mask
+        return register >> channel % self.channels_per_register * self.bit_stride & self.bits
 
 
-@dataclass(frozen=True, slots=True)
-class Sentinel:
+class Sentinel(FaultText):
     """A raw number that the device sends instead of a value."""
 
     raw: float
-    fault: Fault
+    """The number."""
 
 
-@dataclass(frozen=True, slots=True)
-class Plausibility:
+class Plausibility(Section):
     """For devices that report nothing: a value outside, or a sensor changing faster than physics allows, is doubtful.
 
     Only a guess: an open input may still show a plausible number.
     """
 
     low: float
+    """Lowest plausible value."""
     high: float
-    suspicious: tuple[float, float] | None
-    """Values (low, high) that this device is known to show with an open input."""
+    """Highest plausible value."""
+    open_input_low: float | None = None
+    """Lowest value that this device is known to show with an open input."""
+    open_input_high: float | None = None
+    """Highest value that this device is known to show with an open input."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.low >= self.high:
+            raise wrong(f"{self.low} is not below high = {self.high}", "low")
+        if (self.open_input_low is None) != (self.open_input_high is None):
+            absent, other = ("low", "high") if self.open_input_low is None else ("high", "low")
+            raise wrong(f"missing; open_input_{other} needs it", f"open_input_{absent}")
+        if self.suspicious is not None and self.suspicious[0] > self.suspicious[1]:
+            what = f"{self.suspicious[0]} is above open_input_high = {self.suspicious[1]}"
+            raise wrong(what, "open_input_low")
+        return self
+
+    @property
+    def suspicious(self) -> tuple[float, float] | None:
+        """Values (low, high) that this device is known to show with an open input."""
+        if self.open_input_low is None or self.open_input_high is None:
+            return None
+        return self.open_input_low, self.open_input_high
 
 
-@dataclass(frozen=True, slots=True)
-class ModbusProfile:
+class ModbusProfile(DeviceProfile):
     """A Modbus device with equal channels."""
 
-    name: str
-    title: str
-    buses: tuple[str, ...]
-    channels: int
-    unit: str
-    confirm: tuple[str, ...]
-    """What was not found in a manual: check it on the device."""
-    max_registers: int
+    protocol: Literal["modbus"]
+    """`modbus`."""
+    buses: tuple[Literal["modbus_rtu", "modbus_tcp"], ...]
+    """Kinds of bus that the device can be on."""
+    channels: int = Field(ge=1, le=1000)
+    """Number of inputs."""
+    max_registers: int = Field(default=125, ge=1, le=125)
     """Most registers that the device gives in one answer."""
-    max_gap: int
+    max_gap: int = Field(default=8, ge=0, le=125)
     """Most addresses read for nothing rather than asking twice; 0 for a device that refuses addresses between."""
-    values: Values
-    settings: tuple[Setting, ...]
-    type_codes: TypeCodes | None
-    fault_bits: FaultBits | None
-    status: StatusRegister | None
-    sentinels: tuple[Sentinel, ...]
-    plausibility: Plausibility | None
+    values: Values = Field(alias="value")
+    settings: tuple[Setting, ...] = Field(default=(), alias="setting")
+    type_codes: TypeCodes | None = Field(default=None, alias="type_code")
+    fault_bits: FaultBits | None = None
+    status: StatusRegister | None = None
+    sentinels: tuple[Sentinel, ...] = Field(default=(), alias="sentinel")
+    plausibility: Plausibility | None = None
 
+    @model_validator(mode="after")
+    def _fitting(self) -> Self:
+        form = self.values.format
+        if self.values.scaled_by == "type_code" and self.type_codes is None:
+            raise wrong('missing; value.scaled_by = "type_code" needs this table', "type_code")
+        if form.registers > self.max_registers:
+            what = f"{self.max_registers}, but a {form.type} takes {form.registers} registers"
+            raise wrong(what, "max_registers")
+        for number, sentinel in enumerate(self.sentinels):
+            if form.nearest(sentinel.raw) is None:
+                raise wrong(f"{sentinel.raw:g} never comes as {form.type}", "sentinel", number, "raw")
+        if (status := self.status) is not None:
+            last = min(status.channels_per_register, self.channels) - 1
+            highest = status.bits.bit_length() - 1 + last * status.bit_stride
+            if highest >= _REGISTER_BITS:
+                what = f"{status.bit_stride} puts the status of channel {last} at bit {highest}; a register ends at 15"
+                raise wrong(what, "status", "bit_stride")
+        return self
 
-def modbus_profile(name: str, table: Table) -> ModbusProfile:
-    """Read a profile of `protocol = "modbus"`. Raises SetupError."""
-    values = _values(table.table("value"))
-    channels = table.integer("channels", low=1, high=1000)
-    profile = ModbusProfile(
-        name=name,
-        title=table.text("title"),
-        buses=table.texts("buses"),
-        channels=channels,
-        unit=table.text("unit"),
-        confirm=table.texts("confirm", ()),
-        max_registers=table.integer("max_registers", 125, low=1, high=125),
-        max_gap=table.integer("max_gap", 8, low=0, high=125),
-        values=values,
-        settings=tuple(_setting(entry) for entry in table.tables("setting")),
-        type_codes=_type_codes(table.table("type_code")) if table.has("type_code") else None,
-        fault_bits=_fault_bits(table.table("fault_bits")) if table.has("fault_bits") else None,
-        status=_status(table.table("status"), channels) if table.has("status") else None,
-        sentinels=tuple(_sentinel(entry, values.format) for entry in table.tables("sentinel")),
-        plausibility=_plausibility(table.table("plausibility")) if table.has("plausibility") else None,
-    )
-    if profile.values.scaled_by_type_code and profile.type_codes is None:
-        raise table.error("type_code", 'value.scaled_by = "type_code" needs this table')
-    if (least := values.format.registers) > profile.max_registers:
-        raise table.error(
-            "max_registers", f"{profile.max_registers}, but a {values.format.type} takes {least} registers"
-        )
-    for bus in profile.buses:
-        if bus not in ("modbus_rtu", "modbus_tcp"):
-            raise table.error("buses", f"{bus!r} is none of modbus_rtu, modbus_tcp")
-    table.finish()
-    return profile
-
-
-def _function(table: Table, allowed: tuple[int, ...]) -> int:
-    function = table.integer("function", low=1, high=4)
-    if function not in allowed:
-        raise table.error("function", f"{function} does not read {'bits' if allowed == BIT_FUNCTIONS else 'registers'}")
-    return function
-
-
-def _address(table: Table) -> int:
-    return table.integer("address", low=0, high=65535)
-
-
-def _order(table: Table, key: str) -> Order:
-    return "little" if table.text(key, "big", choices=("big", "little")) == "little" else "big"
-
-
-def _values(table: Table) -> Values:
-    number = NumberFormat(
-        table.text("type", choices=_FORMATS), _order(table, "byte_order"), _order(table, "word_order")
-    )
-    values = Values(
-        function=_function(table, REGISTER_FUNCTIONS),
-        address=_address(table),
-        stride=table.integer("stride", number.registers, low=number.registers, high=1000),
-        format=number,
-        scale=table.number("scale", 1.0),
-        offset=table.number("offset", 0.0),
-        scaled_by_type_code=table.text("scaled_by", "fixed", choices=("fixed", "type_code")) == "type_code",
-    )
-    if values.scale == 0:
-        raise table.error("scale", "0 would make every value equal")
-    table.finish()
-    return values
-
-
-def _type_codes(table: Table) -> TypeCodes:
-    function, address = _function(table, REGISTER_FUNCTIONS), _address(table)
-    raw_low, raw_high = table.number("raw_low", 0.0), table.number("raw_high", 1.0)
-    spans: dict[int, Span] = {}
-    for entry in table.tables("code"):
-        code = entry.integer("code", low=0, high=65535)
-        span = Span(
-            entry.number("raw_low", raw_low),
-            entry.number("raw_high", raw_high),
-            entry.number("low"),
-            entry.number("high"),
-        )
-        if span.low >= span.high:
-            raise entry.error("low", f"{span.low} is not below high = {span.high}")
-        if span.raw_low == span.raw_high:
-            raise entry.error("raw_low", f"{span.raw_low} is raw_high, too: every value would be equal")
-        entry.finish()
-        spans[code] = span
-    if not spans:
-        raise table.error("code", "at least one type code is needed")
-    table.finish()
-    return TypeCodes(function, address, spans)
-
-
-def _setting(table: Table) -> Setting:
-    function = table.integer("function", low=1, high=4)
-    setting = Setting(
-        function=function,
-        address=_address(table),
-        equals=table.integer("equals", low=0, high=1 if function in BIT_FUNCTIONS else 65535),
-        name=table.text("name"),
-        hint=table.text("hint"),
-    )
-    table.finish()
-    return setting
-
-
-def _fault_bits(table: Table) -> FaultBits:
-    bits = FaultBits(_function(table, BIT_FUNCTIONS), _address(table), fault(table))
-    table.finish()
-    return bits
-
-
-def _status(table: Table, channels: int) -> StatusRegister:
-    function, address = _function(table, REGISTER_FUNCTIONS), _address(table)
-    stride = table.integer("stride", 1, low=1, high=1000)
-    together = table.integer("channels_per_register", 1, low=1, high=_REGISTER_BITS)
-    bit_stride = table.integer("bit_stride", low=1, high=_REGISTER_BITS - 1) if together > 1 else 0
-    mask = table.integer("mask", (1 << bit_stride) - 1 if together > 1 else 0xFFFF, low=1, high=0xFFFF)
-    status = StatusRegister(
-        function, address, stride, together, bit_stride, mask,
-        good=frozenset(table.integers("good", (0,))),
-        rules=tuple(code_rule(entry, mask) for entry in table.tables("rule")),
-    )  # fmt: skip
-    last = min(together, channels) - 1
-    if (highest := mask.bit_length() - 1 + last * bit_stride) >= _REGISTER_BITS:
-        raise table.error(
-            "bit_stride", f"{bit_stride} puts the status of channel {last} at bit {highest}; a register ends at 15"
-        )
-    if wrong := [code for code in status.good if code & ~mask]:
-        raise table.error("good", f"{wrong[0]} never comes; only bits within mask = 0x{mask:X} are looked at")
-    table.finish()
-    return status
-
-
-def _sentinel(table: Table, form: NumberFormat) -> Sentinel:
-    number = table.number("raw")
-    raw = form.nearest(number)
-    if raw is None:
-        raise table.error("raw", f"{number:g} never comes as {form.type}")
-    sentinel = Sentinel(raw, fault(table))
-    table.finish()
-    return sentinel
-
-
-def _plausibility(table: Table) -> Plausibility:
-    low, high = table.number("low"), table.number("high")
-    if low >= high:
-        raise table.error("low", f"{low} is not below high = {high}")
-    suspicious = None
-    if table.has("open_input_low") or table.has("open_input_high"):
-        suspicious = (table.number("open_input_low"), table.number("open_input_high"))
-        if suspicious[0] > suspicious[1]:
-            raise table.error("open_input_low", f"{suspicious[0]} is above open_input_high = {suspicious[1]}")
-    table.finish()
-    return Plausibility(low, high, suspicious)
+    @cached_property
+    def sentinel_faults(self) -> Mapping[float, Fault]:
+        """What each sentinel means, by the number that comes in its place; of two alike the first counts."""
+        form = self.values.format
+        raws = ((form.nearest(sentinel.raw), sentinel.fault) for sentinel in reversed(self.sentinels))
+        return {raw: fault for raw, fault in raws if raw is not None}

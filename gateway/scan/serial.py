@@ -10,7 +10,7 @@ from drivers.bus_settings import Parity
 from drivers.micro_epsilon.rs485 import MeRs485Bus
 from drivers.micro_epsilon.settings import MeRs485Settings
 from drivers.modbus.bus import ModbusRtuBus
-from drivers.modbus.profile import Block
+from drivers.modbus.numbers import Block
 from drivers.modbus.settings import ModbusRtuSettings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs

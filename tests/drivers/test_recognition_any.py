@@ -20,7 +20,8 @@ from drivers.micro_epsilon.ethernet import MeBlock, MeEthernetBus
 from drivers.micro_epsilon.rs485 import MeRs485Bus
 from drivers.micro_epsilon.settings import MeEthernetSettings, MeRs485Settings
 from drivers.modbus.bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
-from drivers.modbus.profile import Block, ModbusProfile
+from drivers.modbus.numbers import Block
+from drivers.modbus.profile import ModbusProfile
 from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.profiles import load_profile, profile_names
 from drivers.recognition import (

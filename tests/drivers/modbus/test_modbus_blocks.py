@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.modbus.device import plan_blocks
-from drivers.modbus.profile import Block
+from drivers.modbus.numbers import Block
 
 
 def test_neighbours_are_read_at_once() -> None:

@@ -12,7 +12,7 @@ import pytest
 from drivers.base import Bus, NoAnswer, Quality, Reading, Refused, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.modbus.bus import ModbusBus
-from drivers.modbus.profile import Block
+from drivers.modbus.numbers import Block
 from simulators.devices.pty_port import PtyPort
 
 pytestmark = pytest.mark.peer

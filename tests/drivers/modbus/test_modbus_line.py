@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.modbus.bus import ModbusRtuBus, find_rtu_answer
-from drivers.modbus.profile import Block
+from drivers.modbus.numbers import Block
 from drivers.modbus.settings import ModbusRtuSettings
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.pty_port import PtyPort

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
 from drivers.modbus.bus import ModbusTcpBus, find_tcp_answer
-from drivers.modbus.profile import Block
+from drivers.modbus.numbers import Block
 from drivers.modbus.settings import ModbusTcpSettings
 
 TWO = Block(3, 0, 2)

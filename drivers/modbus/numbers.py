@@ -1,0 +1,89 @@
+"""How numbers lie in the registers of a Modbus device, and what is asked of it."""
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Order = Literal["big", "little"]
+NumberType = Literal["int16", "uint16", "int32", "uint32", "float32"]
+
+REGISTER_FUNCTIONS = (3, 4)
+BIT_FUNCTIONS = (1, 2)
+_FORMATS: Mapping[object, tuple[str, int]] = {
+    "int16": ("h", 1),
+    "uint16": ("H", 1),
+    "int32": ("i", 2),
+    "uint32": ("I", 2),
+    "float32": ("f", 2),
+}
+
+
+def registers_of(kind: object) -> int:
+    """How many registers a number of this type takes; 1 for what is no type."""
+    return _FORMATS.get(kind, ("", 1))[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One read request: function code 1 to 4, first address (counted from 0), count of registers or bits."""
+
+    function: int
+    address: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class NumberFormat:
+    """How a number lies in registers."""
+
+    type: NumberType
+    byte_order: Order = "big"
+    """Order of the two bytes in a register; Modbus says big."""
+    word_order: Order = "big"
+    """Order of the registers of a 32-bit number; Modbus does not say, vendors differ."""
+
+    @property
+    def registers(self) -> int:
+        return _FORMATS[self.type][1]
+
+    def decode(self, registers: Sequence[int]) -> int | float:
+        """The number in `registers` (as many as `self.registers`, each 0..65535)."""
+        words = registers if self.word_order == "big" else tuple(reversed(registers))
+        raw = b"".join(word.to_bytes(2, self.byte_order) for word in words)
+        number: int | float = struct.unpack(">" + _FORMATS[self.type][0], raw)[0]
+        return number
+
+    def nearest(self, number: float) -> int | float | None:
+        """What a device sends for this number; None when it cannot be sent: too large, or a fraction of an integer."""
+        form = ">" + _FORMATS[self.type][0]
+        if self.type != "float32" and not float(number).is_integer():
+            return None
+        try:
+            sent: int | float = struct.unpack(
+                form, struct.pack(form, number if self.type == "float32" else int(number))
+            )[0]
+        except (struct.error, OverflowError):
+            return None
+        return sent
+
+
+_SPAN_MARGIN = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Linear scaling: raw low and high (numbers) stand for low and high in the profile's unit."""
+
+    raw_low: float
+    raw_high: float
+    low: float
+    high: float
+
+    def apply(self, raw: float) -> float:
+        return self.low + (raw - self.raw_low) * (self.high - self.low) / (self.raw_high - self.raw_low)
+
+    def holds(self, value: float) -> bool:
+        """Whether an input set to this span can measure the value; modules go a little beyond what they promise."""
+        margin = _SPAN_MARGIN * (self.high - self.low)
+        return self.low - margin <= value <= self.high + margin
