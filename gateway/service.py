@@ -12,7 +12,7 @@ from pathlib import Path
 from drivers.base import Reading
 from drivers.tap import Tap
 from gateway.acquisition.board import Board
-from gateway.acquisition.build import control_of, lines_of
+from gateway.acquisition.build import lines_of
 from gateway.acquisition.reload import Difference, ReloadError, apply
 from gateway.acquisition.runner import Acquisition, Line
 from gateway.acquisition.stale import StaleWatch
@@ -22,11 +22,10 @@ from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.sensor_watch import SensorWatch
 from gateway.events import CompensationStepped, EventReported, ProbingRequested, ReadingsTaken, Sink
-from gateway.nc.link import NcLink
+from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
 from gateway.polling import Notice
-from gateway.probing.cycle import Probe, poses_in_radians
-from gateway.probing.schedule import ProbingSchedule
+from gateway.probing import ProbingSchedule
 from talc.frame import Decision, Event, EventKind
 
 log = logging.getLogger(__name__)
@@ -153,31 +152,26 @@ class Service:
         config = self._config
         if config.nc is None:
             return None
-        probing = config.probing
-        probe = Probe(
-            poses_in_radians(probing.poses_deg),
-            probing.sphere_radius_mm * 1e-3,
-            probing.sphere_height_mm * 1e-3,
-            probing.sigma_um,
-        )
         number = self._past.last_number
         if number is None:
             number = int(self._clock.utc().timestamp()) % _FIRST_NUMBER_BELOW
         return NcLink(
             control_of(config.nc, config, self._clock),
-            config,
             self._clock,
-            probe,
-            states=self._sampler.add_states,
-            written=lambda write: self._sink(CompensationStepped(write)),
-            requested=lambda number: self._sink(ProbingRequested(number)),
-            notify=self._nc_noticed,
-            reference_mm=self._past.reference_mm,
-            first_number=number + 1,
-            abandoned=self._past.last_number,
-            owner=_owner(config.storage.path),
-            measured=[-math.inf if k is None else self._monotonic_of(k) for k in self._past.measured],
-            missing={name: self._monotonic_of(k) for name, k in self._past.missing.items()},
+            LinkSettings.of(config, _owner(config.storage.path)),
+            Earlier(
+                first_number=number + 1,
+                abandoned=self._past.last_number,
+                reference_mm=self._past.reference_mm,
+                measured_s=[-math.inf if k is None else self._monotonic_of(k) for k in self._past.measured],
+                missing_s={name: self._monotonic_of(k) for name, k in self._past.missing.items()},
+            ),
+            Listeners(
+                states=self._sampler.add_states,
+                written=lambda write: self._sink(CompensationStepped(write)),
+                notify=self._noticed,
+                requested=lambda number: self._sink(ProbingRequested(number)),
+            ),
         )
 
     def _monotonic_of(self, k: int) -> float:
@@ -198,10 +192,8 @@ class Service:
         self._sink(ReadingsTaken(readings))
 
     def _noticed(self, notice: Notice) -> None:
-        self._nc_noticed(notice.text, notice.ended)
-
-    def _nc_noticed(self, text: str, ended: bool) -> None:
-        self._sink(EventReported(Event(EventKind.PROBLEM_ENDED if ended else EventKind.PROBLEM, text), None))
+        kind = EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM
+        self._sink(EventReported(Event(kind, notice.text), None))
 
 
 def _owner(store: Path) -> int:

@@ -1,17 +1,13 @@
 """From the configuration to drivers. Validates everything that drivers validate; never touches the network."""
 
 from collections.abc import Callable
-from typing import assert_never
 
 from drivers.build import bus_from_settings, make_device
-from drivers.linuxcnc.control import LinuxCnc
-from drivers.nc import NumericalControl
 from drivers.tap import Tap
 from gateway.acquisition.plausibility import Plausible
 from gateway.acquisition.runner import Line
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
-from gateway.config.controls import LinuxCncNc, Nc, SinumerikNc
 
 
 def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Tap] | None = None) -> tuple[Line, ...]:
@@ -57,21 +53,3 @@ def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Ta
             )
         )
     return tuple(lines)
-
-
-def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalControl:
-    """The driver of the numerical control. Raises SetupError naming the field and the value."""
-    poses = len(config.probing.poses_deg)
-    match nc:
-        case SinumerikNc():
-            # OPC UA takes half a second and 20 MB: only where such a control is.
-            from drivers.sinumerik.control import Sinumerik
-            from drivers.sinumerik.slope import SinumerikWithSlopes
-
-            settings = nc.settings(poses, (state.name for state in config.states))
-            kind = SinumerikWithSlopes if settings.compensation.route == "k0_slope" else Sinumerik
-            return kind(settings, clock)
-        case LinuxCncNc():
-            return LinuxCnc(nc.settings(poses, ()), clock)
-        case _:
-            assert_never(nc)

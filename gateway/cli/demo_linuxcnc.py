@@ -24,8 +24,8 @@ from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
-from gateway.nc.link import NcLink
-from gateway.probing.cycle import Outcome, Probe, poses_in_radians
+from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
+from gateway.probing import Outcome
 from simulators.linuxcnc.machine import HURRY, Machine, machine, missing
 from simulators.plant import Environment, MachineDrive, Plant, load
 from talc.frame import Decision, FloatArray, Measurement, Phase, Why
@@ -116,18 +116,8 @@ async def _scene(operator: Machine, key_file: Path, port: int, say: Say) -> Show
     nc = LinuxCnc(LinuxCncSettings(key_file=key_file, port=port, timeout_s=5.0), clock)
     config = _config(key_file, port)
     probing = config.probing
-    probe = Probe(poses_in_radians(probing.poses_deg), _RADIUS_MM * 1e-3, _HEIGHT_MM * 1e-3, probing.sigma_um)
-    link = NcLink(
-        nc,
-        config,
-        clock,
-        probe,
-        states=lambda *_: None,
-        written=lambda _: None,
-        notify=lambda text, _: say(text),
-        reference_mm=None,
-        first_number=1,
-    )
+    told = Listeners(notify=lambda notice: say(notice.text))
+    link = NcLink(nc, clock, LinkSettings.of(config), Earlier(first_number=1), told)
     try:
         async with _running(link):
             while link.present is None:

@@ -8,12 +8,13 @@ from math import isnan
 from rich.table import Table
 
 from drivers.base import DriverError, Quality
-from gateway.acquisition.build import control_of, lines_of
+from gateway.acquisition.build import lines_of
 from gateway.acquisition.runner import Line
 from gateway.cli.numbers import shown
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
+from gateway.nc import control_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,8 @@ from gateway.events import (
     OutlookChanged,
     Sink,
 )
-from gateway.nc.link import NcLink
-from gateway.probing.cycle import End, Outcome
-from gateway.probing.schedule import Bulletin, Outlook, ProbingSchedule, Standing
+from gateway.nc import NcLink
+from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, TrainingJob, Why
 from talc.models import ModelSet

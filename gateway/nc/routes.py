@@ -11,10 +11,8 @@ from typing import Protocol
 import numpy as np
 
 from drivers.nc import FollowsPosition, LinearOffsets, NcSnapshot, NumericalControl, Triple
-from gateway.clock import ServiceClock
 from gateway.nc.slew import Offsets, as_offsets
-from gateway.probing.cycle import InForce, Rejected
-from gateway.probing.uninterrupted import to_its_end
+from gateway.probing import InForce
 from talc import kinematics
 from talc.frame import FloatArray
 
@@ -112,38 +110,14 @@ class OverTravel:
         await self._nc.write_linear(LinearOffsets(as_offsets(coefficients[:, 0]), slopes, as_offsets(self._reference)))
 
 
-class HeldOffsets:
-    """What was in force when it was made to stand still. Implements gateway.probing.cycle.Held."""
-
-    def __init__(self, form: Form, clock: ServiceClock, coefficients: FloatArray) -> None:
-        self._form, self._clock, self.coefficients = form, clock, coefficients
-
-    @property
-    def any(self) -> bool:
-        """Whether anything is in force."""
-        return differ(self.coefficients, np.zeros_like(self.coefficients))
-
-    def at(self, centres_mm: FloatArray | None) -> InForce:
-        return self._form.during(self.coefficients, centres_mm)
-
-    async def still(self) -> None:
-        with self._clock.hold():
-            now = await to_its_end(self._form.read())
-        if differ(now, self.coefficients):
-            raise Rejected(
-                f"the offsets moved while the control probed: {shown(self.coefficients)} µm were in force when it was "
-                f"asked, {shown(now)} are now"
-            )
-
-
 def differ(found: FloatArray, wanted: FloatArray) -> bool:
     """Whether two matrices (3, n) are not the same somewhere in the travel."""
     # Asked the other way round, what is no number would agree with everything.
     return not np.abs(found - wanted).sum(axis=1).max() <= _SAME_UM
 
 
-def shown(coefficients: FloatArray) -> str:
-    """Rows X, Y, Z; several columns as K0 and the most that each slope adds."""
+def offsets_text(coefficients: FloatArray) -> str:
+    """For a message, µm: rows X, Y, Z; several columns as K0 and the most that each slope adds."""
     return " ".join("/".join(f"{v:.2f}" for v in row) for row in coefficients)
 
 

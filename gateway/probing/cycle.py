@@ -12,6 +12,7 @@ import numpy as np
 from drivers.base import Refused
 from drivers.nc import NumericalControl, ProbingState, ProbingStatus, Triple
 from gateway.clock import ServiceClock
+from gateway.config.sections import Probing
 from gateway.probing.uninterrupted import to_its_end
 from talc import probing
 from talc.frame import FloatArray, Measurement, Why
@@ -91,6 +92,16 @@ class Probe:
         return probing.solve(
             deviations_um, self.poses_rad, radius_m=self.radius_m, height_m=self.height_m, sigma_um=self.sigma_um
         )
+
+
+def probe_of(settings: Probing) -> Probe:
+    """The sphere and its poses as section probing states them."""
+    return Probe(
+        poses_in_radians(settings.poses_deg),
+        settings.sphere_radius_mm * 1e-3,
+        settings.sphere_height_mm * 1e-3,
+        settings.sigma_um,
+    )
 
 
 class NotBegun(Exception):

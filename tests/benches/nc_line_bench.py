@@ -14,9 +14,8 @@ from drivers.nc import WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.model import validate
-from gateway.nc.link import NcLink
-from gateway.nc.slew import Write
-from gateway.probing.cycle import Probe, poses_in_radians
+from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Write
+from gateway.polling import Notice
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads, User
 from simulators.nc.nck import MachineState
 from talc.frame import Decision, Phase
@@ -53,11 +52,11 @@ class Bench:
     control: Control
     link: NcLink
     line: Line
-    notices: list[tuple[str, bool]] = field(default_factory=list)
+    notices: list[Notice] = field(default_factory=list)
     steps: list[Write] = field(default_factory=list)
 
     def told(self, ended: bool) -> list[str]:
-        return [text for text, over in self.notices if over is ended]
+        return [notice.text for notice in self.notices if notice.ended is ended]
 
     def shift(self) -> np.ndarray:
         return np.array(self.control.nck.shift_um((0.0, 0.0, 0.0)))
@@ -109,11 +108,12 @@ async def bench(
         nc = Sinumerik(settings, clock)
         found = Bench(clock, control, None, line)  # type: ignore[arg-type]  # made with its callbacks
         found.link = NcLink(
-            nc, config, clock, Probe(poses_in_radians(CYCLE.poses_deg), 0.12, 0.08, 1.0),
-            states=lambda *_: None, written=found.steps.append,
-            notify=lambda text, over: found.notices.append((text, over)),
-            reference_mm=None, first_number=41, owner=owner,
-        )  # fmt: skip
+            nc,
+            clock,
+            LinkSettings.of(config, owner),
+            Earlier(first_number=41),
+            Listeners(written=found.steps.append, notify=found.notices.append),
+        )
         task = asyncio.create_task(found.link.run())
         try:
             yield found

@@ -12,13 +12,9 @@ from drivers.base import ConnectError, NoAnswer, Refused
 from drivers.nc import NcSnapshot, OperatingMode, ProbingState, ProbingStatus, ProgramState, WatchdogTerms
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
-from gateway.nc.link import NcLink
-from gateway.nc.slew import Offsets, Write
-from gateway.probing.cycle import Probe, poses_in_radians
+from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write
 from talc.frame import Decision, Phase
 from tests.benches.stepped_clock import SteppedClock
-
-POSES = ((0.0, 0.0), (0.0, 90.0), (0.0, 180.0), (0.0, 270.0), (90.0, 0.0), (-90.0, 0.0))
 
 
 @dataclass
@@ -191,16 +187,10 @@ class Bench:
         self.notices: list[str] = []
         self.link = NcLink(
             self.control,
-            config(mode, when_stale=when_stale, armed=armed, **more),
             self.clock,
-            Probe(poses_in_radians(POSES), 0.12, 0.08, 1.0),
-            states=lambda *_: None,
-            written=self.store,
-            notify=lambda text, _: self.notices.append(text),
-            reference_mm=None,
-            first_number=41,
-            abandoned=abandoned,
-            measured=measured,
+            LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, **more)),
+            Earlier(first_number=41, abandoned=abandoned, measured_s=measured),
+            Listeners(written=self.store, notify=lambda notice: self.notices.append(notice.text)),
         )
 
     def store(self, write: Write) -> None:

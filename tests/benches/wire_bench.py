@@ -11,9 +11,7 @@ from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
-from gateway.nc.link import NcLink
-from gateway.nc.slew import Offsets, Write
-from gateway.probing.cycle import Probe, poses_in_radians
+from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
 from simulators.nc.watchdog import Logged
 from tests.benches.stepped_clock import SteppedClock
@@ -76,15 +74,10 @@ class WireBench:
     def link(self, mode: str = "compensate", when_stale: str = "zero", owner: int = 7) -> NcLink:
         return NcLink(
             Sinumerik(SinumerikSettings(url=self.url), self.clock),
-            config(mode, when_stale, str(self.folder / "gateway.sqlite")),
             self.clock,
-            Probe(poses_in_radians(((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0))), 0.12, 0.08, 1.0),
-            states=lambda *_: None,
-            written=self.writes.append,
-            notify=lambda text, _: self.notices.append(text),
-            reference_mm=None,
-            first_number=41,
-            owner=owner,
+            LinkSettings.of(config(mode, when_stale, str(self.folder / "gateway.sqlite")), owner),
+            Earlier(first_number=41),
+            Listeners(written=self.writes.append, notify=lambda notice: self.notices.append(notice.text)),
         )
 
     @asynccontextmanager
@@ -101,7 +94,7 @@ class WireBench:
                 await self.clock.run_until(self.clock.monotonic() + 200.0)
                 await stopping
             else:
-                await link._nc.close()
+                await link.disconnect()
 
     @property
     def in_force_um(self) -> Offsets:

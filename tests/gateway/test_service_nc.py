@@ -11,9 +11,9 @@ import pytest
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.events import MeasurementEnded
-from gateway.nc.link import NcLink
+from gateway.nc import NcLink
 from gateway.past import Past, past_of
-from gateway.probing.cycle import End, Outcome
+from gateway.probing import End, Outcome
 from gateway.service import Service
 from gateway.storage import History, Store
 from simulators.nc.nck import R_WITHDRAW
@@ -58,7 +58,7 @@ async def serving(bench: WireBench, name: str = "a.sqlite", *, killed: bool = Fa
         service = Service(settings, bench.clock, store.record, past)
         assert service.link is not None
         if killed:
-            service.link.stop = service.link._nc.close  # type: ignore[method-assign]
+            service.link.stop = service.link.disconnect  # type: ignore[method-assign]
         running = asyncio.create_task(service.run(stop))
         try:
             yield Gateway(service.link, store)

@@ -17,8 +17,7 @@ from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
 from gateway.config.model import validate
-from gateway.nc.link import NcLink
-from gateway.probing.cycle import Probe, poses_in_radians
+from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
 from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
 from simulators.nc.nck import CEC_TABLES, MachineState, MachineUnderControl
 from simulators.plant import Environment, MachineDrive, Plant, load
@@ -143,18 +142,13 @@ async def linked(
         }
     )  # fmt: skip
     problems: list[str] = []
-    cycle = CycleSettings(radius_mm=RADIUS_MM)
     nc = driver(url, clock, compensation)
     link = NcLink(
         nc,
-        config,
         clock,
-        Probe(poses_in_radians(cycle.poses_deg), RADIUS_MM * 1e-3, cycle.height_mm * 1e-3, 1.0),
-        states=lambda *_: None,
-        written=lambda _: None,
-        notify=lambda text, _: problems.append(text),
-        reference_mm=None,
-        first_number=1,
+        LinkSettings.of(config),
+        Earlier(first_number=1),
+        Listeners(notify=lambda notice: problems.append(notice.text)),
     )
     link.follow(perfect(machine))
     task = asyncio.create_task(link.run())

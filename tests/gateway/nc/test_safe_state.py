@@ -226,7 +226,7 @@ async def test_after_the_line_was_cut_it_goes_on_without_a_step(tmp_path: Path) 
     async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
         link.follow(decision(8.0))
         await bench.clock.run_until(10.0)
-        await link._nc.close()
+        await link.disconnect()
         link.follow(decision(-4.0))
         await bench.clock.run_until(35.0)
         assert bench.in_force_um == pytest.approx((0.0, 0.0, -4.0))

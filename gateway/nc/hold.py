@@ -1,0 +1,60 @@
+"""Offsets that are made to stand still while the control probes."""
+
+import asyncio
+
+import numpy as np
+
+from gateway.clock import ServiceClock
+from gateway.nc.routes import Form, differ, offsets_text
+from gateway.probing import InForce, Rejected, to_its_end
+from talc.frame import FloatArray
+
+
+class HeldOffsets:
+    """What was in force when it was made to stand still. Implements gateway.probing.Held."""
+
+    def __init__(self, form: Form, clock: ServiceClock, coefficients: FloatArray) -> None:
+        self._form, self._clock, self.coefficients = form, clock, coefficients
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is in force."""
+        return differ(self.coefficients, np.zeros_like(self.coefficients))
+
+    def at(self, centres_mm: FloatArray | None) -> InForce:
+        return self._form.during(self.coefficients, centres_mm)
+
+    async def still(self) -> None:
+        with self._clock.hold():
+            now = await to_its_end(self._form.read())
+        if differ(now, self.coefficients):
+            raise Rejected(
+                f"the offsets moved while the control probed: {offsets_text(self.coefficients)} µm were in force when "
+                f"it was asked, {offsets_text(now)} are now"
+            )
+
+
+class Hold:
+    """Keeps writes and this gateway's own probing cycles apart."""
+
+    def __init__(self, form: Form, clock: ServiceClock) -> None:
+        self._form, self._clock = form, clock
+        self._on = False
+        self.writing = asyncio.Lock()
+        """Held by a step while it is decided and written."""
+
+    @property
+    def on(self) -> bool:
+        """Whether a cycle of this gateway has the offsets stand still."""
+        return self._on
+
+    async def begin(self) -> HeldOffsets:
+        """No step is begun from now on until `end`. Raises DriverError."""
+        async with self.writing:  # a write under way ends first, or what is read would not be what stands
+            self._on = True
+            with self._clock.hold():
+                return HeldOffsets(self._form, self._clock, await to_its_end(self._form.read()))
+
+    def end(self) -> None:
+        """Steps go on."""
+        self._on = False

@@ -1,0 +1,93 @@
+"""The right to write offsets to one control: claimed, kept by a heartbeat each period, released at the end."""
+
+import logging
+import math
+
+from drivers.base import NoAnswer
+from drivers.nc import NumericalControl, WatchdogTerms
+from gateway.clock import ServiceClock
+from gateway.config.sections import Compensation
+from gateway.nc.states import RIGHTS, Reply, Right, after
+from gateway.polling import Notice, Notify
+
+log = logging.getLogger(__name__)
+
+
+class Lease:
+    """One gateway's lease of one control's offsets; see gateway.nc.states for its table.
+
+    Parameters
+    ----------
+    owner: number of this gateway on the control
+    settings: mode, watchdog_s, slew_um_per_s and when_stale are used
+    notify: called with every problem as it begins and as it ends
+    """
+
+    def __init__(
+        self,
+        nc: NumericalControl,
+        clock: ServiceClock,
+        owner: int,
+        settings: Compensation,
+        notify: Notify,
+    ) -> None:
+        self._nc, self._clock, self._owner, self._notify = nc, clock, owner, notify
+        ramp_um_per_s = settings.slew_um_per_s if settings.when_stale == "zero" else 0.0
+        self._terms = WatchdogTerms(settings.watchdog_s, ramp_um_per_s)
+        self._right = Right.UNCLAIMED if settings.mode == "compensate" else Right.NONE
+        self._heard_before: bool | None = None
+        self._beat_s = -math.inf
+
+    @property
+    def right(self) -> Right:
+        """Whether this gateway may write."""
+        return self._right
+
+    @property
+    def armed(self) -> bool:
+        """Whether this gateway writes offsets, as soon as the control lets it."""
+        return self._right not in (Right.NONE, Right.DISARMED)
+
+    @property
+    def taken_back(self) -> bool:
+        """Disarmed, and the control's watchdog takes the offsets to zero."""
+        return self._right is Right.DISARMED and self._terms.ramp_um_per_s > 0
+
+    async def claim(self) -> None:
+        """Become the one gateway that writes, where the mode has it. Raises DriverError; Refused: it is another's."""
+        if self.armed:
+            await self._nc.claim(self._owner, self._terms)
+            self._right = after(RIGHTS, self._right, Reply.CLAIMED)
+
+    async def beat(self) -> bool:
+        """Send a heartbeat. Whether offsets may be written: False when the control's watchdog was not watching until
+        this beat, so that the offsets may have moved. Raises DriverError."""
+        began = self._clock.monotonic()
+        heard = await self._nc.heartbeat(self._owner)
+        self._beat_s = began  # not now: this process may have stood still since the control heard it
+        self._right = after(RIGHTS, self._right, Reply.HEARD if heard else Reply.UNHEARD)
+        if heard is not self._heard_before and self._heard_before is not None:
+            text = f"NC: its watchdog {'watches again' if heard else 'did not hear this gateway'}"
+            self._notify(Notice("watchdog of NC", text, ended=heard))
+        self._heard_before = heard
+        return heard
+
+    def check_fresh(self) -> None:
+        """Raises NoAnswer when this process has stood still since its beat: the control may have moved the offsets."""
+        if self._clock.monotonic() - self._beat_s > self._terms.silence_s / 2:
+            raise NoAnswer(f"more than {self._terms.silence_s / 2:g} s since the heartbeat", device="nc")
+
+    def disarm(self, text: str) -> None:
+        """Neither write nor beat from now on: the control's watchdog brings the offsets to their declared state."""
+        self._right = after(RIGHTS, self._right, Reply.DISARM)
+        log.warning("%s", text)
+        self._notify(Notice("offsets of NC", text))
+
+    def lost(self) -> None:
+        """The connection is closed; the control keeps the claim until its watchdog finds this gateway silent."""
+        self._right = after(RIGHTS, self._right, Reply.LOST)
+
+    async def release(self) -> None:
+        """Give the control back. Raises DriverError."""
+        if self.armed:
+            await self._nc.release(self._owner)

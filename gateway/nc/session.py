@@ -1,0 +1,90 @@
+"""The connection to one control: opened when the breaker allows it, judged, and closed after every error."""
+
+import logging
+from dataclasses import replace
+
+from drivers.base import ConnectError, DriverError, NoAnswer, Quality
+from drivers.nc import NcSnapshot, NumericalControl
+from gateway.clock import ServiceClock
+from gateway.nc.motion import Motion
+from gateway.polling import Breaker, Notice, Notify, Problems
+
+log = logging.getLogger(__name__)
+
+_LONGEST_RETRY_PERIODS = 30
+_SUBJECT = "NC"
+
+
+class Session:
+    """One control's connection.
+
+    Parameters
+    ----------
+    nc: the driver; nothing is opened before `connect`
+    period_s: time between two snapshots
+    frozen_after_s: see Motion
+    notify: called with every problem as it begins and as it ends
+    """
+
+    def __init__(
+        self,
+        nc: NumericalControl,
+        clock: ServiceClock,
+        *,
+        period_s: float,
+        frozen_after_s: float,
+        notify: Notify,
+    ) -> None:
+        self._nc, self._notify = nc, notify
+        self._breaker = Breaker(period_s, period_s * _LONGEST_RETRY_PERIODS)
+        self._problems = Problems(clock, period_s, notify, log)
+        self._motion = Motion(frozen_after_s)
+        self._latest: NcSnapshot | None = None
+
+    @property
+    def latest(self) -> NcSnapshot | None:
+        """The control's latest state; None while it cannot be reached."""
+        return self._latest
+
+    def may_connect(self, now_s: float) -> bool:
+        """Whether the control may be tried again."""
+        return self._breaker.allows(now_s)
+
+    async def connect(self) -> None:
+        """Raises DriverError."""
+        await self._nc.connect()
+
+    async def look(self) -> NcSnapshot:
+        """The control's state now; of quality `stale` when its values stand still. Raises DriverError."""
+        self._latest = self._judged(await self._nc.snapshot())
+        return self._latest
+
+    async def lost(self, error: DriverError, due_s: float) -> None:
+        """Close after an error of the period that was due at `due_s`, and report the problem once."""
+        await self.close()
+        self._breaker.failed(due_s)
+        # Whether the line is cut or silent, it is the same trouble.
+        kind = "line" if isinstance(error, ConnectError | NoAnswer) else type(error).__name__
+        self._problems.report(_SUBJECT, kind, f"NC: {error}")
+
+    def works(self) -> None:
+        """A whole period had no error. A connection alone proves nothing: what is refused each time after it would
+        be asked for each period for ever."""
+        self._breaker.succeeded()
+        self._problems.clear(_SUBJECT, "NC: connected again")
+
+    async def close(self) -> None:
+        """Never raises DriverError."""
+        self._latest = None
+        try:
+            await self._nc.close()
+        except DriverError as error:
+            log.debug("closing the NC: %s", error)
+
+    def _judged(self, snapshot: NcSnapshot) -> NcSnapshot:
+        frozen = self._motion.frozen(snapshot)
+        was = self._latest is not None and self._latest.quality is Quality.STALE
+        if bool(frozen) is not was:
+            axes = f"{', '.join(frozen)} report a speed and do not move" if frozen else "the axes move again"
+            self._notify(Notice("axes of NC", f"NC: {axes}", ended=not frozen))
+        return replace(snapshot, quality=Quality.STALE) if frozen else snapshot

@@ -1,0 +1,99 @@
+"""The two state tables of the link: what the offsets do, and whether this gateway may write them. Pure."""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import TypeVar
+
+
+class State(StrEnum):
+    """What the offsets of one control do."""
+
+    AWAY = "away"
+    """There is no connection: nothing is known of them."""
+    FOLLOWING = "following"
+    """Each step goes towards the target."""
+    HELD = "held"
+    """They stand still while the control probes, whoever asked for the cycle."""
+    NOT_READY = "not_ready"
+    """Emergency stop, drives off or axes not referenced: they stand still, and afterwards they are read again."""
+    STOPPING = "stopping"
+    """They go where the configuration declares, then the control is released."""
+
+
+class Finding(StrEnum):
+    """What a period finds; the strongest of several counts, in the order lost, not ready, probing."""
+
+    CONNECTED = "connected"
+    LOST = "lost"
+    NOT_READY = "not_ready"
+    PROBING = "probing"
+    CLEAR = "clear"
+    """The control is ready and nobody probes."""
+    STOP = "stop"
+
+
+_CONNECTED: Mapping[Finding, State] = {
+    Finding.CLEAR: State.FOLLOWING,
+    Finding.PROBING: State.HELD,
+    Finding.NOT_READY: State.NOT_READY,
+    Finding.LOST: State.AWAY,
+    Finding.STOP: State.STOPPING,
+}
+STATES: Mapping[State, Mapping[Finding, State]] = {
+    State.AWAY: {Finding.CONNECTED: State.FOLLOWING, Finding.LOST: State.AWAY, Finding.STOP: State.AWAY},
+    State.FOLLOWING: _CONNECTED,
+    State.HELD: _CONNECTED,
+    State.NOT_READY: _CONNECTED,
+    State.STOPPING: {Finding.STOP: State.STOPPING},
+}
+
+
+class Right(StrEnum):
+    """Whether this gateway may write offsets."""
+
+    NONE = "none"
+    """The mode is not `compensate`: no claim, no heartbeat, no write."""
+    UNCLAIMED = "unclaimed"
+    """There is no connection, or the control has not been claimed on it."""
+    UNHEARD = "unheard"
+    """Claimed, but the control's watchdog has not confirmed that it watches: nothing is written."""
+    HEARD = "heard"
+    """The watchdog watches: offsets may be written as long as the last heartbeat is fresh."""
+    DISARMED = "disarmed"
+    """Given up until a restart: no claim, no heartbeat, no write."""
+
+
+class Reply(StrEnum):
+    """What changes the right to write."""
+
+    CLAIMED = "claimed"
+    HEARD = "heard"
+    UNHEARD = "unheard"
+    LOST = "lost"
+    DISARM = "disarm"
+
+
+_CLAIMED: Mapping[Reply, Right] = {
+    Reply.HEARD: Right.HEARD,
+    Reply.UNHEARD: Right.UNHEARD,
+    Reply.LOST: Right.UNCLAIMED,
+    Reply.DISARM: Right.DISARMED,
+}
+RIGHTS: Mapping[Right, Mapping[Reply, Right]] = {
+    Right.NONE: {Reply.LOST: Right.NONE},
+    Right.UNCLAIMED: {Reply.CLAIMED: Right.UNHEARD, Reply.LOST: Right.UNCLAIMED},
+    Right.UNHEARD: _CLAIMED,
+    Right.HEARD: _CLAIMED,
+    Right.DISARMED: {Reply.LOST: Right.DISARMED},
+}
+
+_S = TypeVar("_S", State, Right)
+_E = TypeVar("_E", Finding, Reply)
+
+
+def after(table: Mapping[_S, Mapping[_E, _S]], now: _S, event: _E) -> _S:
+    """The state that follows. Raises RuntimeError for what cannot happen in this state."""
+    try:
+        return table[now][event]
+    except KeyError:
+        raise RuntimeError(f"{event.value!r} cannot happen in state {now.value!r}") from None

@@ -1,0 +1,66 @@
+"""Which thermal errors are to be cancelled now, and whether what they rest on is recent enough. Pure."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from drivers.base import Quality
+from gateway.config.sections import Compensation
+from gateway.nc.slew import Source
+from gateway.nc.unmodelled import LastMeasured
+from talc.frame import Decision, FloatArray, Measurement
+
+
+class Target:
+    """Follows decisions. Times are monotonic seconds.
+
+    Parameters
+    ----------
+    settings: stale_after_s, inputs_stale_after_s and when_stale are used
+    last_measured: of errors without a model
+    missing_s: inputs of live models without a good value, and since when, as an earlier run left it
+    """
+
+    def __init__(self, settings: Compensation, last_measured: LastMeasured, missing_s: Mapping[str, float]) -> None:
+        self._settings, self._last_measured = settings, last_measured
+        self._missing = dict(missing_s)
+        self._decision: Decision | None = None
+        self._decided_s = 0.0
+
+    @property
+    def decision(self) -> Decision | None:
+        """The latest; None before the first."""
+        return self._decision
+
+    @property
+    def missing_s(self) -> Mapping[str, float]:
+        """Inputs of live models that have no good value, and since when."""
+        return self._missing
+
+    def follow(self, decision: Decision, now_s: float) -> None:
+        """Compensate by this decision from now on."""
+        self._decision, self._decided_s = decision, now_s
+        self._missing = {name: self._missing.get(name, now_s) for name in decision.substituted}
+
+    def measured(self, measurement: Measurement, now_s: float) -> None:
+        self._last_measured.measured(measurement, now_s)
+
+    def errors(self, quality: Quality, now_s: float) -> tuple[FloatArray | None, Source]:
+        """(9,) errors to cancel, zero for an unknown one, and what they rest on; None: there is nothing to rest on.
+
+        quality: of the control's snapshot
+        """
+        settings, decision = self._settings, self._decision
+        if decision is None:
+            return None, Source.NO_MODEL
+        if now_s - self._decided_s > settings.stale_after_s or quality is not Quality.GOOD:
+            return None, Source.STALE
+        if any(now_s - since > settings.inputs_stale_after_s for since in self._missing.values()):
+            return None, Source.INPUTS_STALE
+        corrected = decision.corrected
+        if settings.when_stale == "zero":
+            corrected = self._last_measured.corrected(decision, now_s)
+        if not np.any(np.isfinite(corrected)):
+            return None, Source.NO_MODEL
+        # An error without an estimate is not compensated; the others still are.
+        return np.nan_to_num(corrected), Source.PREDICTION

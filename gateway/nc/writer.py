@@ -1,0 +1,172 @@
+"""Writes offsets to one control: step by step, only over what it left there, and reads each back."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from drivers.base import BadAnswer
+from drivers.nc import NcSnapshot
+from gateway.clock import ServiceClock
+from gateway.config.sections import Compensation
+from gateway.nc.lease import Lease
+from gateway.nc.routes import Form, differ, offsets_text, positions
+from gateway.nc.slew import Offsets, Slew, Source, Step, Write, as_offsets
+from talc.frame import FloatArray
+
+
+class Writer:
+    """One control's offsets.
+
+    Parameters
+    ----------
+    form: how offsets go to this control
+    lease: asked before every write, and disarmed by a mismatch
+    settings: mode, bound_um, slew_um_per_s and when_stale are used
+    period_s: time between two steps
+    store: called with every step that differs from the one before, and with every write that was not confirmed
+    """
+
+    def __init__(
+        self,
+        form: Form,
+        lease: Lease,
+        clock: ServiceClock,
+        settings: Compensation,
+        period_s: float,
+        store: Callable[[Write], None],
+    ) -> None:
+        self._form, self._lease, self._clock = form, lease, clock
+        self._settings, self._period, self._store = settings, period_s, store
+        self._slew: Slew | None = None
+        self._left: FloatArray | None = None
+        self._last_step: Step | None = None
+
+    @property
+    def knows(self) -> bool:
+        """Whether it knows what it left in force."""
+        return self._left is not None
+
+    @property
+    def largest_um(self) -> float:
+        """The most that is added to any axis at any position."""
+        return self._begun.largest_um
+
+    @property
+    def _begun(self) -> Slew:
+        if self._slew is None:
+            raise RuntimeError("no step before begin()")
+        return self._slew
+
+    async def begin(self) -> None:
+        """Whatever stands on the control is where the ramp begins: no step at start and none after a reconnect.
+
+        Raises DriverError; BadAnswer for an offset that is not a finite number.
+        """
+        in_force = await self._form.read()
+        if not np.all(np.isfinite(in_force)):
+            raise BadAnswer(f"offsets {offsets_text(in_force)} µm are in force: expected finite numbers", device="nc")
+        settings = self._settings
+        self._slew = Slew(
+            settings.bound_um,
+            settings.slew_um_per_s,
+            settings.when_stale,
+            self._period,
+            in_force,
+            self._clock.monotonic(),
+        )
+        self._left = None
+
+    def forget(self) -> None:
+        """What is in force may change from now on without a write of this gateway."""
+        self._left = None
+
+    def stand(self, now_s: float, snapshot: NcSnapshot, source: Source, k: int | None) -> None:
+        """A step that changes nothing and is not sent."""
+        self._record(self._begun.freeze(now_s, self._here(snapshot), source), snapshot, k)
+
+    async def follow(
+        self,
+        now_s: float,
+        snapshot: NcSnapshot,
+        wanted: FloatArray | None,
+        source: Source,
+        k: int | None,
+        *,
+        send: bool,
+    ) -> None:
+        """A step towards `wanted` (3, n), or towards the declared value for None. Raises DriverError.
+
+        send: whether it goes to the control; it is stored in either case, also when the control does not answer
+        k: grid index of the decision that it rests on
+        """
+        step = self._begun.follow(now_s, wanted, source, self._here(snapshot))
+        if send:
+            await self._send(step, snapshot, k)
+        else:
+            self._record(step, snapshot, k)
+
+    async def _send(self, step: Step, snapshot: NcSnapshot, k: int | None) -> None:
+        coefficients = np.array(step.coefficients_um)
+        written, read_back = False, None
+        try:
+            self._lease.check_fresh()
+            if await self._is_mine():
+                written = True  # also when there will be no answer
+                written = await self._put(coefficients)
+            if written:
+                read_back = as_offsets(await self._read_back(coefficients) @ self._here(snapshot))
+        finally:
+            self._record(step, snapshot, k, written=written, read_back=read_back)
+
+    async def _is_mine(self) -> bool:
+        """Whether what this gateway left is still in force: over another's offsets its next step would be a jump."""
+        if self._left is None:
+            return True
+        found = await self._form.read()
+        self._lease.check_fresh()
+        return self._agrees(found, self._left)
+
+    async def _put(self, coefficients: FloatArray) -> bool:
+        """Whether the driver sends it. What was found at the start may lie beyond what it ever sends: no ramp leads
+        out of that."""
+        self._left = None  # not known until it is read back
+        try:
+            await self._form.write(coefficients)
+        except ValueError as error:
+            text = f"NC: {error}; {offsets_text(coefficients)} µm were to be sent"
+            self._lease.disarm(f"{text}; compensation is disarmed until a restart")
+            return False
+        return True
+
+    async def _read_back(self, coefficients: FloatArray) -> FloatArray:
+        found = self._left = await self._form.read()
+        self._lease.check_fresh()
+        self._agrees(found, coefficients)
+        return found
+
+    def _agrees(self, found: FloatArray, wanted: FloatArray) -> bool:
+        """Disarm unless the control has in force what was written. Compared where the difference is largest."""
+        if differ(found, wanted):
+            self._lease.disarm(
+                f"NC: wrote offsets {offsets_text(wanted)} µm but {offsets_text(found)} are in force; compensation is "
+                "disarmed until a restart. Does something else write there?"
+            )
+            return False
+        return True
+
+    def _here(self, snapshot: NcSnapshot) -> FloatArray:
+        return self._form.basis(positions(snapshot)[:3])
+
+    def _record(
+        self,
+        step: Step,
+        snapshot: NcSnapshot,
+        k: int | None,
+        *,
+        written: bool = False,
+        read_back: Offsets | None = None,
+    ) -> None:
+        before, self._last_step = self._last_step, step
+        if step != before or (written and read_back is None):
+            mode = self._settings.mode
+            self._store(Write(snapshot.time, mode, step, k, snapshot.positions, written, read_back))
