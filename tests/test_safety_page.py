@@ -1,33 +1,47 @@
-"""docs/safety.md promises that each line is shown by a test: every test it names must exist."""
+"""Each line of docs/safety.md names tests that exist, and code that can be broken to see that they fail.
 
+That they do fail is the subject of test_safety_mutations, which takes minutes.
+"""
+
+import ast
 import re
 from pathlib import Path
 
-TESTS = Path(__file__).parent
-PAGE = (TESTS.parent / "docs" / "safety.md").read_text(encoding="utf-8")
+import pytest
+
+from tests.benches.safety_page import ROOT, Mutation, mutations, promises
+
+MUTATIONS = mutations()
 
 
-def named() -> set[str]:
-    """What stands in backticks in the last column of the page's tables, without parameters."""
-    rows = [line for line in PAGE.splitlines() if line.startswith("|") and not set(line) <= set("|- ")]
-    cells = (row.strip("|").rsplit("|", 1)[-1] for row in rows)
-    found = {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
-    return {re.sub(r"(\[.*\]|\.\.\.)+$", "", name) for name in found} - {""}
+def functions(path: Path) -> set[str]:
+    """Names of a file's functions."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)}
 
 
 def test_every_test_that_the_safety_page_names_exists() -> None:
-    files = {path.name: path.read_text(encoding="utf-8") for path in TESTS.rglob("test_*.py")}
-    tests = "\n".join(re.findall(r"def test_(\w+)", "\n".join(files.values())))
-    names = named()
-    assert len(names) > 25
-    missing = {
-        name
-        for name in names
-        if not (
-            re.search(rf"^{re.escape(name)}", tests, re.MULTILINE)
-            or f"{name}.py" in files
-            or (TESTS.parent / name).exists()
-            or (TESTS.parent / f"{name}.py").exists()
-        )
-    }
-    assert missing == set()
+    files = {path.stem: path for path in (ROOT / "tests").rglob("test_*.py")}
+    tests = {name.removeprefix("test_") for path in files.values() for name in functions(path) if "test_" in name}
+    named = {name for promise in promises() for name in promise.tests}
+    assert len(named) > 60
+    assert {
+        name for name in named if not (name in tests or Path(name).name in files or (ROOT / name).is_dir())
+    } == set()
+
+
+def test_every_promise_has_a_mutation_and_every_mutation_one_promise() -> None:
+    found = promises()
+    assert len(found) > 40
+    broken = [[p.text for p in found if p.text.startswith(mutation.promise)] for mutation in MUTATIONS]
+    assert [m.promise for m, texts in zip(MUTATIONS, broken, strict=True) if len(texts) != 1] == []
+    assert {p.text for p in found} - {text for texts in broken for text in texts} == set()
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=[f"{m.function}-{i}" for i, m in enumerate(MUTATIONS)])
+def test_a_mutation_can_be_applied_and_its_test_stands_in_its_line(mutation: Mutation) -> None:
+    before, after = (ROOT / mutation.file).read_text(encoding="utf-8"), mutation.applied()
+    assert ast.dump(ast.parse(after)) != ast.dump(ast.parse(before)), "what is broken must be code"
+    [promise] = [p for p in promises() if p.text.startswith(mutation.promise)]
+    assert mutation.function in promise.tests
+    assert f"test_{mutation.function}" in functions(ROOT / re.split("::", mutation.test)[0])

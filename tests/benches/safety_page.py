@@ -1,0 +1,62 @@
+"""The promises of docs/safety.md and the table of mutations that break them."""
+
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+TABLE = ROOT / "tests" / "safety_mutations.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class Promise:
+    """One line of the page's tables."""
+
+    text: str
+    """Without backticks."""
+    tests: frozenset[str]
+    """Names in its last column: test functions without `test_`, test files without suffix, or their paths."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mutation:
+    """One row of tests/safety_mutations.toml; see there."""
+
+    promise: str
+    file: str
+    text: str
+    broken: str
+    test: str
+
+    @property
+    def function(self) -> str:
+        """Name of the test function without `test_`."""
+        return self.test.split("::")[1].split("[")[0].removeprefix("test_")
+
+    def applied(self, root: Path = ROOT) -> str:
+        """The file's text with the guarded code broken. Raises ValueError unless it occurs exactly once."""
+        source = (root / self.file).read_text(encoding="utf-8")
+        if (count := source.count(self.text)) != 1:
+            raise ValueError(f"{self.file}: {self.text!r} occurs {count} times, expected once")
+        return source.replace(self.text, self.broken)
+
+
+def promises() -> list[Promise]:
+    """Every line of the page's tables, in its order."""
+    lines = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8").splitlines()
+    found, heading = [], True
+    for line in lines:
+        if not line.startswith("|"):
+            heading = True
+        elif set(line) <= set("|- "):
+            heading = False
+        elif not heading:
+            text, tests = line.strip("| ").rsplit(" | ", 1)
+            found.append(Promise(text.replace("`", "").strip(), frozenset(re.findall(r"`([^`]+)`", tests))))
+    return found
+
+
+def mutations() -> list[Mutation]:
+    """Every row of the table. Raises TypeError for a missing or an unknown field."""
+    return [Mutation(**row) for row in tomllib.loads(TABLE.read_text(encoding="utf-8"))["mutation"]]

@@ -1,0 +1,105 @@
+"""The link's state tables, and what the offsets do in each state."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from gateway.nc.slew import Source
+from gateway.nc.states import RIGHTS, STATES, Finding, Reply, Right, State, after
+from tests.benches.nc_link_bench import Bench, decision
+
+
+def test_every_state_can_be_reached_and_a_lost_connection_ends_each_but_the_last() -> None:
+    assert {then for row in STATES.values() for then in row.values()} == set(State)
+    for state, row in STATES.items():
+        assert row.get(Finding.LOST, State.AWAY) is State.AWAY
+        assert (Finding.CONNECTED in row) is (state is State.AWAY)
+    assert set(STATES[State.STOPPING].values()) == {State.STOPPING}
+
+
+def test_from_disarmed_and_from_an_unarmed_mode_no_way_leads_to_a_write() -> None:
+    for begin in (Right.DISARMED, Right.NONE):
+        assert set(RIGHTS[begin].values()) == {begin}
+    may_write = {right for right, row in RIGHTS.items() if row.get(Reply.HEARD) is Right.HEARD}
+    assert may_write == {Right.UNHEARD, Right.HEARD}
+    assert all(row[Reply.LOST] is not Right.HEARD for row in RIGHTS.values())
+    assert [right for right, row in RIGHTS.items() if Reply.CLAIMED in row] == [Right.UNCLAIMED]
+
+
+def test_what_cannot_happen_is_an_error() -> None:
+    with pytest.raises(RuntimeError, match="'heard' cannot happen in state 'disarmed'"):
+        after(RIGHTS, Right.DISARMED, Reply.HEARD)
+    with pytest.raises(RuntimeError, match="'clear' cannot happen in state 'stopping'"):
+        after(STATES, State.STOPPING, Finding.CLEAR)
+
+
+@pytest.mark.parametrize("mode", ["monitor", "compensate"])
+async def test_offsets_stand_still_while_somebody_else_has_the_control_probe(mode: str) -> None:
+    bench = Bench(mode)
+    async with bench.running():
+        bench.link.follow(decision(20.0))
+        await bench.clock.run_until(5.0)
+        bench.control.probing = True
+        before, stood = len(bench.control.writes), bench.steps[-1].step.offsets_um
+        await bench.clock.run_until(15.0)
+        assert bench.steps[-1].step.offsets_um == stood
+        assert len(bench.control.writes) == before
+        bench.control.probing = False
+        await bench.clock.run_until(16.0)
+        assert stood[2] < bench.steps[-1].step.offsets_um[2] <= stood[2] + 1.0, "nothing was saved up"
+    assert [write.step.source for write in bench.steps].count(Source.FROZEN) == 1
+
+
+async def test_while_the_control_is_not_ready_the_offsets_stand() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(20.0))
+        await bench.clock.run_until(5.0)
+        bench.control.ready, bench.control.probing = False, True
+        before, beats = len(bench.control.writes), len(bench.control.beats)
+        await bench.clock.run_until(15.0)
+        assert bench.steps[-1].step.source is Source.NOT_READY
+        assert len(bench.control.writes) == before
+        assert len(bench.control.beats) == beats + 10, "the lease is kept"
+        bench.control.ready, bench.control.probing = True, False
+        await bench.clock.run_until(18.0)
+        heights = [offsets[2] for _, offsets in bench.control.writes[before - 1 :]]
+    assert np.abs(np.diff(heights)).max() <= 1.0 + 1e-9, "nothing was saved up"
+    assert heights[-1] > heights[0]
+
+
+async def test_not_ready_while_it_stops_it_writes_nothing_more() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(10.0))
+        await bench.clock.run_until(15.0)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(18.5)
+    assert 5.0 < bench.control.in_force[2] < 9.0
+    bench.control.ready = False
+    before = len(bench.control.writes)
+    await bench.clock.run_until(60.0)
+    ended = stopping.done()
+    stopping.cancel()
+    assert ended
+    assert len(bench.control.writes) == before
+    assert bench.steps[-1].step.source is Source.NOT_READY
+    assert (bench.control.owner, bench.control.closed) == (0, 1)
+
+
+async def test_stopped_after_an_emergency_stop_it_takes_back_what_is_in_force_by_then() -> None:
+    bench = Bench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(5.0))
+        await bench.clock.run_until(10.0)
+        bench.control.ready = False
+        await bench.clock.run_until(12.0)
+        bench.control.in_force = (0.0, 0.0, 2.0)  # the watchdog had the offsets, or the control was off
+    bench.control.ready = True
+    before = len(bench.control.writes)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert [offsets[2] for _, offsets in bench.control.writes[before:]] == [1.0, 0.0]
+    assert bench.notices == []
