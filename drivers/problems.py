@@ -59,8 +59,20 @@ def read_settings(
     try:
         return strictly(kind, data, context)
     except ValidationError as error:
-        found = "; ".join(map(str, problems_of(error, data, kind, lambda location, _: dotted(location))))
+        found = _in_one_line(error, data, kind)
         raise SetupError(f"{file}: {found}" if file else found, bus=bus, device=device) from error
+
+
+def settings_of(kind: type[M], values: Mapping[str, object], *, device: str = "") -> M:
+    """The settings that these Python values make. Raises SetupError as `read_settings` does."""
+    try:
+        return kind.model_validate(values)
+    except ValidationError as error:
+        raise SetupError(_in_one_line(error, values, kind), device=device) from error
+
+
+def _in_one_line(error: ValidationError, data: Mapping[str, object], kind: type[BaseModel]) -> str:
+    return "; ".join(map(str, problems_of(error, data, kind, lambda location, _: dotted(location))))
 
 
 def problems_of(

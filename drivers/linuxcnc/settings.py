@@ -1,9 +1,11 @@
 """Settings of the connection to LinuxCNC's agent: address and shared key. No network."""
 
-from dataclasses import dataclass
-from pathlib import Path
+from typing import Self
+
+from pydantic import model_validator
 
 from drivers.base import SetupError
+from drivers.section import FilePath, NotEmpty, NotNegative, Port, Positive, Section
 
 DEFAULT_PORT = 7621
 SHORTEST_KEY = 32
@@ -12,36 +14,39 @@ POSES = 6
 LARGEST_UM = 500.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinuxCncSettings:
-    """One LinuxCNC. Raises SetupError naming the field that cannot be."""
+class LinuxCncAgent(Section):
+    """Where the agent of deploy/nc/linuxcnc is."""
 
-    key_file: Path
-    """Holds the key alone, the same as the agent's talc.key; readable by the service only."""
-    host: str = "127.0.0.1"
-    port: int = DEFAULT_PORT
-    timeout_s: float = 2.0
-    """Longest wait for one answer."""
+    host: NotEmpty = "127.0.0.1"
+    """Where the agent listens. Beyond this computer use a tunnel: lines are signed but can be read on the way."""
+    port: Port = DEFAULT_PORT
+    """The agent's port."""
+    key_file: FilePath
+    """File that holds the key shared with the agent: a copy of its talc.key."""
+    timeout_s: Positive = 2.0
+    """How long one answer may take."""
+
+
+class LinuxCncSettings(LinuxCncAgent):
+    """One LinuxCNC."""
+
     poses: int = POSES
-    request_valid_for_s: float = 900.0
+    """Number of poses that one probing cycle touches."""
+    request_valid_for_s: NotNegative = 900.0
     """A request that found no safe point within this time is refused; 0: never."""
-    largest_um: float = LARGEST_UM
+    largest_um: Positive = LARGEST_UM
     """Offsets beyond are never sent; the agent has its own bound."""
     device: str = "nc"
+    """Name in messages."""
 
-    def __post_init__(self) -> None:
-        if not self.host:
-            raise SetupError("host is empty: expected a name or an address", device=self.device)
-        if not 1 <= self.port <= 65535:
-            raise SetupError(f"port = {self.port!r}: expected 1 to 65535", device=self.device)
-        if not self.timeout_s > 0:
-            raise SetupError(f"timeout_s = {self.timeout_s!r}: expected more than 0", device=self.device)
+    @model_validator(mode="after")
+    def _as_on_the_control(self) -> Self:
         if self.poses != POSES:
             raise SetupError(
                 f"poses = {self.poses!r}: the probing program on the control has {POSES}",
-                device=self.device,
                 hint="ask for the poses of talc_poses.ngc",
             )
+        return self
 
     def key(self) -> bytes:
         """Raises SetupError when the file cannot be read or is too short to be a key."""

@@ -1,62 +1,54 @@
 """Settings of an OPC UA connection: address, certificates, ports. No network."""
 
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
 
 from cryptography import x509
+from pydantic import model_validator
 
 from drivers.base import SetupError
+from drivers.section import FilePath, NotEmpty, Positive, Section, matching, wrong
 
 DEFAULT_PORT = 4840
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OpcUaSettings:
-    """Where a server is and how it is spoken to. Raises SetupError naming the field that cannot be."""
+class OpcUaSettings(Section):
+    """Where a server is and how it is spoken to."""
 
-    url: str
-    """opc.tcp://host:port; port 4840 when it is left out."""
-    timeout_s: float = 2.0
-    """Longest wait for one answer."""
+    url: Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
+    """Endpoint of the control's OPC UA server, such as `opc.tcp://192.168.214.1:4840`; that port if left out."""
     security: Literal["none", "Basic256Sha256"] = "none"
-    """`Basic256Sha256` signs and encrypts and needs the three certificate files."""
-    user: str = ""
-    """Empty: anonymous."""
-    password_file: Path | None = None
-    """Holds the password alone, readable by the service only."""
-    certificate: Path | None = None
-    """Ours, .pem or .der; the control must trust it."""
-    private_key: Path | None = None
-    """Ours, .pem or .der."""
-    server_certificate: Path | None = None
-    """The control's, copied from it at commissioning: nobody else is taken for the control. None: whichever
-    certificate the server shows is believed, which protects against listeners, not against impostors."""
-    namespace_uri: str = "SinumerikVarProvider"
-    """The index of this namespace is looked up at every connect."""
+    """`Basic256Sha256` signs and encrypts; `none` sends everything in the clear: for an emulated control only."""
+    user: str | None = None
+    """OPC UA user; the control grants it the rights to read and write."""
+    password_file: FilePath | None = None
+    """File that holds the user's password, so that it is never in this file, the store or a message."""
+    certificate: FilePath | None = None
+    """The gateway's certificate (.der or .pem); the control must trust it."""
+    private_key: FilePath | None = None
+    """The certificate's key (.pem)."""
+    server_certificate: FilePath | None = None
+    """The control's certificate (.der or .pem), copied from it: nobody else is then taken for the control."""
+    namespace_uri: NotEmpty = "SinumerikVarProvider"
+    """Namespace of the control's variables; its index is looked up at every connect."""
+    timeout_s: Positive = 2.0
+    """How long one answer may take."""
 
-    def __post_init__(self) -> None:
-        parts = urlsplit(self.url)
-        if parts.scheme != "opc.tcp" or not parts.hostname:
-            raise SetupError(f"url = {self.url!r}: expected opc.tcp://host:port")
-        if not self.timeout_s > 0:
-            raise SetupError(f"timeout_s = {self.timeout_s!r}: expected more than 0")
-        if self.security not in ("none", "Basic256Sha256"):
-            raise SetupError(f"security = {self.security!r}: expected 'none' or 'Basic256Sha256'")
-        if bool(self.user) != (self.password_file is not None):
-            raise SetupError("user and password_file: expected both or neither")
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if (self.user is None) != (self.password_file is None):
+            raise ValueError("user and password_file go together: give both or neither")
+        if self.security == "none":
+            return self
+        if self.certificate is None or self.private_key is None:
+            raise ValueError(f"security = '{self.security}' needs certificate and private_key")
         for name in ("certificate", "private_key", "server_certificate"):
             path = getattr(self, name)
-            if self.security == "none":
-                continue
-            if path is None:
-                if name == "server_certificate":
-                    continue
-                raise SetupError(f"{name} is missing: security = 'Basic256Sha256' needs it")
-            if path.suffix not in (".pem", ".der"):
-                raise SetupError(f"{name} = {str(path)!r}: expected a file ending in .pem or .der")
+            if path is not None and path.suffix not in (".pem", ".der"):
+                raise wrong(f"{str(path)!r}: expected a file ending in .pem or .der", name)
+        return self
 
 
 def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certificate:

@@ -78,14 +78,14 @@ class Sinumerik:
         self._settings = settings
         self._clock = clock
         self._session = OpcUaSession(settings, settings.device, RIGHTS)
-        paths = settings.paths
+        paths = settings.nodes
         self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
         self._states = settings.state_sources
         names = ("mode", "program", "tool", "probe_in_spindle", "drives_on")
         named = {name: getattr(paths, name) for name in names}
         self._named = {name: path for name, path in named.items() if path}
         state_paths = (source.path for source in self._states.values())
-        self._referenced = self._linear(paths.referenced) if paths.referenced else ()
+        self._referenced = settings.linear(paths.referenced) if paths.referenced else ()
         self._snapshot = (
             *self._positions,
             *state_paths,
@@ -99,8 +99,7 @@ class Sinumerik:
         results = range(hand.results, hand.results + 3 * settings.poses)
         self._request = (*self._status, settings.r(hand.withdraw))
         self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in (*results, hand.spread)))
-        self._offsets = self._offset_paths()
-        self._in_force = self._in_force_paths()
+        self._offsets, self._in_force = settings.offset_nodes, settings.in_force_nodes
         lease = settings.lease
         self._lease = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.state))
 
@@ -268,21 +267,6 @@ class Sinumerik:
             device=self._settings.device,
             hint="stop the other gateway, or run this one in the mode monitor or advise",
         )
-
-    def _offset_paths(self) -> tuple[str, ...]:
-        comp = self._settings.compensation
-        if comp.route == "r":
-            return tuple(self._settings.r(comp.first_r + i) for i in range(3))
-        return self._linear(self._settings.paths.k0)
-
-    def _in_force_paths(self) -> tuple[str, ...]:
-        if self._settings.compensation.route == "r":
-            return self._offsets
-        paths = self._settings.paths
-        return tuple(p for path in (paths.k0, paths.slope, paths.reference, paths.position) for p in self._linear(path))
-
-    def _linear(self, path: str) -> tuple[str, ...]:
-        return tuple(path.format(n=self._settings.axis_numbers[axis]) for axis in LINEAR_AXES)
 
     def _from_origin(self, x: float, y: float, z: float) -> Triple:
         """Machine coordinates as the gateway counts them."""

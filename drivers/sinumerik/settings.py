@@ -4,11 +4,14 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Final, Literal
+from typing import Final, Literal, Self
+
+from pydantic import Field, model_validator
 
 from drivers.base import SetupError
 from drivers.nc import LINEAR_AXES, ROTARY_AXES, Triple
 from drivers.opcua.settings import OpcUaSettings
+from drivers.section import NotNegative
 
 _DEGREES_PER_TURN = 360.0
 PAIRS: Final = {
@@ -213,45 +216,45 @@ class LeaseParameters:
     """Route `k0_slope`: the same for slopes, mm/mm per second."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SinumerikSettings(OpcUaSettings):
-    """One SINUMERIK control. Raises SetupError naming the field that cannot be."""
+class SinumerikControl(OpcUaSettings):
+    """Where a SINUMERIK control is, and what is where on it."""
 
-    device: str = "nc"
-    """Name in messages."""
-    axis_numbers: Mapping[str, int] = field(default_factory=lambda: {"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
+    subscribe_s: NotNegative = 0.0
+    """Have the control tell of changes this often instead of asking it every period; 0 asks. A control that offers no
+    subscription, or falls silent, is asked."""
+    axis_numbers: Mapping[str, int] = Field(default={"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
     """Number of each machine axis on the control."""
     origin_mm: Triple = (0.0, 0.0, 0.0)
-    """Machine coordinates of X, Y, Z at which the tip of the tool is where A and C meet; positions count from there."""
-    paths: Paths = field(default_factory=Paths)
-    subscribe_s: float = 0.0
-    """Have the control tell of changes this often instead of asking at every snapshot; 0: ask. A control that offers
-    no subscription, or falls silent, is asked."""
-    states: Mapping[str, StateNode] | None = None
-    """Machine states to read; None: default_states."""
-    poses: int = 6
-    """Number of poses that one probing cycle touches."""
-    handshake: Handshake = field(default_factory=Handshake)
-    compensation: OffsetRoute = field(default_factory=OffsetRoute)
-    lease: LeaseParameters = field(default_factory=LeaseParameters)
+    """Machine coordinates of X, Y, Z at which the tip of the tool is where A and C meet. What tilts shift grows with
+    the distance from there."""
+    nodes: Paths = Paths()
+    handshake: Handshake = Handshake()
+    lease: LeaseParameters = LeaseParameters()
+    compensation: OffsetRoute = OffsetRoute()
 
-    def __post_init__(self) -> None:
-        OpcUaSettings.__post_init__(self)
-        if not (math.isfinite(self.subscribe_s) and self.subscribe_s >= 0):
-            raise SetupError(f"subscribe_s = {self.subscribe_s!r}: expected 0 or more")
-        if not all(math.isfinite(v) for v in self.origin_mm):
-            raise SetupError(f"origin_mm = {self.origin_mm!r}: expected three finite numbers")
-        if self.poses < 1:
-            raise SetupError(f"poses = {self.poses!r}: expected 1 or more")
+    @model_validator(mode="after")
+    def _every_axis(self) -> Self:
         wanted = set(LINEAR_AXES + ROTARY_AXES)
         numbers = list(self.axis_numbers.values())
         if set(self.axis_numbers) != wanted or len(set(numbers)) != len(wanted) or min(numbers) < 1:
-            raise SetupError(
+            raise ValueError(
                 f"axis_numbers = {dict(self.axis_numbers)!r}: expected for each of X Y Z A C its own number from 1 on"
             )
-        self._check_r_parameters()
+        return self
 
-    def _check_r_parameters(self) -> None:
+
+class SinumerikSettings(SinumerikControl):
+    """One SINUMERIK control, with what is to be read from it and the poses of its probing cycle."""
+
+    device: str = "nc"
+    """Name in messages."""
+    states: Mapping[str, StateNode] | None = None
+    """Machine states to read; None: default_states."""
+    poses: int = Field(default=6, ge=1)
+    """Number of poses that one probing cycle touches."""
+
+    @model_validator(mode="after")
+    def _check_r_parameters(self) -> Self:
         """No number below 0, and none with two meanings."""
         meaning: dict[int, str] = {}
         for name, number in self.r_numbers():
@@ -262,6 +265,7 @@ class SinumerikSettings(OpcUaSettings):
                     f"R{number} is {meaning[number]} as well as {name}", hint="give one of them another R-parameter"
                 )
             meaning[number] = name
+        return self
 
     def r_numbers(self) -> Iterator[tuple[str, int]]:
         """Every R-parameter in use, with what it is for; a field of several gives several."""
@@ -282,4 +286,30 @@ class SinumerikSettings(OpcUaSettings):
 
     def r(self, number: int) -> str:
         """Node name of an R-parameter."""
-        return self.paths.r_parameter.format(n=number)
+        return self.nodes.r_parameter.format(n=number)
+
+    def linear(self, path: str) -> tuple[str, ...]:
+        """Node names of X, Y, Z by a path of `nodes`."""
+        return tuple(path.format(n=self.axis_numbers[axis]) for axis in LINEAR_AXES)
+
+    @property
+    def offset_nodes(self) -> tuple[str, ...]:
+        """What an offset of X, Y, Z is written to."""
+        if self.compensation.route == "r":
+            return tuple(self.r(self.compensation.first_r + i) for i in range(3))
+        return self.linear(self.nodes.k0)
+
+    @property
+    def table_nodes(self) -> dict[tuple[int, int], str]:
+        """Weight of the sag compensation table of each pair (shifted axis, axis whose position counts)."""
+        tables = self.compensation.tables
+        return {PAIRS[pair]: self.nodes.weight.format(n=table + 1) for pair, table in tables.items()}
+
+    @property
+    def in_force_nodes(self) -> tuple[str, ...]:
+        """What the offsets in force follow from, by route: the parameters; or K0, tanβ, P0, weights and positions."""
+        if self.compensation.route == "r":
+            return self.offset_nodes
+        nodes = self.nodes
+        form = (p for path in (nodes.k0, nodes.slope, nodes.reference) for p in self.linear(path))
+        return (*form, *self.table_nodes.values(), *self.linear(nodes.position))

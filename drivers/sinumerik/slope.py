@@ -11,7 +11,7 @@ from typing import Final
 from drivers.base import Clock, Refused
 from drivers.nc import LINEAR_AXES, LinearOffsets, Triple, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
-from drivers.sinumerik.settings import PAIRS, SinumerikSettings
+from drivers.sinumerik.settings import SinumerikSettings
 
 _SAME_MM: Final = 1e-6
 
@@ -23,11 +23,10 @@ class SinumerikWithSlopes(Sinumerik):
         comp = settings.compensation
         if comp.route != "k0_slope" or comp.travel_mm is None:
             raise ValueError(f"route = {comp.route!r}: expected 'k0_slope'")
-        tables = [(PAIRS[pair], settings.paths.weight.format(n=table + 1)) for pair, table in comp.tables.items()]
-        self._tables = dict(tables)
         super().__init__(settings, clock)
-        self._slopes = self._linear(settings.paths.slope)
-        self._references = self._linear(settings.paths.reference)
+        self._tables = settings.table_nodes
+        self._slopes = settings.linear(settings.nodes.slope)
+        self._references = settings.linear(settings.nodes.reference)
         self._form = (*self._offsets, *self._slopes, *self._references, *self._tables.values())
         low_high = zip(comp.travel_mm, comp.reference_mm, strict=True)
         x, y, z = (max(abs(low - p0), abs(high - p0)) for (low, high), p0 in low_high)
@@ -96,11 +95,6 @@ class SinumerikWithSlopes(Sinumerik):
         values = self._numbers(self._in_force, await self._session.read(self._in_force))
         x, y, z = values[len(self._form) :]
         return self._offsets_from(values[: len(self._form)]).at(self._from_origin(x, y, z))
-
-    def _in_force_paths(self) -> tuple[str, ...]:
-        paths = self._settings.paths
-        form = [p for path in (paths.k0, paths.slope, paths.reference) for p in self._linear(path)]
-        return (*form, *self._tables.values(), *self._linear(paths.position))
 
     def _watchdog_values(self, terms: WatchdogTerms) -> dict[str, float]:
         """Half of the rate for K0 and half for all slopes together, so that nothing moves faster than agreed."""

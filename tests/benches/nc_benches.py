@@ -7,7 +7,6 @@ import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import replace
 from pathlib import Path
 
 from drivers.base import SystemClock
@@ -190,8 +189,8 @@ def sinumerik(compensation: OffsetRoute, subscribe_s: float = 0.0) -> Callable[[
     @asynccontextmanager
     async def opened(_: Path) -> AsyncIterator[NcBench]:
         async with sinumerik_bench() as inner:
-            settings: SinumerikSettings = replace(
-                wired(SinumerikSettings(url=inner.url)), compensation=compensation, subscribe_s=subscribe_s
+            settings = wired(SinumerikSettings(url=inner.url)).model_copy(
+                update={"compensation": compensation, "subscribe_s": subscribe_s}
             )
             kind = SinumerikWithSlopes if compensation.route == "k0_slope" else Sinumerik
             bench = EmulatedBench(inner.control.nck, inner.clock, lambda: kind(settings, inner.clock))

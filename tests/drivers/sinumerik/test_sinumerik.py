@@ -247,7 +247,9 @@ async def test_a_wrong_password_and_no_user_are_refused(tmp_path: Path) -> None:
 
 
 async def test_a_request_that_finds_no_safe_point_in_its_time_is_refused_and_never_begun(bench: Bench) -> None:
-    hurried = replace(wired(SinumerikSettings(url=bench.url)), handshake=Handshake(request_valid_for_s=20.0))
+    hurried = wired(SinumerikSettings(url=bench.url)).model_copy(
+        update={"handshake": Handshake(request_valid_for_s=20.0)}
+    )
     nc = Sinumerik(hurried, bench.clock)
     await nc.connect()
     bench.clock.move_to(50.0)  # safe points at 80, 120, ...
@@ -290,7 +292,7 @@ async def test_a_state_or_a_tool_that_is_no_number_is_one_that_the_control_does_
 @pytest.mark.parametrize(("value", "ready"), [(3.0, True), (2.0, False), (math.nan, False)])
 async def test_an_axis_is_referenced_only_when_the_control_says_so(bench: Bench, value: float, ready: bool) -> None:
     plain = SinumerikSettings(url=bench.url)
-    settings = replace(plain, paths=replace(plain.paths, referenced="/Channel/Parameter/R[u1,{n}]"))
+    settings = plain.model_copy(update={"nodes": replace(plain.nodes, referenced="/Channel/Parameter/R[u1,{n}]")})
     bench.control.nck.r[1:4] = [3.0, value, 3.0]
     nc = Sinumerik(settings, bench.clock)
     await nc.connect()
@@ -317,7 +319,7 @@ async def test_ready_is_who_shows_no_emergency_stop_and_has_room_to_show_one(
 
 async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for_it(bench: Bench) -> None:
     plain = SinumerikSettings(url=bench.url)
-    nc = Sinumerik(replace(plain, paths=replace(plain.paths, drives_on=DRIVES_ON)), bench.clock)
+    nc = Sinumerik(plain.model_copy(update={"nodes": replace(plain.nodes, drives_on=DRIVES_ON)}), bench.clock)
     await nc.connect()
     assert (await nc.snapshot()).ready is True
     bench.control.nck.drives_on = False
@@ -328,7 +330,7 @@ async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for
 
 async def test_without_alarm_nodes_none_are_read(bench: Bench) -> None:
     plain = SinumerikSettings(url=bench.url)
-    nc = Sinumerik(replace(plain, paths=replace(plain.paths, alarms=())), bench.clock)
+    nc = Sinumerik(plain.model_copy(update={"nodes": replace(plain.nodes, alarms=())}), bench.clock)
     await nc.connect()
     bench.control.nck.raise_alarm(21612, bench.clock.now)
     snapshot = await nc.snapshot()

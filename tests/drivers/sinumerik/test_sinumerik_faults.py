@@ -167,7 +167,7 @@ async def test_a_server_that_is_no_sinumerik() -> None:
 async def test_a_path_that_does_not_exist_is_named_when_connecting() -> None:
     async with running(emulated()) as url:
         wrong_state = SinumerikSettings(url=url, states={"coolant": StateNode("/Plc/Q77.7")})
-        wrong_axis = SinumerikSettings(url=url, paths=Paths(position="/Channel/machineAxis/pos[u1,{n}]"))
+        wrong_axis = SinumerikSettings(url=url, nodes=Paths(position="/Channel/machineAxis/pos[u1,{n}]"))
         for settings, path in ((wrong_state, r"/Plc/Q77\.7"), (wrong_axis, r"machineAxis/pos\[u1,1\]")):
             with pytest.raises(WrongDevice, match=f"{path} does not exist"):
                 await Sinumerik(settings, SystemClock()).connect()

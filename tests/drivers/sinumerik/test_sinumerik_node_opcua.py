@@ -94,11 +94,11 @@ async def test_killed_in_a_session(node: str, tmp_path: Path) -> None:
 
 async def test_what_the_server_does_not_have_or_does_not_let_us_write(node: str, tmp_path: Path) -> None:
     async with peer(node, tmp_path) as (url, _):
-        wrong = SinumerikSettings(url=url, paths=Paths(tool="/Channel/State/actTNo[u1]"))
+        wrong = SinumerikSettings(url=url, nodes=Paths(tool="/Channel/State/actTNo[u1]"))
         with pytest.raises(WrongDevice, match=r"actTNo\[u1\] does not exist"):
             await Sinumerik(wrong, SystemClock()).connect()
         # tanβ is shown, not writable
-        locked = SinumerikSettings(url=url, paths=Paths(k0="/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"))
+        locked = SinumerikSettings(url=url, nodes=Paths(k0="/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"))
         nc = Sinumerik(locked, SystemClock())
         await nc.connect()
         with pytest.raises(Refused, match=r"SLOPE\[u1\].*SeaWrite"):

@@ -13,6 +13,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from drivers.base import DriverError, Refused, SetupError, SystemClock
+from drivers.problems import settings_of
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.clock import RealClock
@@ -73,7 +74,7 @@ class Site:
             "private_key": self.ours.key,
             "server_certificate": self.theirs.certificate,
         }
-        return Sinumerik(SinumerikSettings(**(fields | changes)), SystemClock())  # type: ignore[arg-type]
+        return Sinumerik(settings_of(SinumerikSettings, fields | changes), SystemClock())
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from drivers.base import SetupError
+from drivers.problems import settings_of
 from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, Paths, SinumerikSettings, StateNode
 
 URL = "opc.tcp://127.0.0.1:4840"
@@ -16,24 +17,27 @@ URL = "opc.tcp://127.0.0.1:4840"
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"url": "http://mill:4840"}, "url = 'http://mill:4840'"),
-        ({"url": "mill"}, "url = 'mill'"),
-        ({"timeout_s": 0.0}, "timeout_s = 0.0"),
-        ({"security": "Basic128"}, "security = 'Basic128'"),
+        ({"url": "http://mill:4840"}, "url: 'http://mill:4840': expected opc.tcp://"),
+        ({"url": "mill"}, "url: 'mill': expected opc.tcp://"),
+        ({"timeout_s": 0.0}, "timeout_s: 0.0: expected more than 0"),
+        ({"security": "Basic128"}, "security: 'Basic128' is not possible"),
         ({"user": "gateway"}, "user and password_file"),
         ({"password_file": Path("secret")}, "user and password_file"),
-        ({"security": "Basic256Sha256"}, "certificate is missing"),
-        ({"security": "Basic256Sha256", "certificate": Path("a.pem")}, "private_key is missing"),
+        ({"security": "Basic256Sha256"}, "needs certificate and private_key"),
+        ({"security": "Basic256Sha256", "certificate": Path("a.pem")}, "needs certificate and private_key"),
         (
             {"security": "Basic256Sha256", "certificate": Path("a.crt"), "private_key": Path("b.pem")},
-            r"certificate = 'a.crt': expected a file ending in \.pem or \.der",
+            r"certificate: 'a.crt': expected a file ending in \.pem or \.der",
         ),
         ({"axis_numbers": {"X": 1, "Y": 2, "Z": 3}}, "axis_numbers"),
         ({"axis_numbers": {"X": 1, "Y": 1, "Z": 3, "A": 4, "C": 5}}, "axis_numbers"),
         ({"axis_numbers": {"X": 0, "Y": 1, "Z": 3, "A": 4, "C": 5}}, "axis_numbers"),
-        ({"subscribe_s": math.nan}, "subscribe_s = nan"),
-        ({"poses": 0}, "poses = 0"),
-        ({"origin_mm": (0.0, math.nan, 0.0)}, "origin_mm"),
+        ({"subscribe_s": math.nan}, "subscribe_s: nan: expected a finite number"),
+        ({"poses": 0}, "poses: 0: expected at least 1"),
+        (
+            {"origin_mm": (0.0, math.nan, 0.0)},
+            r"origin_mm\[1\]: nan: expected a finite number",
+        ),
         ({"handshake": Handshake(request=64)}, "R64 is handshake.request as well as handshake.answers"),
         ({"handshake": Handshake(results=50)}, r"R60 is handshake.request as well as handshake.results \(of 6 poses\)"),
         ({"handshake": Handshake(withdraw=-1)}, "handshake.withdraw = -1"),
@@ -45,7 +49,7 @@ URL = "opc.tcp://127.0.0.1:4840"
 )
 def test_a_field_that_cannot_be_is_named(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(SetupError, match=message):
-        SinumerikSettings(**({"url": URL} | fields))
+        settings_of(SinumerikSettings, {"url": URL} | fields)
 
 
 def test_parameters_of_a_route_that_is_not_taken_may_have_another_meaning() -> None:
@@ -86,7 +90,7 @@ def test_the_sign_follows_the_route_unless_it_is_given() -> None:
 def test_node_names_of_r_parameters_and_speeds_follow_the_settings() -> None:
     settings = SinumerikSettings(
         url=URL,
-        paths=Paths(r_parameter="/Channel/Parameter/R[u2,{n}]"),
+        nodes=Paths(r_parameter="/Channel/Parameter/R[u2,{n}]"),
         axis_numbers={"X": 3, "Y": 2, "Z": 1, "A": 4, "C": 6},
     )
     assert settings.r(60) == "/Channel/Parameter/R[u2,60]"

@@ -191,7 +191,7 @@ async def test_a_table_that_does_not_exist_is_named_when_connecting() -> None:
     paths = Paths(weight="/NC/_N_NC_SEA_ACX/$SN_CEC_WEIGHT[{n}]")
     compensation = OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 3})
     async with sinumerik_bench() as bench:
-        settings = SinumerikSettings(url=bench.url, compensation=compensation, paths=paths)
+        settings = SinumerikSettings(url=bench.url, compensation=compensation, nodes=paths)
         with pytest.raises(WrongDevice, match=r"\$SN_CEC_WEIGHT\[4\] does not exist"):
             await SinumerikWithSlopes(settings, bench.clock).connect()
 

@@ -118,7 +118,7 @@ def test_every_key_reaches_the_driver() -> None:
     assert (settings.timeout_s, settings.subscribe_s) == (1.5, 0.25)
     assert settings.axis_numbers == {"X": 3, "Y": 2, "Z": 1, "A": 6, "C": 5}
     assert settings.origin_mm == (400.0, 0.0, -120.5)
-    paths = settings.paths
+    paths = settings.nodes
     assert (paths.k0, paths.slope, paths.reference) == ("/NC/a[u{n}]", "/NC/b[u{n}]", "/NC/c[u{n}]")
     assert paths.position == "/Channel/MachineAxis/measPos1[u2,{n}]"
     assert (paths.mode, paths.program) == ("", "/Channel/State/progStatus[u2]")
@@ -142,7 +142,7 @@ def test_what_is_left_out_is_as_the_driver_has_it() -> None:
     found = driver_settings(config(SECURE))
     usual = SinumerikSettings(url="opc.tcp://nc")
     assert found.security == "Basic256Sha256"
-    assert (found.paths, found.handshake, found.lease) == (usual.paths, usual.handshake, usual.lease)
+    assert (found.nodes, found.handshake, found.lease) == (usual.nodes, usual.handshake, usual.lease)
     assert (found.compensation, found.axis_numbers) == (usual.compensation, usual.axis_numbers)
     assert found.namespace_uri == usual.namespace_uri
     assert found.state_sources == {}, "nothing is read that nobody uses"
