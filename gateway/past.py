@@ -44,7 +44,7 @@ def past_of(history: History, config: GatewayConfig) -> Past:
 
     A fresh start when the record is empty or was made with other inputs or other TALC settings.
     """
-    fresh = Past(Controller(config.input_names, config.talc))
+    fresh = Past(Controller(config.input_names, config.talc, config.grid.step_s))
     if history.config() is None:
         return fresh
     before = stored_config(history)

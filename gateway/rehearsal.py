@@ -29,7 +29,7 @@ def rehearse(
     only judge. every_measurement: all of them reach it. Sensors are not compared with each other and measurements not
     checked, as a recording has neither units nor the centres of a probing cycle.
     """
-    controller = Controller(recording.input_names, settings)
+    controller = Controller(recording.input_names, settings, recording.step_s)
     decisions: list[Decision] = []
     used = np.full((len(recording.k), _ERRORS), np.nan)
     estimate, held = np.full((len(recording.k), _ERRORS), np.nan), np.full((len(recording.k), _ERRORS), np.nan)

@@ -41,7 +41,7 @@ class ReplayResult:
 def replay(history: History, progress: Callable[[int], None] = lambda _: None) -> ReplayResult:
     """Every frame through a fresh controller, every training done again; compares all of it with the record."""
     config = stored_config(history)
-    controller = Controller(config.input_names, config.talc)
+    controller = Controller(config.input_names, config.talc, config.grid.step_s)
     result, job = ReplayResult(), None
     for step in history.steps():
         decision = controller.step(step.frame)

@@ -99,3 +99,35 @@ def pso(
     progress: Progress | None,
 ) -> tuple[float, list[int], float, float]: ...
 def lag(columns: NDArray[float64], pole: float) -> None: ...
+def filters_look(
+    covariance: NDArray[float64],
+    growth: NDArray[float64],
+    x: NDArray[float64],
+    gain: NDArray[float64],
+    spread: NDArray[float64],
+) -> None: ...
+def filters_learn(
+    covariance: NDArray[float64],
+    mean: NDArray[float64],
+    gain: NDArray[float64],
+    spread: NDArray[float64],
+    innovation: NDArray[float64],
+    noise: float,
+) -> None: ...
+def filter_inform(
+    covariance: NDArray[float64], mean: NDArray[float64], first: int, width: int, information: float
+) -> None: ...
+def filter_rescale(covariance: NDArray[float64], mean: NDArray[float64], factor: NDArray[float64]) -> None: ...
+def filters_mix(
+    covariance: NDArray[float64], weight: NDArray[float64], least: float, mixed: NDArray[float64]
+) -> None: ...
+def mixtures_predict(
+    mean: NDArray[float64],
+    weight: NDArray[float64],
+    mixed: NDArray[float64],
+    drift: NDArray[float64],
+    elapsed: NDArray[float64],
+    x: NDArray[float64],
+    predicted: NDArray[float64],
+    variance: NDArray[float64],
+) -> None: ...

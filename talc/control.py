@@ -1,7 +1,7 @@
 """The adaptive control of Z22 and B19 as a pure state machine: frame in, decision out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from talc.frame import (
     Why,
 )
 from talc.free_running import FreeRunningModel, State
+from talc.learner.course import CourseState, LearningCourse
+from talc.learner.learner import Explanation
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.record import Record
@@ -53,10 +55,16 @@ class ControllerState:
     substituted: frozenset[str]
     bounded: frozenset[str]
     static: tuple[tuple[str, ...] | None, ...] | None
+    course: CourseState | None = None
+    """The learner's; the fields from `models` on are then those of a controller without any."""
 
 
 class Controller:
-    """Phases, action control limits, state and model updates (Z22 §2-3, Table 2; B19 §2-3).
+    """Learns and corrects thermal errors, by the method that the settings name.
+
+    `learner`: talc.learner.course.LearningCourse. It asks for no training, and takes no models.
+
+    `models`: phases, action control limits, state and model updates (Z22 §2-3, Table 2; B19 §2-3).
 
     `calibration` measures at every step, or each few, until enough is known for the first models. `compensation`
     predicts at every step and measures at an interval; a measurement resets the models' output history (state update).
@@ -72,9 +80,10 @@ class Controller:
     ----------
     input_names: order of a frame's inputs
     settings: choices; `training` is handed on to the training jobs
+    step_s: grid step
     """
 
-    def __init__(self, input_names: Sequence[str], settings: TalcSettings) -> None:
+    def __init__(self, input_names: Sequence[str], settings: TalcSettings, step_s: float = 300.0) -> None:
         self._names = tuple(input_names)
         if len(set(self._names)) != len(self._names):
             raise ValueError(f"input_names = {self._names!r}: a name occurs twice")
@@ -90,10 +99,17 @@ class Controller:
         self._substituted: frozenset[str] = frozenset()
         self._bounded: frozenset[str] = frozenset()
         self._static: tuple[tuple[str, ...] | None, ...] | None = None
+        self._course: LearningCourse | None = None
+        if settings.method == "learner":
+            self._course = LearningCourse(self._names, settings.learner, step_s)
 
     @property
     def phase(self) -> Phase:
-        return self._phase
+        return self._phase if self._course is None else self._course.phase
+
+    def explain(self) -> Explanation | None:
+        """Why the learner's present estimates are what they are; None with the method `models`."""
+        return None if self._course is None else self._course.explain()
 
     def state(self) -> ControllerState:
         """All that is known, copied: later steps do not change it."""
@@ -103,7 +119,7 @@ class Controller:
             valid=self._record.valid.copy(),
             measured=self._record.measured.copy(),
             last_k=self._record.last_k,
-            phase=self._phase,
+            phase=self.phase,
             models=tuple(None if m is None else (m.model, m.state()) for m in self._models),
             held=self._held.copy(),
             learning=self._learning,
@@ -112,15 +128,20 @@ class Controller:
             substituted=self._substituted,
             bounded=self._bounded,
             static=self._static,
+            course=None if self._course is None else self._course.state(),
         )
 
     @classmethod
-    def restore(cls, state: ControllerState, settings: TalcSettings) -> "Controller":
+    def restore(cls, state: ControllerState, settings: TalcSettings, step_s: float = 300.0) -> "Controller":
         """A controller that decides as the one that gave `state` would have. ValueError: a state that is not one.
 
         A training that was under way is not: hand its job's models to `adopt`, or run it again.
         """
-        self = cls(state.input_names, settings)
+        self = cls(state.input_names, settings, step_s)
+        if (self._course is None) != (state.course is None):
+            raise ValueError(f"method = {settings.method!r}: the state is of the other method")
+        if self._course is not None and state.course is not None:
+            self._course.restore(state.course)
         self._record.restore(state.inputs, state.valid, state.measured, state.last_k)
         self._phase, self._learning, self._measured = state.phase, state.learning, state.measured_in_phase
         for i, known in enumerate(state.models):
@@ -146,6 +167,9 @@ class Controller:
         events: list[Event] = []
         if frame.measurement is not None:
             _note_impossible(frame.measurement, events)
+        if self._course is not None:
+            decision = self._course.step(frame, self._record.measured[-1])
+            return replace(decision, events=(*events, *decision.events)) if events else decision
         self._note_substitutes(events)
         measured = self._record.measured[-1]
         predicted, corrected, sigma, novel = self._predict(measured, events)
@@ -177,6 +201,8 @@ class Controller:
 
         ValueError: the models were trained on other inputs.
         """
+        if self._course is not None:
+            raise ValueError("method = 'learner': it takes no models")
         if models.input_names != self._names:
             raise ValueError("the models were trained on other inputs than this controller has")
         self._learning = False

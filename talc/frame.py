@@ -3,7 +3,7 @@
 `controller.step(frame) -> decision`; `train(decision.training) -> models`; `controller.adopt(models)`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
@@ -54,6 +54,8 @@ class EventKind(StrEnum):
     MODEL_REJECTED = "model_rejected"
     INPUT_SUBSTITUTED = "input_substituted"
     PREDICTION_BOUNDED = "prediction_bounded"
+    TRUST_CHANGED = "trust_changed"
+    """An error is corrected from now on, or no longer."""
     SENSOR_SUSPECT = "sensor_suspect"
     """Of the service's sensor check: an offset or an exchange; `value` is an offset's estimate, K."""
     SENSORS_AGREE = "sensors_agree"
@@ -142,4 +144,7 @@ class Decision:
     """Set when a training is wanted. The caller runs it and hands the result to `adopt`."""
     events: tuple[Event, ...]
     substituted: tuple[str, ...] = ()
-    """Inputs of live models without a good value in this step, for which the last good one stands."""
+    """Inputs of live models without a good value in this step, for which the last good one stands; of the learner all
+    inputs without one, for which stands what the others say."""
+    trusted: BoolArray = field(default_factory=lambda: np.ones(9, dtype=np.bool_))
+    """(9,) the estimate is better than no correction; where not, the learner's `corrected` is 0."""

@@ -140,9 +140,50 @@ class SensorCheckSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LearnerSettings:
+    """The learner's choices. The two limits are all that an operator sets. Counts are grid steps."""
+
+    limit_um: float = 5.0
+    """A measurement is wanted when the 95 % interval of a position error is wider than this to either side, µm."""
+    limit_um_per_m: float = 15.0
+    """The same for orientation errors, µm/m."""
+    policy: Literal["uncertainty", "fixed"] = "uncertainty"
+    """When to measure: by the limits above, within the two bounds below; or at a fixed interval."""
+    shortest_interval_steps: int = 4
+    """It measures at most this often."""
+    longest_interval_steps: int = 48
+    """It measures at least this often."""
+    measurement_interval_steps: int = 24
+    """Steps between measurements of the fixed policy."""
+    no_good_measurements: int = 0
+    """Measurements at each step after a residual above its limit; 0: the learner needs none."""
+    noise_um: float = 1.0
+    """Standard uncertainty of a measured position error that comes without one, µm."""
+    noise_um_per_m: float = 3.0
+    """The same of an orientation error, µm/m."""
+
+    def __post_init__(self) -> None:
+        for name in ("limit_um", "limit_um_per_m", "noise_um", "noise_um_per_m"):
+            require(getattr(self, name) > 0, name, getattr(self, name), "more than 0")
+        require(
+            1 <= self.shortest_interval_steps <= self.longest_interval_steps,
+            "shortest_interval_steps",
+            self.shortest_interval_steps,
+            f"1 to {self.longest_interval_steps}, longest_interval_steps",
+        )
+        interval = self.measurement_interval_steps
+        require(interval >= 1, "measurement_interval_steps", interval, "1 or more")
+        require(self.no_good_measurements >= 0, "no_good_measurements", self.no_good_measurements, "0 or more")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TalcSettings:
     """The `[talc]` section of a gateway's configuration."""
 
+    method: Literal["learner", "models"] = "models"
+    """`learner`: weights of lagged inputs, learnt at every measurement. `models`: the papers' system of phases and
+    trained models, by `training.selector`; `control` and `training` belong to it alone."""
+    learner: LearnerSettings = field(default_factory=LearnerSettings)
     control: ControlSettings = field(default_factory=ControlSettings)
     training: TrainingSettings = field(default_factory=TrainingSettings)
 

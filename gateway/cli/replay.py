@@ -114,6 +114,8 @@ def _made(request: Request, recording: Recording, sections: TalcOnly, calibratio
     errors = (name if name == column else f"{name} = {column}" for name, column in recording.error_columns.items())
     used = "each one" if request.every_measurement else "those that the controller asked for"
     talc = asdict(sections.talc)
+    own = {name: value for name, value in talc.items() if not isinstance(value, dict)}
+    tables = [("", own), *((f".{name}", value) for name, value in talc.items() if isinstance(value, dict))]
     return (
         ("file", f"{file.name}, {file.stat().st_size} bytes, SHA-256 {recording.sha256}"),
         ("command", request.command()),
@@ -123,7 +125,7 @@ def _made(request: Request, recording: Recording, sections: TalcOnly, calibratio
         ("calibration", calibration),
         ("settings", "the defaults" if config is None else f"{config.name}, SHA-256 {_sha256(config)}"),
         ("[grid]", f"step_s = {sections.grid.step_s:g}"),
-        *((f"[talc.{part}]", ", ".join(f"{k} = {json.dumps(v)}" for k, v in talc[part].items())) for part in talc),
+        *((f"[talc{part}]", ", ".join(f"{k} = {json.dumps(v)}" for k, v in keys.items())) for part, keys in tables),
     )
 
 

@@ -1,0 +1,204 @@
+"""The control loop around the learner: what to correct, when to measure, what to report."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from talc.frame import (
+    LARGEST_INPUT,
+    BoolArray,
+    Decision,
+    Event,
+    EventKind,
+    FloatArray,
+    Frame,
+    Phase,
+    Why,
+)
+from talc.learner.learner import Estimate, Explanation, Learner, LearnerState
+from talc.learner.mixture import Surprise
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.settings import LearnerSettings
+
+_ERRORS = len(THERMAL_ERRORS)
+_TWO_SIDED_95 = 1.96
+_POSITIONS = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS])
+_SETTLED_S = 3600.0
+"""After a gap longer than this a measurement is wanted at once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CourseState:
+    """All that a course knows beside the record."""
+
+    learner: LearnerState
+    phase: Phase
+    last_k: int | None
+    last_measured: int | None
+    wanted: Why | None
+    measured_in_phase: int
+    trusted: BoolArray
+    substituted: frozenset[str]
+
+
+class LearningCourse:
+    """Compensation from the first measurement on; the learner learns at every one.
+
+    An error is corrected while its estimate is better than none (`Decision.trusted`). A measurement is wanted when the
+    95 % interval of a trusted error, or of one that may become so, leaves the declared limit; after a gap; after a
+    measurement that was far from its prediction; and at the latest after the longest interval.
+
+    Parameters
+    ----------
+    input_names: order of a frame's inputs
+    settings: limits and intervals
+    step_s: grid step
+    """
+
+    def __init__(self, input_names: Sequence[str], settings: LearnerSettings, step_s: float) -> None:
+        self._names, self._settings = tuple(input_names), settings
+        self._limits = np.where(_POSITIONS, settings.limit_um, settings.limit_um_per_m)
+        noise = np.where(_POSITIONS, settings.noise_um, settings.noise_um_per_m)
+        self._learner = Learner(len(self._names), step_s, noise)
+        self._long_gap = round(_SETTLED_S / step_s)
+        self._phase = Phase.CALIBRATION
+        self._last_k: int | None = None
+        self._last_measured: int | None = None
+        self._wanted: Why | None = None
+        """Set after a gap or a surprise until the next measurement."""
+        self._measured = 0
+        self._trusted = np.zeros(_ERRORS, dtype=np.bool_)
+        self._substituted: frozenset[str] = frozenset()
+
+    @property
+    def phase(self) -> Phase:
+        return self._phase
+
+    def step(self, frame: Frame, measured: FloatArray) -> Decision:
+        """Take one frame; measured: (9,) its errors without those that cannot be."""
+        events: list[Event] = []
+        valid = frame.valid & (np.abs(frame.inputs) <= LARGEST_INPUT)  # NaN compares false
+        gap = 0 if self._last_k is None else frame.k - self._last_k - 1
+        moved = self._learner.advance(np.where(valid, frame.inputs, 0.0), valid, gap)
+        self._note_inputs(valid, moved, events)
+        if gap > self._long_gap:
+            self._wanted = Why.NOVELTY
+        self._last_k = frame.k
+        before = self._learner.estimate()
+        after, surprise = before, None
+        if np.isfinite(measured).any():
+            sigma = np.full(_ERRORS, np.nan) if frame.measurement is None else frame.measurement.sigma
+            surprise = self._learner.learn(measured, sigma)
+            after = self._learner.estimate()
+            self._last_measured, self._wanted = frame.k, None
+            self._measured += 1
+            self._judge(before, measured, surprise, events)
+        self._note_trust(after.trusted, events)
+        return Decision(
+            k=frame.k,
+            phase=self._phase,
+            predicted=before.value,
+            corrected=after.value,
+            sigma=after.sigma,
+            limits=self._limits.copy(),
+            measure=self._wish(frame.k, after),
+            training=None,
+            events=tuple(events),
+            substituted=tuple(sorted(self._substituted)),
+            trusted=after.trusted,
+        )
+
+    def explain(self) -> Explanation:
+        """Why the present estimates are what they are."""
+        return self._learner.explain()
+
+    def state(self) -> CourseState:
+        """A copy of all that is known."""
+        return CourseState(
+            learner=self._learner.state(),
+            phase=self._phase,
+            last_k=self._last_k,
+            last_measured=self._last_measured,
+            wanted=self._wanted,
+            measured_in_phase=self._measured,
+            trusted=self._trusted.copy(),
+            substituted=self._substituted,
+        )
+
+    def restore(self, state: CourseState) -> None:
+        """Go on from it. ValueError: of other inputs."""
+        self._learner.restore(state.learner)
+        self._phase, self._last_k, self._last_measured = state.phase, state.last_k, state.last_measured
+        self._wanted, self._measured = state.wanted, state.measured_in_phase
+        self._trusted, self._substituted = state.trusted.copy(), state.substituted
+
+    # Parts of a step -------------------------------------------------------------------------------------------------
+
+    def _note_inputs(self, valid: BoolArray, moved: BoolArray, events: list[Event]) -> None:
+        missing = frozenset(name for name, ok in zip(self._names, valid, strict=True) if not ok)
+        began = [
+            f"{name}: no good value; what the other inputs say is used" for name in sorted(missing - self._substituted)
+        ]
+        events.extend(Event(EventKind.INPUT_SUBSTITUTED, text) for text in began)
+        for name in sorted(self._substituted - missing):
+            text = f"{name}: good again"
+            if moved[self._names.index(name)]:
+                text += ", but not where the other inputs say it should be; it counts from there"
+            events.append(Event(EventKind.INPUT_SUBSTITUTED, text))
+        self._substituted = missing
+
+    def _judge(self, before: Estimate, measured: FloatArray, surprise: Surprise, events: list[Event]) -> None:
+        if self._phase is Phase.CALIBRATION:
+            self._enter(Phase.COMPENSATION, events)
+        else:
+            events.append(Event(EventKind.STATE_UPDATE, "a measurement was learnt from"))
+        residual = np.abs(measured - before.value)
+        exceeded = residual > self._limits  # NaN compares false: not measured, or for the first time
+        for i in np.flatnonzero(exceeded):
+            name = THERMAL_ERRORS[i]
+            text = f"{name}: residual {residual[i]:.1f} {ERROR_UNITS[name]} above its limit {self._limits[i]:.1f}"
+            events.append(Event(EventKind.LIMIT_EXCEEDED, text, name, float(residual[i]), float(self._limits[i])))
+        for i in np.flatnonzero(surprise.outlier):
+            name = THERMAL_ERRORS[i]
+            text = (
+                f"{name}: {measured[i]:.1f} {ERROR_UNITS[name]} is {abs(surprise.ratio[i]):.0f} standard deviations off"
+            )
+            events.append(
+                Event(EventKind.MEASUREMENT_REJECTED, f"{text}; hardly learnt from unless it is so again", name)
+            )
+            self._wanted = Why.RETRY
+        if self._phase is Phase.NO_GOOD:
+            if self._measured >= self._settings.no_good_measurements:
+                self._enter(Phase.COMPENSATION, events)
+        elif exceeded.any() and self._settings.no_good_measurements:
+            self._enter(Phase.NO_GOOD, events)
+
+    def _note_trust(self, trusted: BoolArray, events: list[Event]) -> None:
+        for i in np.flatnonzero(trusted != self._trusted):
+            name = THERMAL_ERRORS[i]
+            now = "is corrected from now on" if trusted[i] else "is not corrected: no estimate is better than none"
+            events.append(Event(EventKind.TRUST_CHANGED, f"{name} {now}", name))
+        self._trusted = trusted
+
+    def _wish(self, k: int, after: Estimate) -> Why | None:
+        s = self._settings
+        if self._last_measured is None:
+            return Why.CALIBRATION
+        since = k + 1 - self._last_measured
+        if self._phase is Phase.NO_GOOD:
+            return Why.NO_GOOD
+        if s.policy == "fixed":
+            return Why.INTERVAL if since >= s.measurement_interval_steps else None
+        if since < s.shortest_interval_steps:
+            return None
+        if self._wanted is not None:
+            return self._wanted
+        if since >= s.longest_interval_steps:
+            return Why.INTERVAL
+        return Why.UNCERTAINTY if (_TWO_SIDED_95 * after.sigma > self._limits).any() else None
+
+    def _enter(self, phase: Phase, events: list[Event]) -> None:
+        if phase is not self._phase:
+            events.append(Event(EventKind.PHASE_CHANGED, f"{self._phase.value} -> {phase.value}"))
+        self._phase, self._measured = phase, 0

@@ -1,0 +1,38 @@
+"""The hyper-parameters under which the same filter runs side by side."""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Final
+
+UNIT: Final = 10.0
+"""µm or µm/m: the size of a thermal error that one span of all inputs together may cause, a priori."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expert:
+    """One filter of y = phi' w + b + noise; w and b are random walks. Sizes count in UNIT."""
+
+    weight: float
+    """Prior standard deviation of phi' w while every feature is 1. 0: measure-and-hold."""
+    level: float
+    """Standard deviation of the change of b in 5 min."""
+    drift: float = 0.0
+    """Standard deviation of the change of phi' w in 5 min while every feature is 1."""
+    evidence: bool = False
+    """Each input has a prior variance of its own, found from the posterior (automatic relevance determination)."""
+
+    @property
+    def name(self) -> str:
+        """As people read it."""
+        if self.weight == 0.0:
+            return f"hold {self.level:g}"
+        kind = "inputs chosen" if self.evidence else "all inputs"
+        return f"{kind} {self.weight:g}, level {self.level:g}" + (f", drift {self.drift:g}" if self.drift else "")
+
+
+EXPERTS: Final = (
+    *(Expert(0.0, level) for level in (0.002, 0.01, 0.04)),
+    *(Expert(a, level, drift) for a, level, drift in product((0.1, 0.5, 2.5), (0.002, 0.02), (0.0, 0.02))),
+    *(Expert(a, level, evidence=True) for a, level in product((0.1, 0.5), (0.002, 0.02))),
+)
+"""The same for every machine, error and input: three decades of prior weight, and of drift."""

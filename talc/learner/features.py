@@ -1,0 +1,60 @@
+"""Inputs through a bank of stable first-order lags: the features of the learner."""
+
+import numpy as np
+
+from talc.frame import FloatArray
+
+_LARGEST_FEATURE = 8.0
+"""A span doubles until no feature is larger: an input that moves for the first time after weeks cannot throw the
+prediction, whatever its unit."""
+
+
+class LagBank:
+    """Deviations of (n,) inputs from their reference, over their spans, through (L,) lags each.
+
+    Nothing in it is estimated, so nothing can become unstable. Before the first step the inputs stood still.
+
+    Parameters
+    ----------
+    inputs: n
+    time_constants_s: of the lags; 0: no lag
+    step_s: grid step
+    span: of every input at first, in its unit (K for temperatures)
+    """
+
+    def __init__(self, inputs: int, time_constants_s: tuple[float, ...], step_s: float, span: float) -> None:
+        constants = np.asarray(time_constants_s)
+        self.lags = len(time_constants_s)
+        self._kept = np.where(constants > 0, np.exp(-step_s / np.where(constants > 0, constants, 1.0)), 0.0)
+        self.span = np.full(inputs, span)
+        self.level = np.zeros((inputs, self.lags))
+        """(n, L) outputs of the lags, in spans."""
+
+    def features(self) -> FloatArray:
+        """(n L + 1,) input by input; the last one is 1, for the level."""
+        return np.append(self.level.ravel(), 1.0)
+
+    def widen(self, deviation: FloatArray) -> FloatArray:
+        """Double spans until these (n,) deviations fit. Gives the (n,) factors by which spans grew."""
+        factor = np.ones(len(self.span))
+        beyond = np.abs(deviation) > _LARGEST_FEATURE * self.span
+        if beyond.any():
+            ratio = np.abs(deviation[beyond]) / (_LARGEST_FEATURE * self.span[beyond])
+            factor[beyond] = np.exp2(np.ceil(np.log2(ratio)))
+            self.span *= factor
+            self.level /= factor[:, None]
+        return factor
+
+    def advance(self, deviation: FloatArray) -> None:
+        """One step on; (n,) deviations in physical units."""
+        now = (deviation / self.span)[:, None]
+        self.level = self._kept * self.level + (1.0 - self._kept) * now
+
+    def ramp(self, before: FloatArray, now: FloatArray, steps: int) -> None:
+        """So many steps on, along a straight line from the last deviations to these."""
+        for i in range(1, steps + 1):
+            self.advance(before + (now - before) * (i / steps))
+
+    def restart(self, deviation: FloatArray) -> None:
+        """As if the inputs had stood here for long."""
+        self.level = np.repeat((deviation / self.span)[:, None], self.lags, axis=1)

@@ -1,0 +1,98 @@
+"""What inputs are related to, and what the others say of one that is missing."""
+
+import numpy as np
+
+from talc.frame import BoolArray, FloatArray
+
+_MEMORY_ROWS = 4032
+"""Rows over which means and covariances are remembered: two weeks at 5 min."""
+_LEAST_ROWS = 24
+"""Before so many, a missing input stands at its last value."""
+_RIDGE = 1e-4
+"""Relative; of the regression on the other inputs."""
+_AWAY_STEPS = 2
+_MOVED_SIGMA, _MOVED_LEAST = 5.0, 1.0
+"""An input that comes back so far from what the others say (standard deviations, and in its unit) is another sensor,
+or sits elsewhere: its reference moves with it."""
+
+
+class InputMemory:
+    """Running mean and covariance of all inputs; a missing one is replaced by its conditional mean.
+
+    Parameters
+    ----------
+    inputs: number of inputs
+    """
+
+    def __init__(self, inputs: int) -> None:
+        self.reference = np.zeros(inputs)
+        """(n,) what deviations count from; follows the first good value of an input until `anchor`."""
+        self.known = np.zeros(inputs, dtype=np.bool_)
+        """(n,) there was a good value."""
+        self.last = np.zeros(inputs)
+        """(n,) last values, filled."""
+        self.away = np.zeros(inputs, dtype=np.int64)
+        """(n,) steps since the last good value."""
+        self.mean = np.zeros(inputs)
+        self.covariance = np.zeros((inputs, inputs))
+        self.rows = 0
+
+    def anchor(self) -> None:
+        """The present values are the reference."""
+        self.reference = self.last.copy()
+
+    def fill(self, values: FloatArray, valid: BoolArray) -> tuple[FloatArray, FloatArray | None, BoolArray]:
+        """Take one row in: (n,) values without holes, the (n, n) covariance of what was filled in (None: nothing),
+        and (n,) which inputs came back as other sensors."""
+        new = valid & ~self.known
+        if new.any():
+            self.reference[new] = self.mean[new] = self.last[new] = values[new]
+            self.known |= new
+        missing = self.known & ~valid
+        moved = np.zeros(len(values), dtype=np.bool_)
+        back = valid & self.known & (self.away >= _AWAY_STEPS)
+        if back.any() and self.rows >= _LEAST_ROWS:
+            moved = self._moved(values, valid, back)
+        self.away = np.where(valid, 0, self.away + 1)
+        filled, doubt = np.where(valid, values, self.last), None
+        if missing.any() and self.rows >= _LEAST_ROWS:
+            filled[missing], among = self._conditional(filled, valid, missing)
+            doubt = np.zeros_like(self.covariance)
+            doubt[np.ix_(missing, missing)] = among
+        self._remember(filled, doubt)
+        self.last = filled
+        return filled, doubt, moved
+
+    def _conditional(self, values: FloatArray, given: BoolArray, wanted: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of the wanted inputs, given others: of a joint normal distribution."""
+        own = self.covariance[np.ix_(wanted, wanted)]
+        scale = np.sqrt(np.maximum(np.diag(self.covariance), 1e-12))
+        given = given & self.known
+        if not given.any():
+            return self.mean[wanted], own
+        unit = scale[given]
+        across = self.covariance[np.ix_(given, wanted)] / unit[:, None]
+        correlation = self.covariance[np.ix_(given, given)] / np.outer(unit, unit)
+        gain = np.linalg.solve(correlation + _RIDGE * np.eye(len(unit)), across)
+        mean = self.mean[wanted] + ((values - self.mean)[given] / unit) @ gain
+        left = own - across.T @ gain
+        return mean, 0.5 * (left + left.T)
+
+    def _moved(self, values: FloatArray, valid: BoolArray, back: BoolArray) -> BoolArray:
+        expected, among = self._conditional(values, valid & ~back, back)
+        off = values[back] - expected
+        far = np.abs(off) > _MOVED_SIGMA * np.sqrt(np.maximum(np.diag(among), 0.0)) + _MOVED_LEAST
+        moved = np.zeros(len(values), dtype=np.bool_)
+        moved[np.flatnonzero(back)[far]] = True
+        self.reference[moved] += off[far]
+        self.mean[moved] += off[far]
+        return moved
+
+    def _remember(self, filled: FloatArray, doubt: FloatArray | None) -> None:
+        self.rows += 1
+        share = max(1.0 / self.rows, 1.0 / _MEMORY_ROWS)
+        off = filled - self.mean
+        self.mean = self.mean + share * off
+        self.covariance = (1.0 - share) * (self.covariance + share * np.outer(off, off))
+        if doubt is not None:
+            self.covariance += share * doubt

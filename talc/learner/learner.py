@@ -1,0 +1,200 @@
+"""From rows of inputs and measurements to estimates of the nine errors, with their uncertainty and reasons."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from talc.frame import BoolArray, FloatArray
+from talc.learner.features import LagBank
+from talc.learner.inputs import InputMemory
+from talc.learner.mixture import Mixture, MixtureState, Surprise
+from talc.names import THERMAL_ERRORS
+
+_ERRORS = len(THERMAL_ERRORS)
+TIME_CONSTANTS_S = (0.0, 900.0, 2700.0, 8100.0, 24300.0)
+"""0, 15 min, 45 min, 2.25 h, 6.75 h: any smooth response of a machine is near a sum of these."""
+SPAN = 3.0
+"""Of an input: 3 K of a temperature. Whatever moves further is rescaled (`LagBank.widen`)."""
+_SHORT_GAP_S = 3600.0
+"""Through a shorter gap inputs went straight; after a longer one lags restart at the present values."""
+_LONGEST_RAMP = 2016
+_TRUSTED = 0.5
+_SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.1, 0.8, (0.5, 3.0)
+"""sigma is scaled by how far measurements are off: mean |z| of a normal distribution is 0.8."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """Of the nine errors, µm and µm/m."""
+
+    value: FloatArray
+    """(9,) what to correct: 0 where nothing better is known, NaN before the first measurement of an error."""
+    sigma: FloatArray
+    """(9,) its standard uncertainty."""
+    trusted: BoolArray
+    """(9,) the estimate is better than no correction."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LearnerState:
+    """All that a learner knows."""
+
+    mixture: MixtureState
+    level: FloatArray
+    span: FloatArray
+    reference: FloatArray
+    known: BoolArray
+    last: FloatArray
+    away: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+    rows: int
+    anchored: bool
+    scale: float
+    doubt: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Explanation:
+    """Why the estimates are what they are."""
+
+    inputs: FloatArray
+    """(9, n) what each input contributes now, µm or µm/m; with `level` they add up to the estimate."""
+    level: FloatArray
+    """(9,) what no input explains."""
+    experts: FloatArray
+    """(9, E) weights of the experts, which add up to 1."""
+    believed: FloatArray
+    """(9,) probability that the error is not just zero."""
+
+
+class Learner:
+    """Inputs, lags and the mixture together; a pure function of the rows it has seen.
+
+    Parameters
+    ----------
+    inputs: number of inputs
+    step_s: grid step
+    noise: (9,) standard uncertainty of a measurement that comes without one
+    """
+
+    def __init__(self, inputs: int, step_s: float, noise: FloatArray) -> None:
+        self._memory = InputMemory(inputs)
+        self._bank = LagBank(inputs, TIME_CONSTANTS_S, step_s, SPAN)
+        self._mixture = Mixture(inputs, self._bank.lags, step_s)
+        self._short_gap = round(_SHORT_GAP_S / step_s)
+        self._noise = noise
+        self._anchored = False
+        self._scale = 1.0
+        self._doubt = np.zeros(_ERRORS)
+        """(9,) variance that missing inputs add at present."""
+
+    @property
+    def scale(self) -> float:
+        """By which the filters' standard deviations are multiplied, as measurements were further off than they said."""
+        return self._scale
+
+    def advance(self, values: FloatArray, valid: BoolArray, gap: int) -> BoolArray:
+        """The next row, after `gap` steps without one. Gives (n,) the inputs that came back as other sensors."""
+        memory, bank, mixture = self._memory, self._bank, self._mixture
+        before = memory.last - memory.reference
+        filled, missing, moved = memory.fill(values, valid)
+        before = np.where(moved, before + memory.last - filled, before)
+        deviation = filled - memory.reference
+        if not self._anchored:
+            bank.restart(np.zeros_like(deviation))
+        else:
+            factor = bank.widen(deviation)
+            if (factor > 1.0).any():
+                mixture.widen(factor)
+            if gap:
+                self._cross(before, deviation, gap)
+            else:
+                bank.advance(deviation)
+        mixture.elapse(gap + 1)
+        self._doubt = np.zeros(_ERRORS)
+        if missing is not None:
+            gains = mixture.weights()[:, :-1].reshape(_ERRORS, len(values), -1).sum(axis=2) / bank.span
+            self._doubt = np.maximum(np.einsum("ji,ik,jk->j", gains, missing, gains), 0.0)
+        return moved
+
+    def estimate(self) -> Estimate:
+        """Of the present row."""
+        mean, variance = self._mixture.predict(self._bank.features())
+        variance = self._scale**2 * variance + self._doubt
+        believed = self._mixture.believed
+        trusted = believed > _TRUSTED
+        # Of two hypotheses, zero and the mixture; where zero is the likelier one, it is what stands.
+        value = np.where(trusted, believed * mean, 0.0)
+        square = believed * (variance + (mean - value) ** 2) + (1.0 - believed) * value**2
+        none = self._mixture.count == 0
+        return Estimate(np.where(none, np.nan, value), np.where(none, np.nan, np.sqrt(square)), trusted & ~none)
+
+    def learn(self, errors: FloatArray, sigma: FloatArray) -> Surprise:
+        """A measurement of the present row: (9,) errors, NaN where not measured, and their standard uncertainties."""
+        if not self._anchored:
+            self._memory.anchor()
+            self._bank.restart(np.zeros(len(self._memory.last)))
+            self._anchored = True
+        noise = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, self._noise)
+        x = self._bank.features()
+        _, variance = self._mixture.predict(x)
+        surprise = self._mixture.learn(x, errors, noise, self._doubt)
+        # Probing noise is known; it is the filters' own part that may be too sure or too unsure of itself.
+        settled = np.isfinite(surprise.ratio) & ~surprise.outlier & (self._mixture.count > 1)
+        if settled.any():
+            part = variance[settled] + self._doubt[settled]
+            known = noise[settled] ** 2
+            z = surprise.ratio[settled] * np.sqrt((part + known) / (self._scale**2 * part + known))
+            off = float(np.mean(np.minimum(np.abs(z), 3.0))) - _SIGMA_WANTED
+            low, high = _SIGMA_BOUNDS
+            self._scale = min(max(self._scale * float(np.exp(_SIGMA_RATE * off)), low), high)
+        return surprise
+
+    def explain(self) -> Explanation:
+        """Of the present row."""
+        weights, features = self._mixture.weights(), self._bank.features()
+        parts = weights * features * np.where(self._mixture.believed > _TRUSTED, self._mixture.believed, 0.0)[:, None]
+        inputs = parts[:, :-1].reshape(_ERRORS, -1, self._bank.lags).sum(axis=2)
+        return Explanation(inputs, parts[:, -1], self._mixture.weight.copy(), self._mixture.believed)
+
+    def state(self) -> LearnerState:
+        """A copy of all that is known."""
+        m = self._memory
+        return LearnerState(
+            mixture=self._mixture.state(),
+            level=self._bank.level.copy(),
+            span=self._bank.span.copy(),
+            reference=m.reference.copy(),
+            known=m.known.copy(),
+            last=m.last.copy(),
+            away=m.away.astype(np.float64),
+            mean=m.mean.copy(),
+            covariance=m.covariance.copy(),
+            rows=m.rows,
+            anchored=self._anchored,
+            scale=self._scale,
+            doubt=self._doubt.copy(),
+        )
+
+    def restore(self, state: LearnerState) -> None:
+        """Go on from it. ValueError: of other inputs."""
+        self._mixture.restore(state.mixture)
+        self._bank.level, self._bank.span = state.level.copy(), state.span.copy()
+        m = self._memory
+        m.reference, m.known, m.last = state.reference.copy(), state.known.copy(), state.last.copy()
+        m.away, m.mean, m.covariance = state.away.astype(np.int64), state.mean.copy(), state.covariance.copy()
+        m.rows, self._anchored, self._scale, self._doubt = state.rows, state.anchored, state.scale, state.doubt.copy()
+
+    def _cross(self, before: FloatArray, now: FloatArray, gap: int) -> None:
+        """A gap: nobody knows what happened. How much it matters is how far two guesses differ."""
+        bank, mixture = self._bank, self._mixture
+        if gap > _LONGEST_RAMP:
+            bank.restart(now)
+            return
+        bank.ramp(before, now, gap + 1)
+        if gap <= self._short_gap:
+            return
+        straight = bank.features()
+        bank.restart(now)
+        mixture.jolt(np.sum(mixture.weights() * (bank.features() - straight), axis=1) ** 2)

@@ -1,0 +1,274 @@
+"""The experts of all thermal errors: Kalman filters of weights, mixed by how well they predict measurements."""
+
+from copy import deepcopy
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from talc import _kernel
+from talc.frame import FloatArray
+from talc.learner.experts import EXPERTS, UNIT, Expert
+from talc.names import THERMAL_ERRORS
+
+_ERRORS = len(THERMAL_ERRORS)
+_DRIFT_STEP_S = 300.0
+"""Drifts of an `Expert` are those of so many seconds."""
+_TEMPER, _KEPT, _SHARED = 0.3, 0.97, 0.01
+"""Log-likelihoods count by so much, are discounted so at each measurement, and so much weight is spread over all."""
+_NULL_FIRST, _NULL_KEPT, _NULL_BOUND = 3.0, 0.995, 10.0
+"""Log-odds that an error stays zero: at first, their discount at a measurement, and their bound."""
+_LEAST_NOISE = 0.25
+"""µm or µm/m: no probing cycle is better."""
+_FAR, _OUTLIER_AS = 5.0, 2.5
+"""Standard deviations from which a measurement is taken for an outlier, and what its noise is made to make of it."""
+_FIRST_FAR = 4.0
+"""The first measurement so many standard deviations from zero: the reference is not the present state."""
+_LEAST_MIXED = 1e-3
+_RENEWED = 3
+"""Inputs of which a measurement renews the prior variance."""
+_EVIDENCE_FROM = 6
+_MOST_DOWN, _MOST_UP, _SPAN_DOWN, _SPAN_UP = 0.1, 3.0, 1e-4, 1e2
+"""Of a prior variance: at one renewal, and relative to its first value."""
+
+
+@dataclass(slots=True, eq=False)
+class MixtureState:
+    """All that changes. E experts, n weights, the last one the level; m = n (n + 1) / 2."""
+
+    mean: FloatArray
+    """(9, E, n) µm or µm/m per feature."""
+    covariance: FloatArray
+    """(9, E, m) lower triangles."""
+    prior: FloatArray
+    """(9, E, n) variance of each weight a priori."""
+    log_weight: FloatArray
+    """(9, E) of the experts; `weight` (9, E) the same, normalised."""
+    weight: FloatArray
+    mixed: FloatArray
+    """(9, m) weighted sum of the covariances; `drift` (9, n) of the drifts."""
+    drift: FloatArray
+    elapsed: FloatArray
+    """(9,) steps since the last measurement of each error."""
+    jolt: FloatArray
+    """(9,) variance that gaps have added to the level since then."""
+    null: FloatArray
+    """(9,) log-odds that the error stays zero."""
+    count: NDArray[np.int64]
+    """(9,) measurements so far."""
+    suspect: FloatArray
+    """(9,) the last innovation, if it was an outlier; else 0."""
+    cursor: int
+    """The next input to be renewed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surprise:
+    """What a measurement was like beside its prediction, per error; NaN where not measured."""
+
+    ratio: FloatArray
+    """(9,) innovations over their standard deviations."""
+    outlier: NDArray[np.bool_]
+    """(9,) taken for an outlier: hardly learnt from."""
+    jump: NDArray[np.bool_]
+    """(9,) the second far measurement in a row: the level starts anew."""
+
+
+class Mixture:
+    """Nine errors, each with the same experts.
+
+    y[k] = phi[k]' w[k] + b[k] + e, with w and b random walks; the features phi come from outside. Every expert is a
+    Kalman filter of (w, b). An error's prediction is the mean of the experts', weighted by the product of their
+    predictive likelihoods, tempered and discounted, with a fixed share (Herbster and Warmuth, Machine Learning 32
+    (1998) 151-178). Beside them stands the hypothesis that the error is zero at all times.
+
+    Experts with `evidence` renew each input's prior variance at measurements by MacKay's fixed point (Neural
+    Computation 4 (1992) 415-447), v = sum(m²) / sum(1 - P / v) over the input's weights, and condition on the change.
+
+    Parameters
+    ----------
+    inputs, lags: features are inputs times lags, input by input
+    step_s: grid step
+    experts: of each error
+    """
+
+    def __init__(self, inputs: int, lags: int, step_s: float, experts: tuple[Expert, ...] = EXPERTS) -> None:
+        self._inputs, self._lags, self._experts = inputs, lags, experts
+        n, many = inputs * lags + 1, len(experts)
+        self._n, packed = n, n * (n + 1) // 2
+        self._diagonal = np.arange(n) * (np.arange(n) + 3) // 2
+        self._evidence = [e for e, expert in enumerate(experts) if expert.evidence]
+        unit = UNIT**2 / max(n - 1, 1)
+        prior, growth = np.zeros((many, n)), np.zeros((many, n))
+        for e, expert in enumerate(experts):
+            prior[e, :-1] = expert.weight**2 * unit
+            growth[e, :-1] = expert.drift**2 * unit
+            growth[e, -1] = (expert.level * UNIT) ** 2
+        self._growth = growth * (step_s / _DRIFT_STEP_S)
+        self._first_prior = prior
+        self._gain, self._spread = np.empty((many, n)), np.empty(many)
+        weight = np.full((_ERRORS, many), 1.0 / many)
+        self._s = MixtureState(
+            mean=np.zeros((_ERRORS, many, n)),
+            covariance=np.zeros((_ERRORS, many, packed)),
+            prior=np.repeat(prior[None], _ERRORS, axis=0),
+            log_weight=np.log(weight),
+            weight=weight,
+            mixed=np.zeros((_ERRORS, packed)),
+            drift=np.zeros((_ERRORS, n)),
+            elapsed=np.zeros(_ERRORS),
+            jolt=np.zeros(_ERRORS),
+            null=np.full(_ERRORS, _NULL_FIRST),
+            count=np.zeros(_ERRORS, dtype=np.int64),
+            suspect=np.zeros(_ERRORS),
+            cursor=0,
+        )
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """(9,) measurements of each error so far."""
+        return self._s.count
+
+    @property
+    def weight(self) -> FloatArray:
+        """(9, E) of the experts."""
+        return self._s.weight
+
+    @property
+    def believed(self) -> FloatArray:
+        """(9,) probability that an error is not just zero."""
+        return np.asarray(1.0 / (1.0 + np.exp(self._s.null)), dtype=np.float64)
+
+    def weights(self) -> FloatArray:
+        """(9, n) means of the mixtures."""
+        return np.asarray(np.einsum("je,jen->jn", self._s.weight, self._s.mean), dtype=np.float64)
+
+    def state(self) -> MixtureState:
+        """A copy."""
+        return deepcopy(self._s)
+
+    def restore(self, state: MixtureState) -> None:
+        """Go on from a state. ValueError: of other inputs or experts."""
+        if state.mean.shape != self._s.mean.shape:
+            raise ValueError(f"mean {state.mean.shape}: expected {self._s.mean.shape}")
+        self._s = deepcopy(state)
+
+    def elapse(self, steps: int) -> None:
+        """Let so many steps pass."""
+        self._s.elapsed += steps
+
+    def jolt(self, variance: FloatArray) -> None:
+        """(9,) the levels may have changed by this."""
+        self._s.jolt += variance
+
+    def predict(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(9,) means and variances with features x (n,), the hypothesis of zero left aside. Before the first
+        measurement of an error: 0 and 0."""
+        s, mean, variance = self._s, np.empty(_ERRORS), np.empty(_ERRORS)
+        _kernel.mixtures_predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed, x, mean, variance)
+        return mean, variance + s.jolt
+
+    def widen(self, factor: FloatArray) -> None:
+        """(inputs,) features became this much smaller, and so must their weights become larger; but a priori they are
+        in the new unit what they were in the old one."""
+        s, lags = self._s, self._lags
+        times = np.append(np.repeat(factor, lags), 1.0)
+        for j in np.flatnonzero(s.count):
+            for e in range(len(self._experts)):
+                _kernel.filter_rescale(s.covariance[j, e], s.mean[j, e], times)
+                for g in np.flatnonzero(factor > 1.0):
+                    variance = float(s.prior[j, e, g * lags])
+                    if variance > 0.0:
+                        more = (1.0 - 1.0 / float(factor[g]) ** 2) / variance
+                        _kernel.filter_inform(s.covariance[j, e], s.mean[j, e], int(g) * lags, lags, more)
+            self._remix(int(j))
+
+    def learn(self, x: FloatArray, errors: FloatArray, sigma: FloatArray, doubt: FloatArray) -> Surprise:
+        """Take a measurement in: (9,) errors, NaN where there is none, and their standard uncertainties.
+
+        doubt: (9,) variance that missing inputs add to a prediction.
+        """
+        ratio = np.full(_ERRORS, np.nan)
+        outlier, jump = np.zeros((2, _ERRORS), dtype=np.bool_)
+        for j in np.flatnonzero(np.isfinite(errors)):
+            noise = max(float(sigma[j]), _LEAST_NOISE) ** 2 + float(doubt[j])
+            ratio[j], outlier[j], jump[j] = self._learn_one(int(j), x, float(errors[j]), noise)
+        self._s.cursor = (self._s.cursor + _RENEWED) % max(self._inputs, 1)
+        return Surprise(ratio, outlier, jump)
+
+    def _learn_one(self, j: int, x: FloatArray, y: float, noise: float) -> tuple[float, bool, bool]:
+        s = self._s
+        covariance, mean, gain, spread = s.covariance[j], s.mean[j], self._gain, self._spread
+        if s.count[j] == 0:
+            self._begin(j, y, noise)
+        growth = self._growth * s.elapsed[j]
+        growth[:, -1] += s.jolt[j]
+        _kernel.filters_look(covariance, growth, x, gain, spread)
+        innovation = y - np.sum(mean * x, axis=1)
+        weight = s.weight[j]
+        centre = float(np.sum(weight * innovation))
+        total = float(np.sum(weight * (spread + (innovation - centre) ** 2))) + noise
+        ratio = centre / np.sqrt(total)
+        self._weigh_null(j, y, centre, total, noise)
+        outlier = jump = False
+        if abs(ratio) > _FAR:
+            jump = s.suspect[j] * centre > 0.0
+            outlier = not jump
+        s.suspect[j] = centre if outlier else 0.0
+        if jump:
+            covariance[:, self._diagonal[-1]] += centre**2
+            gain[:, -1] += centre**2
+            spread += centre**2
+        elif outlier:
+            noise += (centre / _OUTLIER_AS) ** 2 - total
+        likelihood = -0.5 * (np.log(spread + noise) + innovation**2 / (spread + noise))
+        _kernel.filters_learn(covariance, mean, gain, spread, innovation, noise)
+        log_weight = _KEPT * (s.log_weight[j] - s.log_weight[j].max()) + _TEMPER * likelihood
+        weight = np.exp(log_weight - log_weight.max())
+        weight = (1.0 - _SHARED) * weight / weight.sum() + _SHARED / len(weight)
+        s.weight[j], s.log_weight[j] = weight, np.log(weight)
+        s.count[j] += 1
+        s.elapsed[j] = s.jolt[j] = 0.0
+        if s.count[j] >= _EVIDENCE_FROM:
+            self._renew(j)
+        self._remix(j)
+        return ratio, outlier, jump
+
+    def _begin(self, j: int, y: float, noise: float) -> None:
+        """Errors are deviations from the reference: the level starts at zero, unless the first measurement is far."""
+        s = self._s
+        s.covariance[j][:, self._diagonal] = s.prior[j]
+        level = max(noise, y * y if abs(y) > _FIRST_FAR * np.sqrt(noise) else 0.0)
+        s.covariance[j][:, self._diagonal[-1]] = level
+        s.elapsed[j] = s.jolt[j] = 0.0
+
+    def _weigh_null(self, j: int, y: float, centre: float, total: float, noise: float) -> None:
+        """The hypothesis of zero against the mixture; an outlier says little of either."""
+        far = _FAR * _FAR
+        zero = -0.5 * (np.log(noise) + min(y * y / noise, far))
+        other = -0.5 * (np.log(total) + min(centre * centre / total, far))
+        odds = _NULL_KEPT * self._s.null[j] + zero - other
+        self._s.null[j] = min(max(odds, -_NULL_BOUND), _NULL_BOUND)
+
+    def _renew(self, j: int) -> None:
+        """Prior variances of the next inputs, and the posterior that follows from them."""
+        s, lags = self._s, self._lags
+        for e in self._evidence:
+            variance = s.covariance[j, e, self._diagonal]
+            for step in range(min(_RENEWED, self._inputs)):
+                g = (s.cursor + step) % self._inputs
+                own = slice(g * lags, (g + 1) * lags)
+                before, first = float(s.prior[j, e, own.start]), float(self._first_prior[e, own.start])
+                told = max(float(np.sum(1.0 - variance[own] / before)), 1e-3)
+                found = (float(np.sum(s.mean[j, e, own] ** 2)) + 0.5 * before) / (told + 0.5)
+                after = min(max(found, _SPAN_DOWN * first, _MOST_DOWN * before), _SPAN_UP * first, _MOST_UP * before)
+                if abs(after / before - 1.0) < 0.02:
+                    continue
+                _kernel.filter_inform(s.covariance[j, e], s.mean[j, e], g * lags, lags, 1.0 / after - 1.0 / before)
+                s.prior[j, e, own] = after
+                variance = s.covariance[j, e, self._diagonal]
+
+    def _remix(self, j: int) -> None:
+        s = self._s
+        _kernel.filters_mix(s.covariance[j], s.weight[j], _LEAST_MIXED, s.mixed[j])
+        s.drift[j] = np.sum(s.weight[j][:, None] * self._growth, axis=0)

@@ -1,0 +1,143 @@
+"""The filters against closed forms."""
+
+import numpy as np
+import pytest
+
+from talc import _kernel
+from talc.learner.experts import UNIT, Expert
+from talc.learner.mixture import Mixture
+from tests.benches.normal_posterior import Array, posterior
+
+INPUTS, LAGS = 4, 2
+NOISE = 0.7
+
+
+def features(count: int, seed: int = 0) -> Array:
+    draw = np.random.default_rng(seed)
+    walk = np.cumsum(draw.normal(size=(count, INPUTS * LAGS)), axis=0) * 0.3
+    return np.column_stack([walk, np.ones(count)])
+
+
+def alone(expert: Expert) -> Mixture:
+    return Mixture(INPUTS, LAGS, 300.0, (expert,))
+
+
+def fed(mixture: Mixture, x: Array, steps: Array, y: Array) -> None:
+    """y of the first error; the others are not measured."""
+    last = steps[0]
+    for row, step, value in zip(x, steps, y, strict=True):
+        mixture.elapse(int(step - last))
+        last = step
+        errors = np.full(9, np.nan)
+        errors[0] = value
+        mixture.learn(row, errors, np.full(9, NOISE), np.zeros(9))
+
+
+@pytest.mark.parametrize("expert", [Expert(1.0, 0.01), Expert(0.5, 0.02, 0.02), Expert(0.0, 0.04)])
+def test_one_filter_is_the_dense_normal_distribution_s_posterior(expert: Expert) -> None:
+    count = 40
+    x, draw = features(count), np.random.default_rng(1)
+    steps = np.cumsum(draw.integers(1, 20, count)).astype(float)
+    y = x[:, 0] * 0.8 - x[:, 3] * 0.5 + draw.normal(0, NOISE, count)
+    y[0] = 0.3
+    mixture = alone(expert)
+    fed(mixture, x, steps, y)
+    mixture.elapse(7)
+    at = features(1, 5)[0]
+    mean, variance = mixture.predict(at)
+    features_count = INPUTS * LAGS
+    prior = np.append(np.full(features_count, expert.weight**2 * UNIT**2 / features_count), NOISE**2)
+    growth = np.append(np.full(features_count, expert.drift**2 * UNIT**2 / features_count), (expert.level * UNIT) ** 2)
+    wanted = posterior(x, steps, y, NOISE**2, prior, growth, at, steps[-1] + 7)
+    assert mean[0] == pytest.approx(wanted[0], rel=1e-9)
+    assert variance[0] == pytest.approx(wanted[1], rel=1e-9)
+
+
+def test_a_renewed_prior_gives_the_posterior_of_a_filter_that_began_with_it() -> None:
+    """Conditioning on the change of a prior variance is exact, up and down, while weights do not drift."""
+    n, x, draw = INPUTS * LAGS + 1, features(30), np.random.default_rng(2)
+    y = x @ draw.normal(size=n) + draw.normal(0, NOISE, 30)
+    prior = np.full(n, 0.6)
+    for own, after in ((slice(2, 4), 0.05), (slice(4, 6), 3.0)):
+        began = prior.copy()
+        began[own] = after
+        cov, mean = filtered(x, y, prior)
+        _kernel.filter_inform(cov[0], mean[0], own.start, 2, 1.0 / after - 1.0 / prior[own.start])
+        wanted_cov, wanted_mean = filtered(x, y, began)
+        np.testing.assert_allclose(cov, wanted_cov, rtol=1e-8, atol=1e-11)
+        np.testing.assert_allclose(mean, wanted_mean, rtol=1e-8, atol=1e-11)
+
+
+def filtered(x: Array, y: Array, prior: Array) -> tuple[Array, Array]:
+    """One filter without drift, by the kernel."""
+    n = x.shape[1]
+    cov, mean = np.zeros((1, n * (n + 1) // 2)), np.zeros((1, n))
+    cov[0, np.arange(n) * (np.arange(n) + 3) // 2] = prior
+    gain, spread, still = np.empty((1, n)), np.empty(1), np.zeros((1, n))
+    for row, value in zip(x, y, strict=True):
+        _kernel.filters_look(cov, still, row, gain, spread)
+        _kernel.filters_learn(cov, mean, gain, spread, np.array([value - mean[0] @ row]), NOISE**2)
+    return cov, mean
+
+
+def test_covariances_stay_positive_over_long_runs_without_drift() -> None:
+    """Little noise, wide prior, features up to their bound, 20,000 measurements."""
+    draw, n = np.random.default_rng(3), INPUTS * LAGS + 1
+    # Lags of the same input nearly repeat each other.
+    common = draw.uniform(-8, 8, (20000, INPUTS))
+    x = np.column_stack(
+        [np.repeat(common, LAGS, axis=1) + 1e-4 * draw.normal(size=(20000, INPUTS * LAGS)), np.ones(20000)]
+    )
+    cov, mean = np.zeros((1, n * (n + 1) // 2)), np.zeros((1, n))
+    cov[0, np.arange(n) * (np.arange(n) + 3) // 2] = 900.0
+    gain, spread, still = np.empty((1, n)), np.empty(1), np.zeros((1, n))
+    for k, row in enumerate(x):
+        _kernel.filters_look(cov, still, row, gain, spread)
+        _kernel.filters_learn(cov, mean, gain, spread, np.zeros(1), 0.0625)
+        if k % 1000 == 999:
+            full = np.zeros((n, n))
+            full[np.tril_indices(n)] = cov[0]
+            full = full + np.tril(full, -1).T
+            assert np.linalg.eigvalsh(full).min() > 0.0
+
+
+def test_a_wider_span_changes_no_prediction_of_what_was_seen_and_tames_what_was_not() -> None:
+    """An input that has not moved is as unknown per new span as it was per old span."""
+    mixture, x = alone(Expert(1.0, 0.002)), features(30)
+    x[:, 2:4] = 0.0
+    steps = np.arange(30.0)
+    fed(mixture, x, steps, np.append(0.0, x[1:, 0]))
+    before = mixture.predict(x[-1])
+    factor = np.ones(INPUTS)
+    factor[1] = 64.0
+    mixture.widen(factor)
+    after = mixture.predict(x[-1])
+    np.testing.assert_allclose(after, before, rtol=1e-9)
+    moved = x[-1].copy()
+    moved[2:4] = 1.0
+    assert mixture.predict(moved)[1][0] - before[1][0] == pytest.approx(2 * UNIT**2 / (INPUTS * LAGS), rel=1e-6)
+
+
+def test_one_far_measurement_is_hardly_learnt_from_and_two_are_a_new_level() -> None:
+    mixture = Mixture(INPUTS, LAGS, 300.0)
+    x = np.append(np.zeros(INPUTS * LAGS), 1.0)
+    draw = np.random.default_rng(4)
+    y = np.append(draw.normal(3.0, NOISE, 40), [60.0, 60.0])
+    y[0] = 0.0
+    fed(mixture, np.repeat(x[None], 41, axis=0), np.arange(41.0), y[:41])
+    assert abs(mixture.predict(x)[0][0] - 3.0) < 3.0
+    fed(mixture, x[None], np.zeros(1), y[41:])
+    assert mixture.predict(x)[0][0] == pytest.approx(60.0, abs=1.0)
+
+
+def test_an_error_that_is_not_measured_in_a_cycle_is_not_learnt() -> None:
+    mixture, x = Mixture(INPUTS, LAGS, 300.0), features(20)
+    both, one = np.full(9, np.nan), np.full(9, np.nan)
+    for k, row in enumerate(x):
+        both[:2] = one[0] = row[0]
+        mixture.elapse(1)
+        mixture.learn(row, both if k < 10 else one, np.full(9, NOISE), np.zeros(9))
+    assert mixture.count.tolist() == [20, 10, 0, 0, 0, 0, 0, 0, 0]
+    variance = mixture.predict(x[-1])[1]
+    assert variance[0] < variance[1]
+    assert variance[2] == 0.0
