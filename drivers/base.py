@@ -19,6 +19,11 @@ class Quality(StrEnum):
     SUBSTITUTED = "substituted"
     SIMULATED = "simulated"
 
+    @property
+    def usable(self) -> bool:
+        """Whether the value was measured, or simulated as if it were, and nothing says that it is wrong."""
+        return self in (Quality.GOOD, Quality.SIMULATED)
+
 
 class Clock(Protocol):
     """The two times a reading carries. Simulated time is another implementation of this."""

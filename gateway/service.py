@@ -11,10 +11,11 @@ from pathlib import Path
 
 from drivers.base import Reading
 from drivers.tap import Tap
+from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
+from gateway.acquisition.line import Line
 from gateway.acquisition.reload import Difference, ReloadError, apply
-from gateway.acquisition.runner import Acquisition, Line
 from gateway.acquisition.stale import StaleWatch
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig

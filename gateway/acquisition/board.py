@@ -85,7 +85,7 @@ class Board:
 
 def _ages(reading: Reading) -> bool:
     """Whether the reading claims to be true now: what says that it is bad does not go stale."""
-    return reading.quality in (Quality.GOOD, Quality.SIMULATED)
+    return reading.quality.usable
 
 
 def _stale(reading: Reading, now_s: float) -> Reading:

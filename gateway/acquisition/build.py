@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from drivers.build import bus_from_settings, make_device
 from drivers.tap import Tap
+from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Plausible
-from gateway.acquisition.runner import Line
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 

@@ -36,7 +36,7 @@ class Check:
 
     def judge(self, reading: Reading) -> Reading:
         """The reading, its quality lowered and `detail` set when a limit is broken. Bad readings pass unchanged."""
-        if reading.quality not in (Quality.GOOD, Quality.SIMULATED):
+        if not reading.quality.usable:
             return reading
         stuck = self._stuck(reading)
         spike = self._spike(reading.value)

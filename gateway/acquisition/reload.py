@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.tap import Tap
+from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
-from gateway.acquisition.runner import Acquisition
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 

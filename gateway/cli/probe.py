@@ -9,8 +9,9 @@ from rich.table import Table
 
 from drivers.base import DriverError, Quality
 from gateway.acquisition.build import lines_of
-from gateway.acquisition.runner import Line
-from gateway.cli.numbers import shown
+from gateway.acquisition.line import Line
+from gateway.acquisition.once import read_once
+from gateway.acquisition.text import number_text
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
@@ -23,13 +24,9 @@ class _Row:
     device: str
     channel: str
     value: str
-    quality: str
+    quality: Quality
     latency_ms: float | None
     detail: str = ""
-
-    @property
-    def good(self) -> bool:
-        return self.quality == Quality.GOOD.value
 
 
 def show(config: GatewayConfig) -> bool:
@@ -39,13 +36,19 @@ def show(config: GatewayConfig) -> bool:
     for row in rows:
         latency = "" if row.latency_ms is None else f"{row.latency_ms:.1f} ms"
         table.add_row(
-            row.bus, row.device, row.channel, row.value, row.quality, latency, style="" if row.good else "red"
+            row.bus,
+            row.device,
+            row.channel,
+            row.value,
+            row.quality.value,
+            latency,
+            style="" if row.quality.usable else "red",
         )
     console = terminal()
     console.print(table)
     for detail in dict.fromkeys(row.detail for row in rows if row.detail):  # a silent device is one problem, not six
         console.print(f"- {detail}", style="red", highlight=False, soft_wrap=True)
-    bad = sum(not row.good for row in rows)
+    bad = sum(not row.quality.usable for row in rows)
     console.print(f"{len(rows) - bad} of {len(rows)} good")
     return bad == 0
 
@@ -59,43 +62,12 @@ async def _rows(config: GatewayConfig) -> list[_Row]:
 async def _line(line: Line) -> list[_Row]:
     """The devices of one bus, one after the other; buses run beside each other."""
     rows: list[_Row] = []
-    try:
-        await line.bus.connect()
-    except DriverError as error:
-        await line.bus.close()
-        return [
-            _Row(line.bus.name, driver.device, channel, "", Quality.COMM_FAULT.value, None, str(error))
-            for driver in line.drivers
-            for channel in driver.channels
-        ]
-    for driver in line.drivers:
-        began = time.perf_counter()
-        try:
-            await driver.connect()
-            began = time.perf_counter()
-            readings = await driver.read()
-        except DriverError as error:
-            rows += [
-                _Row(line.bus.name, driver.device, channel, "", Quality.COMM_FAULT.value, None, str(error))
-                for channel in driver.channels
-            ]
-        else:
-            latency = (time.perf_counter() - began) * 1e3
-            rows += [
-                _Row(
-                    line.bus.name,
-                    driver.device,
-                    r.channel,
-                    "" if isnan(r.value) else f"{shown(r.value)} {r.unit}",
-                    r.quality.value,
-                    latency,
-                    f"{r.channel}: {r.detail}" if r.detail else "",
-                )
-                for r in readings
-            ]
-        finally:
-            await driver.close()
-    await line.bus.close()
+    for answer in await read_once(line, RealClock()):
+        latency = None if answer.took_s is None else answer.took_s * 1e3
+        for r in answer.readings:
+            value = "" if isnan(r.value) else f"{number_text(r.value)} {r.unit}"
+            detail = f"{r.channel}: {r.detail}" if r.detail and answer.took_s is not None else r.detail
+            rows.append(_Row(line.bus.name, answer.device, r.channel, value, r.quality, latency, detail))
     return rows
 
 
@@ -110,17 +82,17 @@ async def _nc(config: GatewayConfig) -> list[_Row]:
         latency = (time.perf_counter() - began) * 1e3
         values = {f"position {axis}": value for axis, value in snapshot.positions.items()}
         values |= {state.name: snapshot.states[state.name] for state in config.states if state.name in snapshot.states}
-        shown = {name: f"{value:.3f}" for name, value in values.items()}
-        shown |= {"mode": snapshot.mode.value, "program": snapshot.program.value}
+        texts = {name: number_text(value, 3) for name, value in values.items()}
+        texts |= {"mode": snapshot.mode.value, "program": snapshot.program.value}
         if snapshot.alarms:
-            shown["alarms"] = ", ".join(map(str, snapshot.alarms))
+            texts["alarms"] = ", ".join(map(str, snapshot.alarms))
         missing = [state.name for state in config.states if state.name not in snapshot.states]
-        rows = [_Row("nc", config.nc.kind, n, text, Quality.GOOD.value, latency) for n, text in shown.items()]
-        gone = Quality.COMM_FAULT.value
+        rows = [_Row("nc", config.nc.kind, n, text, Quality.GOOD, latency) for n, text in texts.items()]
+        gone = Quality.COMM_FAULT
         return rows + [
             _Row("nc", config.nc.kind, n, "", gone, latency, "the NC reports no such state") for n in missing
         ]
     except DriverError as error:
-        return [_Row("nc", config.nc.kind, "snapshot", "", Quality.COMM_FAULT.value, None, str(error))]
+        return [_Row("nc", config.nc.kind, "snapshot", "", Quality.COMM_FAULT, None, str(error))]
     finally:
         await nc.close()

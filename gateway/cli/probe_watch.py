@@ -1,13 +1,11 @@
 """`talc-gateway probe --watch`: reads the devices repeatedly; a table on a terminal, lines elsewhere."""
 
 import asyncio
-import logging
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import isnan
 from statistics import median
 from time import monotonic
 
@@ -16,9 +14,10 @@ from rich.live import Live
 from rich.text import Text
 
 from drivers.base import Quality, Reading
+from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
-from gateway.acquisition.runner import Acquisition, Line
-from gateway.cli.numbers import shown
+from gateway.acquisition.line import Line
+from gateway.acquisition.text import reading_text
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
@@ -33,8 +32,8 @@ _CELL = 17 + 1 + 14 + 1 + 6
 
 
 @dataclass(slots=True)
-class DeviceWatch:
-    """What was seen of one device."""
+class DeviceFigures:
+    """How one device has answered so far."""
 
     name: str
     bus: str
@@ -59,7 +58,7 @@ class DeviceWatch:
         """The readings of one period."""
         self.periods += 1
         self.latest |= {reading.channel: reading for reading in readings}
-        self.good_at |= {r.channel: r.monotonic_s for r in readings if r.quality is Quality.GOOD}
+        self.good_at |= {r.channel: r.monotonic_s for r in readings if r.quality.usable}
         first = readings[0]
         if all(reading.quality is Quality.COMM_FAULT for reading in readings):
             self.lost += 1
@@ -77,7 +76,7 @@ class DeviceWatch:
 
     @property
     def good(self) -> int:
-        return sum(reading.quality is Quality.GOOD for reading in self.latest.values())
+        return sum(reading.quality.usable for reading in self.latest.values())
 
     @property
     def complete(self) -> bool:
@@ -102,13 +101,13 @@ class DeviceWatch:
         return max(abs(interval - usual) for interval in intervals)
 
 
-class Watch:
+class ProbeView:
     """Everything that is shown, and how. Knows no terminal."""
 
     def __init__(self, machine: str, lines: Sequence[Line], now_s: float) -> None:
         self._machine, self._began = machine, now_s
         self.devices = [
-            DeviceWatch(driver.device, line.bus.name, driver.channels) for line in lines for driver in line.drivers
+            DeviceFigures(driver.device, line.bus.name, driver.channels) for line in lines for driver in line.drivers
         ]
         self._of_channel = {channel: device for device in self.devices for channel in device.channels}
 
@@ -137,13 +136,13 @@ class Watch:
     def lines(self, now_s: float) -> Iterator[str]:
         """One line for each device: what a log or a pipe gets."""
         for device in self.devices:
-            values = " ".join(f"{channel}={_value(device.latest.get(channel))}" for channel in device.channels)
+            values = " ".join(f"{channel}={reading_text(device.latest.get(channel))}" for channel in device.channels)
             rate, jitter = _rate(device.rate_hz), _milliseconds(device.jitter_s)
             counted = f"{device.good}/{len(device.channels)} good, {rate}, jitter {jitter}, {device.lost} lost"
             age = "" if device.answered_at is None else f", age {_seconds(now_s - device.answered_at)}"
             yield f"{device.bus} {device.name}: {counted}{age}: {values}"
 
-    def _device(self, device: DeviceWatch, now_s: float) -> str:
+    def _device(self, device: DeviceFigures, now_s: float) -> str:
         age = "never" if device.answered_at is None else _seconds(now_s - device.answered_at)
         count = f"{device.good}/{len(device.channels)}"
         rate, jitter = _rate(device.rate_hz), _milliseconds(device.jitter_s)
@@ -158,12 +157,12 @@ class Watch:
             cells.append(Text(f"... and {len(left)} more, {sum(not cell.style for cell in left)} of them good"))
         return [Text("  ").join(cells[start : start + beside]) for start in range(0, len(cells), beside)]
 
-    def _cell(self, device: DeviceWatch, channel: str, now_s: float) -> Text:
+    def _cell(self, device: DeviceFigures, channel: str, now_s: float) -> Text:
         reading = device.latest.get(channel)
         since = device.good_at.get(channel)
         age = "never" if since is None else _seconds(now_s - since)
-        good = reading is not None and reading.quality is Quality.GOOD
-        text = f"{_value(reading):>9}{_unit(reading):<5}" if good else _value(reading)
+        good = reading is not None and reading.quality.usable
+        text = f"{reading_text(reading):>9}{_unit(reading):<5}" if good else reading_text(reading)
         return Text(f"{_fitted(channel, 17):<17} {text:>14.14} {age:>6.6}", style="" if good else "red")
 
 
@@ -180,17 +179,8 @@ def _columns(device: str, bus: str, good: str, rate: str, jitter: str, lost: str
     return f"{_fitted(device, 18):<18} {_fitted(bus, 10):<10} {good:>7} {rate:>8} {jitter:>8} {lost:>6} {age:>8}"
 
 
-def _value(reading: Reading | None) -> str:
-    if reading is None:
-        return "-"
-    if reading.quality is not Quality.GOOD and isnan(reading.value):
-        return reading.quality.value
-    number = shown(reading.value)
-    return number if reading.quality is Quality.GOOD else f"{number}({reading.quality.value})"
-
-
 def _unit(reading: Reading | None) -> str:
-    return f" {reading.unit}" if reading is not None and reading.quality is Quality.GOOD else ""
+    return f" {reading.unit}" if reading is not None and reading.quality.usable else ""
 
 
 def _rate(hertz: float | None) -> str:
@@ -212,14 +202,13 @@ def watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -
 
     every_s: how often it is shown; None: twice a second on a terminal, each 10 s elsewhere
     """
-    logging.getLogger("gateway.acquisition.runner").setLevel(logging.ERROR)  # what it tells is shown here
     return asyncio.run(_watch(config, seconds, every_s))
 
 
 async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
     console = terminal()
     lines = lines_of(config, RealClock())
-    watch = Watch(config.machine.name, lines, monotonic())
+    view = ProbeView(config.machine.name, lines, monotonic())
     stop = asyncio.Event()
     stop_on_signals(stop)
     on_terminal = console.is_terminal
@@ -229,12 +218,12 @@ async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | 
             _say(console, notice.text)
 
     def screen() -> RenderableType:
-        return watch.table(monotonic(), console.width, console.height)
+        return view.table(monotonic(), console.width, console.height)
 
     every_s = every_s or (_TABLE_EVERY_S if on_terminal else _LINES_EVERY_S)
     end_s = None if seconds is None else monotonic() + seconds
     live = Live(screen(), console=console, auto_refresh=False, screen=False, vertical_overflow="crop")
-    async with Acquisition(lines, RealClock(), watch.take, noticed):
+    async with Acquisition(lines, RealClock(), view.take, noticed, quiet=True):
         with live if on_terminal else nullcontext():
             while not stop.is_set() and (end_s is None or monotonic() < end_s):
                 left = every_s if end_s is None else min(every_s, max(0.0, end_s - monotonic()))
@@ -243,9 +232,9 @@ async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | 
                 if on_terminal:
                     live.update(screen(), refresh=True)
                 else:
-                    for line in watch.lines(monotonic()):
+                    for line in view.lines(monotonic()):
                         _say(console, line)
-    return watch.all_good
+    return view.all_good
 
 
 def _say(console: Console, text: str) -> None:

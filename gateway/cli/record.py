@@ -1,15 +1,14 @@
 """`talc-gateway record`: reads the devices as `run` does, and records everything that passes the wires."""
 
 import asyncio
-import logging
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 
-from drivers.base import Quality, Reading
+from drivers.base import Reading
+from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
-from gateway.acquisition.runner import Acquisition
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
@@ -23,7 +22,6 @@ _SHOWN_EVERY_S = 1.0
 
 def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> None:
     """Until Ctrl-C, or for so many seconds, or until the file has that size. Raises OSError when it cannot be made."""
-    logging.getLogger("gateway.acquisition.runner").setLevel(logging.ERROR)  # what it tells is said here
     asyncio.run(_record(config, path, seconds, most_mb))
 
 
@@ -36,7 +34,7 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
 
     def take(readings: Sequence[Reading]) -> None:
         for reading in readings:
-            if reading.quality is Quality.GOOD:
+            if reading.quality.usable:
                 bad.pop(reading.channel, None)
             else:
                 bad[reading.channel] = reading.quality.value
@@ -49,7 +47,7 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
     with WireLogWriter(path, packed_toml(config), clock.utc(), most_bytes=most_bytes) as log:
         lines = lines_of(config, clock, log.tap)
         console.print(f"recording {len(lines)} buses to {path}; Ctrl-C ends", highlight=False, soft_wrap=True)
-        async with Acquisition(lines, clock, take, noticed):
+        async with Acquisition(lines, clock, take, noticed, quiet=True):
             while not (stop.is_set() or log.ended or (end_s is not None and monotonic() >= end_s)):
                 left = _SHOWN_EVERY_S if end_s is None else min(_SHOWN_EVERY_S, max(0.0, end_s - monotonic()))
                 with suppress(TimeoutError):

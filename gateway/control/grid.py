@@ -7,10 +7,9 @@ from datetime import datetime
 
 import numpy as np
 
-from drivers.base import Quality, Reading
+from drivers.base import Reading
 from talc.frame import Frame, Measurement
 
-USABLE = frozenset({Quality.GOOD, Quality.SIMULATED})
 """What may enter a model. Everything else is masked, however plausible its number."""
 
 
@@ -89,7 +88,7 @@ class GridSampler:
         """Take readings; those of unusable quality, and of channels that are no inputs, are passed over."""
         for reading in readings:
             position = self._index.get(reading.channel)
-            if position is not None and reading.quality in USABLE and math.isfinite(reading.value):
+            if position is not None and reading.quality.usable and math.isfinite(reading.value):
                 self._samples.append((position, reading.monotonic_s, reading.value))
 
     def add_states(self, states: Mapping[str, float], monotonic_s: float) -> None:

@@ -16,7 +16,7 @@ from contextlib import suppress
 from typing import ParamSpec, TypeVar
 
 Given = ParamSpec("Given")
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 _LIMIT_S = 3600.0
 """Real seconds; the papers' particle swarm over weeks of data takes minutes on a small computer."""
@@ -28,7 +28,7 @@ class WorkError(Exception):
     """The process ended without an answer; the message says how."""
 
 
-async def apart(work: Callable[Given, Found], *given: Given.args, **named: Given.kwargs) -> Found:
+async def apart(work: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
     """What `work`, a module's function, gives for these arguments. Cancelling ends the process.
 
     Raises WorkError: no process could be started, or the work raised, was killed, or took longer than an hour.
@@ -64,7 +64,7 @@ async def apart(work: Callable[Given, Found], *given: Given.args, **named: Given
     if status > 0:
         lines = complaint.decode(errors="replace").strip().splitlines() or ["it left no message"]
         raise WorkError(f"{lines[-1]} (exit status {status})")
-    found: Found = pickle.loads(answer)
+    found: Result = pickle.loads(answer)
     return found
 
 

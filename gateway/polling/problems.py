@@ -48,10 +48,13 @@ class Problems:
     notify: takes each problem as it begins and as it ends
     log: where both are logged too, as warning and information
     most: beginnings that are reported before a subject is steady
+    quiet: log only what nobody expected, as `notify` shows the rest
     """
 
-    def __init__(self, clock: Clock, period_s: float, notify: Notify, log: logging.Logger, *, most: int = 3) -> None:
-        self._clock, self._notify, self._log, self._most = clock, notify, log, most
+    def __init__(
+        self, clock: Clock, period_s: float, notify: Notify, log: logging.Logger, *, most: int = 3, quiet: bool = False
+    ) -> None:
+        self._clock, self._notify, self._log, self._most, self._quiet = clock, notify, log, most, quiet
         self._window_s = max(_STEADY_S, _STEADY_PERIODS * period_s)
         self._subjects: dict[str, _History] = {}
 
@@ -83,7 +86,8 @@ class Problems:
             history.muted = len(history.begun_s) > self._most
             if history.muted:
                 text += f"; it comes and goes: reported again when it has been steady for {self._window_s:g} s"
-        self._log.warning("%s", text, exc_info=bug)
+        if bug is not None or not self._quiet:
+            self._log.warning("%s", text, exc_info=bug)
         self._notify(Notice(subject, text))
 
     def clear(self, subject: str, text: str) -> None:
@@ -101,5 +105,6 @@ class Problems:
             del self._subjects[subject]
             ended = history.muted
         if ended:
-            self._log.info("%s", text)
+            if not self._quiet:
+                self._log.info("%s", text)
             self._notify(Notice(subject, text, ended=True))

@@ -1,12 +1,16 @@
 """The result of a scan: places and the devices on them."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from math import isnan
 
-from drivers.base import Bus, DriverError, Quality, Reading, SystemClock
+from drivers.base import Bus, ConnectError, DriverError
 from drivers.build import make_device
 from drivers.recognition import Recognition
+from gateway.acquisition.line import Line
+from gateway.acquisition.once import read_once
+from gateway.acquisition.text import reading_text
+from gateway.clock import RealClock
 
 Stopped = Callable[[], bool]
 """Asked between two requests: shall the scan end?"""
@@ -58,23 +62,18 @@ class Report:
 
 
 async def read_inputs(bus: Bus, unit: int, what: Recognition) -> str:
-    """What a recognised device's inputs show now, in short."""
+    """What a recognised device's inputs show now, in short. The bus is open and stays so."""
     if not what.profile:
         return ""
+    clock = RealClock()
     names = {f"in{number}": number for number in what.inputs}
-    driver = make_device("found", bus, what.profile, unit, names, what.options, SystemClock())
-    try:
-        await driver.connect()
-        return _shown(await driver.read())
-    except DriverError as error:
-        return f"{type(error).__name__}: {error.what}"
-    finally:
-        await driver.close()
-
-
-def _shown(readings: Sequence[Reading]) -> str:
-    words = []
-    for reading in readings:
-        good = reading.quality is Quality.GOOD and not isnan(reading.value)
-        words.append(f"{reading.value:.1f}" if good else reading.quality.value)
-    return " ".join(words) + (f" {readings[0].unit}" if readings else "")
+    driver = make_device("found", bus, what.profile, unit, names, what.options, clock)
+    (answer,) = await read_once(Line(bus, (driver,)), clock, keep_open=True)
+    if isinstance(answer.error, ConnectError | OSError):  # the bus was closed with it
+        with suppress(ConnectError):
+            await bus.connect()
+    if isinstance(answer.error, DriverError):
+        return f"{type(answer.error).__name__}: {answer.error.what}"
+    if answer.took_s is None:
+        return answer.readings[0].detail
+    return " ".join(reading_text(reading) for reading in answer.readings) + f" {answer.readings[0].unit}"

@@ -6,8 +6,9 @@ from contextlib import asynccontextmanager
 from typing import NoReturn
 
 from drivers.base import NoAnswer, Quality, Reading
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Plausible
-from gateway.acquisition.runner import Acquisition, Line
 from gateway.polling import Notice
 from tests.benches.stepped_clock import SteppedClock
 

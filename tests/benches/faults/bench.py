@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.base import Quality, Reading
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Plausible
-from gateway.acquisition.runner import Acquisition, Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from tests.benches.faults.actions import PERIOD_S

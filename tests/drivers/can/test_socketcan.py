@@ -14,7 +14,8 @@ from drivers.base import Bus, ConnectError, Driver, DriverError, Quality, Readin
 from drivers.build import make_bus, make_device
 from drivers.can.settings import CanInterfaceSettings
 from drivers.can.survey import CanSurvey, Heard
-from gateway.acquisition.runner import Acquisition, Line
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.clock import RealClock
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import pytest
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, Reading, WrongDevice
+from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.plausibility import Plausible
-from gateway.acquisition.runner import Acquisition
 from tests.benches.scripted_bus import Plant, ScriptedDevice
 
 

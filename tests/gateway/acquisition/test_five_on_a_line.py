@@ -14,7 +14,8 @@ import pytest
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
-from gateway.acquisition.runner import Acquisition, Line
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from simulators.devices.m7015 import M7015

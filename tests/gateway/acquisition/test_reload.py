@@ -5,10 +5,11 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Reading
+from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
+from gateway.acquisition.line import Line
 from gateway.acquisition.reload import Difference, ReloadError, apply, difference
-from gateway.acquisition.runner import Acquisition, Line
 from gateway.config import GatewayConfig, parse
 from tests.benches.logger_files import logger_dbc, logger_profile
 from tests.benches.stepped_clock import SteppedClock

@@ -17,8 +17,9 @@ import pytest
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
-from gateway.acquisition.runner import Acquisition, Line
-from gateway.cli.probe_watch import DeviceWatch, Watch
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.cli.probe_watch import DeviceFigures, ProbeView
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.modbus_servers import TcpHost
 from simulators.devices.source import Fault
@@ -36,8 +37,8 @@ def readings(
     return [Reading(channel, number, "degC", quality, NOW, at_s, 1, detail) for channel in channels]
 
 
-def watched() -> DeviceWatch:
-    return DeviceWatch("rtd1", "rtu1", ("a", "b"))
+def watched() -> DeviceFigures:
+    return DeviceFigures("rtd1", "rtu1", ("a", "b"))
 
 
 def test_rate_and_jitter_are_those_of_the_answers() -> None:
@@ -55,7 +56,7 @@ async def test_healthy_devices_on_several_buses_have_no_jitter() -> None:
     for number in range(4):
         bus = ScriptedBus(f"bus{number}")
         lines.append(Line(bus, (ScriptedDevice(f"device{number}", clock, bus),), phase_s=number / 4))
-    watch = Watch("mill", lines, 0.0)
+    watch = ProbeView("mill", lines, 0.0)
     async with Acquisition(lines, clock, watch.take, lambda _: None):
         await clock.run_until(0.1)
         assert [device.answered_at for device in watch.devices] == [0.0] * 4
@@ -80,14 +81,14 @@ def test_broken_sensor_is_no_lost_period() -> None:
     assert (device.lost, device.good, device.error) == (0, 1, "b: broken wire")
 
 
-def big_watch() -> Watch:
+def big_watch() -> ProbeView:
     """Five devices with six channels each, as on a machine; the third is silent, one sensor is broken."""
     clock, lines = SystemClock(), []
     bus = make_bus("rtu1", "modbus_rtu", {"port": "/dev/null"})
     for number in range(1, 6):
         channels = {f"somewhere_on_the_machine_{number}_{i}": i for i in range(6)}
         lines.append(Line(bus, (make_device(f"rtd{number}", bus, "icpdas_m7015", number, channels, {}, clock),)))
-    watch = Watch("mill", lines, 0.0)
+    watch = ProbeView("mill", lines, 0.0)
     for device in watch.devices:
         silent = device.name == "rtd3"
         text = "bus rtu1, device rtd3: unit 3 did not answer within 0.5 s (check power, wiring, unit id and baud)"

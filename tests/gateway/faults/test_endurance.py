@@ -18,7 +18,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition.runner import Acquisition, Line
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from tests.benches.faults.actions import restarted, whole

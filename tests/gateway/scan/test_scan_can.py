@@ -62,7 +62,7 @@ async def test_nodes_are_recognised_by_profile_vendor_and_inputs() -> None:
     assert {unit: device.what.profile for unit, device in found.items()} == dict.fromkeys((5, 9, 127), "cia404")
     assert found[5].what.options == {"vendor": "esd"}
     assert found[5].what.evidence == "device profile 404, vendor 0x17 product 0x194 serial 4711"
-    assert found[5].reads == "20.0 21.5 -3.0 40.0 degC"
+    assert found[5].reads == "20.00 21.50 -3.00 40.00 degC"
     assert found[127].what.options == {"vendor": "axiomatic"}
     assert found[9].what.inputs == (0, 2, 3)
     assert [doubt.split(" ")[0] for doubt in found[9].what.doubts] == ["input", "vendor:"]
@@ -75,7 +75,7 @@ async def test_vendor_is_known_by_a_name_of_several_segments() -> None:
     assert (found.what.profile, found.what.options) == ("cia404", {"vendor": "jumo"})
     assert found.what.evidence == "device profile 404, JUMO CANtrans T 902910/20"
     assert found.what.doubts == ()
-    assert found.reads == "20.0 21.5 -3.0 40.0 degC"
+    assert found.reads == "20.00 21.50 -3.00 40.00 degC"
 
 
 class Failing:

@@ -88,8 +88,8 @@ async def test_known_modules_are_recognised_and_others_called_unknown() -> None:
         3: "",
     }
     assert found[1].what.inputs == tuple(range(6))
-    assert found[1].reads == "20.0 21.3 sensor_fault 40.0 100.0 22.2 degC"
-    assert found[2].reads == "20.0 21.3 -3.3 40.0 out_of_range 22.2 0.0 95.0 degC"
+    assert found[1].reads == "20.00 21.30 sensor_fault 40.00 100.00 22.20 degC"
+    assert found[2].reads == "20.00 21.30 -3.30 40.00 out_of_range 22.20 0.00 95.00 degC"
 
 
 async def test_input_set_to_something_else_is_left_out_and_told() -> None:
@@ -141,7 +141,7 @@ async def test_displacement_sensor_is_told_by_its_answer(payload: str, profile: 
     finally:
         await sensor.stop()
     (device,) = report.found
-    assert (device.what.profile, device.unit, device.reads) == (profile, 126, "123.4 µm")
+    assert (device.what.profile, device.unit, device.reads) == (profile, 126, "123.40 µm")
     assert report.places[0].options["baud"] == 230_400
 
 

@@ -39,7 +39,7 @@ async def test_units_behind_one_host_are_recognised() -> None:
         report = await scan(port)
     (place,) = report.places
     assert [(d.unit, d.what.profile) for d in place.devices] == [(1, "advantech_adam6015"), (3, "wago_750_464")]
-    assert place.devices[0].reads == "20.0 21.0 22.0 23.0 24.0 25.0 26.0 degC"
+    assert place.devices[0].reads == "20.00 21.00 22.00 23.00 24.00 25.00 26.00 degC"
     assert place.devices[1].what.doubts == ()  # digital modules stand behind the analogue ones in the image
     assert report.remarks == []
 
@@ -79,7 +79,7 @@ async def test_controller_that_streams_is_told_from_modbus() -> None:
     (place,) = report.places
     assert place.kind == "me_ethernet"
     assert place.devices[0].what.evidence == "order number 2303021, serial number 1001"
-    assert place.devices[0].reads == "100.0 200.0 µm"
+    assert place.devices[0].reads == "100.00 200.00 µm"
 
 
 async def test_dead_host_is_a_remark_and_the_next_one_is_asked() -> None:

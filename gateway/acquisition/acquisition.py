@@ -1,0 +1,85 @@
+"""All buses at once: one runner each, started, exchanged and stopped together."""
+
+import asyncio
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import AsyncExitStack
+from itertools import count
+from types import TracebackType
+from typing import Self
+
+from gateway.acquisition.line import Line
+from gateway.acquisition.runner import Publish, Runner
+from gateway.clock import ServiceClock
+from gateway.polling import Notify
+
+
+class Acquisition:
+    """One runner per bus, as an async context manager: inside, they run; at its end all are stopped and closed.
+
+    A runner that ends by an error of its own ends the whole: the exceptions come out as a group.
+
+    Parameters
+    ----------
+    lines: buses with their drivers; nothing is opened before the context is entered
+    clock: real or simulated
+    publish: takes each device's readings
+    notify: takes problems as they begin and end
+    quiet: problems are not logged, as `notify` shows them
+    """
+
+    def __init__(
+        self, lines: Sequence[Line], clock: ServiceClock, publish: Publish, notify: Notify, *, quiet: bool = False
+    ) -> None:
+        self._clock, self._publish, self._notify, self._quiet = clock, publish, notify, quiet
+        self._sequence = count(1).__next__
+        self._runners = {line.bus.name: self._runner(line) for line in lines}
+        self._stack = AsyncExitStack()
+        self._group: asyncio.TaskGroup | None = None
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+
+    @property
+    def runners(self) -> Mapping[str, Runner]:
+        """By the name of the bus."""
+        return dict(self._runners)
+
+    def number(self) -> int:
+        """The sequence number of a reading that somebody else makes: none occurs twice in a run."""
+        return self._sequence()
+
+    async def __aenter__(self) -> Self:
+        self._group = await self._stack.enter_async_context(asyncio.TaskGroup())
+        for runner in self._runners.values():
+            self._start(runner)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        for task in self._tasks.values():
+            task.cancel()
+        return await self._stack.__aexit__(kind, error, trace)
+
+    async def exchange(self, stop: Collection[str], start: Sequence[Line]) -> None:
+        """While running: end the runners of some buses, close them, then begin others. The rest notices nothing.
+
+        Stopping comes first, because a new bus may use the port of an old one.
+        """
+        ending = [self._tasks.pop(name) for name in stop]
+        for name in stop:
+            del self._runners[name]
+        for task in ending:
+            task.cancel()
+        if ending:
+            await asyncio.wait(ending)
+        for line in start:
+            self._runners[line.bus.name] = self._runner(line)
+            self._start(self._runners[line.bus.name])
+
+    def _runner(self, line: Line) -> Runner:
+        return Runner(line, self._clock, self._publish, self._notify, self._sequence, quiet=self._quiet)
+
+    def _start(self, runner: Runner) -> None:
+        if self._group is None:
+            raise RuntimeError("the acquisition is not running: enter its context first")
+        name = runner.line.bus.name
+        self._tasks[name] = self._group.create_task(runner.run(), name=f"bus {name}")

@@ -1,0 +1,51 @@
+"""One bus as the acquisition knows it: opened when its turn has come, and closed whatever that raises."""
+
+import asyncio
+import logging
+
+from drivers.base import Bus, Driver
+from gateway.acquisition.line import Line
+from gateway.polling import Breaker
+
+log = logging.getLogger(__name__)
+
+_CLOSE_LIMIT_S = 5.0
+"""Real seconds that closing a bus or device may take."""
+
+
+class PolledBus:
+    """The bus of a line, and whether it is open."""
+
+    def __init__(self, line: Line) -> None:
+        self.breaker = Breaker(line.period_s, line.period_s * line.retry_max_periods)
+        self.is_open = False
+        self._bus, self._limit_s = line.bus, line.read_limit_s
+
+    @property
+    def subject(self) -> str:
+        """What reports call it."""
+        return f"bus {self._bus.name}"
+
+    async def open(self) -> None:
+        """Raises whatever the bus raises, or TimeoutError after the line's `read_limit_s`; then it is closed."""
+        try:
+            async with asyncio.timeout(self._limit_s):
+                await self._bus.connect()
+        except Exception:
+            await self.close()
+            raise
+        self.is_open = True
+
+    async def close(self) -> None:
+        """Also what is closed already."""
+        self.is_open = False
+        await close(self._bus)
+
+
+async def close(what: Bus | Driver) -> None:
+    """Close it; what fails in closing is not worth more than a line."""
+    try:
+        async with asyncio.timeout(_CLOSE_LIMIT_S):
+            await what.close()
+    except Exception:
+        log.debug("closing %s", what, exc_info=True)

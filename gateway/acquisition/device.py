@@ -1,0 +1,85 @@
+"""One device as the acquisition knows it: how it is read and judged, and what its channels show when it is silent."""
+
+import asyncio
+import math
+from collections.abc import Sequence
+
+from drivers.base import Driver, Quality, Reading
+from gateway.acquisition.bus import close
+from gateway.acquisition.line import Line
+from gateway.acquisition.plausibility import Check
+from gateway.clock import ServiceClock
+from gateway.polling import Breaker
+
+
+class PolledDevice:
+    """One driver of a line, its connection, and how it answered.
+
+    Parameters
+    ----------
+    driver: one of the line's
+    line: its limits and policy
+    clock: real or simulated; gives a failure's times
+    """
+
+    def __init__(self, driver: Driver, line: Line, clock: ServiceClock) -> None:
+        self.driver = driver
+        self.breaker = Breaker(line.period_s, line.period_s * line.retry_max_periods)
+        self.cost_s = 0.0
+        """What its last failure took."""
+        self.answered_s: float | None = None
+        """What its last answer took, without connecting; None: it did not answer when it was last asked."""
+        self.wavered_s = -math.inf
+        """When it last did not answer at once."""
+        self.error: Exception | None = None
+        """Why it did not answer when it was last asked."""
+        self.detail = "not asked yet"
+        """The same in words; of a device that was not asked, what kept the gateway from asking."""
+        self._line, self._clock = line, clock
+        self._connected = False
+        self._units = dict.fromkeys(driver.channels, "")
+        self._checks = {name: Check(limits) for name, limits in line.plausible.items() if name in self._units}
+
+    @property
+    def subject(self) -> str:
+        """What reports call it."""
+        return f"device {self.driver.device}"
+
+    async def read(self) -> list[Reading]:
+        """Its readings, each judged by the limits that the configuration states for its channel.
+
+        Raises whatever the driver raises, or TimeoutError after the line's `read_limit_s`.
+        """
+        began_s = self._clock.monotonic()
+        try:
+            async with asyncio.timeout(self._line.read_limit_s):
+                if not self._connected:
+                    await self.driver.connect()
+                    self._connected = True
+                asked_s = self._clock.monotonic()
+                readings = await self.driver.read()
+        except Exception as error:
+            self.cost_s = self._clock.monotonic() - began_s
+            self.answered_s, self.error = None, error
+            raise
+        self.answered_s, self.error = self._clock.monotonic() - asked_s, None
+        self._units |= {reading.channel: reading.unit for reading in readings}
+        return [self._judged(reading) for reading in readings]
+
+    def _judged(self, reading: Reading) -> Reading:
+        check = self._checks.get(reading.channel)
+        return reading if check is None else check.judge(reading)
+
+    def fault(self, sequence: int) -> Sequence[Reading]:
+        """What its channels show while it does not answer."""
+        utc, now = self._clock.utc(), self._clock.monotonic()
+        return [
+            Reading(channel, math.nan, unit, Quality.COMM_FAULT, utc, now, sequence, self.detail)
+            for channel, unit in self._units.items()
+        ]
+
+    async def close(self) -> None:
+        """Let go of it; it is connected again before it is read again."""
+        if self._connected:
+            self._connected = False
+            await close(self.driver)

@@ -1,0 +1,52 @@
+"""A line's devices read once: what `probe` and `scan` show is what `run` would take."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import count
+
+from drivers.base import Reading
+from gateway.acquisition.line import Line
+from gateway.acquisition.runner import Runner
+from gateway.clock import ServiceClock
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What one device said."""
+
+    device: str
+    readings: tuple[Reading, ...]
+    """One per channel; comm_fault when it did not answer, and the detail says why."""
+    took_s: float | None
+    """Without connecting; None: no answer."""
+    error: Exception | None
+    """Why it did not answer; None also when its bus could not be opened."""
+
+
+async def read_once(line: Line, clock: ServiceClock, *, keep_open: bool = False) -> list[Answer]:
+    """Every device of the line, one after the other. Raises nothing that a bus or a device raises.
+
+    keep_open: the bus was open and is to stay so, as far as the devices let it
+    """
+    readings: dict[str, Reading] = {}
+
+    def take(some: Sequence[Reading]) -> None:
+        readings.update((reading.channel, reading) for reading in some)
+
+    runner = Runner(line, clock, take, lambda _: None, count(1).__next__, quiet=True)
+    try:
+        await runner.once()
+    finally:
+        if keep_open:
+            await runner.close_devices()
+        else:
+            await runner.close()
+    return [
+        Answer(
+            device.driver.device,
+            tuple(readings[channel] for channel in device.driver.channels),
+            device.answered_s,
+            device.error,
+        )
+        for device in runner.devices
+    ]

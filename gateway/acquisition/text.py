@@ -1,0 +1,21 @@
+"""How values are written for people."""
+
+from math import isnan
+
+from drivers.base import Reading
+
+
+def number_text(value: float, decimals: int = 2) -> str:
+    """So many decimals, but never 0.00 for what is not 0: 2e-41 degC is a wrong byte order, not a cold day."""
+    plain = value == 0 or 10**-decimals <= abs(value) < 1e5
+    return f"{value:.{decimals}f}" if plain else f"{value:.3g}"
+
+
+def reading_text(reading: Reading | None) -> str:
+    """The number, without its unit, when it can be used; otherwise its quality too. None: not read yet."""
+    if reading is None:
+        return "-"
+    if reading.quality.usable:
+        return number_text(reading.value)
+    quality = reading.quality.value
+    return quality if isnan(reading.value) else f"{number_text(reading.value)}({quality})"

@@ -1,0 +1,123 @@
+"""`run`, `probe`, `probe --watch` and `scan` read a device alike, and call the same value the same quality."""
+
+import asyncio
+import re
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from math import isnan
+from pathlib import Path
+
+from drivers.base import Quality, Reading
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.build import lines_of
+from gateway.clock import RealClock
+from gateway.config import load
+from gateway.scan.tcp import TcpScan, scan_hosts
+from simulators.devices.adam6015 import Adam6015
+from simulators.devices.modbus_servers import TcpHost
+from simulators.devices.source import Fault
+from tests.benches.command import talc_gateway
+
+CONFIG = """[machine]
+name = "mill"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = {port}
+period_s = 0.5
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+[device.channels]
+bed = 0
+column = 1
+oil = 2
+hall = 3
+[limits.oil]
+max = 60.0
+"""
+LIMITED = "oil"
+"""The only one that the configuration judges: a scan, which has none, calls it good."""
+
+Shown = dict[str, tuple[str, Quality]]
+"""Channel to its number, empty when it has none, and its quality."""
+
+
+@asynccontextmanager
+async def adam(*, silent: bool = False) -> AsyncIterator[int]:
+    """A module with a good sensor, a broken one, and one beyond its limit; yields its port."""
+    module = Adam6015(lambda: [20.0, 30.0, 80.0, 40.0, 0.0, 0.0, 0.0])
+    module.faults.set(1, Fault.OPEN)
+    module.faults.silent = silent
+    host = TcpHost({1: module})
+    try:
+        yield await host.start()
+    finally:
+        await host.stop()
+
+
+def of_reading(reading: Reading) -> tuple[str, Quality]:
+    return "" if isnan(reading.value) else f"{reading.value:.2f}", reading.quality
+
+
+def of_text(text: str) -> tuple[str, Quality]:
+    """`20.00`, `80.00(out_of_range)` or `sensor_fault`."""
+    found = re.fullmatch(r"(-?[\d.]*)\(?(\w*)\)?", text)
+    assert found, text
+    return found[1], Quality(found[2] or "good")
+
+
+async def run(file: Path) -> Shown:
+    """What the service takes: its acquisition's first reading of each channel."""
+    taken: dict[str, Reading] = {}
+    complete = asyncio.Event()
+
+    def take(readings: Sequence[Reading]) -> None:
+        for reading in readings:
+            taken.setdefault(reading.channel, reading)
+        complete.set()
+
+    async with Acquisition(lines_of(load(file), RealClock()), RealClock(), take, lambda _: None), asyncio.timeout(30):
+        await complete.wait()
+    return {channel: of_reading(reading) for channel, reading in taken.items()}
+
+
+async def probe(file: Path) -> Shown:
+    rows = re.findall(r"│ adam +│ (\w+) +│ +([\d.]*)[^│]*│ (\w+) +│", (await talc_gateway("probe", str(file))).out)
+    return {channel: (number, Quality(quality)) for channel, number, quality in rows}
+
+
+async def probe_watch(file: Path) -> Shown:
+    done = await talc_gateway("probe", str(file), "--watch", "--seconds", "2", "--every", "1")
+    last = done.out.splitlines()[-1]
+    return {channel: of_text(text) for channel, text in re.findall(r"(\w+)=(\S+)", last)}
+
+
+async def test_a_good_a_broken_and_a_limited_sensor(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    async with adam() as port:
+        file.write_text(CONFIG.format(port=port), encoding="utf-8")
+        taken, probed, watched = await run(file), await probe(file), await probe_watch(file)
+        scanned = await scan_hosts(TcpScan((("127.0.0.1", port),), (1,), 1.0), lambda *_: None, lambda: False)
+    assert taken == {
+        "bed": ("20.00", Quality.GOOD),
+        "column": ("", Quality.SENSOR_FAULT),
+        "oil": ("80.00", Quality.OUT_OF_RANGE),
+        "hall": ("40.00", Quality.GOOD),
+    }
+    assert probed == watched == taken
+    (device,) = scanned.found
+    texts = device.reads.split()[: len(taken)]
+    of_scan = {channel: of_text(text) for channel, text in zip(taken, texts, strict=True)}
+    assert of_scan == taken | {LIMITED: ("80.00", Quality.GOOD)}
+
+
+async def test_a_silent_device(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    async with adam(silent=True) as port:
+        file.write_text(CONFIG.format(port=port), encoding="utf-8")
+        taken, probed, watched = await run(file), await probe(file), await probe_watch(file)
+    assert taken == dict.fromkeys(("bed", "column", "oil", "hall"), ("", Quality.COMM_FAULT))
+    assert probed == watched == taken
