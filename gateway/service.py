@@ -11,12 +11,16 @@ from pathlib import Path
 
 from drivers.base import Reading
 from drivers.tap import Tap
-from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.board import Board
-from gateway.acquisition.build import lines_of
-from gateway.acquisition.line import Line
-from gateway.acquisition.reload import Difference, ReloadError, apply
-from gateway.acquisition.stale import StaleWatch
+from gateway.acquisition import (
+    Acquisition,
+    Board,
+    Difference,
+    Line,
+    ReloadError,
+    StaleWatch,
+    apply,
+    lines_of,
+)
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 from gateway.control.grid import GridSampler, Schedule

@@ -1,1 +1,31 @@
-"""Reads every device of every bus once per period, and reports problems."""
+"""Reads every device of every bus once per period, checks the values, and reports problems."""
+
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.board import Aged, Board
+from gateway.acquisition.build import lines_of
+from gateway.acquisition.line import Line
+from gateway.acquisition.once import Answer, read_once
+from gateway.acquisition.plausibility import Check, Plausible
+from gateway.acquisition.reload import Difference, ReloadError, apply
+from gateway.acquisition.runner import Publish
+from gateway.acquisition.stale import StaleWatch
+from gateway.acquisition.text import number_text, reading_text
+
+__all__ = [
+    "Acquisition",
+    "Aged",
+    "Answer",
+    "Board",
+    "Check",
+    "Difference",
+    "Line",
+    "Plausible",
+    "Publish",
+    "ReloadError",
+    "StaleWatch",
+    "apply",
+    "lines_of",
+    "number_text",
+    "read_once",
+    "reading_text",
+]

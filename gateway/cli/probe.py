@@ -8,10 +8,7 @@ from math import isnan
 from rich.table import Table
 
 from drivers.base import DriverError, Quality
-from gateway.acquisition.build import lines_of
-from gateway.acquisition.line import Line
-from gateway.acquisition.once import read_once
-from gateway.acquisition.text import number_text
+from gateway.acquisition import Line, lines_of, number_text, read_once
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig

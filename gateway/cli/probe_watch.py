@@ -14,10 +14,7 @@ from rich.live import Live
 from rich.text import Text
 
 from drivers.base import Quality, Reading
-from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.build import lines_of
-from gateway.acquisition.line import Line
-from gateway.acquisition.text import reading_text
+from gateway.acquisition import Acquisition, Line, lines_of, reading_text
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock

@@ -7,8 +7,7 @@ from pathlib import Path
 from time import monotonic
 
 from drivers.base import Reading
-from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.build import lines_of
+from gateway.acquisition import Acquisition, lines_of
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from drivers.base import DriverError
-from gateway.acquisition.reload import ReloadError
+from gateway.acquisition import ReloadError
 from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock

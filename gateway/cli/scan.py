@@ -21,11 +21,20 @@ from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.config import ConfigError, Problem
 from gateway.config.load import read
-from gateway.scan import can, serial, tcp
-from gateway.scan.found import Progress as Told
-from gateway.scan.found import Report, Stopped
-from gateway.scan.fragment import check, merged
-from gateway.scan.ports import ports
+from gateway.scan import (
+    CanScan,
+    Report,
+    Stopped,
+    TcpScan,
+    check,
+    find_ports,
+    merged,
+    plan,
+    scan_can,
+    scan_hosts,
+    scan_line,
+)
+from gateway.scan import Progress as Told
 
 Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
 """Takes also whether a report's question was answered with yes."""
@@ -99,7 +108,7 @@ def scan() -> None:
 @scan.command("ports")
 def ports_command() -> None:
     """Say which serial ports and CAN interfaces this computer has. Opens none of them."""
-    found = ports()
+    found = find_ports()
     for port in found:
         click.echo(f"scan {port.command} {port.name}    ({port.remark})")
     if not found:
@@ -132,7 +141,7 @@ def serial_command(
     yes: bool,
 ) -> None:  # fmt: skip
     """Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
-    what = serial.plan(
+    what = plan(
         port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
         me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s, function=function,
     )  # fmt: skip
@@ -141,7 +150,7 @@ def serial_command(
         framings.setdefault(attempt.protocol, []).append(attempt.framing)
     listed = "; ".join(f"{protocol} at {', '.join(at)}" for protocol, at in framings.items())
     intro = f"{port}: {what.requests} requests ({listed})"
-    _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: serial.scan_line(what, p, s))
+    _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_line(what, p, s))
 
 
 @scan.command("tcp")
@@ -160,10 +169,10 @@ def tcp_command(
     Without a port, 502 (Modbus) and 10001 (a controller's data) are tried. Behind a gateway to a serial line each
     device has a unit id of its own: --units 1-16.
     """
-    what = tcp.TcpScan(hosts, units, timeout_s)
+    what = TcpScan(hosts, units, timeout_s)
     listed = ", ".join(host if port is None else f"{host}:{port}" for host, port in hosts)
     intro = f"{listed}: {what.requests} requests"
-    _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: tcp.scan_hosts(what, p, s))
+    _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_hosts(what, p, s))
 
 
 @scan.command("can")
@@ -195,14 +204,14 @@ def can_command(
     rates = bitrates or (_BITRATES if interface == "slcan" else (125_000,))
     place: dict[str, object] = {"interface": interface, "channel": channel, "bitrate": rates[0], "port": udp_port}
     settings = read_settings(CanOpenSettings, place)
-    what = can.CanScan(settings, rates, nodes, listen_s, timeout_s)
+    what = CanScan(settings, rates, nodes, listen_s, timeout_s)
     rate = (
         "bit rate as the system has set it" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"
     )
     intro = f"{interface} {channel}: listening, then asking {len(nodes)} nodes ({rate})"
 
     def run(tell: Told, stopped: Stopped, anyway: bool) -> Awaitable[Report]:
-        return can.scan_can(replace(what, anyway=anyway), tell, stopped)
+        return scan_can(replace(what, anyway=anyway), tell, stopped)
 
     _scan(intro, 2 * len(rates), what.longest_s, limit, toml, yes, run)
 

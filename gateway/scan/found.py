@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 from drivers.base import Bus, ConnectError, DriverError
 from drivers.build import make_device
 from drivers.recognition import Recognition
-from gateway.acquisition.line import Line
-from gateway.acquisition.once import read_once
-from gateway.acquisition.text import reading_text
+from gateway.acquisition import Line, read_once, reading_text
 from gateway.clock import RealClock
 
 Stopped = Callable[[], bool]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.scan.ports import Port, ports
+from gateway.scan import Port, find_ports
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def computer(tmp_path: Path) -> tuple[Path, Path]:
 
 def test_lasting_names_come_first_and_each_adapter_once(computer: tuple[Path, Path]) -> None:
     dev, net = computer
-    assert ports(dev, net) == [
+    assert find_ports(dev, net) == [
         Port("serial", str(dev / "serial/by-id/usb-FTDI_RS485-if00"), "ttyUSB1"),
         Port("serial", str(dev / "ttyUSB0"), "may have another name after a reboot"),
         Port("can", "can0", "up"),
@@ -33,4 +33,4 @@ def test_lasting_names_come_first_and_each_adapter_once(computer: tuple[Path, Pa
 
 
 def test_computer_without_any_has_none(tmp_path: Path) -> None:
-    assert ports(tmp_path / "dev", tmp_path / "net") == []
+    assert find_ports(tmp_path / "dev", tmp_path / "net") == []
