@@ -4,21 +4,29 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from drivers.base import Bus, Clock, Driver, SetupError
-from drivers.can.bus import CanBus
-from drivers.can.dbc import CanDbcDevice, CanDbcProfile
-from drivers.can.settings import CanSettings
-from drivers.canopen.bus import CanOpenBus
-from drivers.canopen.cia404 import Cia404Device
-from drivers.canopen.profile import Cia404Profile
-from drivers.canopen.settings import CanOpenSettings, Cia404Options
-from drivers.micro_epsilon.ethernet import MeEthernetBus, MeEthernetDevice
-from drivers.micro_epsilon.profile import MeEthernetProfile, MeRs485Profile
-from drivers.micro_epsilon.rs485 import MeRs485Bus, MeRs485Device
-from drivers.micro_epsilon.settings import DisplacementOptions, MeEthernetSettings, MeRs485Settings
-from drivers.modbus.bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
-from drivers.modbus.device import ModbusDevice
-from drivers.modbus.profile import ModbusProfile
-from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusTcpSettings
+from drivers.can import CanBus, CanDbcDevice, CanDbcProfile, CanSettings
+from drivers.canopen import CanOpenBus, CanOpenSettings, Cia404Device, Cia404Options, Cia404Profile
+from drivers.micro_epsilon import (
+    DisplacementOptions,
+    MeEthernetBus,
+    MeEthernetDevice,
+    MeEthernetProfile,
+    MeEthernetSettings,
+    MeRs485Bus,
+    MeRs485Device,
+    MeRs485Profile,
+    MeRs485Settings,
+)
+from drivers.modbus import (
+    ModbusBus,
+    ModbusDevice,
+    ModbusOptions,
+    ModbusProfile,
+    ModbusRtuBus,
+    ModbusRtuSettings,
+    ModbusTcpBus,
+    ModbusTcpSettings,
+)
 from drivers.problems import read_settings
 from drivers.profiles import Profile, load_profile
 from drivers.section import Section

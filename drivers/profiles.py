@@ -8,10 +8,10 @@ from importlib.resources import files
 from pathlib import Path
 
 from drivers.base import SetupError
-from drivers.can.dbc import DBC_ENCODING, CanDbcProfile
-from drivers.canopen.profile import Cia404Profile
-from drivers.micro_epsilon.profile import MeEthernetProfile, MeRs485Profile
-from drivers.modbus.profile import ModbusProfile
+from drivers.can import DBC_ENCODING, CanDbcProfile
+from drivers.canopen import Cia404Profile
+from drivers.micro_epsilon import MeEthernetProfile, MeRs485Profile
+from drivers.modbus import ModbusProfile
 from drivers.problems import read_settings, shown, suggestion
 
 Profile = ModbusProfile | Cia404Profile | CanDbcProfile | MeRs485Profile | MeEthernetProfile

@@ -1,11 +1,6 @@
 """The tap of a bus: receives everything that passes its wire, in order."""
 
-from collections import Counter
 from typing import Protocol
-
-import can
-
-from drivers.can.receiver import MonotonicInterface
 
 
 class Tap(Protocol):
@@ -22,38 +17,3 @@ class Tap(Protocol):
     def note(self, text: str) -> None:
         """The connection: `open`, `close`, or `lost` and why."""
         ...
-
-
-class TappedInterface(MonotonicInterface):
-    """A CAN interface that somebody listens in on; everything else is the inner one's."""
-
-    def __init__(self, inner: can.BusABC, tap: Tap, *, echoes: bool) -> None:
-        """`echoes`: the inner one receives what it sends, which did not come from the bus."""
-        self._inner, self._tap, self._echoes = inner, tap, echoes
-        self._own: Counter[tuple[int, bool, bytes]] = Counter()
-        self.serialPortOrig = getattr(inner, "serialPortOrig", None)
-        super().__init__(channel=inner.channel_info)
-        tap.note("open")
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        key = msg.arbitration_id, bool(msg.is_extended_id), bytes(msg.data)
-        if self._echoes:
-            self._own[key] += 1
-        self._tap.frame(True, *key)
-        self._inner.send(msg, timeout)
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        message = self._inner.recv(timeout)
-        if message is None or message.is_error_frame or message.is_remote_frame:
-            return message, False
-        key = message.arbitration_id, bool(message.is_extended_id), bytes(message.data)
-        if self._own[key] > 0:
-            self._own[key] -= 1
-        else:
-            self._tap.frame(False, *key)
-        return message, False
-
-    def shutdown(self) -> None:
-        super().shutdown()
-        self._tap.note("close")
-        self._inner.shutdown()

@@ -24,7 +24,8 @@ from drivers.base import ConnectError
 from drivers.byte_stream import serial_port_hint
 from drivers.can.receiver import MonotonicInterface
 from drivers.can.settings import CanInterfaceSettings
-from drivers.tap import Tap, TappedInterface
+from drivers.can.tapped import TappedInterface
+from drivers.tap import Tap
 
 _SERIAL_WAIT_S = 0.1
 """How long a read of the adapter's port blocks. A shorter wait would wake the thread for nothing; a byte that comes

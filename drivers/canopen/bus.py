@@ -19,8 +19,7 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
-from drivers.can.interface import failed, open_interface, shut
-from drivers.can.receiver import Receiver
+from drivers.can import Receiver, failed, open_interface, shut
 from drivers.canopen.events import NodeEvents
 from drivers.canopen.frames import LatestFrames, pass_on
 from drivers.canopen.settings import CanOpenSettings

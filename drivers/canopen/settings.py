@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from drivers.can.settings import CanInterfaceSettings
+from drivers.can import CanInterfaceSettings
 from drivers.section import Section
 
 

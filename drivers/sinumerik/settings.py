@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from drivers.base import SetupError
 from drivers.nc import LINEAR_AXES, ROTARY_AXES, Triple
-from drivers.opcua.settings import OpcUaSettings
+from drivers.opcua import OpcUaSettings
 from drivers.section import NotNegative
 
 _DEGREES_PER_TURN = 360.0

@@ -18,8 +18,7 @@ import numpy as np
 from rich.table import Table
 
 from drivers.base import DriverError
-from drivers.linuxcnc.control import LinuxCnc
-from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.linuxcnc import LinuxCnc, LinuxCncSettings
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig

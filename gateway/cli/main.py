@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from drivers.base import DriverError, SetupError
-from drivers.can.settings import is_multicast_group
+from drivers.can import is_multicast_group
 from gateway.config import ConfigError, GatewayConfig, cautions, load
 from gateway.recordings import RecordingError, WireLogError
 from gateway.storage import StoreError

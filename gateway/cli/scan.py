@@ -13,8 +13,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD, Parity
-from drivers.can.settings import CAN_BITRATES, CAN_INTERFACES
-from drivers.canopen.settings import CanOpenSettings
+from drivers.can import CAN_BITRATES, CAN_INTERFACES
+from drivers.canopen import CanOpenSettings
 from drivers.problems import read_settings
 from drivers.recognition import describe
 from gateway.cli.signals import stop_on_signals

@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from drivers.can.settings import CanSettings
-from drivers.canopen.settings import CanOpenSettings
-from drivers.micro_epsilon.settings import MeEthernetSettings, MeRs485Settings
-from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
+from drivers.can import CanSettings
+from drivers.canopen import CanOpenSettings
+from drivers.micro_epsilon import MeEthernetSettings, MeRs485Settings
+from drivers.modbus import ModbusRtuSettings, ModbusTcpSettings
 from drivers.section import Positive, Section
 from gateway.config.fields import Name
 

@@ -11,12 +11,12 @@ from urllib.parse import urlsplit
 from pydantic import Field
 
 from drivers.base import SetupError
-from drivers.linuxcnc.control import STATES as LINUXCNC_STATES
-from drivers.linuxcnc.settings import LARGEST_UM, LinuxCncAgent, LinuxCncSettings
-from drivers.opcua.settings import valid_certificate
+from drivers.linuxcnc import LARGEST_UM, LinuxCncAgent, LinuxCncSettings
+from drivers.linuxcnc import STATES as LINUXCNC_STATES
+from drivers.opcua import valid_certificate
 from drivers.problems import settings_of
 from drivers.section import Positive
-from drivers.sinumerik.settings import SinumerikControl, SinumerikSettings, StateNode, default_states
+from drivers.sinumerik import SinumerikControl, SinumerikSettings, StateNode, default_states
 from gateway.config.fields import Name
 
 _SOON = timedelta(days=30)

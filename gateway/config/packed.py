@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
-from drivers.can.dbc import DBC_ENCODING
+from drivers.can import DBC_ENCODING
 from drivers.profiles import UserProfile
 from gateway.config.load import data_of, from_data
 from gateway.config.model import GatewayConfig

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from drivers.base import BadAnswer, NoAnswer
-from drivers.can.survey import CanSurvey, Heard
-from drivers.canopen.bus import CanOpenBus
-from drivers.canopen.settings import CanOpenSettings
+from drivers.can import CanSurvey, Heard
+from drivers.canopen import CanOpenBus, CanOpenSettings
 from drivers.recognition import Recognition, recognise_canopen
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
 

@@ -7,11 +7,8 @@ from typing import Literal
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
 from drivers.bus_settings import Parity
-from drivers.micro_epsilon.rs485 import MeRs485Bus
-from drivers.micro_epsilon.settings import MeRs485Settings
-from drivers.modbus.bus import ModbusRtuBus
-from drivers.modbus.numbers import Block
-from drivers.modbus.settings import ModbusRtuSettings
+from drivers.micro_epsilon import MeRs485Bus, MeRs485Settings
+from drivers.modbus import Block, ModbusRtuBus, ModbusRtuSettings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
 

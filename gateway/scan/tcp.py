@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
-from drivers.micro_epsilon.ethernet import MeEthernetBus
-from drivers.micro_epsilon.settings import MeEthernetSettings
-from drivers.modbus.bus import ModbusTcpBus
-from drivers.modbus.settings import ModbusTcpSettings
+from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
+from drivers.modbus import ModbusTcpBus, ModbusTcpSettings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
 from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
 from gateway.scan.serial import ANY_REGISTER

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.base import SystemClock
-from drivers.linuxcnc.control import LinuxCnc
-from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.linuxcnc import LinuxCnc, LinuxCncSettings
 from drivers.nc import WatchdogTerms
 from simulators.linuxcnc.machine import Machine, machine
 

@@ -8,9 +8,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from drivers.base import SystemClock
-from drivers.linuxcnc.control import LinuxCnc
+from drivers.linuxcnc import LinuxCnc, LinuxCncSettings
 from drivers.linuxcnc.line import LinuxCncLine
-from drivers.linuxcnc.settings import LinuxCncSettings
 from simulators.devices.loopback import Connection, LoopbackServer
 
 KEY = b"0123456789abcdef0123456789abcdef"

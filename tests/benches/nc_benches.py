@@ -10,7 +10,7 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
 from drivers.base import SystemClock
-from drivers.linuxcnc.control import LinuxCnc
+from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NumericalControl, ProbingState, ProbingStatus, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings

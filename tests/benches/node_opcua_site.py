@@ -8,7 +8,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from drivers.sinumerik.settings import SinumerikSettings
+from drivers.sinumerik import SinumerikSettings
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
-from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.modbus.profile import ModbusProfile
+from drivers.modbus import ModbusProfile
 from drivers.profiles import load_profile
 from gateway.config import ConfigError
 from gateway.config.load import load

@@ -9,8 +9,8 @@ from pathlib import Path
 import can as python_can
 import pytest
 
-from drivers.can.survey import Heard
-from drivers.canopen.settings import CanOpenSettings
+from drivers.can import Heard
+from drivers.canopen import CanOpenSettings
 from gateway.config import load
 from gateway.scan.can import CanScan, scan_can
 from gateway.scan.found import Report
