@@ -4,9 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drivers.base import Reading
-from gateway.nc.slew import Write
-from gateway.probing.cycle import Outcome
-from gateway.probing.schedule import Outlook
+from gateway.nc import Write
+from gateway.probing import Outcome, Outlook
 from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
 from talc.sensor_check import Judgement

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from drivers.base import Reading
-from gateway.nc.slew import Write
-from gateway.probing.cycle import Outcome
+from gateway.nc import Write
+from gateway.probing import Outcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
 from talc.models import ModelSet

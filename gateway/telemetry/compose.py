@@ -20,9 +20,8 @@ from gateway.events import (
     ReadingsTaken,
     SensorsJudged,
 )
-from gateway.nc.slew import Write
-from gateway.probing.cycle import Outcome
-from gateway.probing.schedule import Outlook
+from gateway.nc import Write
+from gateway.probing import Outcome, Outlook
 from gateway.telemetry import keys
 from gateway.telemetry.messages import (
     CompensationMessage,

@@ -13,8 +13,8 @@ import msgspec
 from msgspec import Meta, Struct
 
 from drivers.base import Quality
-from gateway.nc.slew import Source
-from gateway.probing.schedule import Standing
+from gateway.nc import Source
+from gateway.probing import Standing
 from gateway.telemetry import keys
 from talc.frame import EventKind, Phase, Why
 

@@ -13,7 +13,7 @@ import zenoh
 from drivers.base import Clock
 from gateway.config.sections import Telemetry as TelemetrySettings
 from gateway.events import CompensationStepped, DecisionMade, GatewayEvent, OutlookChanged, ReadingsTaken
-from gateway.probing.schedule import Outlook
+from gateway.probing import Outlook
 from gateway.telemetry import keys
 from gateway.telemetry.compose import Composer, Keyed
 from gateway.telemetry.messages import encode

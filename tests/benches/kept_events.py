@@ -13,8 +13,7 @@ from gateway.events import (
     OutlookChanged,
     ReadingsTaken,
 )
-from gateway.probing.cycle import Outcome
-from gateway.probing.schedule import Outlook
+from gateway.probing import Outcome, Outlook
 from talc.frame import Decision, Event, EventKind, Frame
 from talc.models import ModelSet
 

@@ -6,9 +6,8 @@ from datetime import UTC, datetime
 import numpy as np
 
 from drivers.base import Quality, Reading
-from gateway.nc.slew import Source, Step, Write
-from gateway.probing.cycle import End, Outcome
-from gateway.probing.schedule import Outlook, Standing
+from gateway.nc import Source, Step, Write
+from gateway.probing import End, Outcome, Outlook, Standing
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS

@@ -13,8 +13,7 @@ from drivers.nc import OperatingMode
 from gateway.clock import RealClock
 from gateway.config.model import validate
 from gateway.past import Past
-from gateway.probing.cycle import End
-from gateway.probing.schedule import Standing
+from gateway.probing import End, Standing
 from gateway.service import Service
 from simulators.linuxcnc.machine import HURRY
 from talc.control import Controller

@@ -16,7 +16,7 @@ from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.events import DecisionMade, FrameMade, ModelsAdopted
 from gateway.past import past_of
-from gateway.probing.schedule import ProbingSchedule, Standing
+from gateway.probing import ProbingSchedule, Standing
 from gateway.service import Service
 from gateway.storage import History, Store
 from talc.control import Controller

@@ -19,7 +19,7 @@ from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.subprocess import WorkError
 from gateway.control.trainer import failed, has_failed, train_apart
-from gateway.probing.schedule import ProbingSchedule
+from gateway.probing import ProbingSchedule
 from talc.control import Controller
 from talc.frame import EventKind, Frame, Measurement, Phase, TrainingJob, Why
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings

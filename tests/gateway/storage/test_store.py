@@ -17,8 +17,8 @@ import pytest
 
 from drivers.base import Quality, Reading
 from gateway.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted, ReadingsTaken
-from gateway.nc.slew import Source, Step, Write
-from gateway.probing.cycle import End, Outcome
+from gateway.nc import Source, Step, Write
+from gateway.probing import End, Outcome
 from gateway.storage import History, Store, StoreError
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
 from talc.models import ModelSet

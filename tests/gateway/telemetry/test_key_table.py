@@ -17,9 +17,8 @@ from gateway.events import (
     ReadingsTaken,
     SensorsJudged,
 )
-from gateway.nc.slew import Source, Step, Write
-from gateway.probing.cycle import Outcome
-from gateway.probing.schedule import Outlook, Standing
+from gateway.nc import Source, Step, Write
+from gateway.probing import Outcome, Outlook, Standing
 from gateway.telemetry import keys
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from talc.sensor_check import Judgement

@@ -21,7 +21,7 @@ from gateway.events import (
     ReadingsTaken,
     SensorsJudged,
 )
-from gateway.probing.schedule import Outlook
+from gateway.probing import Outlook
 from gateway.telemetry import TYPES, Composer, ReadingMessage, decode, encode, schemas
 from talc.frame import Decision
 from tests.benches import telemetry_examples as example

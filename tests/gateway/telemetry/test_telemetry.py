@@ -16,8 +16,8 @@ from drivers.base import Clock, Quality, Reading, SystemClock
 from gateway.cli.view import ViewState, feeding, render
 from gateway.config.sections import Telemetry as Settings
 from gateway.events import CompensationStepped, DecisionMade, EventReported, FrameMade, OutlookChanged, ReadingsTaken
-from gateway.nc.slew import Source, Step, Write
-from gateway.probing.schedule import Outlook, Standing
+from gateway.nc import Source, Step, Write
+from gateway.probing import Outlook, Standing
 from gateway.telemetry import Telemetry, TelemetryError
 from talc.frame import Decision, Event, EventKind, Frame, Phase, Why
 from tests.benches.stepped_clock import SteppedClock
