@@ -4,11 +4,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drivers.base import Reading
+from gateway.config import GatewayConfig
 from gateway.nc import Write
 from gateway.probing import Outcome, Outlook
 from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConfigurationApplied:
+    """This configuration runs from now on: at the start, and after each reload that took effect."""
+
+    config: GatewayConfig
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +99,8 @@ class SensorsJudged:
 
 
 GatewayEvent = (
-    ReadingsTaken
+    ConfigurationApplied
+    | ReadingsTaken
     | FrameMade
     | DecisionMade
     | ProbingRequested

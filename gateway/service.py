@@ -26,12 +26,19 @@ from gateway.config import GatewayConfig
 from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.sensor_watch import SensorWatch
-from gateway.events import CompensationStepped, EventReported, ProbingRequested, ReadingsTaken, Sink
+from gateway.events import (
+    CompensationStepped,
+    ConfigurationApplied,
+    EventReported,
+    ProbingRequested,
+    ReadingsTaken,
+    Sink,
+)
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
 from gateway.polling import Notice
 from gateway.probing import ProbingSchedule
-from talc.frame import Decision, Event, EventKind
+from talc.frame import Event, EventKind
 
 log = logging.getLogger(__name__)
 
@@ -51,9 +58,7 @@ class Service:
     clock: real or simulated
     sink: takes every event
     past: the controller and what else an earlier run left
-    decided: told of every decision after it was stored
     tap: gives who listens in on the bus of that name
-    configured: told of the configuration that runs from now on: at the start and after each reload that took effect
     """
 
     def __init__(
@@ -62,12 +67,10 @@ class Service:
         clock: ServiceClock,
         sink: Sink,
         past: Past,
-        decided: Callable[[Decision], None] = lambda _: None,
-        configured: Callable[[GatewayConfig], None] = lambda _: None,
         tap: Callable[[str], Tap] | None = None,
     ) -> None:
-        self._config, self._clock, self._sink, self._past, self._decided = config, clock, sink, past, decided
-        self._configured, self._tap = configured, tap
+        self._config, self._clock, self._sink, self._past = config, clock, sink, past
+        self._tap = tap
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
         self._schedule = Schedule(config.grid.step_s, past.last_k)
         self._channels = {channel.name for channel in config.channels}
@@ -99,7 +102,7 @@ class Service:
             raise ReloadError("the service is not running")
         change = await apply(self._acquisition, self.board, self._clock, self._config, config, self._tap)
         self._config = config
-        self._configured(config)
+        self._sink(ConfigurationApplied(config))
         log.info(
             "configuration %s runs; buses exchanged: %s", self.fingerprint[:16], ", ".join(change.started) or "none"
         )
@@ -116,7 +119,7 @@ class Service:
             self._acquisition = acquisition
             stale = StaleWatch(self.board, self._clock, acquisition.number, self._publish)
             stack.callback(self._forget_acquisition)
-            self._configured(self._config)
+            self._sink(ConfigurationApplied(self._config))
             async with asyncio.TaskGroup() as tasks:
                 running = [
                     tasks.create_task(self._loop().run(), name="grid"),
@@ -148,7 +151,6 @@ class Service:
             ),
             probing,
             self._sink,
-            self._decided,
             self._past.pending,
             seen=self._sensors.frame,
         )

@@ -7,14 +7,13 @@ from contextlib import AsyncExitStack
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 from gateway.config.packed import packed_toml
-from gateway.events import Sink, in_order
+from gateway.events import ConfigurationApplied, GatewayEvent, Sink, in_order
 from gateway.past import past_of
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 from gateway.storage import History, Store, boot_id
 from gateway.telemetry import Telemetry
 from gateway.versions import versions
-from talc.frame import Decision
 
 _WIRES = ("pymodbus", "canopen", "asyncua", "eclipse-zenoh")
 
@@ -26,13 +25,12 @@ async def serve(
     *,
     simulated: bool,
     more: Sequence[Sink] = (),
-    decided: Callable[[Decision], None] = lambda _: None,
     started: Callable[[Service], None] = lambda _: None,
     wire_log: WireLogWriter | None = None,
 ) -> None:
     """Run the service of a configuration until `stop`; everything is stored before it is published.
 
-    wire_log: is told of everything that passes the wires
+    wire_log: writes down everything that passes the wires
 
     Raises DriverError, StoreError, TelemetryError, or an exception group of them.
     """
@@ -51,28 +49,29 @@ async def serve(
             past = past_of(history, config)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES))
         sinks: list[Sink] = [store.record]
-        told: list[Callable[[str], None]] = []
         telemetry: Telemetry | None = None
         if config.telemetry.enabled:
             telemetry = Telemetry(
                 config.telemetry, config.machine.name, config.input_names, clock, boot, simulated=simulated
             )
             sinks.append((await stack.enter_async_context(telemetry)).publish)
-            told.append(telemetry.runs)
-        recorded = packed_toml(config)
-
-        def configured(running: GatewayConfig) -> None:
-            nonlocal recorded
-            store.runs(running.canonical(), running.fingerprint())
-            for tell in told:
-                tell(running.fingerprint())
-            if wire_log is not None and (wires := packed_toml(running)) != recorded:
-                recorded = wires
-                wire_log.reconfigure(wires)
-
+        if wire_log is not None:
+            sinks.append(_reconfiguring(wire_log, packed_toml(config)))
         tap = None if wire_log is None else wire_log.tap
-        service = Service(config, clock, in_order([*sinks, *more]), past, decided, configured, tap)
+        service = Service(config, clock, in_order([*sinks, *more]), past, tap)
         if telemetry is not None:
             telemetry.count_missed(lambda: service.periods_missed)
         started(service)
         await service.run(stop)
+
+
+def _reconfiguring(wire_log: WireLogWriter, recorded: str) -> Sink:
+    """A sink that begins another wire log when other buses or devices run than those recorded."""
+
+    def take(event: GatewayEvent) -> None:
+        nonlocal recorded
+        if isinstance(event, ConfigurationApplied) and (wires := packed_toml(event.config)) != recorded:
+            recorded = wires
+            wire_log.reconfigure(wires)
+
+    return take

@@ -20,7 +20,7 @@ from gateway.events import (
 from gateway.nc import NcLink
 from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing
 from talc.control import Controller
-from talc.frame import Decision, Event, EventKind, Frame, Measurement, TrainingJob, Why
+from talc.frame import Event, EventKind, Frame, Measurement, TrainingJob, Why
 from talc.models import ModelSet
 
 log = logging.getLogger(__name__)
@@ -37,7 +37,6 @@ class GridLoop:
     plan: when to ask for a measurement
     probing: `lead_s` and `poll_s` are used
     sink: takes frames, decisions, measurements, models and events
-    decided: gets every decision, after the sink
     pending: a training and a measurement that an earlier run still wanted
     train: runs a training
     seen: told of every frame after all that follows from it
@@ -53,14 +52,13 @@ class GridLoop:
         plan: ProbingSchedule,
         probing: Probing,
         sink: Sink,
-        decided: Callable[[Decision], None],
         pending: tuple[TrainingJob | None, Why | None] = (None, None),
         train: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
         seen: Callable[[Frame], None] = lambda _: None,
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
         self._link, self._plan, self._probing = link, plan, probing
-        self._sink, self._decided = sink, decided
+        self._sink = sink
         self._job, wish = pending
         self._plan.wish(wish, clock.monotonic())
         self._run_training, self._seen = train, seen
@@ -112,7 +110,6 @@ class GridLoop:
             self._job = decision.training
         if self._link is not None:
             self._link.follow(decision)
-        self._decided(decision)
         self._seen(frame)
 
     async def _measure(self, link: NcLink, at_s: float) -> None:

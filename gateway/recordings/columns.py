@@ -15,7 +15,7 @@ _GEOMETRIC = re.compile(r"E[XYZABCR]0[A-Z]")
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """What the file's columns are. An error's own name, or with its unit (`EX0C_um`), is found without being told."""
+    """What the file's columns are. An error's own name, or with its unit (`EX0C_um`), is found by itself."""
 
     time: str = "time"
     errors: Mapping[str, str] | None = None
@@ -32,7 +32,7 @@ class Roles:
     """Thermal error to column."""
     inputs: tuple[str, ...]
     ignored: tuple[str, ...]
-    """As told, and a first column without a name: pandas writes its row numbers there."""
+    """As given, and a first column without a name: pandas writes its row numbers there."""
 
 
 def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> Roles:
@@ -75,13 +75,13 @@ def _own_names(error: str) -> tuple[str, str]:
 
 
 def _used_once(time: str, errors: Mapping[str, str], ignored: Sequence[str], problems: FileProblems) -> None:
-    """What was told must not contradict itself."""
-    told = [(time, "the time"), *((name, error) for error, name in errors.items())]
-    told += [(name, "left out by --ignore") for name in dict.fromkeys(ignored)]
+    """No column may have two roles."""
+    given = [(time, "the time"), *((name, error) for error, name in errors.items())]
+    given += [(name, "left out by --ignore") for name in dict.fromkeys(ignored)]
     first: dict[str, str] = {}
-    for name, role in told:
+    for name, role in given:
         if name in first:
-            problems.add(f"column {name!r}", f"is told to be {first[name]} and {role}; it can be one of them")
+            problems.add(f"column {name!r}", f"has two roles, {first[name]} and {role}; give it one")
         first.setdefault(name, role)
 
 

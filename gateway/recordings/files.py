@@ -99,7 +99,7 @@ class _Csv:
                 line = reader.line_num + 1
                 try:
                     row = next(reader, None)
-                except csv.Error as error:  # what follows cannot be told apart
+                except csv.Error as error:  # the cells after it cannot be separated
                     problems.add(f"line {line}", _unreadable(error))
                     return
                 if row is None:
@@ -117,7 +117,7 @@ def _chunk(places: list[int], rows: list[list[str]]) -> Chunk:
 
 
 def _unreadable(why: object) -> str:
-    return f'cannot be told apart into cells: is a quote (") opened and not closed there? ({why})'
+    return f'cannot be split into cells: is a quote (") opened and not closed there? ({why})'
 
 
 def _check_text(path: Path) -> None:

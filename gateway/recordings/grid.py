@@ -54,7 +54,7 @@ class Recording:
 def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
     """The recording on a grid of `step_s`, or of its own median spacing where that is about as long or longer.
 
-    RecordingError tells every problem with line (row in Parquet), column and value.
+    Raises RecordingError: every problem with line (row in Parquet), column and value.
     """
     table = open_table(path)
     problems = FileProblems(path)

@@ -6,17 +6,17 @@ from pathlib import Path
 from gateway.config.problems import Problem
 
 _SHOWN = 10
-"""Problems that are told one by one."""
+"""Problems that are listed; more are counted."""
 
 
 class RecordingError(Exception):
     """The recording cannot be used. The text has one line per problem, each beginning with the file's name."""
 
     def __init__(self, file: Path, problems: Sequence[Problem], more: int = 0) -> None:
-        told = [f"{file}: {problem}" for problem in problems]
+        lines = [f"{file}: {problem}" for problem in problems]
         if more:
-            told.append(f"{file}: and {more} more")
-        super().__init__("\n".join(told))
+            lines.append(f"{file}: and {more} more")
+        super().__init__("\n".join(lines))
 
 
 class FileProblems:

@@ -1,7 +1,8 @@
 """The wire log: what passed the wires, one line of text each; `docs/wire-log.md` describes the form, version 1.
 
 CAN frames are lines of candump's log format, `(time) bus id#data R` or `T`; bytes of serial lines and TCP connections
-are `(time) bus > hex` (sent by the gateway) or `<`; `!` tells of the connection. Times are UTC seconds that never jump.
+are `(time) bus > hex` (sent by the gateway) or `<`; `!` is a note on the connection. Times are UTC
+seconds that never jump.
 """
 
 import logging
@@ -60,7 +61,7 @@ class WireLog:
 
 
 class WireLogWriter:
-    """Writes a recording while buses are read; `tap` gives each bus its ear. Taps may be called from any thread.
+    """Writes a recording while buses are read; each bus hands its traffic to its `tap`, from any thread.
 
     A thread of its own writes between enter and exit, so that a slow disk delays no bus; what it cannot take in time is
     counted in `dropped`. A full disk ends the recording and nothing else.
@@ -101,7 +102,7 @@ class WireLogWriter:
         self._thread.join()
 
     def tap(self, bus: str) -> "BusTap":
-        """The ear of one bus."""
+        """What one bus hands its traffic to."""
         self.counts.setdefault(bus, 0)
         return BusTap(self, bus)
 
@@ -184,7 +185,7 @@ class WireLogWriter:
 
 
 class BusTap:
-    """What a bus tells of its wire, for one file."""
+    """Takes what passes one bus and writes it to the file."""
 
     def __init__(self, writer: WireLogWriter, bus: str) -> None:
         self._writer, self._bus = writer, bus

@@ -70,7 +70,7 @@ class FileLock:
             self._file.close()
 
     def release(self) -> None:
-        """Remove the lock's file and free it; who waits on the removed file notices (see above) and makes a new one."""
+        """Remove the lock's file and free it. A process that waits for it sees that and makes a new one."""
         self._lock_path.unlink(missing_ok=True)
         self._file.close()
 

@@ -14,6 +14,7 @@ from typing import Self, assert_never
 from drivers.base import Clock
 from gateway.events import (
     CompensationStepped,
+    ConfigurationApplied,
     DecisionMade,
     EventReported,
     FrameMade,
@@ -38,7 +39,7 @@ class Store:
     Parameters
     ----------
     path: the file; it and its folder are made if missing
-    boot: identifies this run of the process; with a reading's sequence number it tells duplicates
+    boot: identifies this run of the process; with a reading's sequence number it identifies duplicates
     clock: for the time of events
     commit_s: readings are committed at least so often, real seconds
     keep_samples_days: older readings and compensation steps are deleted
@@ -84,18 +85,13 @@ class Store:
             commit=True,
         )
 
-    def runs(self, config: str, fingerprint: str) -> None:
-        """Note the configuration that runs from now on: at the start and after every reload that took effect."""
-        self._writer.put(
-            "INSERT INTO running VALUES (NULL, ?, ?, ?, ?)",
-            [(self._number, self._clock.utc().isoformat(), config, fingerprint)],
-            commit=True,
-        )
-
     def record(self, event: GatewayEvent) -> None:
         """A gateway.events.Sink. Returns at once; of ProbingRequested, when it is on the disk. Raises StoreError."""
         put = self._writer.put
         match event:
+            case ConfigurationApplied(config):
+                ran = (self._number, self._clock.utc().isoformat(), config.canonical(), config.fingerprint())
+                put("INSERT INTO running VALUES (NULL, ?, ?, ?, ?)", [ran], commit=True)
             case ReadingsTaken(readings):
                 put(
                     "INSERT OR IGNORE INTO sample VALUES (?, ?, ?, ?, ?, ?, ?, ?)",

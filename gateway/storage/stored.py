@@ -13,7 +13,7 @@ class StoredStep:
 
     frame: Frame
     decision: Decision
-    """Its training job, if any, is left out: `training_wanted` tells."""
+    """Without its training job: `training_wanted` says whether it had one."""
     training_wanted: str | None
     adopted: tuple[ModelSet, ...]
 

@@ -96,4 +96,4 @@ class Writer:
                     connection.commit()
                     committed = now
             finally:
-                self._queue.task_done()  # also of what failed, or `flush` would wait for ever
+                self._queue.task_done()  # also of a statement that failed: `flush` waits for it

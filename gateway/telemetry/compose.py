@@ -9,6 +9,7 @@ import numpy as np
 from drivers.base import Clock, Reading
 from gateway.events import (
     CompensationStepped,
+    ConfigurationApplied,
     DecisionMade,
     EventReported,
     FrameMade,
@@ -82,8 +83,8 @@ class Composer:
                 return [(keys.FRAME, _frame(self._stamp(), frame, self._names))]
             case DecisionMade(decision):
                 return [(keys.DECISION, _decision(self._stamp(), decision))]
-            case ProbingRequested():
-                return []
+            case ConfigurationApplied() | ProbingRequested():
+                return []  # the first is in the status
             case MeasurementEnded(outcome):
                 return [(keys.MEASUREMENT, _measurement(self._stamp(), outcome))]
             case ModelsAdopted(models, after_k):

@@ -12,7 +12,14 @@ import zenoh
 
 from drivers.base import Clock
 from gateway.config.sections import Telemetry as TelemetrySettings
-from gateway.events import CompensationStepped, DecisionMade, GatewayEvent, OutlookChanged, ReadingsTaken
+from gateway.events import (
+    CompensationStepped,
+    ConfigurationApplied,
+    DecisionMade,
+    GatewayEvent,
+    OutlookChanged,
+    ReadingsTaken,
+)
 from gateway.probing import Outlook
 from gateway.telemetry import keys
 from gateway.telemetry.compose import Composer, Keyed
@@ -32,7 +39,7 @@ class TelemetryError(OSError):
 
 
 def session_config(settings: TelemetrySettings) -> zenoh.Config:
-    """Zenoh's configuration: nothing is found by multicast unless asked for; absent peers are tried again for ever."""
+    """Zenoh's configuration: no multicast unless configured; peers that are absent are retried without limit."""
     config = zenoh.Config()
     values: dict[str, object] = {
         "mode": settings.mode,
@@ -128,6 +135,8 @@ class Telemetry:
                 return
             case CompensationStepped(write) if write.mode == "monitor":
                 return
+            case ConfigurationApplied(config):
+                self._config = config.fingerprint()
             case DecisionMade(decision):
                 self._decision = decision
             case OutlookChanged(outlook):
@@ -136,13 +145,8 @@ class Telemetry:
                 pass
         for keyed in self._composer.messages(event):
             self._put(keyed)
-        if isinstance(event, DecisionMade | OutlookChanged):
+        if isinstance(event, ConfigurationApplied | DecisionMade | OutlookChanged):
             self._put_status()
-
-    def runs(self, fingerprint: str) -> None:
-        """The configuration with this fingerprint runs from now on; call it after every change."""
-        self._config = fingerprint
-        self._put_status()
 
     def count_missed(self, periods_missed: Callable[[], Mapping[str, int]]) -> None:
         """Where the status gets the number of missed periods from, by bus."""

@@ -6,6 +6,8 @@ from datetime import UTC, datetime
 import numpy as np
 
 from drivers.base import Quality, Reading
+from gateway.config import GatewayConfig
+from gateway.config.model import validate
 from gateway.nc import Source, Step, Write
 from gateway.probing import End, Outcome, Outlook, Standing
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
@@ -66,3 +68,8 @@ JUDGEMENT = Judgement(
     {"a": 0.5, "b": math.inf},
     (("a", "b"), ("c", "d")),
 )
+
+
+def configuration(machine: str) -> GatewayConfig:
+    """With nothing but a name."""
+    return validate({"machine": {"name": machine}})

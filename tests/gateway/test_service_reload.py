@@ -7,6 +7,7 @@ import pytest
 
 from gateway.acquisition.reload import ReloadError
 from gateway.config import GatewayConfig, parse
+from gateway.events import ConfigurationApplied
 from gateway.past import Past
 from gateway.service import Service
 from talc.control import Controller
@@ -38,14 +39,11 @@ def config(text: str = TEXT) -> GatewayConfig:
 async def test_a_reload_takes_effect_and_the_fingerprint_is_what_runs() -> None:
     old, new = config(), config(TEXT.replace("/nowhere/adapter", "/nowhere/other"))
     clock, kept, stop = SteppedClock(), KeptEvents(), asyncio.Event()
-    ran: list[str] = []
-    service = Service(
-        old,
-        clock,
-        kept,
-        Past(Controller(old.input_names, old.talc)),
-        configured=lambda running: ran.append(running.fingerprint()),
-    )
+
+    def applied() -> list[GatewayConfig]:
+        return [event.config for event in kept.of(ConfigurationApplied)]
+
+    service = Service(old, clock, kept, Past(Controller(old.input_names, old.talc)))
     with pytest.raises(ReloadError, match="not running"):
         await service.reload(new)
     running = asyncio.create_task(service.run(stop))
@@ -55,12 +53,12 @@ async def test_a_reload_takes_effect_and_the_fingerprint_is_what_runs() -> None:
         with pytest.raises(ReloadError, match="inputs changed"):
             await service.reload(config(TEXT.replace("bed_front", "bed_rear")))
         assert service.fingerprint == old.fingerprint()
-        assert ran == [old.fingerprint()]
+        assert applied() == [old]
         change = await service.reload(new)
         await clock.run_until(6.0)
         assert change.started == ("rtu1",)
         assert service.fingerprint == new.fingerprint()
-        assert ran == [old.fingerprint(), new.fingerprint()]
+        assert applied() == [old, new]
         assert "/nowhere/other" in kept.readings[-1].detail
         numbers = [reading.sequence for reading in kept.readings]
         assert numbers == sorted(set(numbers))

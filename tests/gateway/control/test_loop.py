@@ -41,7 +41,7 @@ async def running(
     plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
     loop = GridLoop(
         Controller(("a",), TalcSettings()), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock, bench.link,
-        plan, Probing(), told, lambda _: None, (None, pending),
+        plan, Probing(), told, (None, pending),
     )  # fmt: skip
     task = asyncio.create_task(loop.run())
     try:

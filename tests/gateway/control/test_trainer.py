@@ -142,7 +142,7 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
     crashing, log, clock = replace(first, measured=first.measured[:, :4]), KeptEvents(), SteppedClock()
     sampler, schedule = GridSampler(DAY.names, 300.0), Schedule(300.0)
     plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0)
-    loop = GridLoop(controller, sampler, schedule, clock, None, plan, Probing(), log, lambda _: None, (crashing, None))
+    loop = GridLoop(controller, sampler, schedule, clock, None, plan, Probing(), log, (crashing, None))
     running = asyncio.create_task(loop.run())
     try:
         await until_adopted(clock, log)

@@ -67,7 +67,7 @@ async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identic
         plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=3, pause_s=3600.0)
         loop = GridLoop(
             Controller(config.input_names, config.talc), sampler, Schedule(STEP_S), bench.clock, bench.link,
-            plan, Probing(), store.record, lambda _: None, train=here,
+            plan, Probing(), store.record, train=here,
         )  # fmt: skip
         task = asyncio.create_task(loop.run())
         async with bench.running():

@@ -63,10 +63,10 @@ def test_inputs_of_other_names_stay_inputs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--error", "EX0C=t1", "--error", "EY0A=t1"], "column 't1': is told to be EX0C and EY0A; it can be one"),
-        (["--error", "EY0A=time"], "column 'time': is told to be the time and EY0A"),
-        (["--ignore", "EX0C", "--error", "EX0C=EX0C"], "column 'EX0C': is told to be EX0C and left out by --ignore"),
-        (["--ignore", "time"], "column 'time': is told to be the time and left out by --ignore"),
+        (["--error", "EX0C=t1", "--error", "EY0A=t1"], "column 't1': has two roles, EX0C and EY0A; give it one"),
+        (["--error", "EY0A=time"], "column 'time': has two roles, the time and EY0A"),
+        (["--ignore", "EX0C", "--error", "EX0C=EX0C"], "column 'EX0C': has two roles, EX0C and left out by --ignore"),
+        (["--ignore", "time"], "column 'time': has two roles, the time and left out by --ignore"),
         (["--error", "EX0C=t1"], "column 'EX0C': looks like EX0C, which is column 't1' already; --ignore 'EX0C'"),
         (["--error", "EX0C=t1", "--error", "EX0C=t2"], "EX0C is told twice: 't1' and 't2'"),
         (["--time", "EX0C"], "no column of a thermal error"),

@@ -16,7 +16,15 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted, ReadingsTaken
+from gateway.events import (
+    CompensationStepped,
+    ConfigurationApplied,
+    DecisionMade,
+    FrameMade,
+    MeasurementEnded,
+    ModelsAdopted,
+    ReadingsTaken,
+)
 from gateway.nc import Source, Step, Write
 from gateway.probing import End, Outcome
 from gateway.storage import History, Store, StoreError
@@ -24,6 +32,7 @@ from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Wh
 from talc.models import ModelSet
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 from tests.benches.store_writer import step
+from tests.benches.telemetry_examples import configuration
 
 ROOT = Path(__file__).parents[3]
 AWKWARD = np.array([math.nan, -0.0, 0.1 + 0.2, 5e-324, 1.7976931348623157e308, -math.pi, math.inf, 1 / 3, 20.1])
@@ -189,14 +198,14 @@ def test_a_reader_sees_what_is_committed_while_the_gateway_writes(tmp_path: Path
 
 
 def test_the_configuration_that_a_reload_left_running_is_the_stored_one(tmp_path: Path) -> None:
-    path = tmp_path / "g.sqlite"
+    path, first, second = tmp_path / "g.sqlite", configuration("first"), configuration("second")
     with store_at(path) as store:
         store.begin('{"a":1}', "first", "python")
-        store.runs('{"a":1}', "first")
-        store.runs('{"a":2}', "second")
+        store.record(ConfigurationApplied(first))
+        store.record(ConfigurationApplied(second))
     with History(path) as history:
-        assert history.config() == ('{"a":2}', "second", "python")
-        assert history.fingerprints() == [(EPOCH, "first"), (EPOCH, "second")]
+        assert history.config() == (second.canonical(), second.fingerprint(), "python")
+        assert history.fingerprints() == [(EPOCH, first.fingerprint()), (EPOCH, second.fingerprint())]
     with Store(path, "boot2", SteppedClock()) as store:
         store.begin('{"a":3}', "third", "python")
     with History(path) as history:
@@ -214,9 +223,9 @@ def test_a_file_of_a_program_that_did_not_store_reloads_is_read_and_continued(tm
         assert history.fingerprints() == []
     with Store(path, "boot2", SteppedClock()) as store:
         store.begin('{"a":1}', "first", "python")
-        store.runs('{"a":1}', "first")
+        store.record(ConfigurationApplied(configuration("mill")))
     with History(path) as history:
-        assert [fingerprint for _, fingerprint in history.fingerprints()] == ["first"]
+        assert [mark for _, mark in history.fingerprints()] == [configuration("mill").fingerprint()]
 
 
 def test_files_that_are_not_ours_are_refused_and_left_alone(tmp_path: Path) -> None:

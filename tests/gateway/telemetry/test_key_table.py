@@ -8,6 +8,7 @@ import numpy as np
 
 from gateway.events import (
     CompensationStepped,
+    ConfigurationApplied,
     DecisionMade,
     EventReported,
     FrameMade,
@@ -22,6 +23,7 @@ from gateway.probing import Outcome, Outlook, Standing
 from gateway.telemetry import keys
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from talc.sensor_check import Judgement
+from tests.benches.telemetry_examples import configuration
 from tests.gateway.telemetry.test_telemetry import NOW, ROOT, decision, free_port, last_values, reading, telemetry
 from tests.talc.test_control import models
 
@@ -43,7 +45,7 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
     measured = Measurement(np.zeros(9), np.ones(9))
     async with telemetry(port) as t:
         t.count_missed(lambda: {"rtu1": 3})
-        t.runs("the hash")
+        t.publish(ConfigurationApplied(configuration("mill")))
         t.publish(ReadingsTaken([reading(20.0)]))
         t.publish(FrameMade(Frame(7, np.array([20.5, math.nan]), np.array([True, False]))))
         t.publish(DecisionMade(decision(7)))

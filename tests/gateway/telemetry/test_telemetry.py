@@ -15,12 +15,21 @@ import zenoh
 from drivers.base import Clock, Quality, Reading, SystemClock
 from gateway.cli.view import ViewState, feeding, render
 from gateway.config.sections import Telemetry as Settings
-from gateway.events import CompensationStepped, DecisionMade, EventReported, FrameMade, OutlookChanged, ReadingsTaken
+from gateway.events import (
+    CompensationStepped,
+    ConfigurationApplied,
+    DecisionMade,
+    EventReported,
+    FrameMade,
+    OutlookChanged,
+    ReadingsTaken,
+)
 from gateway.nc import Source, Step, Write
 from gateway.probing import Outlook, Standing
 from gateway.telemetry import Telemetry, TelemetryError
 from talc.frame import Decision, Event, EventKind, Frame, Phase, Why
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.telemetry_examples import configuration
 
 NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
 ROOT = "talc/mill"
@@ -105,15 +114,15 @@ async def test_who_comes_late_gets_the_last_value_of_every_key() -> None:
     async with telemetry(port) as t:
         t.publish(ReadingsTaken([reading(20.0)]))
         t.publish(ReadingsTaken([reading(math.nan, Quality.COMM_FAULT)]))
-        t.runs("first")
+        t.publish(ConfigurationApplied(configuration("first")))
         t.publish(DecisionMade(decision(7)))
-        t.runs("second")
+        t.publish(ConfigurationApplied(second := configuration("second")))
         t.publish(EventReported(Event(EventKind.PROBLEM, "device rtd1: silent"), 7))
         found = last_values(port)
     assert found["talc/mill/reading/t0"]["value"] is None
     assert found["talc/mill/reading/t0"]["quality"] == "comm_fault"
     status = found["talc/mill/status"]
-    assert (status["config"], status["phase"], status["k"]) == ("second", "calibration", 7)
+    assert (status["config"], status["phase"], status["k"]) == (second.fingerprint(), "calibration", 7)
     assert found["talc/mill/decision"]["predicted"]["EZ0A"] == 1.0
     assert found["talc/mill/decision"]["limits"]["EZ0A"] is None
 
