@@ -1,7 +1,7 @@
 """The papers' ways and the sparse models through the whole controller: calibration, limits, updates."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -38,15 +38,21 @@ class Models:
 
     name: str
     training: TrainingSettings = field(default_factory=TrainingSettings)
+    gaps: bool = True
+    """Steps that were not recorded are missing values; else each recorded step follows on the one before."""
+    most_trainings: int = 8
+    """The first models and so many updates less one: weeks of measurements each hour would take a swarm hours."""
 
     def courses(self, given: Given) -> Sequence[Course]:
+        if not self.gaps:
+            given = replace(given, k=np.arange(len(given.k)))
         settings = self._settings(given)
         if settings is None:
             return []
         estimate, sigma = np.full((2, *given.measured.shape), np.nan)
         for group in slots(given.angle):
             places, errors = list(group), list(group.values())
-            found = _controlled(given, places, errors, settings)
+            found = _controlled(given, places, errors, settings, self.most_trainings)
             estimate[:, errors], sigma[:, errors] = found.estimate[:, places], found.sigma[:, places]
         return [Course(estimate, sigma)]
 
@@ -64,7 +70,9 @@ class Models:
         return TalcSettings(control=control, training=self.training)
 
 
-def _controlled(given: Given, places: list[int], errors: list[int], settings: TalcSettings) -> Course:
+def _controlled(
+    given: Given, places: list[int], errors: list[int], settings: TalcSettings, most_trainings: int
+) -> Course:
     """(T, 9) of one controller that is measured when the others are; a training ends within its step."""
     controller = Controller(given.input_names, settings)
     rows = len(given.k)
@@ -84,14 +92,25 @@ def _controlled(given: Given, places: list[int], errors: list[int], settings: Ta
         if not used[row]:  # afterwards it is the uncertainty with the measurement
             stated[row] = decision.sigma
         in_force = decision.corrected
-        if decision.training is not None:
+        if decision.training is not None and most_trainings > 0:
+            most_trainings -= 1
             controller.adopt(train(decision.training))
     return Course(estimate, stated)
 
 
-def papers() -> tuple[Models, ...]:
-    """What the learner stands beside."""
+_WEEK_STEPS = 2016
+_SEARCH = TrainingSettings(selector="search", window_steps=_WEEK_STEPS)
+_SWARM = TrainingSettings(selector="pso", max_na=5, max_nb=5, estimator="least_squares", window_steps=_WEEK_STEPS)
+_MOST_BY_SWARM = 3
+
+
+def papers(*, gaps: bool) -> tuple[Models, ...]:
+    """What the learner stands beside. gaps: the recording has some, which leave these models few good rows; so they are
+    also run as if there were none."""
+    if not gaps:
+        return Models("`search`", _SEARCH), Models("`pso`", _SWARM, most_trainings=_MOST_BY_SWARM)
     return (
-        Models("`search`", TrainingSettings(selector="search")),
-        Models("`pso`", TrainingSettings(selector="pso", max_na=5, max_nb=5, estimator="least_squares")),
+        Models("`search`", _SEARCH),
+        Models("`search`, gaps cut out", _SEARCH, gaps=False),
+        Models("`pso`, gaps cut out", _SWARM, gaps=False, most_trainings=_MOST_BY_SWARM),
     )

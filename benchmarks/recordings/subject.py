@@ -36,15 +36,16 @@ def is_shipped() -> bool:
     return folder().resolve() == SHIPPED.resolve() and not os.environ.get("METHODS")
 
 
-def methods() -> list[Method]:
+def methods(series: Series) -> list[Method]:
     """All, or those that METHODS of the environment names, set off by commas. SystemExit: an unknown one."""
-    known: list[Method] = [Nothing(), Hold(), Ridge(), *papers()]
+    gaps = bool(np.diff(series.k).max() > 1)
+    known: list[Method] = [Nothing(), Hold(), Ridge(), *papers(gaps=gaps)]
     wanted = [name.strip() for name in os.environ.get("METHODS", "").split(",") if name.strip()]
-    by_word = {method.name.strip("`").split(",")[0]: method for method in known}
-    unknown = [name for name in wanted if name not in by_word]
+    words = [method.name.split(",")[0].strip("`") for method in known]
+    unknown = [name for name in wanted if name not in words]
     if unknown:
-        raise SystemExit(f"METHODS: no method {unknown[0]!r}; there are {', '.join(by_word)}")
-    return [by_word[name] for name in wanted] if wanted else known
+        raise SystemExit(f"METHODS: no method {unknown[0]!r}; there are {', '.join(dict.fromkeys(words))}")
+    return [method for method, word in zip(known, words, strict=True) if not wanted or word in wanted]
 
 
 def rows() -> list[Row]:
@@ -54,7 +55,6 @@ def rows() -> list[Row]:
         descriptions = recordings_in(folder())
     except ConfigError as error:
         raise SystemExit(str(error)) from None
-    chosen = methods()
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         for path in descriptions:
             begin = time.perf_counter()
@@ -64,6 +64,7 @@ def rows() -> list[Row]:
                 wrong.append(str(error))
                 print(error, file=sys.stderr, flush=True)
                 continue
+            chosen = methods(series)
             result = carry_out_all(said, series, chosen, pool)
             write(result, OUT)
             print(f"{series.name}: {time.perf_counter() - begin:.0f} s; {OUT}/", file=sys.stderr, flush=True)
