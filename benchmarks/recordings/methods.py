@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from benchmarks.recordings.description import InputColumn
-from benchmarks.recordings.series import IntArray, Series
+from benchmarks.recordings.series import IntArray, Series, steps_on
 from talc.frame import BoolArray, FloatArray
 
 _STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0, 1000.0)
@@ -43,6 +43,11 @@ class Given:
     def used(self) -> BoolArray:
         """(T,) rows with a measurement."""
         return np.asarray(np.isfinite(self.measured).any(axis=1))
+
+    @property
+    def on_steps(self) -> IntArray:
+        """(T,) grid steps since the beginning, without those between runs."""
+        return steps_on(self.k, self.run)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

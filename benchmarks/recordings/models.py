@@ -67,7 +67,7 @@ class Models:
             every = given.interval_steps
             steps = max(round(_DAY_S / given.step_s), _LEAST_MEASUREMENTS * every)
             control = ControlSettings(calibration_steps=steps, calibration_interval_steps=every)
-        return TalcSettings(control=control, training=self.training)
+        return TalcSettings(method="models", control=control, training=self.training)
 
 
 def _controlled(

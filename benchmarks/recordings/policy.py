@@ -6,17 +6,19 @@ from typing import Protocol
 
 import numpy as np
 
-from benchmarks.recordings.judge import Figures, Peeked, judge
-from benchmarks.recordings.methods import Course, Given
+from benchmarks.recordings.judge import Figures, Peeked, carry_out, judge, moments
+from benchmarks.recordings.methods import Course, Given, Method, given_of
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
 
+LIMITS_UM = (2.5, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0)
+"""Limits that are swept; µm/m in proportion."""
+FIXED_MIN = (20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0, 720.0)
+"""Fixed intervals that are swept."""
 
-class Deciding(Protocol):
+
+class Deciding(Method, Protocol):
     """A method that says itself when to measure."""
-
-    @property
-    def name(self) -> str: ...
 
     def decide(self, given: Given, limit: float) -> tuple[Course, BoolArray]:
         """Its course and the rows in which it measured, from a record of measurements in all rows.
@@ -54,6 +56,31 @@ def point_of(
     """What a way came to, after the beginning."""
     found: Figures = judge(series, course, dense_h, errors)
     return Point(what, int(used[series.on_h >= dense_h].sum()), found.rms, found.p99, found.inside)
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """One run of the method: by a limit, or at a fixed interval."""
+
+    dense_h: float
+    limit: float | None = None
+    interval_min: float | None = None
+
+    def points(self, method: Deciding, series: Series, seed: int, measure_first: bool) -> list[Point]:
+        """One for the errors in µm, and one for those in µm/m, where there are such."""
+        what, used = f"{self.limit} µm", np.isfinite(series.truth).any(axis=1)
+        course: Course | None
+        if self.interval_min is not None:
+            what = f"{self.interval_min:g} min"
+            used = moments(series, self.dense_h, self.interval_min, measure_first)
+            course = carry_out(method, series, used, seed, self.dense_h, self.interval_min)
+        elif self.limit is not None:
+            given = given_of(series, used, seed, round(self.dense_h * 3600.0 / series.step_s), 1)
+            course, used = method.decide(given, self.limit)
+        if course is None:
+            return []
+        units = [np.flatnonzero(there).tolist() for there in (~series.angle, series.angle) if there.any()]
+        return [point_of(what, series, course, used, self.dense_h, errors) for errors in units]
 
 
 def savings(policy: Sequence[Point], fixed: Sequence[Point]) -> list[Saving]:

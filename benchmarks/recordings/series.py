@@ -56,9 +56,14 @@ class Series:
     @property
     def on_h(self) -> FloatArray:
         """(T,) hours recorded since the beginning: what lies between runs does not count."""
-        steps = np.diff(self.k, prepend=self.k[0])
-        steps[1:][np.diff(self.run) != 0] = 1
-        return np.asarray(np.cumsum(steps) * self.step_s / 3600.0, dtype=np.float64)
+        return np.asarray(steps_on(self.k, self.run) * self.step_s / 3600.0, dtype=np.float64)
+
+
+def steps_on(k: IntArray, run: IntArray) -> IntArray:
+    """(T,) grid steps since the beginning, without those between runs."""
+    steps = np.diff(k, prepend=k[0])
+    steps[1:][np.diff(run) != 0] = 1
+    return np.asarray(np.cumsum(steps))
 
 
 def read_series(description: Path) -> tuple[Description, Series]:

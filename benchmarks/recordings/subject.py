@@ -12,8 +12,10 @@ import numpy as np
 
 from benchmarks.recordings.description import Description, recordings_in
 from benchmarks.recordings.judge import carry_out, judge, moments
+from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import Hold, Method, Nothing, Ridge
 from benchmarks.recordings.models import papers
+from benchmarks.recordings.policy import FIXED_MIN, LIMITS_UM, Saving, Sweep, savings
 from benchmarks.recordings.result import UNITS, Cell, Result, table_rows, write
 from benchmarks.recordings.series import Series, read_series
 from benchmarks.rows import Row
@@ -22,7 +24,7 @@ from gateway.recordings import RecordingError
 
 SHIPPED = Path(__file__).with_name("fl_thermal")
 OUT = Path("out/recordings")
-_DEFAULT = "`search`"
+_DEFAULT = "learner"
 """The method that the table is about."""
 
 
@@ -39,7 +41,7 @@ def is_shipped() -> bool:
 def methods(series: Series) -> list[Method]:
     """All, or those that METHODS of the environment names, set off by commas. SystemExit: an unknown one."""
     gaps = bool(np.diff(series.k).max() > 1)
-    known: list[Method] = [Nothing(), Hold(), Ridge(), *papers(gaps=gaps)]
+    known: list[Method] = [Nothing(), Hold(), Ridge(), *papers(gaps=gaps), Learning()]
     wanted = [name.strip() for name in os.environ.get("METHODS", "").split(",") if name.strip()]
     words = [method.name.split(",")[0].strip("`") for method in known]
     unknown = [name for name in wanted if name not in words]
@@ -81,7 +83,26 @@ def carry_out_all(said: Description, series: Series, chosen: Sequence[Method], p
     ways = list(product(hours, said.intervals_min))
     jobs = [(said, series, method, h, minutes) for h, minutes in ways for method in chosen]
     cells = list(pool.map(cell, *zip(*jobs, strict=True)))
-    return Result(series, cells, {})
+    learner = next((method for method in chosen if isinstance(method, Learning)), None)
+    saved = {} if learner is None else _savings(said, series, learner, hours[:2], pool)
+    return Result(series, cells, saved)
+
+
+def _savings(
+    said: Description, series: Series, method: Learning, hours: Sequence[float], pool: ProcessPoolExecutor
+) -> dict[tuple[str, float], Sequence[Saving]]:
+    """Limits against fixed intervals, by unit and beginning."""
+    found: dict[tuple[str, float], Sequence[Saving]] = {}
+    units = [unit for unit, there in zip(UNITS, (~series.angle, series.angle), strict=True) if there.any()]
+    for dense_h in hours:
+        sweeps = [Sweep(dense_h, limit=limit) for limit in LIMITS_UM]
+        sweeps += [Sweep(dense_h, interval_min=interval) for interval in FIXED_MIN]
+        jobs = [(sweep, method, series, said.seed, said.runs.measure_first) for sweep in sweeps]
+        points = list(pool.map(Sweep.points, *zip(*jobs, strict=True)))
+        for u, unit in enumerate(units):
+            ours = [point[u] for point in points]
+            found[unit, dense_h] = savings(ours[: len(LIMITS_UM)], ours[len(LIMITS_UM) :])
+    return found
 
 
 def cell(said: Description, series: Series, method: Method, dense_h: float, interval_min: float) -> Cell:
