@@ -68,7 +68,8 @@ class Sweep:
 
     def points(self, method: Deciding, series: Series, seed: int, measure_first: bool) -> list[Point]:
         """One for the errors in µm, and one for those in µm/m, where there are such."""
-        what, used = f"{self.limit} µm", np.isfinite(series.truth).any(axis=1)
+        what = f"{self.limit} µm"
+        used: BoolArray = np.asarray(np.isfinite(series.truth).any(axis=1))
         course: Course | None
         if self.interval_min is not None:
             what = f"{self.interval_min:g} min"

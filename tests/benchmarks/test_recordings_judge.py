@@ -8,11 +8,12 @@ import pytest
 
 from benchmarks.recordings.description import InputColumn
 from benchmarks.recordings.judge import Peeked, carry_out, check_causal, coverage, judge, moments
+from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import Course, Given, Hold, Method, Nothing, Ridge, given_of
 from benchmarks.recordings.models import Models, papers, slots
-from benchmarks.recordings.policy import Point, savings
+from benchmarks.recordings.policy import Point, Sweep, check_asked, savings
 from benchmarks.recordings.series import Series
-from talc.frame import FloatArray
+from talc.frame import BoolArray, FloatArray
 from talc.settings import TrainingSettings
 
 
@@ -176,7 +177,7 @@ def test_a_method_that_peeks_is_caught(method: Method) -> None:
         check_causal(method, given)
 
 
-@pytest.mark.parametrize("method", [Nothing(), Hold(), Ridge(), *papers(gaps=False)], ids=lambda m: m.name)
+@pytest.mark.parametrize("method", [Nothing(), Hold(), Ridge(), *papers(gaps=False), Learning()], ids=lambda m: m.name)
 def test_no_method_of_ours_peeks(method: Method) -> None:
     series = wavy()
     given = given_of(series, moments(series, 12.0, 60.0), 0, 144, 12)
@@ -194,6 +195,58 @@ def test_models_through_the_controller_beat_nothing_on_what_they_can_learn() -> 
     found = judge(series, course, 12.0, [0, 1, 2])
     assert found.rms < 0.5 * none
     assert np.isfinite(found.inside)
+
+
+def test_the_learner_estimates_from_the_first_measurements_on() -> None:
+    series = wavy(rows=500)
+    used = moments(series, 0.0, 60.0)
+    course = carry_out(Learning(), series, used, 0, 0.0, 60.0)
+    held = carry_out(Hold(), series, used, 0, 0.0, 60.0)
+    assert course is not None
+    assert held is not None
+    found = judge(series, course, 0.0, [0, 1, 2])
+    assert found.rms < judge(series, held, 0.0, [0, 1, 2]).rms
+    assert found.curve[2] < 0.5
+    assert 0.8 < found.inside <= 1.0
+
+
+def test_errors_beyond_nine_are_learnt_as_well_as_the_first_ones() -> None:
+    """The same error in every place: what a place is called changes nothing."""
+    one = wavy(errors=1, probing=0.0)
+    many = series_of(np.repeat(one.truth, 11, axis=1), one.inputs)
+    used = moments(many, 0.0, 60.0)
+    course = carry_out(Learning(), many, used, 0, 0.0, 60.0)
+    assert course is not None
+    assert np.ptp(course.estimate[1:], axis=1).max() < 1e-9
+
+
+def test_the_learner_rests_on_the_measurements_that_it_asked_for_alone() -> None:
+    series = wavy()
+    given = given_of(series, np.ones(len(series.k), dtype=np.bool_), 0, 24, 1)
+    check_asked(Learning(), given, 5.0)
+    often, seldom = (Learning().decide(given, limit)[1] for limit in (2.0, 20.0))
+    assert often[:24].all()
+    assert often.sum() > seldom.sum()
+
+
+def test_a_policy_that_peeps_at_other_measurements_is_caught() -> None:
+    class Peeping(Learning):
+        def decide(self, given: Given, limit: float) -> tuple[Course, BoolArray]:
+            course, used = super().decide(given, limit)
+            return Course(course.estimate + 0.1 * given.measured, course.sigma), used
+
+    series = wavy()
+    given = given_of(series, np.ones(len(series.k), dtype=np.bool_), 0, 24, 1)
+    with pytest.raises(Peeked, match="did not ask for"):
+        check_asked(Peeping(), given, 5.0)
+
+
+def test_a_sweep_counts_measurements_after_the_beginning() -> None:
+    series = wavy()
+    (fixed,) = Sweep(12.0, interval_min=60.0).points(Learning(), series, 0, True)
+    assert fixed.measurements == moments(series, 12.0, 60.0)[144:].sum()
+    (asked,) = Sweep(12.0, limit=5.0).points(Learning(), series, 0, True)
+    assert 0 < asked.measurements < 256
 
 
 def test_a_swarm_has_no_course_without_a_dense_beginning() -> None:
