@@ -60,8 +60,6 @@ class Reading:
     source_time: datetime
     """UTC."""
     monotonic_s: float
-    sequence: int
-    """Counts the reads of one driver."""
     detail: str = ""
     """Why the quality is not good, in words for a person."""
 

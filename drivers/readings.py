@@ -1,7 +1,7 @@
-"""Builds one device's readings: same times and sequence for all channels of one read."""
+"""Builds one device's readings: the same times for all channels of one read."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite, nan
 
 from drivers.base import Clock, Quality, Reading
@@ -14,14 +14,12 @@ class ReadingMaker:
 
     unit: str
     clock: Clock
-    _sequence: int = field(default=0, init=False)
 
     def make(self, values: Mapping[str, float | Fault]) -> list[Reading]:
         """One reading per channel, in the order of `values`; a fault becomes NaN with the fault's quality.
 
         So does what is no number, however it came about: nothing but a number is ever good.
         """
-        self._sequence += 1
         utc, monotonic_s = self.clock.utc(), self.clock.monotonic()
         readings = []
         for channel, value in values.items():
@@ -30,5 +28,5 @@ class ReadingMaker:
             number, quality, detail = (
                 (nan, value.quality, value.detail) if isinstance(value, Fault) else (value, Quality.GOOD, "")
             )
-            readings.append(Reading(channel, number, self.unit, quality, utc, monotonic_s, self._sequence, detail))
+            readings.append(Reading(channel, number, self.unit, quality, utc, monotonic_s, detail))
         return readings

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from drivers.base import Reading
+from gateway.acquisition import Sample
 from gateway.config import GatewayConfig
 from gateway.nc import Write
 from gateway.probing import Outcome, Outlook
@@ -23,7 +23,7 @@ class ConfigurationApplied:
 class ReadingsTaken:
     """Channels were read, or went stale."""
 
-    readings: Sequence[Reading]
+    readings: Sequence[Sample]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 
-from drivers.base import Reading
 from drivers.tap import Tap
 from gateway.acquisition import (
     Acquisition,
@@ -17,6 +16,7 @@ from gateway.acquisition import (
     Difference,
     Line,
     ReloadError,
+    Sample,
     StaleWatch,
     apply,
     lines_of,
@@ -190,12 +190,12 @@ class Service:
         aged = self.board.latest(name, self._clock.monotonic()) if name in self._channels else None
         return aged is not None and aged.reading.unit == _TEMPERATURE
 
-    def _take(self, readings: Sequence[Reading]) -> None:
+    def _take(self, readings: Sequence[Sample]) -> None:
         self.board.put(readings)
         self._sampler.add(readings)
         self._publish(readings)
 
-    def _publish(self, readings: Sequence[Reading]) -> None:
+    def _publish(self, readings: Sequence[Sample]) -> None:
         self._sink(ReadingsTaken(readings))
 
     def _noticed(self, notice: Notice) -> None:

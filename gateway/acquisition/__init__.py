@@ -8,6 +8,7 @@ from gateway.acquisition.once import Answer, read_once
 from gateway.acquisition.plausibility import Check, Plausible
 from gateway.acquisition.reload import Difference, ReloadError, apply
 from gateway.acquisition.runner import Publish
+from gateway.acquisition.sample import Sample
 from gateway.acquisition.stale import StaleWatch
 from gateway.acquisition.text import number_text, reading_text
 
@@ -22,6 +23,7 @@ __all__ = [
     "Plausible",
     "Publish",
     "ReloadError",
+    "Sample",
     "StaleWatch",
     "apply",
     "lines_of",

@@ -43,7 +43,7 @@ class Acquisition:
         return dict(self._runners)
 
     def number(self) -> int:
-        """The sequence number of a reading that somebody else makes: none occurs twice in a run."""
+        """A number for readings that another part makes: none occurs twice in a run."""
         return self._sequence()
 
     async def __aenter__(self) -> Self:

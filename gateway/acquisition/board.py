@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from drivers.base import Quality, Reading
 
@@ -90,4 +90,5 @@ def _ages(reading: Reading) -> bool:
 
 def _stale(reading: Reading, now_s: float) -> Reading:
     detail = f"no new value for {now_s - reading.monotonic_s:.1f} s"
-    return replace(reading, value=math.nan, quality=Quality.STALE, detail=detail)
+    r = reading
+    return Reading(r.channel, math.nan, r.unit, Quality.STALE, r.source_time, r.monotonic_s, detail)

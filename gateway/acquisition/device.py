@@ -70,11 +70,11 @@ class PolledDevice:
         check = self._checks.get(reading.channel)
         return reading if check is None else check.judge(reading)
 
-    def fault(self, sequence: int) -> Sequence[Reading]:
+    def fault(self) -> Sequence[Reading]:
         """What its channels show while it does not answer."""
         utc, now = self._clock.utc(), self._clock.monotonic()
         return [
-            Reading(channel, math.nan, unit, Quality.COMM_FAULT, utc, now, sequence, self.detail)
+            Reading(channel, math.nan, unit, Quality.COMM_FAULT, utc, now, self.detail)
             for channel, unit in self._units.items()
         ]
 

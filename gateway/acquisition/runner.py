@@ -3,19 +3,19 @@
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
-from drivers.base import BadAnswer, ConnectError, DriverError, Reading
+from drivers.base import BadAnswer, ConnectError, DriverError
 from gateway.acquisition.bus import PolledBus
 from gateway.acquisition.device import PolledDevice
 from gateway.acquisition.line import Line
 from gateway.acquisition.reports import LineReports
+from gateway.acquisition.sample import Sample, samples
 from gateway.clock import ServiceClock
 from gateway.polling import Notify, Periodic, Problems
 
 log = logging.getLogger(__name__)
 
-Publish = Callable[[Sequence[Reading]], None]
+Publish = Callable[[Sequence[Sample]], None]
 """Takes the readings of one device; must return at once."""
 
 
@@ -174,8 +174,7 @@ class Runner:
             self._answered_s[device.driver.device] = device.answered_s
         device.breaker.succeeded()
         self._reports.answered(device.subject, readings)
-        number = self._sequence()
-        self._publish([replace(reading, sequence=number) for reading in readings])
+        self._publish(samples(readings, self._sequence()))
         return True
 
     def _may_be_late(self, error: Exception) -> bool:
@@ -195,7 +194,7 @@ class Runner:
             await self.close()
 
     def _publish_fault(self, device: PolledDevice) -> None:
-        self._publish(device.fault(self._sequence()))
+        self._publish(samples(device.fault(), self._sequence()))
 
     async def close(self) -> None:
         """Close the devices and the bus."""

@@ -1,10 +1,10 @@
 """Reports a channel as stale as soon as it is, even while a read hangs and its runner cannot report."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 
-from drivers.base import Reading
 from gateway.acquisition.board import Board
+from gateway.acquisition.runner import Publish
+from gateway.acquisition.sample import samples
 from gateway.clock import ServiceClock
 
 
@@ -15,7 +15,7 @@ class StaleWatch:
     ----------
     board: has every channel's latest reading
     clock: the one that the readings' monotonic seconds are of
-    number: gives the next reading's sequence number
+    number: gives the next read's number
     publish: takes the stale readings, once each; time and age are those of the last value
     """
 
@@ -24,7 +24,7 @@ class StaleWatch:
         board: Board,
         clock: ServiceClock,
         number: Callable[[], int],
-        publish: Callable[[Sequence[Reading]], None],
+        publish: Publish,
     ) -> None:
         self._board, self._clock, self._number, self._publish = board, clock, number, publish
 
@@ -33,6 +33,5 @@ class StaleWatch:
         while True:
             gone, again_s = self._board.expire(self._clock.monotonic())
             if gone:
-                number = self._number()
-                self._publish([replace(reading, sequence=number) for reading in gone])
+                self._publish(samples(gone, self._number()))
             await self._clock.sleep_until(again_s)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base import Reading
+from gateway.acquisition import Sample
 from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
@@ -29,7 +29,7 @@ EVENT_COLUMNS = "time, k, kind, text, error, value, bound"
 COMPENSATION_COLUMNS = "time, mode, source, offsets, written"
 
 
-def of_readings(boot: int, readings: Sequence[Reading]) -> list[Row]:
+def of_readings(boot: int, readings: Sequence[Sample]) -> list[Row]:
     """Rows of `sample`."""
     return [
         (boot, r.sequence, r.channel, r.source_time.timestamp(), None if r.value != r.value else r.value,

@@ -6,7 +6,8 @@ from typing import NamedTuple, assert_never
 
 import numpy as np
 
-from drivers.base import Clock, Reading
+from drivers.base import Clock
+from gateway.acquisition import Sample
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -129,7 +130,7 @@ class Composer:
         return _Stamp(self._boot, self._sequence, self._clock.utc().isoformat(), self._clock_state)
 
 
-def _reading(stamp: _Stamp, r: Reading, now_s: float) -> ReadingMessage:
+def _reading(stamp: _Stamp, r: Sample, now_s: float) -> ReadingMessage:
     return ReadingMessage(
         *stamp,
         channel=r.channel,

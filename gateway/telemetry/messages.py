@@ -51,7 +51,7 @@ class ReadingMessage(Message, frozen=True):
     quality: Annotated[str, _texts(Quality)]
     source_time: Utc
     age_s: Annotated[float, Meta(description="How long ago the value was taken when this was published", ge=0.0)]
-    sequence: Annotated[int, Meta(description="Counts the reads of one driver")]
+    sequence: Annotated[int, Meta(description="The same for all channels of one read; none occurs twice in a boot")]
     detail: Annotated[str, Meta(description="Why the quality is not good")]
 
 

@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from drivers.base import Reading
+from gateway.acquisition import Sample
 from gateway.events import (
     DecisionMade,
     EventReported,
@@ -34,7 +34,7 @@ class KeptEvents:
         return [event for event in self.all if isinstance(event, kind)]
 
     @property
-    def readings(self) -> list[Reading]:
+    def readings(self) -> list[Sample]:
         """Of all ReadingsTaken, in order."""
         return [reading for event in self.of(ReadingsTaken) for reading in event.readings]
 

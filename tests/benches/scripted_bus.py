@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 from typing import NoReturn
 
 from drivers.base import NoAnswer, Quality, Reading
+from gateway.acquisition import Sample
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Plausible
@@ -76,7 +77,7 @@ class ScriptedDevice:
         self._failed = False
         self._clock.spend(self.takes_s)
         now = self._clock.monotonic()
-        return [Reading(self.channels[0], 20.0 + now / 1000, "degC", self.quality, self._clock.utc(), now, 0)]
+        return [Reading(self.channels[0], 20.0 + now / 1000, "degC", self.quality, self._clock.utc(), now)]
 
     def _fail(self, fault: Exception) -> NoReturn:
         first_s = None if self._failed else self.first_fault_takes_s
@@ -97,7 +98,7 @@ class Plant:
         self.clock = SteppedClock()
         self.bus = ScriptedBus()
         self.devices = {name: ScriptedDevice(name, self.clock, self.bus) for name in names}
-        self.readings: list[Reading] = []
+        self.readings: list[Sample] = []
         self.notices: list[Notice] = []
         self.plausible: dict[str, Plausible] = {}
 
@@ -118,7 +119,7 @@ class Plant:
         async with Acquisition(lines, self.clock, self.readings.extend, self.notices.append) as acquisition:
             yield acquisition
 
-    def of(self, device: str) -> list[Reading]:
+    def of(self, device: str) -> list[Sample]:
         return [r for r in self.readings if r.channel == f"{device}_t"]
 
     def told(self) -> list[tuple[str, bool]]:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.base import Quality, Reading, SystemClock
+from drivers.base import Quality, SystemClock
+from gateway.acquisition import Sample
 from gateway.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.storage import Store
 from talc.frame import Decision, Frame, Phase
@@ -29,7 +30,9 @@ def main(path: Path, first: int) -> None:
             frame, decision = step(k)
             now = clock.utc()
             store.record(
-                ReadingsTaken([Reading(f"c{i}", 20.0 + i, "degC", Quality.GOOD, now, 0.0, k) for i in range(30)])
+                ReadingsTaken(
+                    [Sample(f"c{i}", 20.0 + i, "degC", Quality.GOOD, now, 0.0, sequence=k) for i in range(30)]
+                )
             )
             store.record(FrameMade(frame))
             store.record(DecisionMade(decision))

@@ -5,7 +5,8 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from drivers.base import Quality, Reading
+from drivers.base import Quality
+from gateway.acquisition import Sample
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.nc import Source, Step, Write
@@ -21,9 +22,9 @@ NAMES = ("bed_front", "spindle_growth", "Öl")
 MONOTONIC_S = 1234.5
 NINE = np.array([1.5, -0.0, 1 / 3, math.nan, 0.1 + 0.2, 12345678.9, 2.0, math.inf, -4.25])
 
-READING = Reading("bed_front", 20.0, "degC", Quality.GOOD, NOW, 1233.2496, 17)
-BAD_READING = Reading(
-    "Öl", math.nan, "degC", Quality.SENSOR_FAULT, LATER, 2000.0, 18, 'sensor "open"\n\tor \\ shorted \x1f'
+READING = Sample("bed_front", 20.0, "degC", Quality.GOOD, NOW, 1233.2496, sequence=17)
+BAD_READING = Sample(
+    "Öl", math.nan, "degC", Quality.SENSOR_FAULT, LATER, 2000.0, 'sensor "open"\n\tor \\ shorted \x1f', sequence=18
 )
 MEASUREMENT = Measurement(NINE, np.full(9, 0.5))
 FRAME = Frame(7, np.array([20.5, math.nan, 3.25]), np.array([True, False, False]))

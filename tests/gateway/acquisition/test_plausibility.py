@@ -10,7 +10,7 @@ from gateway.acquisition.plausibility import Check, Plausible
 
 
 def judge(check: Check, value: float, at: float, quality: Quality = Quality.GOOD) -> Reading:
-    return check.judge(Reading("a", value, "degC", quality, datetime(2026, 1, 1, tzinfo=UTC), at, 1))
+    return check.judge(Reading("a", value, "degC", quality, datetime(2026, 1, 1, tzinfo=UTC), at))
 
 
 def test_without_limits_nothing_is_judged() -> None:

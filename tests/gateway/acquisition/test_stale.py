@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import pytest
 
 from drivers.base import Quality, Reading
+from gateway.acquisition import Sample
 from gateway.acquisition.board import Board
 from gateway.acquisition.stale import StaleWatch
 from gateway.clock import RealClock
@@ -44,7 +45,7 @@ column = 1
 
 
 def reading(channel: str, at_s: float, quality: Quality = Quality.GOOD) -> Reading:
-    return Reading(channel, 20.0, "degC", quality, EPOCH, at_s, 1)
+    return Reading(channel, 20.0, "degC", quality, EPOCH, at_s)
 
 
 def test_the_board_lets_values_age() -> None:
@@ -79,9 +80,9 @@ def test_a_value_expires_once_and_what_is_bad_does_not() -> None:
 
 async def test_every_channel_of_a_hanging_bus_is_told_to_be_stale_once() -> None:
     plant, taken = Plant("a", "b"), 0
-    board, told = Board({"a_t": 1.0, "b_t": 1.0}), list[tuple[float, Reading]]()
+    board, told = Board({"a_t": 1.0, "b_t": 1.0}), list[tuple[float, Sample]]()
 
-    def publish(readings: Sequence[Reading]) -> None:
+    def publish(readings: Sequence[Sample]) -> None:
         told.extend((plant.clock.monotonic(), r) for r in readings)
 
     async with plant.running() as acquisition:

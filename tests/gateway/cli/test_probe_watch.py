@@ -15,8 +15,9 @@ from termios import TIOCSWINSZ
 
 import pytest
 
-from drivers.base import Quality, Reading, SystemClock
+from drivers.base import Quality, SystemClock
 from drivers.build import make_bus, make_device
+from gateway.acquisition import Sample
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.cli.probe_watch import DeviceFigures, ProbeView
@@ -32,9 +33,9 @@ NOW = datetime(2026, 1, 5, tzinfo=UTC)
 
 def readings(
     channels: Sequence[str], at_s: float, quality: Quality = Quality.GOOD, detail: str = "", value: float = 20.0
-) -> list[Reading]:
+) -> list[Sample]:
     number = value if quality is Quality.GOOD else nan
-    return [Reading(channel, number, "degC", quality, NOW, at_s, 1, detail) for channel in channels]
+    return [Sample(channel, number, "degC", quality, NOW, at_s, detail, sequence=1) for channel in channels]
 
 
 def watched() -> DeviceFigures:

@@ -18,7 +18,7 @@ K_0 = int(datetime(2026, 3, 2, 6, 0, tzinfo=UTC).timestamp()) // 300
 
 
 def reading(channel: str, value: float, at: float, quality: Quality = Quality.GOOD) -> Reading:
-    return Reading(channel, value, "degC", quality, UTC_0 + timedelta(seconds=at), at, 1)
+    return Reading(channel, value, "degC", quality, UTC_0 + timedelta(seconds=at), at)
 
 
 def test_an_input_is_the_mean_of_its_good_readings() -> None:

@@ -75,7 +75,7 @@ async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identic
                 now = step * STEP_S / 2
                 await bench.clock.run_until(now)
                 at = EPOCH + timedelta(seconds=now)
-                sampler.add([Reading("bed_front", temperature(now), "degC", Quality.GOOD, at, now, step)])
+                sampler.add([Reading("bed_front", temperature(now), "degC", Quality.GOOD, at, now)])
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
     with History(database) as history:

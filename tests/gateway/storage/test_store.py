@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import Quality, Reading
+from drivers.base import Quality
+from gateway.acquisition import Sample
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -42,9 +43,9 @@ def store_at(path: Path, **options: float) -> Store:
     return Store(path, "boot1", SteppedClock(), **options)
 
 
-def reading(channel: str = "a", sequence: int = 1, value: float = 20.0, age_days: float = 0.0) -> Reading:
+def reading(channel: str = "a", sequence: int = 1, value: float = 20.0, age_days: float = 0.0) -> Sample:
     time_ = EPOCH - timedelta(days=age_days)
-    return Reading(channel, value, "degC", Quality.GOOD, time_, 0.0, sequence)
+    return Sample(channel, value, "degC", Quality.GOOD, time_, 0.0, sequence=sequence)
 
 
 def decision(k: int, events: tuple[Event, ...] = ()) -> Decision:

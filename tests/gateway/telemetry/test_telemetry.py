@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import zenoh
 
-from drivers.base import Clock, Quality, Reading, SystemClock
+from drivers.base import Clock, Quality, SystemClock
+from gateway.acquisition import Sample
 from gateway.cli.view import ViewState, feeding, render
 from gateway.config.sections import Telemetry as Settings
 from gateway.events import (
@@ -55,8 +56,8 @@ def telemetry(port: int, clock: Clock | None = None) -> Telemetry:
     return Telemetry(settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False)
 
 
-def reading(value: float, quality: Quality = Quality.GOOD) -> Reading:
-    return Reading("t0", value, "degC", quality, NOW, 0.0, 1, "")
+def reading(value: float, quality: Quality = Quality.GOOD) -> Sample:
+    return Sample("t0", value, "degC", quality, NOW, 0.0, sequence=1)
 
 
 def decision(k: int) -> Decision:
@@ -131,7 +132,7 @@ async def test_a_reading_is_published_with_its_age_whatever_its_time_of_day() ->
     port, clock = free_port(), SteppedClock()
     clock.spend(10.0)
     async with telemetry(port, clock) as t:
-        t.publish(ReadingsTaken([reading(20.0), Reading("t1", 20.0, "degC", Quality.GOOD, NOW, 7.5, 2)]))
+        t.publish(ReadingsTaken([reading(20.0), Sample("t1", 20.0, "degC", Quality.GOOD, NOW, 7.5, sequence=2)]))
         t.publish(EventReported(Event(EventKind.PROBLEM, "after it"), 7))
         found = last_values(port)
     assert found["talc/mill/reading/t0"]["age_s"] == 10.0
