@@ -9,7 +9,8 @@ from typing import Protocol
 
 
 class Quality(StrEnum):
-    """How far a value can be trusted. Told by the device, the wire or a stated check, never by the number alone."""
+    """How far a value can be trusted: reported by the device, the wire or a stated check, never inferred from the
+    number."""
 
     GOOD = "good"
     STALE = "stale"
@@ -26,7 +27,7 @@ class Quality(StrEnum):
 
 
 class Clock(Protocol):
-    """The two times a reading carries. Simulated time is another implementation of this."""
+    """The two times of a reading. A simulated clock is another implementation."""
 
     def monotonic(self) -> float:
         """Seconds for control; never jumps."""
@@ -54,14 +55,14 @@ class Reading:
     channel: str
     """Name given in the configuration."""
     value: float
-    """NaN when there is none."""
+    """NaN when there is no value."""
     unit: str
     quality: Quality
     source_time: datetime
     """UTC."""
     monotonic_s: float
     detail: str = ""
-    """Why the quality is not good, in words for a person."""
+    """Why the quality is not good, as text."""
 
 
 class Driver(Protocol):
@@ -115,7 +116,7 @@ class Bus(Protocol):
 
 
 class DriverError(Exception):
-    """Between us and a device. The message says what; bus, device, channel say where; hint says what to do."""
+    """An error of a device or its bus. The message says what; bus, device, channel say where; hint says what to do."""
 
     hurried = False
     """See NoAnswer."""
@@ -137,8 +138,8 @@ class ConnectError(DriverError):
 class NoAnswer(DriverError):
     """The device did not answer in time.
 
-    hurried: it was given less than the bus's timeout, because it usually is quick; next time it is given all of it, and
-    need not be checked anew
+    hurried: it was given less than the bus's timeout, because it usually is quick; next time it is given the full
+    timeout, and need not be checked again
     """
 
     def __init__(self, what: str, *, hurried: bool = False, **where: str) -> None:
@@ -147,12 +148,12 @@ class NoAnswer(DriverError):
 
 
 class BadAnswer(DriverError):
-    """An answer came that is not a valid answer to our request: checksum, length, wrong unit."""
+    """The answer is not a valid answer to the request: checksum, length, wrong unit."""
 
 
 class Refused(DriverError):
-    """The device or control understood and said no: exception code, access denied."""
+    """The device or control understood the request and refused it: exception code, access denied."""
 
 
 class WrongDevice(DriverError):
-    """Something answers, but it is not what the configuration says (type code, identity)."""
+    """The device that answers is not the configured one (type code, identity)."""

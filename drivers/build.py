@@ -52,13 +52,13 @@ BUS_KINDS: Mapping[str, type[BusSettings]] = {
 
 
 class NoOptions(Section):
-    """Of a device that has none."""
+    """Options of a device that has none."""
 
 
 def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | None = None) -> Bus:
     """The bus of that kind (a key of BUS_KINDS); `options` are the fields of its settings class.
 
-    tap: told of everything that passes the wire
+    tap: receives everything that passes the wire
 
     Raises SetupError naming the bus, the field and the value.
     """

@@ -25,7 +25,7 @@ _ERROR_NUMBER = re.compile(r"(?:Errno |\()(\d+)")
 
 
 class ByteStream(Protocol):
-    """What a bus needs from its wire. One user at a time."""
+    """The byte stream of a bus. One user at a time."""
 
     @property
     def is_open(self) -> bool: ...
@@ -45,12 +45,12 @@ class ByteStream(Protocol):
         ...
 
     def discard(self) -> bytes:
-        """Throw away what came and was not read; returns it."""
+        """Discard unread bytes; returns them."""
         ...
 
 
 class _Inbox:
-    """Bytes that came, and one who waits for them."""
+    """The received bytes, and the one task that waits for them."""
 
     def __init__(self, bus: str, tap: Tap | None) -> None:
         self._bus, self._tap = bus, tap
@@ -79,7 +79,7 @@ class _Inbox:
         if self._tap is not None:
             self._tap.data(False, data)
         self._bytes += data
-        if len(self._bytes) > _MOST_UNREAD:  # a babbling line must not fill the memory
+        if len(self._bytes) > _MOST_UNREAD:  # a line that never stops sending must not fill the memory
             del self._bytes[:-_MOST_UNREAD]
         self._wake()
 
@@ -93,7 +93,7 @@ class _Inbox:
                 async with asyncio.timeout(timeout_s):
                     await self._waiter
             except TimeoutError:
-                if not self._bytes:  # else they came in time, and the event loop was too busy to look
+                if not self._bytes:  # else they came in time, and the event loop was too busy to process them
                     raise
             finally:
                 self._waiter = None
@@ -114,7 +114,7 @@ class _Inbox:
         return data
 
     def sent(self, data: bytes) -> None:
-        """Note what goes out."""
+        """Report what is sent."""
         if self._tap is not None:
             self._tap.data(True, data)
 
@@ -124,7 +124,7 @@ class _Inbox:
 
 
 class SerialStream:
-    """A serial port, watched by the event loop; no thread, no polling."""
+    """A serial port, read by the event loop; no thread, no polling."""
 
     def __init__(self, bus: str, settings: SerialSettings, tap: Tap | None = None) -> None:
         self._bus, self._settings = bus, settings
@@ -157,7 +157,7 @@ class SerialStream:
         port, self._port = self._port, None
         self._inbox.lose(_CLOSED)
         asyncio.get_running_loop().remove_reader(port.fileno())
-        with suppress(OSError, termios.error):  # an unplugged adapter cannot be told anything any more
+        with suppress(OSError, termios.error):  # an unplugged adapter accepts no commands any more
             port.close()
 
     def write(self, data: bytes) -> None:
@@ -211,7 +211,7 @@ def serial_port_hint(error: Exception, parity: str = "N") -> str:
         case errno.ENOTTY | errno.EISDIR | errno.ENXIO:
             return "this is not a serial port; ls -l /dev/serial/by-id shows what there is"
         case errno.EINVAL if parity != "N":
-            return "this port cannot do parity (pseudo-terminals cannot); set parity = 'N'"
+            return "this port does not support parity (pseudo-terminals do not); set parity = 'N'"
     return _TAKEN if "xclusive" in text else ""
 
 

@@ -79,7 +79,7 @@ class RangeRule(FaultText):
 
 
 def first_fault(rules: Sequence[CodeRule], number: int) -> Fault | None:
-    """The fault of the first rule that the number matches; profiles list the most telling rule first."""
+    """The fault of the first rule that the number matches; profiles list the most specific rule first."""
     return next((rule.fault for rule in rules if rule.matches(number)), None)
 
 

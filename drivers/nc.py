@@ -14,11 +14,11 @@ Triple = tuple[float, float, float]
 LINEAR_AXES = ("X", "Y", "Z")
 ROTARY_AXES = ("A", "C")
 LARGEST_NUMBER: Final = 2**31 - 1
-"""Of a request or an owner: what a control keeps exactly, as an integer or a floating-point number."""
+"""Largest number of a request or an owner that a control keeps exactly, as an integer or a floating-point number."""
 
 
 class ProbingState(StrEnum):
-    """The handshake of one probing cycle, as seen by who asked."""
+    """State of one probing request."""
 
     IDLE = "idle"
     REQUESTED = "requested"
@@ -61,7 +61,7 @@ class NcSnapshot:
     states: dict[str, float] = field(default_factory=dict)
     """Machine states that models use: spindle_speed (1/min), speed_X .. speed_C (mm/min, 1/min), coolant (0/1).
 
-    A state that the control gave no good value for is missing."""
+    A state without a good value is missing."""
     mode: OperatingMode = OperatingMode.UNKNOWN
     program: ProgramState = ProgramState.UNKNOWN
     tool: int | None = None
@@ -71,12 +71,12 @@ class NcSnapshot:
     """Numbers of the alarms that are shown, the first few of them."""
     ready: bool | None = None
     """False: emergency stop, drives off or an axis not referenced, so that an offset may not act when it is written, or
-    act later all at once. None: the control does not tell."""
+    act later all at once. None: the control does not report it."""
     cannot_probe: str | None = None
     """Why no cycle can begin as the control stands; empty: one can, whatever the mode, in a part program at its next
-    safe point. None: the control does not tell, and cycles begin in AUTO alone."""
+    safe point. None: the control does not report it, and cycles begin in AUTO only."""
     probing: bool | None = None
-    """Whether a probing cycle is under way, whoever asked for it; None: the control does not tell."""
+    """Whether a probing cycle is under way, whoever asked for it; None: the control does not report it."""
     quality: Quality = Quality.GOOD
 
 
@@ -91,15 +91,15 @@ class ProbingStatus:
     reason: str = ""
     """Why refused or failed."""
     spread_mm: float | None = None
-    """When done: largest difference between repeated touches of one point; None: the control does not tell."""
+    """When done: largest difference between repeated touches of one point; None: the control does not report it."""
 
 
 @dataclass(frozen=True, slots=True)
 class WatchdogTerms:
-    """What the control's watchdog does when the gateway falls silent. Raises ValueError for what cannot be."""
+    """What the control's watchdog does when the gateway falls silent. Raises ValueError for an invalid field."""
 
     silence_s: float
-    """Without a heartbeat for so long the gateway is taken for dead."""
+    """After this time without a heartbeat the gateway counts as dead."""
     ramp_um_per_s: float
     """Rate at which the offsets then go to zero; 0 holds them."""
 
@@ -177,7 +177,7 @@ class NumericalControl(Protocol):
         ...
 
     async def release(self, owner: int) -> None:
-        """Give the control back; its watchdog then does at once what it does on silence. Another's stays as it is."""
+        """Release the control; its watchdog then does at once what it does on silence. Another owner's claim stays."""
         ...
 
 

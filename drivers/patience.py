@@ -4,9 +4,9 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 
 _SHORTEST_S = 0.05
-"""A USB adapter's latency, a garbage collection or a core that others use delays any answer by tens of milliseconds."""
+"""A USB adapter's latency, a garbage collection or a busy core delays any answer by tens of milliseconds."""
 _LEARNT = 4
-"""Answers after which it is known how long they take."""
+"""Number of answers after which the usual time counts as known."""
 _MEAN, _DEVIATION, _DEVIATIONS = 1 / 8, 1 / 4, 4
 """RFC 6298: weight of the newest answer in the mean and in the mean deviation, and how many of these are added."""
 _LATENESS, _MOST_LATENESS_S, _FORGETS = 2, 0.05, 0.98
@@ -53,7 +53,7 @@ class Patience:
         return min(self._longest_s, max(_SHORTEST_S, usual.mean_s + more_s))
 
     def answered(self, unit: int, request: Hashable, took_s: float) -> None:
-        """Note an answer that is certainly one to this request."""
+        """Note an answer that certainly belongs to this request."""
         requests = self._usual.setdefault(unit, {})
         usual = requests.get(request)
         if usual is None:

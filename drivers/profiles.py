@@ -57,7 +57,7 @@ class UserProfile:
 
     text: str
     dbc: str | None
-    """Of the DBC file that it names, if it does."""
+    """Text of the DBC file that it names, if it names one."""
     content_hash: str
     """SHA-256 of the files' bytes, in hexadecimal."""
 
@@ -77,7 +77,7 @@ def user_profile(name: str) -> UserProfile:
 
 
 def _one_line_end(text: str) -> str:
-    """As every reader of these files takes it."""
+    """Line ends as every reader of these files understands them."""
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -10,7 +10,7 @@ from drivers.faults import Fault
 
 @dataclass(slots=True)
 class ReadingMaker:
-    """Stamps what one driver reads."""
+    """Adds times and sequence numbers to what one driver reads."""
 
     unit: str
     clock: Clock

@@ -14,7 +14,7 @@ from drivers.modbus import Block, ModbusBus, ModbusProfile, NumberFormat
 from drivers.profiles import load_profile, profile_names
 
 _PROPOSED_RANGE_UM = 500.0
-"""Measuring range that stands in a proposal until a person corrects it: no sensor tells it."""
+"""Measuring range of a proposal, to be corrected by a person: no sensor reports it."""
 _LONGEST_TEXT = 64
 """Bytes of a node's name."""
 _INT16 = NumberFormat("int16")
@@ -25,7 +25,7 @@ CANOPEN_VENDORS: Mapping[int, str] = {0x17: "esd", 0x55: "axiomatic"}
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """What stands at one address."""
+    """The device at one address."""
 
     profile: str
     """Name of the profile; empty: something answers, and no supplied profile is known to fit."""
@@ -36,7 +36,7 @@ class Recognition:
     options: Mapping[str, object] = field(default_factory=dict)
     """Device options a configuration needs."""
     doubts: tuple[str, ...] = ()
-    """What a person must check."""
+    """Points that a person must check."""
 
 
 class _Registers:
@@ -60,7 +60,7 @@ class _Registers:
 
 
 async def recognise_modbus(bus: ModbusBus, unit: int) -> Recognition:
-    """What the unit is; it answered before. Raises ConnectError."""
+    """Identify the unit, which has answered before. Raises ConnectError."""
     registers = _Registers(bus, unit)
     for name in profile_names():
         profile = load_profile(name)
@@ -78,7 +78,7 @@ async def recognise_modbus(bus: ModbusBus, unit: int) -> Recognition:
 
 
 async def _by_type_codes(registers: _Registers, profile: ModbusProfile) -> Recognition | None:
-    """A device that says at the profile's own addresses, in the profile's own codes, what is connected."""
+    """A device with type codes at the profile's addresses that the profile knows."""
     codes, values = profile.type_codes, profile.values
     if codes is None:
         return None
@@ -149,7 +149,7 @@ _BY_NAME: Mapping[str, Callable[[_Registers, ModbusProfile], Awaitable[Recogniti
     "eletechsup_pta8d08": _pta8d08,
     "wago_750_464": _wago_464,
 }
-"""Supplied profiles of devices without type codes, and how each is told."""
+"""Supplied profiles of devices without type codes, and the test that recognises each."""
 
 
 async def recognise_me_rs485(bus: MeRs485Bus, address: int) -> Recognition | None:
@@ -173,7 +173,7 @@ async def recognise_me_rs485(bus: MeRs485Bus, address: int) -> Recognition | Non
 
 
 async def recognise_me_ethernet(bus: MeEthernetBus) -> Recognition:
-    """The controller on the other side. Raises NoAnswer, BadAnswer or ConnectError."""
+    """Identify the controller. Raises NoAnswer, BadAnswer or ConnectError."""
     block = await bus.next_block("")
     inputs = tuple(channel for channel in block.values if channel < load_profile("me_ethernet").channels)
     evidence = f"order number {block.order}, serial number {block.serial}"
@@ -182,7 +182,7 @@ async def recognise_me_ethernet(bus: MeEthernetBus) -> Recognition:
     return Recognition("me_ethernet", inputs, evidence, {"range_um": _PROPOSED_RANGE_UM}, (_RANGE_DOUBT,))
 
 
-_RANGE_DOUBT = "range_um: the measuring range stands on the sensor; no sensor tells it"
+_RANGE_DOUBT = "range_um: the measuring range is printed on the sensor; no sensor reports it"
 
 
 async def recognise_canopen(bus: CanOpenBus, node: int) -> Recognition | None:

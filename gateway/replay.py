@@ -17,7 +17,7 @@ _ARRAYS = ("predicted", "corrected", "sigma", "limits")
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Where a replay and the record part."""
+    """Where a replay differs from the record."""
 
     k: int
     what: str
@@ -51,7 +51,7 @@ def replay(history: History, progress: Callable[[int], None] = lambda _: None) -
         job = decision.training or job
         for stored in step.adopted:
             models = stored
-            if has_failed(stored):  # of the computer, not of the data: nothing to repeat
+            if has_failed(stored):  # the computer failed, not the data: nothing to repeat
                 job = None
             elif job is None:
                 _note(result, step.frame.k, "models were adopted that no training was wanted for")

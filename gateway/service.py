@@ -43,7 +43,7 @@ from talc.frame import Event, EventKind
 log = logging.getLogger(__name__)
 
 _FIRST_NUMBER_BELOW = 1_000_000
-"""Request numbers travel in R-parameters (64-bit reals) and are read by people."""
+"""Request numbers are sent in R-parameters (64-bit reals) and read by people."""
 
 _TEMPERATURE = "degC"
 _MACHINE_ID = Path("/etc/machine-id")
@@ -58,7 +58,7 @@ class Service:
     clock: real or simulated
     sink: takes every event
     past: the controller and what else an earlier run left
-    tap: gives who listens in on the bus of that name
+    tap: returns the tap of the bus with that name, or None
     """
 
     def __init__(
@@ -84,19 +84,19 @@ class Service:
 
     @property
     def fingerprint(self) -> str:
-        """Of the configuration that really runs, also after a reload."""
+        """Fingerprint of the configuration in use, also after a reload."""
         return self._config.fingerprint()
 
     @property
     def periods_missed(self) -> Mapping[str, int]:
-        """By bus, since it was started: periods in which nobody was read because the one before took too long."""
+        """By bus, since its start: periods in which nothing was read because the previous one took too long."""
         runners = {} if self._acquisition is None else self._acquisition.runners
         return {name: runner.missed for name, runner in runners.items()}
 
     async def reload(self, config: GatewayConfig) -> Difference:
         """Apply another checked configuration by its difference, while running.
 
-        Raises ReloadError or SetupError when nothing was changed: the service goes on as it was.
+        Raises ReloadError or SetupError when nothing was changed: the service continues unchanged.
         """
         if self._acquisition is None:
             raise ReloadError("the service is not running")
@@ -204,6 +204,6 @@ class Service:
 
 
 def _owner(store: Path) -> int:
-    """This gateway's number on the control: the same after a restart, another one for another computer or database."""
+    """This gateway's number on the control: the same after a restart, different for another computer or database."""
     computer = _MACHINE_ID.read_text() if _MACHINE_ID.exists() else platform.node()
     return zlib.crc32(f"{computer.strip()} {store.resolve()}".encode()) % (2**31 - 1) + 1

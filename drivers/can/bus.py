@@ -21,7 +21,7 @@ FrameId = tuple[int, bool]
 
 
 class CanBus:
-    """Listens; sends nothing."""
+    """A listening bus; it sends nothing."""
 
     kind = "can"
     units = (1, 127)

@@ -28,7 +28,7 @@ class DbcSignal:
     message: Message
     signal: Signal
     rules: tuple[CodeRule | RangeRule, ...]
-    """The most telling first."""
+    """The most specific first."""
 
     @property
     def frame(self) -> FrameId:
@@ -175,7 +175,7 @@ class CanDbcDevice:
         return tuple(self._signals)
 
     async def connect(self) -> None:
-        """Check that something comes. Raises what the bus raises."""
+        """Check that frames arrive. Raises what the bus raises."""
         await self._bus.latest(self._device, self._frames)
 
     async def read(self) -> Sequence[Reading]:
@@ -184,7 +184,7 @@ class CanDbcDevice:
         return self._maker.make({name: _value(signal, heard) for name, signal in self._signals.items()})
 
     async def close(self) -> None:
-        """Nothing of a device's own stays open."""
+        """The device has nothing of its own to close."""
 
 
 def _value(signal: DbcSignal, heard: Mapping[FrameId, bytes]) -> float | Fault:

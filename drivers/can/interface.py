@@ -73,7 +73,7 @@ def _open(settings: CanInterfaceSettings, listen_only: bool) -> can.BusABC:
 
 def shut(interface: can.BusABC) -> None:
     """Close it, whatever state it is in."""
-    with suppress(can.CanError, OSError):  # an unplugged adapter cannot be told anything any more
+    with suppress(can.CanError, OSError):  # an unplugged adapter accepts no commands any more
         interface.shutdown()
     port = getattr(interface, "serialPortOrig", None)
     with suppress(OSError):
@@ -84,7 +84,7 @@ def shut(interface: can.BusABC) -> None:
 def failed(
     bus: str, device: str, settings: CanInterfaceSettings, error: Exception, hint: str = "connect the bus again"
 ) -> ConnectError:
-    """What became of an interface that was open; `hint` for what the kernel does not name."""
+    """The error of an interface that was open; `hint` for what the kernel does not name."""
     full = _number(error) == errno.ENOBUFS
     what = "cannot send on" if full else "interface"
     return ConnectError(
@@ -110,8 +110,8 @@ def _remedy(settings: CanInterfaceSettings, error: Exception) -> str | None:
         errno.ENODEV: missing,
         errno.ENXIO: missing,
         errno.ENETDOWN: f"switch it on: ip link set {channel} up type can bitrate {settings.bitrate} restart-ms 100",
-        errno.ENOBUFS: "the queue is full as nobody acknowledges: check bit rate, 60 ohm termination, CAN_H and CAN_L, "
-        "power of the nodes",
+        errno.ENOBUFS: "the queue is full because no node acknowledges: check bit rate, 60 ohm termination, "
+        "CAN_H and CAN_L, power of the nodes",
         errno.EAFNOSUPPORT: "the kernel has no CAN (modprobe can_raw), or the service may not use it "
         "(RestrictAddressFamilies needs AF_CAN)",
         errno.EPERM: denied,
@@ -137,7 +137,7 @@ def slcan_frame(line: bytes) -> can.Message | None:
 
 
 class _Slcan(MonotonicInterface, slcanBus):
-    """An adapter with the LAWICEL protocol; lines that are no frame are passed over."""
+    """An adapter with the LAWICEL protocol; lines that are not frames are ignored."""
 
     def __init__(self, channel: str, **options: Any) -> None:
         self._heard = b""
@@ -162,13 +162,13 @@ class _Slcan(MonotonicInterface, slcanBus):
             port = self.serialPortOrig
             *lines, rest = _LINE_END.split(self._heard + port.read(max(1, port.in_waiting)))
             self._lines.extend(lines)
-            self._heard = rest[-_LONGEST_LINE:]  # a babbling adapter must not fill the memory
+            self._heard = rest[-_LONGEST_LINE:]  # an adapter that never stops sending must not fill the memory
             if not self._lines and deadline is not None and monotonic() >= deadline:
                 return None, False
 
 
 class _Multicast(MonotonicInterface, UdpMulticastBus):
-    """A group on which anybody can send; packets that are no frame are passed over."""
+    """A group on which any program can send; packets that are not frames are ignored."""
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         received = self._multicast.recv(timeout)

@@ -13,7 +13,7 @@ import can
 _WAIT_S = 0.1
 """How long one wait for a frame lasts, so how long ending may have to wait for the thread."""
 _MOST_WAIT_S = 2.0
-"""For a thread that is stuck in a driver."""
+"""Longest wait for a thread that is stuck in a driver."""
 
 
 class MonotonicInterface(can.BusABC):

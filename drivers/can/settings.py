@@ -15,7 +15,7 @@ CAN_BITRATES: Final[tuple[Bitrate, ...]] = get_args(Bitrate)
 
 
 def is_multicast_group(text: str) -> bool:
-    """Whether that is an address many can listen at: 224.0.0.0 to 239.255.255.255, or IPv6 beginning with ff."""
+    """Whether this is a multicast address: 224.0.0.0 to 239.255.255.255, or IPv6 beginning with ff."""
     try:
         return ip_address(text).is_multicast
     except ValueError:

@@ -18,7 +18,7 @@ from drivers.can.interface import failed, open_interface, shut
 from drivers.can.settings import CanInterfaceSettings
 
 _SLICE_S = 0.05
-"""How long stopping may have to wait."""
+"""How long stopping may take."""
 _UPLOAD_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
 _AT_ONCE = 16
 """Nodes that are asked before their answers are taken."""
@@ -31,7 +31,7 @@ Stopped = Callable[[], bool]
 
 @dataclass(slots=True)
 class Heard:
-    """What came while somebody listened or asked."""
+    """What was received while listening or asking."""
 
     seconds: float = 0.0
     frames: Counter[FrameId] = field(default_factory=Counter)
@@ -139,7 +139,7 @@ class CanSurvey:
         try:
             self._open().send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
         except (can.CanError, OSError) as error:
-            hint = "nobody acknowledges? check bit rate, 60 ohm termination, CAN_H and CAN_L, power of the nodes"
+            hint = "no node acknowledges? check bit rate, 60 ohm termination, CAN_H and CAN_L, power of the nodes"
             raise failed(self._bus, "", self._settings, error, hint) from error
 
     def _open(self) -> can.BusABC:

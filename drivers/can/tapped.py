@@ -9,7 +9,7 @@ from drivers.tap import Tap
 
 
 class TappedInterface(MonotonicInterface):
-    """A CAN interface that somebody listens in on; everything else is the inner one's."""
+    """A CAN interface with a tap; everything else is passed to the inner one."""
 
     def __init__(self, inner: can.BusABC, tap: Tap, *, echoes: bool) -> None:
         """`echoes`: the inner one receives what it sends, which did not come from the bus."""

@@ -34,7 +34,7 @@ _NMT_START = 1
 _LONGEST_NUMBER = 8
 """Bytes of the widest number that a node may hold; one that never ends its transfer is stopped there."""
 
-logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs, we raise
+logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs is raised as an error here
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ class CanOpenBus:
         )
 
     def events(self, node: int) -> NodeEvents:
-        """What the node says unasked, since its first upload on this connection."""
+        """What the node has sent by itself since its first upload on this connection."""
         return self._events.setdefault(node, NodeEvents())
 
     async def _in_thread(self, work: Callable[[], R]) -> R:
@@ -144,7 +144,7 @@ class CanOpenBus:
     def _open(self) -> None:
         interface = open_interface(self._name, self._settings, tap=self._tap)
         network = canopen.Network(interface)
-        network.unsubscribe(network.lss.LSS_RX_COBID)  # it would keep those frames for ever
+        network.unsubscribe(network.lss.LSS_RX_COBID)  # it would never discard those frames
         # In place of `connect`, whose python-can notifier waits by the wall clock; before it sends, the library asks
         # this one for the exception that ended it.
         network.notifier = Receiver(interface, partial(pass_on, network))  # type: ignore[assignment]

@@ -22,7 +22,7 @@ STATUS = 0x6150
 
 _CIA_404 = 404
 _PRODUCER_TIMES = 3
-"""Heartbeats or timed TPDOs that may be lost before the node is: one may meet a busy bus, three do not."""
+"""Heartbeats or timed TPDOs that may be lost before the node counts as lost: a busy bus may cost one, not three."""
 
 _NO_HEARTBEAT = Fault(
     Quality.STALE, "the node answers, but its heartbeat stopped: its program may hang; switch it off and on"
@@ -111,7 +111,7 @@ class Cia404Device:
         if objects is None:
             self._scales = {}
             raise BadAnswer(
-                f"node {self._node} started anew twice while it was read",
+                f"node {self._node} restarted twice while it was read",
                 bus=self._bus.name,
                 device=self._device,
                 hint="check its power supply",
@@ -126,7 +126,7 @@ class Cia404Device:
         return self._maker.make(values)
 
     async def close(self) -> None:
-        """Forget what was learnt about the node."""
+        """Forget what is known about the node."""
         self._scales = {}
 
     async def _objects_of_one_start(self) -> dict[CanObject, list[bytes]] | None:
@@ -183,7 +183,7 @@ class Cia404Device:
             # What came before the node was checked may be another node's, or of another mapping.
             interval_s, now_s = max(pdo.event_s for pdo in self._maps), monotonic()
             oldest_s = max(self._started_s, now_s - _PRODUCER_TIMES * interval_s)
-            # One more interval: a computer that was busy for a while takes no node for lost.
+            # One more interval, so that no node counts as lost on a computer that was busy for a while.
             until_s = max(self._started_s + self._bus.timeout_s, now_s + interval_s)
             frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s, until_s)
         objects = {place: [data] for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
@@ -193,7 +193,7 @@ class Cia404Device:
         return objects
 
     async def _pdo_maps(self) -> tuple[PdoMap, ...]:
-        """The TPDOs that hold what we want, each sent when the transfer needs it. Raises WrongDevice."""
+        """The TPDOs that hold the wanted objects, each sent when the transfer needs it. Raises WrongDevice."""
         found: list[PdoMap] = []
         for number in range(TPDOS):
             description = [

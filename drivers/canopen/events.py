@@ -25,20 +25,20 @@ class NodeEvents:
 
     def __init__(self) -> None:
         self.emergency: Emergency | None = None
-        """The last emergency that the node has not taken back."""
+        """The last emergency that the node has not cleared."""
         self.boots = 0
-        """How often the node has started since we listen."""
+        """How often the node has started since listening began."""
         self.heard_s: float | None = None
         """Monotonic seconds of its last heartbeat or boot-up."""
 
     def on_emergency(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:  # noqa: ARG002
-        """Callback for frames 0x80 + node. A code 00xx takes emergencies back; a short frame is none."""
+        """Callback for frames 0x80 + node. A code 00xx clears emergencies; a short frame is ignored."""
         if len(data) >= _EMERGENCY.size:
             code, register = _EMERGENCY.unpack_from(data)
             self.emergency = Emergency(code, register) if code & 0xFF00 else None
 
     def on_heartbeat(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:  # noqa: ARG002
-        """Callback for frames 0x700 + node; a frame without a state is none."""
+        """Callback for frames 0x700 + node; a frame without a state is ignored."""
         if len(data):
             self.heard_s = monotonic()
         if bytes(data[:1]) == bytes([_BOOT_UP]):
@@ -47,7 +47,7 @@ class NodeEvents:
 
 
 class HeartbeatWatch:
-    """Whether a node's heartbeat comes in time, judged when somebody asks.
+    """Whether a node's heartbeat comes in time, judged on request.
 
     Ask after an answer of the node was received: frames come in order, so whatever heartbeat was sent before that
     answer is known by then, and a computer that was busy for a while takes no node for lost.

@@ -30,9 +30,9 @@ EMERGENCY_STOP: Final = 1
 
 
 class LinuxCnc:
-    """One control. Making it validates and touches no network; see NumericalControl for the verbs.
+    """One control. Making it validates and uses no network; see NumericalControl for the operations.
 
-    Every verb raises a DriverError: after all but Refused the line is closed and `connect` is needed.
+    Every operation raises a DriverError: after all but Refused the line is closed and `connect` is needed.
     """
 
     def __init__(self, settings: LinuxCncSettings, clock: Clock) -> None:
@@ -113,7 +113,7 @@ class LinuxCnc:
         """
         check_offsets(offsets_um, self._settings.largest_um)
         await self._line.ask("write", owner=self._owner, um=[float(v) for v in offsets_um])
-        # The control slews. Who reads back next shall find what was written, unless something else is wrong.
+        # The control slews. The next read-back shall return what was written, unless something else is wrong.
         with suppress(TimeoutError):
             async with asyncio.timeout(self._settings.timeout_s):
                 while not self._near(await self.read_compensation(), offsets_um):
@@ -126,7 +126,7 @@ class LinuxCnc:
         return self._three(await self._line.ask("read"), "offsets in force")
 
     async def claim(self, owner: int, terms: WatchdogTerms) -> None:
-        """Returns when the watchdog watches, or after timeout_s.
+        """Returns when the watchdog is active, or after timeout_s.
 
         Raises ValueError for an owner outside 1 .. 2**31 - 1.
         """

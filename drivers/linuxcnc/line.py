@@ -25,7 +25,7 @@ class LinuxCncLine:
         self._count = 0
 
     async def connect(self) -> None:
-        """Open and prove that we hold the key; the agent proves it too. Raises ConnectError, NoAnswer, Refused."""
+        """Open the connection; both sides prove that they hold the key. Raises ConnectError, NoAnswer, Refused."""
         key = self._settings.key()
         async with self._lock:
             await self._stream.close()
@@ -55,7 +55,7 @@ class LinuxCncLine:
                 return await self._exchange({"do": do, **arguments})
             except Refused:
                 raise
-            except BaseException:  # cancelled too: the answer that still comes belongs to nobody
+            except BaseException:  # also when cancelled: nobody waits for the answer that still comes
                 await self._stream.close()
                 raise
 
@@ -65,7 +65,7 @@ class LinuxCncLine:
         line = await self._line()
         mac, _, text = line.partition(b" ")
         if self._count == 0 and line.startswith(b"{") and "error" in (refusal := _parsed(line, self._device)):
-            # Before the proof nothing can be signed; all that this can do is to keep us out.
+            # Before the proof nothing can be signed; a forged line here can only prevent the connection.
             raise Refused(str(refusal["error"]), device=self._device, hint="compare key_file with the agent's talc.key")
         if not hmac.compare_digest(self._mac("agent", text), mac):
             raise self._stranger()
@@ -92,7 +92,7 @@ class LinuxCncLine:
 
     def _stranger(self) -> WrongDevice:
         where = f"{self._settings.host}:{self._settings.port}"
-        return WrongDevice(f"what answers at {where} is not the agent with our key", device=self._device)
+        return WrongDevice(f"what answers at {where} is not the agent with this key", device=self._device)
 
 
 def _parsed(text: bytes, device: str) -> dict[str, Json]:

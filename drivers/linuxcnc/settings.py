@@ -10,7 +10,7 @@ from drivers.section import FilePath, NotEmpty, NotNegative, Port, Positive, Sec
 DEFAULT_PORT = 7621
 SHORTEST_KEY = 32
 POSES = 6
-"""As many as talc_poses.ngc has."""
+"""Number of poses in talc_poses.ngc."""
 LARGEST_UM = 500.0
 
 
@@ -33,9 +33,9 @@ class LinuxCncSettings(LinuxCncAgent):
     poses: int = POSES
     """Number of poses that one probing cycle touches."""
     request_valid_for_s: NotNegative = 900.0
-    """A request that found no safe point within this time is refused; 0: never."""
+    """A request that finds no safe point within this time is refused; 0: never."""
     largest_um: Positive = LARGEST_UM
-    """Offsets beyond are never sent; the agent has its own bound."""
+    """Larger offsets are never sent; the agent has its own bound."""
     device: str = "nc"
     """Name in messages."""
 
@@ -44,7 +44,7 @@ class LinuxCncSettings(LinuxCncAgent):
         if self.poses != POSES:
             raise SetupError(
                 f"poses = {self.poses!r}: the probing program on the control has {POSES}",
-                hint="ask for the poses of talc_poses.ngc",
+                hint="use the poses of talc_poses.ngc",
             )
         return self
 
@@ -58,6 +58,6 @@ class LinuxCncSettings(LinuxCncAgent):
             raise SetupError(
                 f"key_file = {str(self.key_file)!r} holds {len(key)} characters: expected at least {SHORTEST_KEY}",
                 device=self.device,
-                hint="copy talc.key of the control",
+                hint="copy talc.key from the control",
             )
         return key

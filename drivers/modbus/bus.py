@@ -44,7 +44,7 @@ _DECODER = DecodePDU(False)
 _HEADER = struct.Struct(">HHHB")  # transaction, protocol 0, length, unit
 _LONGEST_TCP_LENGTH = 254
 _MOST_HEARD = 4096
-"""Bytes in which the answer to one request is looked for."""
+"""Number of bytes that are searched for the answer to one request."""
 
 
 class ModbusBus(ABC):
@@ -218,7 +218,9 @@ class ModbusTcpBus(ModbusBus):
         loop = asyncio.get_running_loop()
         sent = loop.time()
         wait_s = self._patience.wait_s(unit, block)
-        if sent < self._perhaps_busy_until:  # a gateway asks one unit after the other, and may wait for a silent one
+        if (
+            sent < self._perhaps_busy_until
+        ):  # a gateway asks its units one after the other, and may be waiting for a silent one
             wait_s = self._timeout_s
         heard = bytearray()
         until = sent + wait_s
@@ -229,7 +231,7 @@ class ModbusTcpBus(ModbusBus):
                 until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
         except TimeoutError:
             self._patience.missed(unit)
-            # All its time, and not a byte even of a late answer: it is no gateway that is busy.
+            # The full timeout and not a byte, not even of a late answer: this is not a busy gateway.
             self._mute = not heard and (self._mute or wait_s >= self._timeout_s)
             self._perhaps_busy_until = 0.0 if self._mute else loop.time() + self._timeout_s
             raise self._nothing_valid(device, unit, heard, wait_s) from None
@@ -329,7 +331,7 @@ def _data_bytes(block: Block) -> int:
 
 
 def _separator(block: Block) -> Block:
-    """A request whose answer cannot be mistaken for this block's: other length. It may well be refused."""
+    """A request whose answer has another length than this block's, so that it cannot be mistaken. It may be refused."""
     count = (1 if block.count > 8 else 9) if block.function in BIT_FUNCTIONS else (1 if block.count > 1 else 2)
     return Block(block.function, block.address, count)
 

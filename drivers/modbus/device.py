@@ -107,7 +107,7 @@ class ModbusDevice:
         return spans
 
     async def read(self) -> Sequence[Reading]:
-        """One reading per channel. The unit is checked again after it was silent: another may stand there."""
+        """One reading per channel. After a silence the unit is checked again: another one may answer."""
         if not self._checked and (self._code_blocks or self._setting_blocks):
             await self.connect()
         try:
@@ -124,7 +124,7 @@ class ModbusDevice:
         return self._maker.make(values)
 
     async def close(self) -> None:
-        """Forget what was learnt about the unit; another one may stand there next time."""
+        """Forget what is known about the unit; next time another one may answer."""
         self._forget()
 
     def _forget(self) -> None:
@@ -158,7 +158,8 @@ class ModbusDevice:
         span = self._spans.get(index)
         value = span.apply(raw) if values.scaled_by == "type_code" and span else raw * values.scale + values.offset
         if span is not None and not span.holds(value):
-            text = f"{value:.4g} {profile.unit} is beyond what the input is set to, {span.low:g} to {span.high:g}"
+            ends = f"{span.low:g} to {span.high:g}"
+            text = f"{value:.4g} {profile.unit} is beyond the range to which the input is set, {ends}"
             return Fault(Quality.OUT_OF_RANGE, text)
         return _implausible(profile.plausibility, value, profile.unit) or value
 

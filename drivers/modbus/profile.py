@@ -141,7 +141,7 @@ class Setting(Section):
     name: str
     """What messages call it."""
     hint: str
-    """What to do when it is otherwise."""
+    """What to do if it differs."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -167,17 +167,17 @@ class StatusRegister(Section):
     address: Address
     """Of the first."""
     stride: int = Field(default=1, ge=1, le=1000)
-    """From one status register to the next."""
+    """Distance from one status register to the next."""
     channels_per_register: int = Field(default=1, ge=1, le=_REGISTER_BITS)
     """Channels that share a register."""
     bit_stride: int = Field(default=0, ge=0, lt=_REGISTER_BITS)
     """By how many bits a channel's status is higher than that of the channel before, in the same register."""
     mask: int | None = Field(default=None, ge=1, le=0xFFFF)
-    """The bits that are the first channel's status; others are not looked at. None: as many as each has for itself."""
+    """The bits that are the first channel's status; others are ignored. None: as many as each has for itself."""
     good: tuple[int, ...] = (0,)
     """Numbers of a sensor that is in order."""
     rules: tuple[CodeRule, ...] = Field(default=(), alias="rule")
-    """The most telling first."""
+    """The most specific first."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:

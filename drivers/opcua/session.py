@@ -19,7 +19,7 @@ from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.opcua.settings import OpcUaSettings, application_uri, valid_certificate, with_port
 from drivers.opcua.subscription import Subscription
 
-# What the library has to say of a lost line is told by our errors; a handler that the service sets up still gets it.
+# Our errors report a lost line; a handler that the service sets up still gets the library's messages.
 logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
 SECURE = "set security = 'Basic256Sha256' and the certificates"
@@ -89,7 +89,7 @@ class OpcUaSession:
     async def connect(self) -> None:
         """Open the session and look up the namespace.
 
-        Raises ConnectError when nobody listens, Refused for user or certificate, WrongDevice when the namespace is
+        Raises ConnectError when no server listens, Refused for user or certificate, WrongDevice when the namespace is
         not there, SetupError when a file cannot be read.
         """
         await self.close()

@@ -20,7 +20,7 @@ class OpcUaSettings(Section):
     url: Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
     """Endpoint of the control's OPC UA server, such as `opc.tcp://192.168.214.1:4840`; that port if left out."""
     security: Literal["none", "Basic256Sha256"] = "none"
-    """`Basic256Sha256` signs and encrypts; `none` sends everything in the clear: for an emulated control only."""
+    """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: for an emulated control only."""
     user: str | None = None
     """OPC UA user; the control grants it the rights to read and write."""
     password_file: FilePath | None = None
@@ -30,7 +30,7 @@ class OpcUaSettings(Section):
     private_key: FilePath | None = None
     """The certificate's key (.pem)."""
     server_certificate: FilePath | None = None
-    """The control's certificate (.der or .pem), copied from it: nobody else is then taken for the control."""
+    """The control's certificate (.der or .pem), copied from it: no other server is then accepted."""
     namespace_uri: NotEmpty = "SinumerikVarProvider"
     """Namespace of the control's variables; its index is looked up at every connect."""
     timeout_s: Positive = 2.0

@@ -33,7 +33,7 @@ RIGHTS: Final = {
     "/Bag/": "State",
     "/Nck/": "State",
 }
-"""Part of a node's name, and the right it takes, to which Read or Write is added (manual, list of rights)."""
+"""Part of a node's name, and the right it needs, to which Read or Write is added (manual, list of rights)."""
 
 MODES: Final = {0: OperatingMode.JOG, 1: OperatingMode.MDA, 2: OperatingMode.AUTO}
 PROGRAM_STATES: Final = {
@@ -69,9 +69,10 @@ ALIVE: Final = 1
 
 
 class Sinumerik:
-    """One control. Making it validates and touches no network; see NumericalControl for the verbs.
+    """One control. Making it validates and uses no network; see NumericalControl for the operations.
 
-    Every verb raises a DriverError: ConnectError and NoAnswer mean that the session is closed and `connect` is needed.
+    Every operation raises a DriverError: ConnectError and NoAnswer mean that the session is closed and `connect` is
+    needed.
     """
 
     def __init__(self, settings: SinumerikSettings, clock: Clock) -> None:
@@ -92,8 +93,10 @@ class Sinumerik:
             *self._named.values(),
             *self._referenced,
         )
-        self._probing = (settings.r(settings.handshake.state),)  # apart: a control may not tell of its R-parameters
-        self._alarms = paths.alarms  # the control's manual asks for them apart from all else
+        self._probing = (
+            settings.r(settings.handshake.state),
+        )  # a request of its own: a control may not report changes of its R-parameters
+        self._alarms = paths.alarms  # the control's manual requires a request of their own
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
@@ -121,7 +124,7 @@ class Sinumerik:
         await self._session.close()
 
     async def snapshot(self) -> NcSnapshot:
-        """Three requests, or none while the control tells of changes. Raises BadAnswer for an axis without a position
+        """Three requests, or none while the control reports changes. Raises BadAnswer for an axis without a position
         that is a finite number; states that are none are missing."""
         values = await self._session.latest(self._snapshot)
         [probing] = await self._session.latest(self._probing)
@@ -170,12 +173,12 @@ class Sinumerik:
         if request > 0 and request not in (answers, taken_back):
             raise self._busy(f"request {request:.0f} waits for the control's next safe point")
         hand = self._settings.handshake
-        # The number goes last and alone: the control acts on it.
+        # The number is written last and alone: the control acts on it.
         await self._session.write({self._settings.r(hand.valid_for): hand.request_valid_for_s})
         await self._session.write({self._settings.r(hand.request): float(number)})
 
     async def probing_status(self, number: int) -> ProbingStatus:
-        """Where request `number` stands; idle when the control holds another request and has not answered this one."""
+        """State of request `number`; idle when the control holds another request and has not answered this one."""
         check_number(number, "request number")
         request, answers, state, reason = self._numbers(self._status, await self._session.read(self._status))
         if answers != number or not state:
@@ -200,7 +203,7 @@ class Sinumerik:
         return ProbingStatus(number, known, centres_mm=centres, spread_mm=spread)
 
     async def withdraw_probing(self, number: int) -> None:
-        """Take the request back; a cycle under way is stopped at the control's next chance."""
+        """Withdraw the request; a running cycle is stopped as soon as the control can."""
         check_number(number, "request number")
         await self._session.write({self._settings.r(self._settings.handshake.withdraw): float(number)})
 
@@ -258,7 +261,7 @@ class Sinumerik:
 
     def _busy(self, what: str) -> Refused:
         hand = self._settings.handshake
-        hint = f"does another gateway probe? R{hand.withdraw} := its number takes a request back"
+        hint = f"does another gateway probe? R{hand.withdraw} := its number withdraws a request"
         return Refused(what, device=self._settings.device, hint=hint)
 
     def _anothers(self, holder: float) -> Refused:
@@ -287,7 +290,7 @@ class Sinumerik:
         return numbers
 
     def _given(self, paths: tuple[str, ...], values: list[Number | None]) -> list[float]:
-        """Also what is not finite: results of a cycle are judged by who asked for it."""
+        """May be not finite: the caller checks the results of a cycle."""
         for path, value in zip(paths, values, strict=True):
             if value is None:
                 raise BadAnswer(f"{path} has no value", device=self._settings.device)
@@ -295,7 +298,7 @@ class Sinumerik:
 
 
 def _next_beat(beat: float) -> float:
-    """Another number than the last: the watchdog looks for a change."""
+    """A number that differs from the last one: the watchdog detects changes."""
     return float((_code(beat) + 1) % 1_000_000)
 
 
@@ -305,12 +308,12 @@ def _may_be_stopped(shown: list[Number | None]) -> bool:
 
 
 def _drives(named: dict[str, Number | None]) -> bool:
-    return "drives_on" not in named or bool(named["drives_on"])  # no value is no yes
+    return "drives_on" not in named or bool(named["drives_on"])  # a missing value does not count as true
 
 
 def _is_odd(value: Number | None) -> bool:
     code = _code(value)
-    return code > 0 and code % 2 == 1  # no value is no yes
+    return code > 0 and code % 2 == 1  # a missing value does not count as true
 
 
 def _code(value: Number | None) -> int:

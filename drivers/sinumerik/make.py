@@ -7,7 +7,7 @@ from drivers.sinumerik.settings import SinumerikSettings
 
 def make_sinumerik(settings: SinumerikSettings, clock: Clock) -> NumericalControl:
     """The driver for these settings; with route `k0_slope` it implements FollowsPosition. No network."""
-    # OPC UA takes half a second and 20 MB: only where such a control is.
+    # Importing OPC UA takes half a second and 20 MB: only for a control that needs it.
     from drivers.sinumerik.control import Sinumerik
     from drivers.sinumerik.slope import SinumerikWithSlopes
 

@@ -220,7 +220,7 @@ class SinumerikControl(OpcUaSettings):
     """Where a SINUMERIK control is, and what is where on it."""
 
     subscribe_s: NotNegative = 0.0
-    """Have the control tell of changes this often instead of asking it every period; 0 asks. A control that offers no
+    """The control reports changes this often instead of being polled every period; 0 polls. A control that offers no
     subscription, or falls silent, is asked."""
     axis_numbers: Mapping[str, int] = Field(default={"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
     """Number of each machine axis on the control."""

@@ -11,7 +11,7 @@ STALE_AFTER_PERIODS = 3
 
 @dataclass(frozen=True, slots=True)
 class Aged:
-    """A reading as it stands now."""
+    """A reading and its present age."""
 
     reading: Reading
     """It is `stale` and without a number when it was good and no newer one has come for three periods."""
@@ -41,7 +41,7 @@ class Board:
             self._expired.discard(reading.channel)
 
     def configure(self, periods_s: Mapping[str, float]) -> None:
-        """Another set of channels; the readings of those that remain are kept."""
+        """Change the set of channels; the readings of those that remain are kept."""
         self._periods = dict(periods_s)
         self._latest = {channel: reading for channel, reading in self._latest.items() if channel in periods_s}
         self._expired &= self._latest.keys()
@@ -84,7 +84,7 @@ class Board:
 
 
 def _ages(reading: Reading) -> bool:
-    """Whether the reading claims to be true now: what says that it is bad does not go stale."""
+    """Whether the reading claims to be valid now; a bad reading does not go stale."""
     return reading.quality.usable
 
 

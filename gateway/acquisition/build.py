@@ -13,7 +13,7 @@ from gateway.config import GatewayConfig
 def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Tap] | None = None) -> tuple[Line, ...]:
     """Every bus with its devices. Raises SetupError naming bus, device, channel and value.
 
-    tap: gives who listens in on the bus of that name
+    tap: returns the tap of the bus with that name, or None
     """
     plausible = {
         name: Plausible(
@@ -48,7 +48,7 @@ def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Ta
                 section.retry_max_periods,
                 section.read_limit_s,
                 plausible,
-                # Spread over the period: twenty buses at one instant would wait for each other, and all meet a hiccup.
+                # Spread over the period: twenty buses polled at one instant would wait for each other.
                 phase_s=section.period_s * len(lines) / len(config.buses),
             )
         )

@@ -30,7 +30,7 @@ class PolledDevice:
         self.answered_s: float | None = None
         """What its last answer took, without connecting; None: it did not answer when it was last asked."""
         self.wavered_s = -math.inf
-        """When it last did not answer at once."""
+        """When it last failed to answer at once."""
         self.error: Exception | None = None
         """Why it did not answer when it was last asked."""
         self.detail = "not asked yet"

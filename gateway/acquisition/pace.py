@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 _POLLS = 10
 _TOO_MANY = 2
-"""Slow polls of the last ten: one may have met a busy computer, or check the devices anew."""
+"""Slow polls among the last ten: a single one may be due to a busy computer, or to devices being checked again."""
 
 
 class Pace:
@@ -43,7 +43,7 @@ class Pace:
         self._slow = slow_polls > 0 if self._slow else slow_polls >= _TOO_MANY
 
     def text(self) -> str:
-        """What is wrong and what to do."""
+        """The problem, and what to do about it."""
         missed = sum(self._missed)
         periods = missed + len(self._missed)
         return (

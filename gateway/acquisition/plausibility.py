@@ -21,7 +21,7 @@ class Plausible:
 
 
 class Check:
-    """Judges the readings of one channel, one after the other."""
+    """Checks the readings of one channel, one after the other."""
 
     def __init__(self, limits: Plausible) -> None:
         self._limits = limits

@@ -22,11 +22,11 @@ _NEEDS_RESTART = (
     "talc",
     "sensor_check",
 )
-"""Sections that the controller, the store, the session or the NC's link were made from."""
+"""Sections from which the controller, the store, the session and the NC link were made."""
 
 
 class ReloadError(Exception):
-    """The new configuration cannot be applied while the gateway runs; the old one goes on. The text says why."""
+    """The new configuration cannot be applied while the gateway runs; the old one stays in use. The text says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +46,13 @@ def difference(old: GatewayConfig, new: GatewayConfig) -> Difference:
     """
     changed = [name for name in _NEEDS_RESTART if getattr(old, name) != getattr(new, name)]
     if changed:
-        raise ReloadError(f"[{'], ['.join(changed)}] changed: restart the gateway to apply that")
+        raise ReloadError(f"[{'], ['.join(changed)}] changed: restart the gateway to apply it")
     if old.input_names != new.input_names:
         gone, come = set(old.input_names) - set(new.input_names), set(new.input_names) - set(old.input_names)
         what = "; ".join(
             f"{word}: {', '.join(sorted(names))}" for word, names in (("gone", gone), ("new", come)) if names
         )
-        raise ReloadError(f"the model inputs changed ({what or 'their order'}): restart the gateway to learn anew")
+        raise ReloadError(f"the model inputs changed ({what or 'their order'}): restart the gateway to learn again")
     before, after = _parts(old), _parts(new)
     return Difference(
         stopped=tuple(name for name in before if before[name] != after.get(name)),
@@ -73,7 +73,7 @@ async def apply(
 
     Every new driver is made before the first bus is stopped; when the exchange fails, the buses of `old` run again, as
     the lines that ran: its files may be gone.
-    tap: gives who listens in on the bus of that name
+    tap: returns the tap of the bus with that name, or None
 
     Raises ReloadError or SetupError when nothing was changed, or what the exchange raised after it was taken back.
     """
@@ -92,7 +92,7 @@ async def apply(
 
 
 def _parts(config: GatewayConfig) -> dict[str, object]:
-    """All that a bus's runner is made from."""
+    """Everything from which a bus's runner is made."""
     limits = config.limits
     return {
         bus.name: (

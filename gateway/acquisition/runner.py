@@ -93,7 +93,7 @@ class Runner:
         await self._ask_again(due)
         await self._try_failing(waiting, due)
         if not self._answered_s:
-            # Nobody answers: the fault may be the connection itself (half-open TCP, adapter unplugged).
+            # No device answers: the connection itself may be at fault (half-open TCP, adapter unplugged).
             await self.close()
 
     def _wavered_lately(self, device: PolledDevice) -> float:

@@ -13,9 +13,9 @@ from gateway.recordings import RecordingError, WireLogError
 from gateway.storage import StoreError
 
 EXIT_CONFIG = 2
-"""The configuration (or what was typed) cannot be."""
+"""The configuration or the command line is invalid."""
 EXIT_WORLD = 3
-"""The outside world does not play along: a port in use, a device absent, an NC that refuses."""
+"""A fault outside the program: a port in use, a device absent, an NC that refuses."""
 EXIT_DIFFERENT = 1
 """A comparison found a difference."""
 
@@ -23,7 +23,7 @@ ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=
 
 
 class _Commands(click.Group):
-    """Turns what went wrong into one clear message and the right exit code."""
+    """Turns errors into one clear message and the right exit code."""
 
     def invoke(self, ctx: click.Context) -> object:
         try:
@@ -57,12 +57,12 @@ def main(verbose: int) -> None:
     """Keeps a five-axis machine tool accurate while its temperature changes.
 
     \b
-    Exit codes: 0 fine; 1 a comparison found a difference; 2 the configuration or the command line is wrong;
-    3 the outside world does not play along (port in use, device absent, NC refuses).
+    Exit codes: 0 success; 1 a comparison found a difference; 2 the configuration or the command line is invalid;
+    3 a fault outside the program (port in use, device absent, NC refuses).
     """
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-    for name in ("asyncua", "pymodbus", "can", "canopen"):  # their problems reach us as exceptions
+    for name in ("asyncua", "pymodbus", "can", "canopen"):  # their problems arrive as exceptions
         logging.getLogger(name).setLevel(logging.CRITICAL if verbose < 2 else logging.INFO)
 
 
@@ -89,18 +89,18 @@ def check(config: Path) -> None:
 
 @main.command()
 @ConfigPath
+@click.option("--watch", "watched", is_flag=True, help="Keep reading: value, age, rate, jitter and errors. Not the NC.")
 @click.option(
-    "--watch", "watched", is_flag=True, help="Go on reading: value, age, rate, jitter and errors. Not the NC."
+    "--seconds", type=click.FloatRange(min=0.1), help="With --watch: stop after this time. Default: at Ctrl-C."
 )
-@click.option("--seconds", type=click.FloatRange(min=0.1), help="With --watch: end after so long. Default: at Ctrl-C.")
-@click.option("--every", type=click.FloatRange(min=0.1), help="With --watch: show it this often, s.")
+@click.option("--every", type=click.FloatRange(min=0.1), help="With --watch: seconds between two displays.")
 def probe(config: Path, watched: bool, seconds: float | None, every: float | None) -> None:
     """Read every device of CONFIG once and show each channel. Writes and publishes nothing.
 
     \b
-    --watch goes on, at the periods of CONFIG. On a terminal it is a table: a device's rate and jitter are those of
-    its last 60 answers, lost are periods without an answer, age is how old the last good value is. Elsewhere it is
-    lines, one for each device each 10 s, and one for each problem when it begins or ends.
+    --watch keeps reading at the periods of CONFIG. On a terminal it shows a table: rate and jitter of a device are of
+    its last 60 answers, lost counts periods without an answer, age is the age of the last good value. Elsewhere it
+    prints lines: one per device every 10 s, and one for each problem when it begins or ends.
     """
     if watched:
         from gateway.cli.probe_watch import watch as keep_watching
@@ -116,15 +116,15 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
 @main.command()
 @ConfigPath
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), default=Path("field.wire"),
-              show_default=True, help="Text, one line for everything that passes. Must not exist yet.")  # fmt: skip
-@click.option("--seconds", type=click.FloatRange(min=0.1), help="End after so long. Default: at Ctrl-C.")
-@click.option("--most-mb", type=click.FloatRange(min=0.01), default=200.0, show_default=True, help="End at this size.")
+              show_default=True, help="Text file, one line per message. Must not exist yet.")  # fmt: skip
+@click.option("--seconds", type=click.FloatRange(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
+@click.option("--most-mb", type=click.FloatRange(min=0.01), default=200.0, show_default=True, help="Stop at this size.")
 def record(config: Path, output: Path, seconds: float | None, most_mb: float) -> None:
-    """Read the devices of CONFIG as `run` does and write down what passes their wires, for `play`.
+    """Read the devices of CONFIG as `run` does and record what passes their wires, for `play`.
 
     \b
-    Time, bus, direction and bytes or CAN frame; docs/wire-log.md describes the file. It also holds the buses and
-    devices of CONFIG, so it is all that is needed to play it elsewhere. Not the NC. Writes nothing to any device.
+    The file holds time, bus, direction and bytes or CAN frame of each message (docs/wire-log.md), and the buses and
+    devices of CONFIG, so that it can be played elsewhere. The NC is not recorded. Nothing is written to any device.
     """
     from gateway.cli.record import record as write_down
 
@@ -136,16 +136,17 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
 @main.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="Default: FILE with .play added.")
-@click.option("--seconds", type=click.FloatRange(min=0.1), help="End after so long. Default: at Ctrl-C.")
+@click.option("--seconds", type=click.FloatRange(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
 @click.option("--multicast", metavar="GROUP:PORT", help="CAN on this UDP group of the computer, such as "
               "239.74.163.2:43113, instead of an adapter; any number of programs may read it.")  # fmt: skip
 def play(file: Path, folder: Path | None, seconds: float | None, multicast: str | None) -> None:
-    """Be the devices of a recording: FILE of `record`, or a CAN log (candump .log, .asc, .blf, .trc, .csv).
+    """Play the devices of a recording: FILE of `record`, or a CAN log (candump .log, .asc, .blf, .trc, .csv).
 
     \b
-    Serial lines and CAN adapters become pseudo-terminals, linked in the folder by the bus's name; TCP a free loopback
-    port. The folder's gateway.toml reads them: use it with probe, run and tests. Each request gets its recorded
-    answers in turn, at their recorded delays: late, broken and missing ones too. After the last, the first again.
+    Serial lines and CAN adapters become pseudo-terminals, linked in the folder by the bus's name; TCP becomes a free
+    loopback port. The folder's gateway.toml reads them: use it with probe, run and tests. Each request gets its
+    recorded answers in turn with their recorded delays, also late, broken and missing ones. After the last answer
+    the first one comes again.
     """
     from gateway.cli.play import play as be_devices
 
@@ -161,9 +162,9 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
 @main.command()
 @ConfigPath
 @click.option("--record", "wires", type=click.Path(dir_okay=False, path_type=Path),
-              help="Keep what passes the wires in this file, for `play`; the one before has .1 added.")  # fmt: skip
+              help="Record what passes the wires here, for `play`; the previous file gets .1 added.")  # fmt: skip
 @click.option("--record-mb", type=click.FloatRange(min=0.01), default=100.0, show_default=True,
-              help="With --record: begin the next file at this size.")  # fmt: skip
+              help="With --record: begin a new file at this size.")  # fmt: skip
 def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.cli.run import run_service
@@ -174,10 +175,16 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
 @main.command()
 @click.option("--hours", type=click.FloatRange(min=1), default=72.0, show_default=True, help="Simulated hours.")
 @click.option("--calibration-hours", type=click.FloatRange(min=1), default=24.0, show_default=True)
-@click.option("--speed", type=click.FloatRange(1, 20000), default=6000.0, show_default=True, help="Fastest clock.")
-@click.option("--seed", type=int, default=1, show_default=True, help="Of weather, loads and sensor noise.")
+@click.option(
+    "--speed",
+    type=click.FloatRange(1, 20000),
+    default=6000.0,
+    show_default=True,
+    help="Speed of the simulated clock, at most.",
+)
+@click.option("--seed", type=int, default=1, show_default=True, help="Seed of weather, loads and sensor noise.")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default=Path("out/demo"), show_default=True)
-@click.option("--zenoh-port", type=int, default=7447, show_default=True, help="Where `watch` finds the run.")
+@click.option("--zenoh-port", type=int, default=7447, show_default=True, help="Port at which `watch` finds the run.")
 @click.option("--connect", multiple=True, help="Zenoh endpoint of a listener to publish to from the first frame on.")
 @click.option("--plain", is_flag=True, help="One line per event, also on a terminal.")
 @click.option(
@@ -185,7 +192,7 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
     type=click.Choice(["sinumerik", "linuxcnc"]),
     default="sinumerik",
     show_default=True,
-    help="Emulated control; or the real LinuxCNC, where it is installed: only --folder applies then.",
+    help="The emulated control, or the real LinuxCNC if it is installed (then only --folder applies).",
 )
 def demo(
     hours: float,
@@ -222,12 +229,16 @@ def watch(connect: tuple[str, ...], prefix: str, machine: str) -> None:
 
 @main.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Page. Default: beside FILE.")
-@click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Its [grid] and [talc].")
+@click.option(
+    "-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="HTML page. Default: beside FILE."
+)
+@click.option(
+    "--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with [grid] and [talc]."
+)
 @click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
-@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Thermal error that a column holds.")
-@click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is no input.")
-@click.option("--every-measurement", is_flag=True, help="Use each one, not only those that the controller asks for.")
+@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Thermal error in this column.")
+@click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is not an input.")
+@click.option("--every-measurement", is_flag=True, help="Use all of them, not only those that the controller asks for.")
 def replay(
     file: Path,
     output: Path | None,
@@ -237,13 +248,13 @@ def replay(
     ignore: tuple[str, ...],
     every_measurement: bool,
 ) -> None:
-    """Repeat a store's decisions, or run a recording.
+    """Repeat the decisions of a database, or run the controller on a recording.
 
-    FILE is a gateway's store: its frames go to a fresh controller and every decision is compared.
+    FILE is a gateway's database: its frames go to a fresh controller, and every decision is compared.
 
-    Or a recording of your own, CSV or Parquet: a column `time` (ISO 8601, or seconds), columns of thermal errors with
-    gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), every other column an input. The controller runs over it as if it
-    were live, and the report is written. The options are for recordings.
+    Or FILE is a recording of your own, CSV or Parquet: a column `time` (ISO 8601, or seconds), columns of thermal
+    errors with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), every other column an input. The controller runs on it
+    as if it were live, and writes the report. The options are for recordings.
     """
     from gateway.recordings import Columns, is_database
 
@@ -268,13 +279,13 @@ def _named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
             expected = f"expected NAME=COLUMN with one of {', '.join(THERMAL_ERRORS)}"
             raise click.BadParameter(f"{pair!r}: {expected}", param_hint="--error")
         if name in found:
-            raise click.BadParameter(f"{name} is told twice: {found[name]!r} and {column!r}", param_hint="--error")
+            raise click.BadParameter(f"{name} is given twice: {found[name]!r} and {column!r}", param_hint="--error")
         found[name] = column
     return found
 
 
 def _page(wanted: Path | None, source: Path, *others: Path | None) -> Path:
-    """Where a page goes: not onto what it is made from."""
+    """Where a page is written: never over a file that it is made from."""
     page = wanted or source.with_suffix(".html")
     for used in (source, *others):
         if used is not None and page.exists() and page.samefile(used):

@@ -70,9 +70,9 @@ async def _reload(service: Service, path: Path, asked: asyncio.Event) -> None:
         try:
             change = await service.reload(load(path))
         except (ConfigError, DriverError, ReloadError) as error:
-            log.error("not reloaded, the former configuration goes on: %s", error)
+            log.error("not reloaded, the previous configuration stays in use: %s", error)
         except Exception:
-            log.exception("not reloaded, the former configuration goes on")
+            log.exception("not reloaded, the previous configuration stays in use")
         else:
             exchanged = ", ".join(change.started) or "none"
             log.warning("reloaded %s, fingerprint %s, buses exchanged: %s", path, service.fingerprint, exchanged)

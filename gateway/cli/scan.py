@@ -37,7 +37,7 @@ from gateway.scan import (
 from gateway.scan import Progress as Told
 
 Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
-"""Takes also whether a report's question was answered with yes."""
+"""Also takes whether a report's question was answered with yes."""
 
 _BAUDS = (9600, 19200, 38400, 57600, 115200)
 _ME_BAUDS = (230_400, 256_000)
@@ -86,7 +86,7 @@ class Host(click.ParamType[tuple[str, int | None]]):
 
 Toml = click.option(
     "--toml", type=click.Path(dir_okay=False, path_type=Path, allow_dash=True),
-    help="Write a configuration of what was found; an existing file is added to, after a question. -: standard output.",
+    help="Write a configuration for the devices found, or, after a question, add to one. -: standard output.",
 )  # fmt: skip
 Limit = click.option(
     "--limit", type=click.FloatRange(min=1), default=600.0, show_default=True, help="Stop after this many seconds."
@@ -99,9 +99,9 @@ def scan() -> None:
     """Find devices on a wire: `scan ports`, then `scan serial PORT`, `scan can CHANNEL`, `scan tcp HOST`. Reads only.
 
     \b
-    Each device that answers is compared with the supplied profiles and its inputs are read. --toml makes a
-    configuration of it; several scans can go into one file. Nothing else may use the wire meanwhile: stop the gateway.
-    Ctrl-C ends after the request under way and shows what was found so far.
+    Each device that answers is compared with the supplied profiles, and its inputs are read. --toml writes a
+    configuration; several scans can go into one file. Nothing else may use the wire: stop the gateway first. Ctrl-C
+    ends the scan after the current request and shows what was found so far.
     """
 
 
@@ -112,7 +112,7 @@ def ports_command() -> None:
     for port in found:
         click.echo(f"scan {port.command} {port.name}    ({port.remark})")
     if not found:
-        click.echo("no serial adapter and no CAN interface: is the adapter plugged in? dmesg tells what came")
+        click.echo("no serial adapter and no CAN interface: is the adapter plugged in? dmesg shows what was connected")
     sys.exit(0 if found else _EXIT_NOTHING)
 
 
@@ -129,9 +129,9 @@ def ports_command() -> None:
 @click.option("--me-addresses", type=Numbers(2, 126), default="126", show_default=True)
 @click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
 @click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
-              help="What units are asked with; a few poor ones know only 4 and do not refuse 3.")  # fmt: skip
+              help="Function code for reading; some simple units support only 4 and do not refuse 3.")  # fmt: skip
 @click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 5), default=0.15, show_default=True,
-              help="How long a unit may think, s.")  # fmt: skip
+              help="How long a unit may take to answer, s.")  # fmt: skip
 @Limit
 @Toml
 @Yes
@@ -164,7 +164,7 @@ def tcp_command(
     hosts: tuple[tuple[str, int | None], ...], units: tuple[int, ...], timeout_s: float,
     limit: float, toml: Path | None, yes: bool,
 ) -> None:  # fmt: skip
-    """Modbus TCP units behind HOSTS (host or host:port), and Micro-Epsilon controllers. Asks these hosts only.
+    """Find Modbus TCP units behind HOSTS (host or host:port), and Micro-Epsilon controllers. Asks only these hosts.
 
     Without a port, 502 (Modbus) and 10001 (a controller's data) are tried. Behind a gateway to a serial line each
     device has a unit id of its own: --units 1-16.
@@ -179,10 +179,10 @@ def tcp_command(
 @click.argument("channel")
 @click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
 @click.option("--bitrate", "bitrates", type=click.Choice(CAN_BITRATES),
-              multiple=True, help=f"To try, on slcan. Default there: {', '.join(map(str, _BITRATES))}.")  # fmt: skip
+              multiple=True, help=f"Bit rates to try on slcan. Default: {', '.join(map(str, _BITRATES))}.")  # fmt: skip
 @click.option("--nodes", type=Numbers(1, 127), default="1-127", show_default=True, help="CANopen nodes to ask.")
 @click.option("--listen", "listen_s", type=click.FloatRange(0, 3600), default=3.0, show_default=True,
-              help="Listen this many seconds before anybody is asked.")  # fmt: skip
+              help="Listen this many seconds before asking.")  # fmt: skip
 @click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 5), default=0.3, show_default=True, help="s.")
 @click.option("--udp-port", type=int, default=43113, show_default=True, help="For udp_multicast only.")
 @Limit
@@ -192,12 +192,12 @@ def can_command(
     channel: str, interface: str, bitrates: tuple[int, ...], nodes: tuple[int, ...], listen_s: float, timeout_s: float,
     udp_port: int, limit: float, toml: Path | None, yes: bool,
 ) -> None:  # fmt: skip
-    """CANopen nodes and plain CAN frames on CHANNEL: can0, or the serial port of an slcan adapter.
+    """Find CANopen nodes and plain CAN frames on CHANNEL: can0, or the serial port of an slcan adapter.
 
     \b
-    The bit rate of a socketcan interface is set by the system and cannot be tried out:
+    The system sets the bit rate of a socketcan interface, so the scan cannot try several:
       ip link set can0 up type can bitrate 125000 restart-ms 100
-    On slcan every rate is first only listened at (the adapter sends nothing, not even acknowledgements).
+    On slcan the scan first only listens at every rate (the adapter sends nothing, not even acknowledgements).
     """
     if len(bitrates) > 1 and interface != "slcan":
         raise click.UsageError(f"--bitrate: the rate of {interface} cannot be switched here; give one, or none")
@@ -220,13 +220,13 @@ def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path |
     """Check the file, say how long it may take, scan with a progress bar, print the table, write the configuration."""
     _existing(toml)
     said = terminal(stderr=True)
-    said.print(f"{intro}; at most {_duration(longest_s)} when nobody answers", soft_wrap=True, highlight=False)
+    said.print(f"{intro}; at most {_duration(longest_s)} if nothing answers", soft_wrap=True, highlight=False)
     if longest_s > limit_s:
         said.print(f"it will be stopped after {_duration(limit_s)}; name fewer speeds or units, or raise --limit")
     report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, yes)))
     if report.question and click.confirm(report.question, err=True):
         report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, True)))
-    console = terminal(stderr=str(toml) == "-")  # what is piped is the configuration alone
+    console = terminal(stderr=str(toml) == "-")  # only the configuration goes to a pipe
     _print(console, report)
     if ended:
         console.print(f"{ended}: {report.asked} of {report.total} asked", style="yellow")
@@ -239,7 +239,7 @@ def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path |
 
 
 def _existing(toml: Path | None) -> None:
-    """A scan may take long: know before that what it finds can be added. Raises ConfigError."""
+    """Check before a long scan that its result can be added to the file. Raises ConfigError."""
     if toml is None or str(toml) == "-" or not toml.exists():
         return
     try:
@@ -301,9 +301,9 @@ def _write(path: Path, report: Report, yes: bool) -> None:
     existing = read(path) if path.exists() else ""
     text = merged(existing, report.places, path)
     if text == existing:
-        click.echo(f"{path} has all of it already", err=True)
+        click.echo(f"{path} already has everything", err=True)
         return
-    if existing and not yes and not click.confirm(f"{path} exists. Add what it does not have yet?", err=True):
+    if existing and not yes and not click.confirm(f"{path} exists. Add what is missing in it?", err=True):
         return
     path.write_text(text, encoding="utf-8")
     click.echo(

@@ -19,7 +19,7 @@ _ANSWER_LIMIT_S = 5.0
 
 
 def watch(connect: Sequence[str], prefix: str, machine: str) -> int:
-    """Show a running gateway until SIGINT, SIGTERM or its end; returns the exit code (3: nobody there)."""
+    """Show a running gateway until SIGINT, SIGTERM or its end; returns the exit code (3: no gateway)."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps(list(connect)))
@@ -28,7 +28,7 @@ def watch(connect: Sequence[str], prefix: str, machine: str) -> int:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         log.info("%s", error)
-        click.echo(f"error: nobody answers at {', '.join(connect)}. Is the gateway running?", err=True)
+        click.echo(f"error: no answer at {', '.join(connect)}. Is the gateway running?", err=True)
         return EXIT_WORLD
     with session:
         return _follow(session, keys.root(prefix, machine), machine)

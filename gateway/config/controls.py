@@ -23,12 +23,12 @@ _SOON = timedelta(days=30)
 
 
 class SinumerikNc(SinumerikControl):
-    """A SINUMERIK control over OPC UA; docs/nc.md tells what each of these means on the control."""
+    """A SINUMERIK control over OPC UA; docs/nc.md says what each of these means on the control."""
 
     kind: Literal["sinumerik"]
     """`sinumerik`."""
     security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
-    """`Basic256Sha256` signs and encrypts; `none` sends everything in the clear: for an emulated control only."""
+    """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: for an emulated control only."""
     period_s: Positive = 1.0
     """How often positions and states are read, and compensation is written."""
     states: Mapping[Name, StateNode] = Field(default_factory=dict)
@@ -49,24 +49,24 @@ class SinumerikNc(SinumerikControl):
         return default_states(self.axis_numbers) | dict(self.states)
 
     def other_states(self, name: str) -> str:
-        """What to do about a state that is not known."""
+        """Hint for an unknown state."""
         return f', or say where it is: [nc.states.{name}] path = "/Plc/..."'
 
     largest_is: ClassVar[str] = "[nc.compensation] largest_um"
 
     @property
     def largest_um(self) -> float:
-        """Offsets beyond are never sent."""
+        """Larger offsets are never sent."""
         return self.compensation.largest_um
 
     def cautions(self) -> Iterator[tuple[str, str]]:
         """Field, and what about it works today and may not tomorrow, or is less safe than it could be. Reads files."""
         if self.security == "none":
             if not _on_this_computer(self.url):
-                yield "security", "'none' sends password and offsets in the clear; use Basic256Sha256"
+                yield "security", "'none' sends password and offsets unencrypted; use Basic256Sha256"
         else:
             if self.server_certificate is None:
-                yield "server_certificate", "missing; whoever answers at the control's address is taken for the control"
+                yield "server_certificate", "missing; any server at the control's address is accepted"
             for name in ("certificate", "server_certificate"):
                 path = getattr(self, name)
                 if path is not None:
@@ -95,20 +95,20 @@ class LinuxCncNc(LinuxCncAgent):
         return LINUXCNC_STATES
 
     def other_states(self, name: str) -> str:  # noqa: ARG002
-        """Nothing can be done about a state that is not known."""
+        """There is no hint for an unknown state."""
         return ""
 
     largest_is: ClassVar[str] = "the driver's largest_um"
 
     @property
     def largest_um(self) -> float:
-        """Offsets beyond are never sent; LinuxCNC's own bound is in its INI file."""
+        """Larger offsets are never sent; LinuxCNC's own bound is in its INI file."""
         return LARGEST_UM
 
     def cautions(self) -> Iterator[tuple[str, str]]:
         """Field, and what about it may not work, or is less safe than it could be. Reads files."""
         if not _is_loopback(self.host):
-            yield "host", f"'{self.host}' is beyond this computer: use a tunnel, the lines are signed but not secret"
+            yield "host", f"'{self.host}' is beyond this computer: use a tunnel, the lines are signed but not encrypted"
         yield from (("key_file", text) for text in _secret_cautions(self.key_file))
 
 
@@ -134,7 +134,7 @@ def _certificate_cautions(path: Path, name: str) -> Iterator[str]:
         yield error.what
     else:
         if end - datetime.now(UTC) < _SOON:
-            yield f"'{path}' ends on {end:%Y-%m-%d}; after that the control is no longer spoken to"
+            yield f"'{path}' ends on {end:%Y-%m-%d}; after that the gateway no longer connects to the control"
 
 
 def _secret_cautions(path: Path) -> Iterator[str]:
@@ -144,4 +144,4 @@ def _secret_cautions(path: Path) -> Iterator[str]:
         yield f"'{path}' cannot be read: {error.strerror}"
     else:
         if mode & (stat.S_IRGRP | stat.S_IROTH):
-            yield f"'{path}' can be read by others; chmod 600"
+            yield f"'{path}' can be read by other users; chmod 600"

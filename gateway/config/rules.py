@@ -18,7 +18,7 @@ _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
 
 
 def problems_between(config: GatewayConfig) -> list[Problem]:
-    """Everything that does not fit together."""
+    """Every contradiction between sections."""
     return [
         *_repeated("bus", (bus.name for bus in config.buses)),
         *_repeated("device", (device.name for device in config.devices)),
@@ -36,7 +36,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
 
 
 def cautions(config: GatewayConfig) -> list[Problem]:
-    """What works today and may not tomorrow."""
+    """Cautions: what works today and may fail later."""
     found = []
     for bus in config.buses:
         field, port = _serial_port(bus)
@@ -118,7 +118,7 @@ def _waits(config: GatewayConfig) -> Iterator[Problem]:
             yield Problem(
                 f"bus '{bus.name}', read_limit_s",
                 f"{bus.read_limit_s:g}: expected at least timeout_s = {bus.timeout_s:g}, "
-                "or the bus is closed while an answer may still come",
+                "or the bus is closed while an answer may still arrive",
             )
 
 
@@ -221,7 +221,7 @@ def _nc(config: GatewayConfig) -> Iterator[Problem]:
         if name not in known and name not in channels:
             yield Problem(
                 f"state '{name}'",
-                f"not every control shows it; {suggestion(name, known)}{config.nc.other_states(name)}",
+                f"not every control provides it; {suggestion(name, known)}{config.nc.other_states(name)}",
             )
     try:
         config.nc.settings(len(config.probing.poses_deg), (name for name in names if name in known))
@@ -231,7 +231,7 @@ def _nc(config: GatewayConfig) -> Iterator[Problem]:
     if bound > largest:
         yield Problem(
             "[compensation] bound_um",
-            f"{bound:g}: expected at most {config.nc.largest_is} = {largest:g}, beyond which nothing is sent",
+            f"{bound:g}: expected at most {config.nc.largest_is} = {largest:g}, the largest offset that is ever sent",
         )
 
 

@@ -36,7 +36,7 @@ class Storage(Section):
     """Readings and compensation steps older than this are deleted; 30 channels at 1 Hz take about 230 MB a day. Frames
     and decisions (0.2 MB a day), measurements, models and events are kept."""
     commit_s: Positive = 1.0
-    """Readings are committed at least so often (real time): the most that a power cut can cost."""
+    """Readings are committed at least this often (real time): a power cut loses no more."""
 
 
 class Telemetry(Section):
@@ -83,7 +83,7 @@ class State(Section):
 
 
 class Limits(Section):
-    """What is plausible for one channel. A value that is not keeps its number and loses its quality."""
+    """Plausible values of one channel. A value that is not plausible keeps its number and loses its quality."""
 
     min: float | None = None
     """Smallest plausible value, in the channel's unit; below, the quality is `out_of_range`."""
@@ -93,10 +93,10 @@ class Limits(Section):
     """Largest plausible difference between one reading and the next, in the channel's unit. Beyond, the quality is
     `out_of_range` for that reading; when the next one agrees with it, it was a step and not a spike, and is taken."""
     max_rate_per_min: Positive | None = None
-    """Largest plausible change within a minute, in the channel's unit; beyond (a spike, a step) the quality is
-    `out_of_range` until the change since the last plausible value has had time enough."""
+    """Largest plausible change within a minute, in the channel's unit. After a larger one (a spike, a step) the quality
+    is `out_of_range` until enough time has passed since the last plausible value for the change to be plausible."""
     stuck_after_s: Positive | None = None
-    """A value that has not changed at all for so long is `stale`. Mind the sensor's resolution."""
+    """A value that has not changed at all for this long is `stale`. Consider the sensor's resolution."""
 
     @model_validator(mode="after")
     def _in_order(self) -> "Limits":
@@ -109,7 +109,7 @@ class Probing(Section):
     """The probing cycle: six poses of the rotary axes, one sphere."""
 
     armed: bool = False
-    """Whether the NC may be asked for a cycle. False: nothing is written to it and nothing is learnt."""
+    """Whether the gateway may request cycles from the NC. False: nothing is written to it and nothing is learnt."""
     poses_deg: tuple[tuple[float, float], ...] = Field(
         default=((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0)), min_length=3, max_length=MOST_POSES
     )
@@ -121,35 +121,37 @@ class Probing(Section):
     sigma_um: Positive = 1.0
     """Standard uncertainty of one coordinate of a probed centre."""
     max_repeat_um: Positive = 10.0
-    """A cycle in which repeated touches of one point differ by more than this is rejected, and a reference whose
-    cycles do."""
+    """A cycle in which repeated touches of one point differ by more than this is rejected; so is a reference whose
+    cycles differ by more."""
     max_residual_um: Positive = 5.0
     """A cycle whose centres differ from the best fit by more than this (RMS) is rejected."""
     outlier_sigmas: Positive = 6.0
-    """So is one with a coordinate that differs from what the others say by more than so many standard deviations."""
+    """A cycle with a coordinate that differs from what the others predict by more standard deviations is rejected."""
     surprise_sigmas: Positive = 6.0
-    """A result that differs from the prediction by more than so many standard uncertainties of both, and by more than
-    the action control limit, is believed only when the next cycle finds the same."""
+    """A result that differs from the prediction by more than this many standard uncertainties of both, and by more than
+    the action control limit, is used only when the next cycle gives the same result."""
     max_surprise_um: Positive = 50.0
-    """One that differs by more than this, at the sphere, is not believed at all, unless the prediction is so unsure."""
+    """A result that differs by more than this, at the sphere, is never used, unless the prediction is that
+    uncertain."""
     reference_cycles: Annotated[int, Field(ge=1, le=20)] = 5
     """Cycles whose mean is the reference of every later deviation, run one after the other at the first measurement.
     One cycle's noise would stay in every error as a constant; the mean of n leaves 1/√n of it."""
     lead_s: NotNegative = 180.0
-    """The NC is asked so long before the end of the grid step that shall hold the result."""
+    """The cycle is requested this long before the end of the grid step that shall contain the result."""
     timeout_s: Positive = 900.0
     """A cycle that has not ended after this long is withdrawn."""
     poll_s: Positive = 2.0
-    """How often the NC is asked how far the cycle is, and looked at while a measurement waits for a better moment."""
+    """How often the NC's state is read while a cycle runs, or while a measurement waits for a better moment."""
     prefer_idle_s: NotNegative = 600.0
-    """A routine measurement waits so long for the machine to stand idle or a program to end; after that a tool change
-    will do as well. Calibration and its like (`no_good`, repeats) do not wait."""
+    """A routine measurement waits this long for an idle machine or the end of a program; after that a tool change is
+    enough. Measurements in calibration, in `no_good` and repeats do not wait."""
     insist_after_s: NotNegative = 1800.0
-    """After that the NC is asked whatever it does, and the operator is told. It still probes at a safe point only."""
+    """After that the cycle is requested whatever the machine does, and the operator is informed. The control still
+    probes at a safe point only."""
     retries: Annotated[int, Field(ge=0, le=20)] = 3
-    """A rejected measurement is asked for again at most so often in a row; then the operator is told."""
+    """A rejected measurement is requested again at most this many times in a row; then the operator is informed."""
     pause_s: NotNegative = 3600.0
-    """After that nothing is asked for so long."""
+    """After that nothing is requested for this long."""
 
 
 Bound = Annotated[float, Field(gt=0, le=LARGEST_BOUND_UM)]
@@ -167,15 +169,15 @@ class Compensation(Section):
     stale_after_s: Positive = 900.0
     """A prediction older than this is no longer used."""
     inputs_stale_after_s: Positive = 1800.0
-    """An input that a live model uses may be without a good value for so long; its last good one stands meanwhile."""
+    """How long an input of a live model may be without a good value; meanwhile its last good value is used."""
     measurement_stale_after_s: Positive = 57600.0
-    """An error without a model is corrected by its last measurement, for so long; then that error counts as unknown,
+    """How long an error without a model is corrected by its last measurement; after that the error counts as unknown,
     and `when_stale` decides. By default twice the longest interval between measurements."""
     when_stale: Literal["zero", "hold"] = "zero"
     """Without a usable prediction: ramp the offsets to zero, or hold the last ones."""
     frozen_after_s: Positive = 120.0
-    """An axis that reports a speed and has not moved for so long shows that the control's values stand still: they are
-    no longer used, as if stale. Needs their speeds as `[[state]]` and a [nc] period_s of at most a quarter."""
+    """An axis that reports a speed and has not moved for this long shows that the control's values are frozen: they are
+    no longer used, as if stale. Needs the speeds as `[[state]]` and a [nc] period_s of at most a quarter of this."""
     watchdog_s: Positive = 10.0
-    """When the control has heard nothing of the gateway for so long, it does by itself what `when_stale` says. At
-    least four times [nc] period_s."""
+    """When the control has received no heartbeat for this long, it does by itself what `when_stale` says. At least four
+    times [nc] period_s."""

@@ -10,7 +10,7 @@ import numpy as np
 from drivers.base import Reading
 from talc.frame import Frame, Measurement
 
-"""What may enter a model. Everything else is masked, however plausible its number."""
+"""Qualities that may enter a model. All others are masked, however plausible the number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +85,14 @@ class GridSampler:
         """(input, monotonic seconds, value) not yet in a frame."""
 
     def add(self, readings: Iterable[Reading]) -> None:
-        """Take readings; those of unusable quality, and of channels that are no inputs, are passed over."""
+        """Take readings; those of unusable quality, and of channels that are not inputs, are ignored."""
         for reading in readings:
             position = self._index.get(reading.channel)
             if position is not None and reading.quality.usable and math.isfinite(reading.value):
                 self._samples.append((position, reading.monotonic_s, reading.value))
 
     def add_states(self, states: Mapping[str, float], monotonic_s: float) -> None:
-        """Take machine states read from the NC at `monotonic_s`; states that are no inputs are passed over."""
+        """Take machine states read from the NC at `monotonic_s`; states that are not inputs are ignored."""
         for name, value in states.items():
             position = self._index.get(name)
             if position is not None and math.isfinite(value):

@@ -79,7 +79,7 @@ class GridLoop:
                 await self._clock.sleep_until(instant.monotonic_s)
                 with self._clock.hold():
                     self._step(instant)
-                    # Let the other tasks of this instant begin while time still stands.
+                    # Let the other tasks of this instant begin while time is still stopped.
                     await asyncio.sleep(0)
 
     def _see_to_wishes(self, tasks: asyncio.TaskGroup, instant: Instant) -> None:
@@ -113,7 +113,7 @@ class GridLoop:
         self._seen(frame)
 
     async def _measure(self, link: NcLink, at_s: float) -> None:
-        """See one wish through: wait for the moment, ask, hand the result on."""
+        """Handle one wanted measurement: wait for the moment, request it, pass on the result."""
         due = at_s
         while True:
             await self._clock.sleep_until(due)

@@ -22,21 +22,21 @@ log = logging.getLogger(__name__)
 
 _JUDGE_EVERY_STEPS = 12
 _JUDGE_EVERY_S = 3600.0
-"""With the usual step."""
+"""At the default grid step."""
 _LEARN_EVERY_STEPS = 288
 _LEARN_FIRST_STEPS = 288
-"""A day: less does not show how the hall's temperature goes."""
+"""A day: less does not show how the hall's temperature varies."""
 
 _LEAST_TEMPERATURES = 3
 _MOST_IN_A_THREAD = 64
-"""Temperatures; the work grows with their square, and beyond it the buses would feel it."""
+"""Largest number of temperatures; the work grows with its square, and more would delay the buses."""
 
 Learn = Callable[[Sequence[str], FloatArray, BoolArray, SensorCheckSettings], Awaitable[SensorModel | None]]
 
 
 @dataclass(slots=True)
 class _Standing:
-    """A finding that has not gone."""
+    """A finding that still holds."""
 
     finding: Finding
     first: int
@@ -45,21 +45,21 @@ class _Standing:
     told: bool = False
 
     def is_about(self, finding: Finding) -> bool:
-        """Sensors side by side take turns in being the likeliest."""
+        """Of sensors side by side, sometimes one is the likeliest and sometimes the other."""
         mine = {*self.finding.inputs, *self.finding.alternatives}
         return finding.kind == self.finding.kind and not mine.isdisjoint({*finding.inputs, *finding.alternatives})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenBefore:
-    """What an earlier run saw."""
+    """Frames and findings of an earlier run."""
 
     first_k: int
     inputs: FloatArray
     """(T, n) consecutive grid steps; `valid` likewise."""
     valid: BoolArray
     suspect_since_k: int | None
-    """When the findings that still stood were first told."""
+    """When the findings that still held were first reported."""
 
 
 async def _learn_apart(
@@ -131,7 +131,7 @@ class SensorWatch:
         Advice is not worth the gateway: what a part raises is reported, and the part is tried again when it is due.
         """
         await self._attempt("not judged", self._judge)
-        await self._attempt("how they predict each other could not be learnt", self._learn_when_due)
+        await self._attempt("their model could not be learnt", self._learn_when_due)
 
     async def _attempt(self, failing: str, part: Callable[[], Awaitable[bool]]) -> None:
         try:
@@ -180,7 +180,7 @@ class SensorWatch:
         return True
 
     def _compare(self, findings: Sequence[Finding], k: int) -> None:
-        """Counts judgements, not time: a weekend at rest, which is not judged, mends nothing."""
+        """Counts judgements, not time: a weekend at rest, which is not judged, ends no finding."""
         self._judged += 1
         window = math.ceil(self._settings.window_steps / _JUDGE_EVERY_STEPS)
         for finding in findings:
@@ -188,7 +188,7 @@ class SensorWatch:
             if standing is None:
                 self._findings.append(standing := _Standing(finding, self._judged, self._judged))
             standing.finding, standing.last = finding, self._judged
-            # While the window holds the begin or the end of an exchange, that looks like an offset.
+            # While the window contains the begin or the end of an exchange, the exchange looks like an offset.
             wait = window if finding.kind == "offset" else window // 2
             if not standing.told and self._judged - standing.first >= wait:
                 standing.told = True

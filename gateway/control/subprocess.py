@@ -39,15 +39,15 @@ async def apart(work: Callable[Given, Result], *given: Given.args, **named: Give
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is for the gateway, which ends the work itself
+            start_new_session=True,  # Ctrl-C goes to the gateway, which ends the work itself
         )
-    except OSError as error:  # no memory, no descriptor: of this moment, not of the gateway
+    except OSError as error:  # no memory or descriptor at this moment: not a fault of the gateway
         raise WorkError(f"no process could be started: {error}") from error
     if process.stdin is None or process.stdout is None or process.stderr is None:
         raise RuntimeError("the process has no pipes")
     try:
         async with asyncio.timeout(_LIMIT_S):
-            with suppress(BrokenPipeError, ConnectionResetError):  # it died: its exit status says more
+            with suppress(BrokenPipeError, ConnectionResetError):  # it died: its exit status gives the reason
                 process.stdin.write(pickle.dumps((work, given, named)))
                 await process.stdin.drain()
             answer, complaint = await asyncio.gather(process.stdout.read(), process.stderr.read())
@@ -72,7 +72,7 @@ def main() -> int:
     """The process. Its exit status is 0 with an answer on the standard output, 1 with a traceback on the other."""
     os.nice(_NICENESS)
     answer = os.dup(_STDOUT)
-    os.dup2(sys.stderr.fileno(), _STDOUT)  # what a library prints is no answer
+    os.dup2(sys.stderr.fileno(), _STDOUT)  # output that a library prints is not an answer
     try:
         work, given, named = pickle.load(sys.stdin.buffer)
         threading.Thread(target=_end_with_the_gateway, daemon=True).start()
@@ -86,7 +86,7 @@ def main() -> int:
 
 
 def _end_with_the_gateway() -> None:
-    """The gateway holds the other end of our standard input open for as long as it wants the answer."""
+    """The gateway keeps the other end of standard input open for as long as it wants the answer."""
     os.read(_STDIN, 1)
     os._exit(1)
 

@@ -34,7 +34,7 @@ class Breaker:
         return now_s >= self._retry_at
 
     def overdue(self, now_s: float) -> bool:
-        """Whether it has been put off for so long that it must be asked, whatever it costs others."""
+        """Whether it has waited so long that it must be asked, whatever it costs the others."""
         return now_s >= self._retry_at + self._longest
 
     def succeeded(self) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from drivers.base import Clock
 
 _STEADY_S, _STEADY_PERIODS = 60.0, 10
-"""What has not changed for so long, and so many periods, is steady; what begins often within it comes and goes."""
+"""A problem unchanged for this long is steady; one that begins often within it comes and goes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class _History:
     muted: bool = False
     changed_s: float = 0.0
     kinds: set[str] = field(default_factory=set)
-    """What was reported since it began."""
+    """What has been reported since it began."""
     begun_s: deque[float] = field(default_factory=deque)
 
 
@@ -60,7 +60,7 @@ class Problems:
 
     @property
     def window_s(self) -> float:
-        """How long a subject must stay as it is to count as steady, s."""
+        """How long a subject must be unchanged to count as steady, s."""
         return self._window_s
 
     def report(self, subject: str, kind: str, text: str, *, bug: Exception | None = None) -> None:

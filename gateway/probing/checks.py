@@ -18,7 +18,7 @@ from talc.probing import ProbingResult
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What the nine errors should be by all that is known; NaN: nothing is known."""
+    """What the nine errors are expected to be; NaN: unknown."""
 
     errors: FloatArray
     """(9,) the latest prediction, or the last measurement where there is none and that is recent."""
@@ -29,7 +29,7 @@ class Expected:
 
 
 class MeasurementChecks:
-    """Judges results with the settings of [probing].
+    """Checks results with the settings of [probing].
 
     Parameters
     ----------
@@ -42,11 +42,11 @@ class MeasurementChecks:
         self._candidate: Measurement | None = None
 
     def repeats(self, spread_um: float | None) -> None:
-        """Raises Rejected when repeated touches of a point differ by too much. None: the control does not tell."""
+        """Raises Rejected when repeated touches of a point differ by too much. None: the control does not report it."""
         if spread_um is not None and not spread_um <= self._settings.max_repeat_um:
             raise Rejected(
                 f"repeated touches of a point differ by {spread_um:.1f} µm, more than max_repeat_um = "
-                f"{self._settings.max_repeat_um:g}: is the sphere loose, or the stylus, or is fluid on them?"
+                f"{self._settings.max_repeat_um:g}: is the sphere or the stylus loose, or is fluid on them?"
             )
 
     def fits(self, result: ProbingResult) -> None:
@@ -61,7 +61,7 @@ class MeasurementChecks:
             )
         if worst > self._settings.outlier_sigmas:
             raise Rejected(
-                f"one centre differs from what the others say by {worst:.1f} standard deviations, "
+                f"one centre differs from what the others predict by {worst:.1f} standard deviations, "
                 f"more than outlier_sigmas = {self._settings.outlier_sigmas:g}; {where}"
             )
 
@@ -74,8 +74,8 @@ class MeasurementChecks:
         if i is not None:
             self._candidate = None
             raise Rejected(
-                f"{_said(i, difference)} from what was expected, more than can be believed ({absurd[i]:.0f}): was the "
-                "sphere or the probe moved? After a crash or a new set-up begin a new store, with a new reference"
+                f"{_said(i, difference)} from what was expected, more than is possible ({absurd[i]:.0f}): was the "
+                "sphere or the probe moved? After a crash or a new set-up begin a new database"
             )
         before, self._candidate = self._candidate, None
         i = _worst(difference, np.fmax(both, expected.limits))
@@ -86,7 +86,7 @@ class MeasurementChecks:
             if _worst(np.abs(found.errors - before.errors), again) is None:
                 return
         self._candidate = found
-        raise Rejected(f"{_said(i, difference)} from the prediction: a second cycle must find the same")
+        raise Rejected(f"{_said(i, difference)} from the prediction: a second cycle must give the same result")
 
     def _largest(self) -> FloatArray:
         most = self._settings.max_surprise_um

@@ -33,7 +33,7 @@ InForce = Triple | tuple[Triple, ...]
 
 
 class Held(Protocol):
-    """Offsets that were made to stand still."""
+    """Offsets that are held."""
 
     def at(self, centres_mm: FloatArray | None) -> InForce:
         """In force where the sphere's centres (poses, 3), mm, were found; None: nowhere."""

@@ -28,11 +28,11 @@ from talc.frame import Decision, FloatArray, Measurement, Why
 log = logging.getLogger(__name__)
 
 _RECENT_S = 3600.0
-"""A last measurement younger than this stands in for a prediction that does not exist."""
+"""A last measurement younger than this replaces a prediction that does not exist."""
 
 
 class Prober:
-    """Asks for cycles and judges what comes.
+    """Requests cycles and checks their results.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Prober:
         try:
             held = await hold()
             in_force = held.at(None)
-            # Noise of the reference would stand in every later measurement, so it is a mean of several cycles.
+            # Noise of the reference would stay in every later measurement, so it is a mean of several cycles.
             count = self._settings.reference_cycles if self._reference is None else 1
             cycles = [await self._probed() for _ in range(count)]
             found = np.mean(cycles, axis=0)
@@ -103,7 +103,7 @@ class Prober:
         )
 
     async def withdraw(self) -> None:
-        """Take a request back that nobody waits for any more. Raises DriverError."""
+        """Withdraw a request for which nobody waits any more. Raises DriverError."""
         number = self._waiting_for
         if number is not None:
             await self._nc.withdraw_probing(number)
@@ -116,14 +116,14 @@ class Prober:
         try:
             await self.withdraw()
         except Refused as error:
-            log.warning("probing request %s could not be taken back: %s", self._waiting_for, error)
+            log.warning("probing request %s could not be withdrawn: %s", self._waiting_for, error)
             self._waiting_for = None
 
     async def _probed(self) -> FloatArray:
         await self.settle()
         number = self._number
         self._number += 1
-        self._requested(number)  # a number that is forgotten would be used again
+        self._requested(number)  # a number that is not stored would be used again
         self._waiting_for = number
         try:
             status = await run_cycle(

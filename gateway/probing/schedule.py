@@ -20,14 +20,14 @@ from gateway.probing.cycle import End
 from talc.frame import Event, EventKind, Why
 
 URGENT = frozenset({Why.CALIBRATION, Why.NO_GOOD, Why.RETRY})
-"""Wishes that belong to the next grid step and do not wait for a better moment."""
+"""Reasons that belong to the next grid step and do not wait for a better moment."""
 _SPEEDS = ("spindle_speed", "speed_X", "speed_Y", "speed_Z", "speed_A", "speed_C")
 _STILL = 1e-3
 """Speeds below (1/min, mm/min) are standstill."""
 
 
 class Moment(StrEnum):
-    """What the machine's present moment is good for, from bad to good."""
+    """How suitable the present moment is, from bad to good."""
 
     CUT = "in a cut"
     TOOL_CHANGE = "tool change"
@@ -52,7 +52,7 @@ def moment(before: NcSnapshot | None, now: NcSnapshot) -> Moment:
 
 
 class Standing(StrEnum):
-    """Where a wish stands."""
+    """State of a wanted measurement."""
 
     NOT_WANTED = "not_wanted"
     WAITING = "waiting"
@@ -63,21 +63,21 @@ class Standing(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """Where the wish stands, and why."""
+    """State of the wanted measurement, and why."""
 
     standing: Standing
     why: Why | None
-    """What the measurement is wanted for; `retry` after a rejected one."""
+    """Why the measurement is wanted; `retry` after a rejected one."""
     reason: str = ""
-    """Why nothing is asked for yet, in words that do not change while the reason is the same."""
+    """Why nothing is requested yet, in words that do not change while the reason is the same."""
     rejected: int = 0
     """Results rejected in a row."""
     operator: str = ""
-    """What somebody at the machine should know or do; empty: nothing."""
+    """Message for the operator; empty: none."""
 
 
 class ProbingSchedule:
-    """Holds a wish back until the machine's moment suits it.
+    """Delays a wanted measurement until the moment suits the machine.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class ProbingSchedule:
 
     @property
     def wanted(self) -> bool:
-        """Whether a measurement is wished for and not yet asked for."""
+        """Whether a measurement is wanted and not yet requested."""
         return self._why is not None and not self._asked
 
     def wish(self, why: Why | None, now_s: float) -> None:
@@ -143,10 +143,10 @@ class ProbingSchedule:
             )
             return self._outlook(Standing.DUE)
         if now_s - self._since < self._prefer_idle:
-            return self._outlook(Standing.WAITING, "waits for the machine to stand idle or a program to end")
+            return self._outlook(Standing.WAITING, "waits for an idle machine or the end of a program")
         if here is Moment.TOOL_CHANGE:
             return self._outlook(Standing.DUE)
-        return self._outlook(Standing.WAITING, "waits for a tool change, a program's end or an idle machine")
+        return self._outlook(Standing.WAITING, "waits for a tool change, the end of a program or an idle machine")
 
     def asked(self) -> Why:
         """The control is being asked; what for. ValueError: nothing is wanted."""
@@ -176,9 +176,9 @@ class ProbingSchedule:
                         f"{self._rejected} measurements in a row could not be used; the last: {reason}. "
                         "Clean the sphere and the probe and see that both are fixed"
                     )
-                    # What makes results fail outlasts the wish.
+                    # What makes results fail lasts longer than one request.
                     return self._without_result(Standing.BLOCKED, self._blocked_by_rejects())
-                return self._without_result(Standing.WAITING, f"is asked for again: {reason}")
+                return self._without_result(Standing.WAITING, f"is requested again: {reason}")
         return self._without_result(Standing.BLOCKED, reason)
 
     def _without_result(self, standing: Standing, reason: str) -> Outlook:
@@ -212,7 +212,7 @@ class ProbingSchedule:
 
 
 class Bulletin:
-    """What of the outlooks is worth telling, each thing once for as long as it lasts."""
+    """Messages about the outlooks, each once for as long as it lasts."""
 
     def __init__(self) -> None:
         self._problem = self._operator = ""

@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 async def to_its_end(work: Coroutine[object, object, T]) -> T:
-    """Await `work`; who is cancelled meanwhile ends with it, not within it.
+    """Await `work` to its end, even when the caller is cancelled meanwhile; the cancellation then takes effect.
 
     After half a request nobody knows what is in force, and a line whose answers come in turn must be closed. A second
     cancel does reach the work.
@@ -20,6 +20,6 @@ async def to_its_end(work: Coroutine[object, object, T]) -> T:
     try:
         return await asyncio.shield(task)
     except asyncio.CancelledError:
-        with suppress(DriverError):  # who asked is no longer there to hear it
+        with suppress(DriverError):  # the caller is gone and cannot receive it
             await task
         raise

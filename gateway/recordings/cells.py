@@ -36,7 +36,7 @@ class Times:
         for i, cell in enumerate(cells):
             second = second_of(cell)
             if second is None:
-                self._problems.add(where(i), f"{shown(cell)} is no time; expected ISO 8601 or seconds")
+                self._problems.add(where(i), f"{shown(cell)} is not a time; expected ISO 8601 or seconds")
             elif not _EARLIEST_S <= second <= _LATEST_S:
                 self._problems.add(where(i), f"{shown(cell)} is not within the years 1900 to 2200{_fraction(second)}")
             else:
@@ -90,9 +90,9 @@ def numbers(cells: Sequence[object], largest: float, where: Where, problems: Fil
     for i, cell in enumerate(cells):
         value = math.nan if cell in (None, "") else _number(cell, default=math.inf)
         if math.isinf(value):
-            problems.add(where(i), f"{shown(cell)} is no finite number; an unknown value is left empty")
+            problems.add(where(i), f"{shown(cell)} is not a finite number; leave an unknown value empty")
         elif abs(value) > largest:
-            what = f"{shown(cell)} is beyond {largest:g}, the largest that can be; an unknown value is left empty"
+            what = f"{shown(cell)} is beyond {largest:g}, the largest allowed; leave an unknown value empty"
             problems.add(where(i), what)
         else:
             found[i] = value

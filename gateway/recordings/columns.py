@@ -94,7 +94,7 @@ def _no_error(name: str, errors: Mapping[str, str], problems: FileProblems) -> N
     where = f"column {name!r}"
     leave_out = f"--ignore {name!r} leaves it out"
     if like not in THERMAL_ERRORS:
-        problems.add(where, f"looks like an error, and errors are no inputs; {leave_out}, or rename it")
+        problems.add(where, f"looks like an error, and errors are not inputs; {leave_out}, or rename it")
     elif like in errors:
         problems.add(where, f"looks like {like}, which is column {errors[like]!r} already; {leave_out}")
     else:

@@ -29,7 +29,7 @@ Passed = Literal["sent", "received", "note"]
 
 
 class WireLogError(ValueError):
-    """The file is no recording. The text names file and line."""
+    """The file is not a recording. The text names file and line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class WireLogWriter:
         self._path, self._config, self._most_bytes, self._rotate = path, config, most_bytes, rotate
         self._offset_s = began.timestamp() - monotonic()
         self.ended = ""
-        """Why nothing is written any more."""
+        """Why writing has ended."""
         self.counts: dict[str, int] = {}
         """Lines written, by bus."""
         self.dropped = 0
@@ -173,7 +173,7 @@ class WireLogWriter:
     def _end(self, error: OSError) -> None:
         if not self.ended:
             self.ended = f"{self._path}: {error.strerror or error}"
-            log.warning("nothing is recorded any more: %s", self.ended)
+            log.warning("recording has ended: %s", self.ended)
 
     def _close(self) -> None:
         file, self._file = self._file, None
@@ -219,7 +219,7 @@ def read_wire_log(path: Path) -> WireLog:
     """
     *lines, cut = path.read_text(encoding="utf-8", errors="replace").split("\n")
     if (lines or [cut])[0] != _FIRST_LINE:
-        raise WireLogError(f"{path}: is no recording: its first line is not {_FIRST_LINE!r}")
+        raise WireLogError(f"{path}: is not a recording: its first line is not {_FIRST_LINE!r}")
     config: list[str] = []
     events: list[WireEvent] = []
     for number, line in enumerate(lines[1:], start=2):

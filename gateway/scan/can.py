@@ -24,9 +24,9 @@ class CanScan:
     nodes: Sequence[int]
     listen_s: float
     wait_s: float
-    """For how long the last node may think."""
+    """How long the last node may take to answer."""
     anyway: bool = False
-    """Send also at a bit rate at which nobody was heard, when several are to be tried."""
+    """Also send at a bit rate at which nothing was heard, when several are to be tried."""
 
     @property
     def asking_s(self) -> float:
@@ -60,9 +60,9 @@ async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> Repor
     if len(rates) > 1 and not scan.anyway:
         report.question = (
             "Nothing was heard at any bit rate. Ask the nodes at each? "
-            "At a wrong rate that disturbs nodes which talk at another."
+            "At a wrong rate this disturbs nodes that use another."
         )
-        report.remarks.append("nothing was heard, and nobody was asked")
+        report.remarks.append("nothing was heard, and no node was asked")
         return report
     for rate in rates:
         if stopped():
@@ -95,7 +95,7 @@ def _ask(scan: CanScan, rate: int, heard: Heard, stopped: Stopped) -> None:
 
 
 async def _look(scan: CanScan, rate: int, heard: Heard, report: Report, progress: Progress, stopped: Stopped) -> None:
-    """What each node that answered is."""
+    """The identity of each node that answered."""
     settings = _at(scan, rate)
     bus = CanOpenBus("scan", settings.model_copy(update={"timeout_s": max(scan.wait_s, 0.1)}))
     found: list[Found] = []
@@ -117,7 +117,7 @@ async def _look(scan: CanScan, rate: int, heard: Heard, report: Report, progress
     _note_others(heard, report)
     if heard.error_frames:
         report.remarks.append(
-            f"{heard.error_frames} error frames: a node with another bit rate, termination, or wiring"
+            f"{heard.error_frames} error frames: a node with another bit rate, missing termination, or wiring"
         )
     options: dict[str, object] = {"interface": settings.interface, "channel": settings.channel, "bitrate": rate}
     if settings.interface == "udp_multicast":
@@ -148,7 +148,7 @@ def _note_others(heard: Heard, report: Report) -> None:
     for (identifier, extended), count in list(others.items())[:_MOST_FRAMES]:
         kind = "29 bits" if extended else "11 bits"
         report.remarks.append(
-            f"frame 0x{identifier:X} ({kind}), {count} times: plain CAN; its maker's DBC file names it"
+            f"frame 0x{identifier:X} ({kind}), {count} times: plain CAN; the manufacturer's DBC file describes it"
         )
     if len(others) > _MOST_FRAMES:
         report.remarks.append(f"and {len(others) - _MOST_FRAMES} more identifiers")

@@ -11,9 +11,9 @@ from gateway.acquisition import Line, read_once, reading_text
 from gateway.clock import RealClock
 
 Stopped = Callable[[], bool]
-"""Asked between two requests: shall the scan end?"""
+"""Called between two requests: True ends the scan."""
 Progress = Callable[[int, str], None]
-"""Told how many requests are done, and which is next."""
+"""Receives the number of requests done, and the next one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +44,13 @@ class Place:
 
 @dataclass(slots=True)
 class Report:
-    """All that a scan has to say."""
+    """The report of a scan."""
 
     places: list[Place] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
-    """What was noticed besides, in words."""
+    """Further remarks."""
     question: str = ""
-    """To be answered with yes before the scan can go on."""
+    """Must be answered with yes before the scan can continue."""
     asked: int = 0
     total: int = 0
 
@@ -60,7 +60,7 @@ class Report:
 
 
 async def read_inputs(bus: Bus, unit: int, what: Recognition) -> str:
-    """What a recognised device's inputs show now, in short. The bus is open and stays so."""
+    """A recognised device's present inputs, in short. The bus is open and stays so."""
     if not what.profile:
         return ""
     clock = RealClock()

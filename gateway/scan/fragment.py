@@ -23,8 +23,8 @@ _UNIT_NAMES = {"degC": "rtd", "µm": "growth"}
 
 
 def check(existing: str, path: Path) -> None:
-    """Raises ConfigError when nothing could be added to `existing`, whatever is found: to be known before a scan."""
-    if existing.strip() and draft(existing, path).devices:  # without devices it may be right later
+    """Raises ConfigError when nothing could be added to `existing`, whatever is found. Called before a scan."""
+    if existing.strip() and draft(existing, path).devices:  # without devices it may become valid later
         parse(existing, path)
 
 

@@ -20,7 +20,7 @@ class Port:
 
 
 def find_ports(dev: Path = Path("/dev"), net: Path = Path("/sys/class/net")) -> list[Port]:
-    """Serial ports, those with a lasting name first, then CAN interfaces."""
+    """Serial ports, those with a permanent name first, then CAN interfaces."""
     by_id = dev / "serial" / "by-id"
     links = sorted(by_id.iterdir()) if by_id.is_dir() else []
     named = {link.resolve() for link in links}

@@ -19,7 +19,7 @@ ANY_REGISTER = Block(3, 0, 1)
 answer too."""
 _ME_PARITIES: tuple[Parity, ...] = ("N", "E")
 _MOST_BABBLE = 3
-"""Units whose garbage is shown for one speed."""
+"""Units whose invalid answers are shown for one speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +38,12 @@ class LineTry:
 
 @dataclass(frozen=True, slots=True)
 class SerialScan:
-    """What to try on one port."""
+    """Plan of a scan on one port."""
 
     port: str
     tries: tuple[LineTry, ...]
     timeout_s: float
-    """For how long each unit may think."""
+    """How long each unit may take to answer."""
     function: int = 3
     """Modbus function of the first question."""
 
@@ -138,7 +138,7 @@ async def _ask(bus: ModbusRtuBus | MeRs485Bus, unit: int, question: Block, babbl
             raise
         except ConnectError:
             raise
-        except DriverError:  # refused: an answer too
+        except DriverError:  # a refusal is an answer too
             pass
         return await recognise_modbus(bus, unit)
     except BadAnswer as error:

@@ -12,10 +12,10 @@ from gateway.scan.serial import ANY_REGISTER
 
 _MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
 _UNUSUAL_UNITS = (113, 114, 115)
-"""Ids that nobody sets: a host that answers for one does not look at the id."""
+"""Ids that nobody uses: a host that answers to one ignores the id."""
 _MOST_ODD = 3
-"""Units that make nonsense before the host is left alone."""
-_ONE_DEVICE = "answers whatever the unit id is: one device"
+"""Units with invalid answers before the scan leaves the host."""
+_ONE_DEVICE = "answers to every unit id: one device"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> Rep
         if port is None or len(report.places) == before:
             progress(report.asked, f"{host}:{port or _CONTROLLER_PORT}")
             await _controller(host, port or _CONTROLLER_PORT, scan.timeout_s, report)
-        if len(report.places) > before:  # what the other protocol met is no news
+        if len(report.places) > before:  # the other protocol's errors are not worth a remark
             report.remarks = [text for i, text in enumerate(report.remarks) if i < remarks or _ONE_DEVICE in text]
         report.asked = number * (len(scan.units) + 2)
     return report
@@ -66,7 +66,7 @@ async def _modbus(scan: TcpScan, host: str, port: int, report: Report, progress:
                 break
             progress(report.asked, f"{host}:{port} unit {unit}")
             report.asked += 1
-            await bus.connect()  # some hosts close the connection on a unit that they do not have
+            await bus.connect()  # some hosts close the connection on an unknown unit
             if not await _answers(bus, unit, odd):
                 continue
             found.append(await _look(bus, unit))
@@ -103,7 +103,7 @@ async def _look(bus: ModbusTcpBus, unit: int) -> Found:
         what = await recognise_modbus(bus, unit)
         return Found(unit, what, await read_inputs(bus, unit, what))
     except ConnectError:
-        return Found(unit, Recognition("", (), "answers, but closes the connection when asked what it is"))
+        return Found(unit, Recognition("", (), "answers, but closes the connection when asked for its identity"))
 
 
 def _said(error: DriverError) -> str:

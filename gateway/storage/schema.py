@@ -44,7 +44,7 @@ class StoreError(Exception):
 
 
 class FileLock:
-    """Held by the one gateway that writes to a database; the kernel frees it when the process ends, however it ends.
+    """Lock of the one gateway that writes to a database; the kernel frees it when the process ends, in whatever way.
 
     Raises StoreError when another process holds it, or when its file cannot be written.
     """

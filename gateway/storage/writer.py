@@ -66,7 +66,7 @@ class Writer:
                 self._write_to(connection)
         except BaseException as error:  # noqa: BLE001 - handed to the caller by the next call
             self._failure = error
-            while not (self._closing and self._queue.empty()):  # no producer may wait for a writer that is gone
+            while not (self._closing and self._queue.empty()):  # no producer may wait for a writer that has ended
                 with suppress(queue.Empty):
                     self._queue.get(timeout=_DRAIN_S)
                     self._queue.task_done()

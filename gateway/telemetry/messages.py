@@ -1,7 +1,7 @@
 """Types of the published messages: one class per kind of key, and its JSON in UTF-8.
 
 A number that does not exist is null. Changes are compatible ones: fields are added, and texts to those that a field
-lists as examples. Readers ignore fields that they do not know. The JSON Schemas in docs/telemetry are made from these
+lists as examples. Readers ignore unknown fields. The JSON Schemas in docs/telemetry are made from these
 classes by `python -m gateway.telemetry docs/telemetry`.
 """
 

@@ -190,7 +190,7 @@ async def test_full_queue_is_told_as_nobody_acknowledging(kernel: CanKernel) -> 
         kernel.refuses_to_send = errno.ENOBUFS
         error = await read_until(driver, ConnectError)
         assert error.what.startswith("cannot send on can0: Failed to transmit: No buffer space available")
-        assert "nobody acknowledges" in error.hint
+        assert "no node acknowledges" in error.hint
         kernel.refuses_to_send = 0
         assert await read_again(bus, driver) == pytest.approx(TEMPERATURES)
 
@@ -224,7 +224,7 @@ async def test_survey_meets_the_same_errors(kernel: CanKernel) -> None:
         survey.ask([NODE, NODE + 1], 0.1, heard, lambda: False)
         assert heard.device_types == {NODE: 0x0002_0194}
         kernel.refuses_to_send = errno.ENOBUFS
-        with pytest.raises(ConnectError, match=r"cannot send on can0: .*nobody acknowledges"):
+        with pytest.raises(ConnectError, match=r"cannot send on can0: .*no node acknowledges"):
             survey.ask([NODE], 0.1, heard, lambda: False)
         _down(kernel)
         with pytest.raises(ConnectError, match=r"can0 is gone: .*Network is down.*ip link set can0 up"):

@@ -124,7 +124,7 @@ async def test_node_that_starts_anew_again_and_again_gives_no_value() -> None:
     async with bench(node) as (_, driver):
         await driver.connect()
         node.starts = 50
-        with pytest.raises(BadAnswer, match=r"node 5 started anew twice while it was read \(check its power supply"):
+        with pytest.raises(BadAnswer, match=r"node 5 restarted twice while it was read \(check its power supply"):
             await driver.read()
         node.starts = node.booted
         assert (await driver.read())[0].quality is Quality.GOOD

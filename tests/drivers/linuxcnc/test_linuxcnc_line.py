@@ -126,7 +126,7 @@ async def test_signed_answer_that_was_changed_ends_the_line(spoilt: Any, tmp_pat
     async with agent_and_line(tmp_path) as (agent, line):
         await line.connect()
         agent.says = [spoilt(agent.signed(b'{"answer": 42}'))]
-        with pytest.raises(WrongDevice, match="is not the agent with our key"):
+        with pytest.raises(WrongDevice, match="is not the agent with this key"):
             await line.ask("state")
         await line.connect()
         assert await line.ask("again") == {"do": "again"}
@@ -150,7 +150,7 @@ async def test_line_without_an_end_is_no_answer_and_one_too_long_is_none_of_ours
             await line.ask("state")
         await line.connect()
         agent.says = [b"x" * 200_000]
-        with pytest.raises(DriverError, match="is not the agent with our key"):
+        with pytest.raises(DriverError, match="is not the agent with this key"):
             await line.ask("state")
 
 
@@ -181,7 +181,7 @@ async def test_an_agent_with_another_key_is_believed_nothing(tmp_path: Path) -> 
     impostor = Agent(b"fedcba9876543210fedcba9876543210")
     async with serving(impostor, tmp_path) as settings:
         line = LinuxCncLine(settings)
-        with pytest.raises(WrongDevice, match="is not the agent with our key"):
+        with pytest.raises(WrongDevice, match="is not the agent with this key"):
             await line.connect()
         with pytest.raises(ConnectError, match="connect first"):
             await line.ask("status")

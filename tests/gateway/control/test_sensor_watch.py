@@ -187,7 +187,7 @@ async def test_a_learning_that_fails_is_told_once_and_tried_each_hour(
     ear, teacher = Ear(), Failing(*[error] * 3)
     with caplog.at_level(logging.WARNING, logger="gateway.control.sensor_watch"):
         await run(watch(ear, teacher), days()[: DAY + 48], K0)
-    text = "how they predict each other could not be learnt"
+    text = "their model could not be learnt"
     assert len(teacher.rows) == 4
     assert [r.getMessage() for r in caplog.records] == [f"sensors: {text}: {said}"]
     assert [(kind, t) for kind, t, _ in ear.events] == [

@@ -135,7 +135,7 @@ def test_within_the_action_control_limit_nothing_is_a_surprise() -> None:
 def test_the_absurd_is_not_believed_however_often_it_is_found() -> None:
     judge = checks()
     for _ in range(5):
-        with pytest.raises(Rejected, match="more than can be believed"):
+        with pytest.raises(Rejected, match="more than is possible"):
             judge.plausible(measurement(EZ0A=80.0), predicted())
     with pytest.raises(Rejected, match=r"EC0C differs by 500.0 µm/m"):  # 60 µm at the sphere
         judge.plausible(measurement(EC0C=500.0), predicted())
@@ -148,6 +148,6 @@ def test_a_prediction_that_is_unsure_rejects_little() -> None:
 def test_without_a_model_a_recent_measurement_stands_in_and_only_the_absurd_is_rejected() -> None:
     last = Expected(np.zeros(9), UNKNOWN, UNKNOWN)
     checks().plausible(measurement(EZ0A=45.0), last)
-    with pytest.raises(Rejected, match="more than can be believed"):
+    with pytest.raises(Rejected, match="more than is possible"):
         checks().plausible(measurement(EZ0A=55.0), last)
     checks().plausible(measurement(EZ0A=500.0), Expected(UNKNOWN, UNKNOWN, UNKNOWN))

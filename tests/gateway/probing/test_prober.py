@@ -144,8 +144,8 @@ async def test_a_result_that_the_prediction_does_not_know_must_be_found_twice() 
             await bench.clock.run_until(bench.clock.monotonic() + 20.0)
             outcomes.append(await cycle)
     assert [o.end for o in outcomes] == [End.MEASURED, End.REJECTED, End.MEASURED, End.REJECTED]
-    assert "a second cycle must find the same" in outcomes[1].reason
-    assert "more than can be believed" in outcomes[3].reason
+    assert "a second cycle must give the same result" in outcomes[1].reason
+    assert "more than is possible" in outcomes[3].reason
     assert outcomes[3].centres_mm is not None  # what was rejected is there to be looked at
 
 
@@ -314,4 +314,4 @@ async def test_without_a_prediction_a_measurement_of_the_last_hour_stands_in_and
             await bench.clock.run_until(at + 20.0)
             outcomes.append(await cycle)
     assert [o.end for o in outcomes] == [End.MEASURED, End.REJECTED, End.MEASURED]
-    assert "more than can be believed" in outcomes[1].reason
+    assert "more than is possible" in outcomes[1].reason

@@ -225,7 +225,7 @@ async def until(seen: Callable[[], bool]) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("notes.txt", "is no recording"),
+        ("notes.txt", "is not a recording"),
         ("trace.asc", "holds no CAN frames"),
         ("trace.blf", "cannot be read as a CAN log"),
     ],

@@ -124,22 +124,25 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda g: [*g[:3], "900,2O.5,1", *g[4:]], "line 4, column 't1': '2O.5' is no finite number"),
-        (lambda g: [*g[:3], "900,20,inf", *g[4:]], "line 4, column 'EX0C': 'inf' is no finite number"),
+        (lambda g: [*g[:3], "900,2O.5,1", *g[4:]], "line 4, column 't1': '2O.5' is not a finite number"),
+        (lambda g: [*g[:3], "900,20,inf", *g[4:]], "line 4, column 'EX0C': 'inf' is not a finite number"),
         (lambda g: [*g[:3], "600,20,1", *g[4:]], "line 4, column 'time': '600' does not come after '600' before it"),
-        (lambda g: [*g[:3], "soon,20,1", *g[4:]], "line 4, column 'time': 'soon' is no time; expected ISO 8601"),
+        (lambda g: [*g[:3], "soon,20,1", *g[4:]], "line 4, column 'time': 'soon' is not a time; expected ISO 8601"),
         (lambda g: [*g[:3], "900,20", *g[4:]], "line 4: 2 cells; the heading has 3"),
         (lambda g: ["time,t1,t1", *g[1:]], "column 3: 't1' occurs twice"),
         (lambda g: ["time,,EX0C", *g[1:]], "column 2: has no name"),
         (lambda g: ["Time,t1,EX0C", *g[1:]], "column 'time': is missing (time); did you mean 'Time'?"),
         (lambda g: ["time,t1,t2", *g[1:]], "no column of a thermal error; expected one or more of EY0A"),
         (lambda g: ["time,EY0A,EX0C", *g[1:]], "no column is left as an input"),
-        (lambda g: [*g[:3], "900,2_0,1", *g[4:]], "line 4, column 't1': '2_0' is no finite number"),
+        (lambda g: [*g[:3], "900,2_0,1", *g[4:]], "line 4, column 't1': '2_0' is not a finite number"),
         (
             lambda g: [*g[:3], "900,20,1e200", *g[4:]],
-            "line 4, column 'EX0C': '1e200' is beyond 1e+06, the largest that",
+            "line 4, column 'EX0C': '1e200' is beyond 1e+06, the largest allowed",
         ),
-        (lambda g: [*g[:3], "900,1e308,1", *g[4:]], "line 4, column 't1': '1e308' is beyond 1e+12, the largest that"),
+        (
+            lambda g: [*g[:3], "900,1e308,1", *g[4:]],
+            "line 4, column 't1': '1e308' is beyond 1e+12, the largest allowed",
+        ),
         (lambda g: [*g, "1e300,20,1"], "line 21, column 'time': '1e300' is not within the years 1900 to 2200"),
         (
             lambda g: [g[0], "1772431500000,20,1", *g[1:]],
@@ -237,7 +240,7 @@ def test_text_in_parquet_is_told_by_row(tmp_path: Path) -> None:
     path = tmp_path / "bad.parquet"
     times = [START + timedelta(minutes=5 * i) for i in range(20)]
     pyarrow.parquet.write_table(pyarrow.table({"time": times, "t1": ["hot"] * 20, "EX0C": [1.0] * 20}), path)
-    with pytest.raises(RecordingError, match="row 1, column 't1': 'hot' is no finite number"):
+    with pytest.raises(RecordingError, match="row 1, column 't1': 'hot' is not a finite number"):
         read_recording(path, Columns(), 300.0)
 
 

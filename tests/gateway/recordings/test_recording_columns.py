@@ -36,7 +36,7 @@ def read(path: Path, columns: Columns) -> Recording:
         ),
         ("ey0a", "looks like a thermal error; did you mean 'EY0A'? --error 'EY0A=ey0a' takes it as EY0A in µm"),
         ("EYOA (µm)", "looks like a thermal error; did you mean 'EY0A'?"),
-        ("EX0B", "looks like an error, and errors are no inputs; --ignore 'EX0B' leaves it out, or rename it"),
+        ("EX0B", "looks like an error, and errors are not inputs; --ignore 'EX0B' leaves it out, or rename it"),
     ],
 )
 def test_what_looks_like_an_error_is_no_input(tmp_path: Path, name: str, message: str) -> None:
@@ -68,7 +68,7 @@ def test_inputs_of_other_names_stay_inputs(tmp_path: Path) -> None:
         (["--ignore", "EX0C", "--error", "EX0C=EX0C"], "column 'EX0C': has two roles, EX0C and left out by --ignore"),
         (["--ignore", "time"], "column 'time': has two roles, the time and left out by --ignore"),
         (["--error", "EX0C=t1"], "column 'EX0C': looks like EX0C, which is column 't1' already; --ignore 'EX0C'"),
-        (["--error", "EX0C=t1", "--error", "EX0C=t2"], "EX0C is told twice: 't1' and 't2'"),
+        (["--error", "EX0C=t1", "--error", "EX0C=t2"], "EX0C is given twice: 't1' and 't2'"),
         (["--time", "EX0C"], "no column of a thermal error"),
     ],
 )

@@ -58,8 +58,8 @@ def test_can_frames_are_candump_lines_that_other_programs_read(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("", "is no recording"),
-        ("# talc wire log 2\n", "is no recording"),
+        ("", "is not a recording"),
+        ("# talc wire log 2\n", "is not a recording"),
         ("# talc wire log 1\nrubbish\n(1.0) a < 00\n", "line 2: cannot be read: 'rubbish'"),
         ("# talc wire log 1\n(1.0) a < 0\n(1.0) a < 00\n", "line 2"),
     ],

@@ -243,14 +243,14 @@ async def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> 
         assert done.code == 0, done.err
         again = await talc_gateway(*arguments, "--timeout", "0.3", "--toml", str(file))
         probed = await talc_gateway("probe", str(file))
-    assert "8 requests (modbus_rtu at 9600 8N1); at most 2 s when nobody answers" in done.err
+    assert "8 requests (modbus_rtu at 9600 8N1); at most 2 s if nothing answers" in done.err
     assert "2 answered, 2 recognised" in done.out
     config = load(file)
     assert [(d.unit, d.profile, len(d.channels)) for d in config.devices] == [
         (1, "icpdas_m7015", 6),
         (7, "eletechsup_pta8d08", 8),
     ]
-    assert "has all of it already" in again.err
+    assert "already has everything" in again.err
     assert (probed.code, probed.out.splitlines()[-1]) == (3, "13 of 14 good")  # unit 7: 99.96 degC is not plausible
 
 

@@ -66,7 +66,7 @@ async def test_host_that_ignores_the_unit_id_is_one_device() -> None:
     async with host(dict.fromkeys(range(256), adam)) as port:
         report = await scan(port)
     assert [device.unit for device in report.found] == [1]
-    assert report.remarks == [f"127.0.0.1:{port} answers whatever the unit id is: one device, shown as unit 1"]
+    assert report.remarks == [f"127.0.0.1:{port} answers to every unit id: one device, shown as unit 1"]
 
 
 async def test_controller_that_streams_is_told_from_modbus() -> None:
