@@ -217,7 +217,7 @@ def _times(
     time_s = np.array([_time(cell, said) for cell in cells])
     for i in np.flatnonzero(np.isnan(time_s)).tolist():
         expected = f"expected {said.time.format!r}" if said.time.format else "expected ISO 8601 or a number"
-        problems.add(f"{word} {places[i]}, column {said.time.column!r}", f"{shown(cells[i])} is no time; {expected}")
+        problems.add(f"{word} {places[i]}, column {said.time.column!r}", f"{shown(cells[i])} is not a time; {expected}")
     problems.refuse()
     begins = np.zeros(len(cells), dtype=np.bool_)
     if said.runs.column is not None:
