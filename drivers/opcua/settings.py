@@ -19,7 +19,7 @@ class OpcUaSettings(Section):
 
     url: Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
     """Endpoint of the control's OPC UA server, such as `opc.tcp://192.168.214.1:4840`; that port if left out."""
-    security: Literal["none", "Basic256Sha256"] = "none"
+    security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
     """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: for an emulated control only."""
     user: str | None = None
     """OPC UA user; the control grants it the rights to read and write."""

@@ -27,8 +27,6 @@ class SinumerikNc(SinumerikControl):
 
     kind: Literal["sinumerik"]
     """`sinumerik`."""
-    security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
-    """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: for an emulated control only."""
     period_s: Positive = 1.0
     """How often positions and states are read, and compensation is written."""
     states: Mapping[Name, StateNode] = Field(default_factory=dict)

@@ -97,7 +97,7 @@ async def sinumerik_bench(users: dict[str, User] | None = None, noise_um: float 
     clock, plant = ManualClock(), Plant()
     control = EmulatedControl(plant, clock, day(), cycle=CycleSettings(noise_um=noise_um), users=users)
     url = await control.start()
-    nc = Sinumerik(wired(SinumerikSettings(url=url)), clock)
+    nc = Sinumerik(wired(SinumerikSettings(security="none", url=url)), clock)
     try:
         if users is None:
             await nc.connect()

@@ -189,7 +189,7 @@ def sinumerik(compensation: OffsetRoute, subscribe_s: float = 0.0) -> Callable[[
     @asynccontextmanager
     async def opened(_: Path) -> AsyncIterator[NcBench]:
         async with sinumerik_bench() as inner:
-            settings = wired(SinumerikSettings(url=inner.url)).model_copy(
+            settings = wired(SinumerikSettings(security="none", url=inner.url)).model_copy(
                 update={"compensation": compensation, "subscribe_s": subscribe_s}
             )
             kind = SinumerikWithSlopes if compensation.route == "k0_slope" else Sinumerik

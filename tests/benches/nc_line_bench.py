@@ -93,9 +93,9 @@ async def bench(
         if not start:
             await control.stop()
         line, joined = await stack.enter_async_context(line_to(url))
-        user = "" if password is None else "gateway"
+        user = None if password is None else "gateway"
         settings = SinumerikSettings(
-            url=joined, timeout_s=1.0, user=user, password_file=password, subscribe_s=subscribe_s
+            security="none", url=joined, timeout_s=1.0, user=user, password_file=password, subscribe_s=subscribe_s
         )
         config = validate(
             {
@@ -128,7 +128,7 @@ async def bench(
 @asynccontextmanager
 async def driver_of_the_other(at: Bench) -> AsyncIterator[Sinumerik]:
     """A second gateway's connection, past the line that the first one uses; it has claimed the control."""
-    other = Sinumerik(SinumerikSettings(url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
+    other = Sinumerik(SinumerikSettings(security="none", url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
     await other.connect()
     await other.claim(1, WatchdogTerms(60.0, 1.0))
     try:

@@ -73,7 +73,7 @@ class WireBench:
 
     def link(self, mode: str = "compensate", when_stale: str = "zero", owner: int = 7) -> NcLink:
         return NcLink(
-            Sinumerik(SinumerikSettings(url=self.url), self.clock),
+            Sinumerik(SinumerikSettings(security="none", url=self.url), self.clock),
             self.clock,
             LinkSettings.of(config(mode, when_stale, str(self.folder / "gateway.sqlite")), owner),
             Earlier(first_number=41),

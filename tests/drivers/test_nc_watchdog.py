@@ -16,7 +16,7 @@ WATCH = WatchdogTerms(silence_s=5.0, ramp_um_per_s=1.0)
 
 @asynccontextmanager
 async def second(bench: Bench) -> AsyncIterator[Sinumerik]:
-    other = Sinumerik(SinumerikSettings(url=bench.url), bench.clock)
+    other = Sinumerik(SinumerikSettings(security="none", url=bench.url), bench.clock)
     await other.connect()
     try:
         yield other

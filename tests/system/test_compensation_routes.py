@@ -62,7 +62,7 @@ def machine() -> WarmMachine:
 
 
 def driver(url: str, clock: WireClock, compensation: OffsetRoute) -> NumericalControl:
-    settings = SinumerikSettings(url=url, compensation=compensation)
+    settings = SinumerikSettings(security="none", url=url, compensation=compensation)
     return (SinumerikWithSlopes if compensation.route == "k0_slope" else Sinumerik)(settings, clock)
 
 

@@ -190,7 +190,7 @@ async def test_compensating_the_deviation_makes_it_disappear(bench: Bench) -> No
 
 
 async def test_a_control_that_is_not_there() -> None:
-    nc = Sinumerik(SinumerikSettings(url="opc.tcp://127.0.0.1:1", device="mill"), ManualClock())
+    nc = Sinumerik(SinumerikSettings(security="none", url="opc.tcp://127.0.0.1:1", device="mill"), ManualClock())
     with pytest.raises(ConnectError, match=r"device mill: cannot open opc\.tcp://127\.0\.0\.1:1"):
         await nc.connect()
     with pytest.raises(ConnectError, match="connect first"):
@@ -225,7 +225,7 @@ async def test_a_missing_right_is_named(tmp_path: Path, rights: frozenset[Right]
     password = tmp_path / "password"
     password.write_text("secret\n")
     async with sinumerik_bench({"gateway": User("secret", rights)}) as bench:
-        settings = SinumerikSettings(url=bench.url, user="gateway", password_file=password)
+        settings = SinumerikSettings(security="none", url=bench.url, user="gateway", password_file=password)
         nc = Sinumerik(settings, bench.clock)
         await nc.connect()
         argument = (1.0, 2.0, 3.0) if verb == "write_compensation" else 7
@@ -239,7 +239,9 @@ async def test_a_wrong_password_and_no_user_are_refused(tmp_path: Path) -> None:
     password = tmp_path / "password"
     password.write_text("guess")
     async with sinumerik_bench({"gateway": User("secret")}) as bench:
-        wrong = Sinumerik(SinumerikSettings(url=bench.url, user="gateway", password_file=password), bench.clock)
+        wrong = Sinumerik(
+            SinumerikSettings(security="none", url=bench.url, user="gateway", password_file=password), bench.clock
+        )
         with pytest.raises(Refused, match="refuses user 'gateway'"):
             await wrong.connect()
         with pytest.raises(Refused, match="anonymous"):
@@ -247,7 +249,7 @@ async def test_a_wrong_password_and_no_user_are_refused(tmp_path: Path) -> None:
 
 
 async def test_a_request_that_finds_no_safe_point_in_its_time_is_refused_and_never_begun(bench: Bench) -> None:
-    hurried = wired(SinumerikSettings(url=bench.url)).model_copy(
+    hurried = wired(SinumerikSettings(security="none", url=bench.url)).model_copy(
         update={"handshake": Handshake(request_valid_for_s=20.0)}
     )
     nc = Sinumerik(hurried, bench.clock)
@@ -291,7 +293,7 @@ async def test_a_state_or_a_tool_that_is_no_number_is_one_that_the_control_does_
 
 @pytest.mark.parametrize(("value", "ready"), [(3.0, True), (2.0, False), (math.nan, False)])
 async def test_an_axis_is_referenced_only_when_the_control_says_so(bench: Bench, value: float, ready: bool) -> None:
-    plain = SinumerikSettings(url=bench.url)
+    plain = SinumerikSettings(security="none", url=bench.url)
     settings = plain.model_copy(update={"nodes": replace(plain.nodes, referenced="/Channel/Parameter/R[u1,{n}]")})
     bench.control.nck.r[1:4] = [3.0, value, 3.0]
     nc = Sinumerik(settings, bench.clock)
@@ -318,7 +320,7 @@ async def test_ready_is_who_shows_no_emergency_stop_and_has_room_to_show_one(
 
 
 async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for_it(bench: Bench) -> None:
-    plain = SinumerikSettings(url=bench.url)
+    plain = SinumerikSettings(security="none", url=bench.url)
     nc = Sinumerik(plain.model_copy(update={"nodes": replace(plain.nodes, drives_on=DRIVES_ON)}), bench.clock)
     await nc.connect()
     assert (await nc.snapshot()).ready is True
@@ -329,7 +331,7 @@ async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for
 
 
 async def test_without_alarm_nodes_none_are_read(bench: Bench) -> None:
-    plain = SinumerikSettings(url=bench.url)
+    plain = SinumerikSettings(security="none", url=bench.url)
     nc = Sinumerik(plain.model_copy(update={"nodes": replace(plain.nodes, alarms=())}), bench.clock)
     await nc.connect()
     bench.control.nck.raise_alarm(21612, bench.clock.now)

@@ -57,7 +57,7 @@ async def test_a_server_that_accepts_and_says_nothing() -> None:
 
     server = await asyncio.start_server(sink, "127.0.0.1", 0)
     url = f"opc.tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-    nc = Sinumerik(SinumerikSettings(url=url, timeout_s=0.3), SystemClock())
+    nc = Sinumerik(SinumerikSettings(security="none", url=url, timeout_s=0.3), SystemClock())
     began = monotonic()
     with pytest.raises(NoAnswer, match=r"does not answer within 0\.3 s"):
         await nc.connect()
@@ -88,7 +88,7 @@ async def test_something_that_is_no_opc_ua_server(answer: bytes) -> None:
 
     server = await asyncio.start_server(speak, "127.0.0.1", 0)
     url = f"opc.tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-    nc = Sinumerik(SinumerikSettings(url=url, timeout_s=0.3), SystemClock())
+    nc = Sinumerik(SinumerikSettings(security="none", url=url, timeout_s=0.3), SystemClock())
     with pytest.raises((ConnectError, NoAnswer), match="OPC UA server"):
         await nc.connect()
     async with asyncio.timeout(1.0):
@@ -99,7 +99,7 @@ async def test_something_that_is_no_opc_ua_server(answer: bytes) -> None:
 
 async def test_a_line_that_goes_silent_in_a_session_and_comes_back() -> None:
     async with running(emulated()) as url, line_to(url) as (line, joined):
-        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=0.3), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.3), SystemClock())
         await nc.connect()
         line.silent = True
         began = monotonic()
@@ -116,7 +116,7 @@ async def test_a_line_that_goes_silent_in_a_session_and_comes_back() -> None:
 
 async def test_a_line_that_is_cut_in_a_session(caplog: pytest.LogCaptureFixture) -> None:
     async with running(emulated()) as url, line_to(url) as (line, joined):
-        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=0.5), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.5), SystemClock())
         await nc.connect()
         await line.cut()
         with pytest.raises(ConnectError):
@@ -131,7 +131,7 @@ async def test_a_line_that_is_cut_in_a_session(caplog: pytest.LogCaptureFixture)
 async def test_connecting_can_be_cancelled_and_leaves_nothing() -> None:
     async with running(emulated()) as url, line_to(url) as (line, joined):
         line.silent = True
-        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=5.0), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=5.0), SystemClock())
         with pytest.raises(TimeoutError):
             async with asyncio.timeout(0.2):
                 await nc.connect()
@@ -143,7 +143,7 @@ async def test_connecting_can_be_cancelled_and_leaves_nothing() -> None:
 async def test_what_is_written_is_in_force_after_reconnecting() -> None:
     control = emulated()
     async with running(control) as url:
-        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()
         await nc.write_compensation((4.0, 5.0, 6.0))
         await nc.request_probing(8)
@@ -159,15 +159,17 @@ async def test_what_is_written_is_in_force_after_reconnecting() -> None:
 
 async def test_a_server_that_is_no_sinumerik() -> None:
     async with running(emulated()) as url:
-        nc = Sinumerik(SinumerikSettings(url=url, namespace_uri="urn:some:lathe"), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=url, namespace_uri="urn:some:lathe"), SystemClock())
         with pytest.raises(WrongDevice, match=r"no namespace 'urn:some:lathe' \(it has .*SinumerikVarProvider"):
             await nc.connect()
 
 
 async def test_a_path_that_does_not_exist_is_named_when_connecting() -> None:
     async with running(emulated()) as url:
-        wrong_state = SinumerikSettings(url=url, states={"coolant": StateNode("/Plc/Q77.7")})
-        wrong_axis = SinumerikSettings(url=url, nodes=Paths(position="/Channel/machineAxis/pos[u1,{n}]"))
+        wrong_state = SinumerikSettings(security="none", url=url, states={"coolant": StateNode("/Plc/Q77.7")})
+        wrong_axis = SinumerikSettings(
+            security="none", url=url, nodes=Paths(position="/Channel/machineAxis/pos[u1,{n}]")
+        )
         for settings, path in ((wrong_state, r"/Plc/Q77\.7"), (wrong_axis, r"machineAxis/pos\[u1,1\]")):
             with pytest.raises(WrongDevice, match=f"{path} does not exist"):
                 await Sinumerik(settings, SystemClock()).connect()
@@ -179,7 +181,11 @@ async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, 
     password.write_text("secret")
     async with running(emulated({"watcher": User("secret", frozenset(Right) - {right})})) as url:
         settings = SinumerikSettings(
-            url=url, user="watcher", password_file=password, states={"coolant": StateNode("/Plc/M120.0")}
+            security="none",
+            url=url,
+            user="watcher",
+            password_file=password,
+            states={"coolant": StateNode("/Plc/M120.0")},
         )
         nc = Sinumerik(settings, SystemClock())
         with pytest.raises(Refused, match=f"'watcher' the right {right.value}"):
@@ -190,7 +196,7 @@ async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, 
 async def test_done_without_the_results_of_this_request_is_no_answer() -> None:
     control = emulated(kind=FrozenProgram)
     async with running(control) as url:
-        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()
         r = control.nck.r
         r[R_REQUEST], r[R_ANSWERS], r[R_STATE], r[R_RESULT_OF] = 7.0, 7.0, 3.0, 6.0
@@ -205,7 +211,7 @@ async def test_done_without_the_results_of_this_request_is_no_answer() -> None:
 async def test_a_slope_that_somebody_set_shows_in_what_is_in_force() -> None:
     control = emulated(kind=FrozenProgram)
     async with running(control) as url:
-        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()
         await nc.write_compensation((10.0, 0.0, 0.0))
         control.nck.slope[2], control.nck.reference_mm[2] = 20e-6, 100.0  # Z stands at 150 mm
@@ -222,7 +228,7 @@ async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: 
     async with running(control) as url:
         signs = (machine_sign,) * 3 if route == "k0" else None
         compensation = OffsetRoute(route="r" if route == "r" else "k0", signs=signs)
-        nc = Sinumerik(SinumerikSettings(url=url, compensation=compensation), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=url, compensation=compensation), SystemClock())
         await nc.connect()
         await nc.write_compensation((10.0, -20.0, 30.0))
         assert control.nck.shift_um((0.0, 0.0, 0.0)) == pytest.approx((10.0, -20.0, 30.0))
@@ -234,7 +240,7 @@ async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: 
 async def test_what_changes_between_two_looks_at_the_same_answer_is_no_answer_yet(state: float) -> None:
     control = emulated(kind=FrozenProgram)
     async with running(control) as url:
-        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()
         r, read = control.nck.r, nc._session.read
         r[R_REQUEST] = r[R_ANSWERS] = r[R_RESULT_OF] = 41.0
@@ -267,7 +273,7 @@ def spoil(control: EmulatedControl, path: str) -> None:
 async def test_a_value_that_the_control_itself_calls_bad_is_no_value(what: str) -> None:
     control = emulated(kind=FrozenProgram)
     async with running(control) as url:
-        nc = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()
         good = await nc.snapshot()
         assert (good.ready, good.mode) == (True, OperatingMode.AUTO)

@@ -65,7 +65,7 @@ async def test_a_namespace_array_of_another_kind_is_reported(monkeypatch: pytest
     async with sinumerik_bench() as bench:
         for namespaces in (None, [], [None], [1, 2]):
             monkeypatch.setattr(Client, "get_namespace_array", _answering(namespaces))
-            nc = Sinumerik(SinumerikSettings(url=bench.url), SystemClock())
+            nc = Sinumerik(SinumerikSettings(security="none", url=bench.url), SystemClock())
             with pytest.raises(DriverError, match="namespace"):
                 await nc.connect()
             await nc.close()
@@ -127,7 +127,9 @@ async def _fuzz(seeds: Sequence[int], answers: int) -> int:
     """How many of the spoilt answers the driver refused. Anything but a DriverError ends the test."""
     refused = 0
     async with _spoilt_line() as (line, joined):
-        nc = Sinumerik(SinumerikSettings(url=joined, timeout_s=TIMEOUT_S, subscribe_s=0.0), SystemClock())
+        nc = Sinumerik(
+            SinumerikSettings(security="none", url=joined, timeout_s=TIMEOUT_S, subscribe_s=0.0), SystemClock()
+        )
         for seed in seeds:
             changes = _changes(seed)
             for number in range(answers):

@@ -57,7 +57,7 @@ async def works(nc: Sinumerik) -> None:
 @pytest.mark.parametrize("subscribe_s", [0.0, 0.05])
 async def test_in_the_clear_asking_and_being_told(node: str, tmp_path: Path, subscribe_s: float) -> None:
     async with peer(node, tmp_path) as (url, _):
-        nc = Sinumerik(SinumerikSettings(url=url, subscribe_s=subscribe_s), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=url, subscribe_s=subscribe_s), SystemClock())
         await nc.connect()
         await works(nc)
         await nc.close()
@@ -75,14 +75,14 @@ async def test_signed_and_encrypted(node: str, tmp_path: Path) -> None:
         site.password.write_text("guess\n")
         with pytest.raises(Refused, match="refuses user 'gateway'"):
             await Sinumerik(site.settings(url), SystemClock()).connect()
-        in_the_clear = Sinumerik(SinumerikSettings(url=url), SystemClock())
+        in_the_clear = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         with pytest.raises(DriverError, match="Basic256Sha256"):
             await in_the_clear.connect()
 
 
 async def test_killed_in_a_session(node: str, tmp_path: Path) -> None:
     async with peer(node, tmp_path) as (url, process):
-        nc = Sinumerik(SinumerikSettings(url=url, subscribe_s=0.05), SystemClock())
+        nc = Sinumerik(SinumerikSettings(security="none", url=url, subscribe_s=0.05), SystemClock())
         await nc.connect()
         process.kill()
         await process.wait()
@@ -94,11 +94,13 @@ async def test_killed_in_a_session(node: str, tmp_path: Path) -> None:
 
 async def test_what_the_server_does_not_have_or_does_not_let_us_write(node: str, tmp_path: Path) -> None:
     async with peer(node, tmp_path) as (url, _):
-        wrong = SinumerikSettings(url=url, nodes=Paths(tool="/Channel/State/actTNo[u1]"))
+        wrong = SinumerikSettings(security="none", url=url, nodes=Paths(tool="/Channel/State/actTNo[u1]"))
         with pytest.raises(WrongDevice, match=r"actTNo\[u1\] does not exist"):
             await Sinumerik(wrong, SystemClock()).connect()
         # tanβ is shown, not writable
-        locked = SinumerikSettings(url=url, nodes=Paths(k0="/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"))
+        locked = SinumerikSettings(
+            security="none", url=url, nodes=Paths(k0="/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]")
+        )
         nc = Sinumerik(locked, SystemClock())
         await nc.connect()
         with pytest.raises(Refused, match=r"SLOPE\[u1\].*SeaWrite"):

@@ -18,7 +18,7 @@ from simulators.nc.nck import CEC_TABLES
 FOLDER = Path(__file__).parents[3] / "deploy" / "nc" / "sinumerik"
 PROGRAMS = sorted(FOLDER.glob("*.SPF"))
 HAND, LEASE = Handshake(), LeaseParameters()
-SETTINGS = SinumerikSettings(url="opc.tcp://nc")
+SETTINGS = SinumerikSettings(security="none", url="opc.tcp://nc")
 
 
 def statements(name: str) -> list[str]:
@@ -93,7 +93,7 @@ def test_results_have_their_number_before_the_state_vouches_for_them() -> None:
 def test_eighteen_results_in_their_order() -> None:
     found = [re.fullmatch(r"R\[(\d+) \+ 3 \* POSE\] = C([XYZ])", line) for line in statements("TALC_SPHERE.SPF")]
     assert [(int(m[1]), m[2]) for m in found if m] == [(HAND.results + i, axis) for i, axis in enumerate("XYZ")]
-    assert f"FOR POSE = 0 TO {SinumerikSettings(url='opc.tcp://nc').poses - 1}" in statements("TALC_SAFE_POINT.SPF")
+    assert f"FOR POSE = 0 TO {SETTINGS.poses - 1}" in statements("TALC_SAFE_POINT.SPF")
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.name)
@@ -155,7 +155,7 @@ def numbers(pattern: re.Pattern[str], program: Path) -> set[int]:
 
 def test_programs_use_the_r_parameters_of_the_settings_and_no_others() -> None:
     meant = {number: name for name, number in SETTINGS.r_numbers()}
-    offsets = SinumerikSettings(url="opc.tcp://nc", compensation=OffsetRoute(route="r"))
+    offsets = SinumerikSettings(security="none", url="opc.tcp://nc", compensation=OffsetRoute(route="r"))
     meant |= {number: name for name, number in offsets.r_numbers()}
     used = set().union(*(numbers(REFERENCE, program) for program in PROGRAMS))
     assert used == set(meant), "R-parameters that one side knows and the other does not"

@@ -49,11 +49,16 @@ URL = "opc.tcp://127.0.0.1:4840"
 )
 def test_a_field_that_cannot_be_is_named(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(SetupError, match=message):
-        settings_of(SinumerikSettings, {"url": URL} | fields)
+        settings_of(SinumerikSettings, {"url": URL, "security": "none"} | fields)
 
 
 def test_parameters_of_a_route_that_is_not_taken_may_have_another_meaning() -> None:
-    assert SinumerikSettings(url=URL, compensation=OffsetRoute(route="k0", first_r=60)).compensation.first_r == 60
+    assert (
+        SinumerikSettings(
+            security="none", url=URL, compensation=OffsetRoute(route="k0", first_r=60)
+        ).compensation.first_r
+        == 60
+    )
 
 
 @pytest.mark.parametrize(
@@ -89,6 +94,7 @@ def test_the_sign_follows_the_route_unless_it_is_given() -> None:
 
 def test_node_names_of_r_parameters_and_speeds_follow_the_settings() -> None:
     settings = SinumerikSettings(
+        security="none",
         url=URL,
         nodes=Paths(r_parameter="/Channel/Parameter/R[u2,{n}]"),
         axis_numbers={"X": 3, "Y": 2, "Z": 1, "A": 4, "C": 6},

@@ -30,7 +30,9 @@ async def with_slopes(**changes: object) -> AsyncIterator[tuple[Bench, Sinumerik
     async with sinumerik_bench() as bench:
         fields: dict[str, object] = {"route": "k0_slope", "travel_mm": TRAVEL, "tables": TABLES}
         compensation = OffsetRoute(**(fields | changes))  # type: ignore[arg-type]
-        nc = SinumerikWithSlopes(SinumerikSettings(url=bench.url, compensation=compensation), bench.clock)
+        nc = SinumerikWithSlopes(
+            SinumerikSettings(security="none", url=bench.url, compensation=compensation), bench.clock
+        )
         await nc.connect()
         try:
             yield bench, nc
@@ -61,7 +63,7 @@ async def test_positions_count_from_where_a_and_c_meet_wherever_machine_zero_is(
     origin, zero = (10.0, -20.0, 30.0), (0.0, 0.0, 0.0)
     async with sinumerik_bench() as bench:
         compensation = OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
-        settings = SinumerikSettings(url=bench.url, compensation=compensation, origin_mm=origin)
+        settings = SinumerikSettings(security="none", url=bench.url, compensation=compensation, origin_mm=origin)
         nc = SinumerikWithSlopes(settings, bench.clock)
         await nc.connect()
         machine = await bench.nc.snapshot()
@@ -191,7 +193,7 @@ async def test_a_table_that_does_not_exist_is_named_when_connecting() -> None:
     paths = Paths(weight="/NC/_N_NC_SEA_ACX/$SN_CEC_WEIGHT[{n}]")
     compensation = OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 3})
     async with sinumerik_bench() as bench:
-        settings = SinumerikSettings(url=bench.url, compensation=compensation, nodes=paths)
+        settings = SinumerikSettings(security="none", url=bench.url, compensation=compensation, nodes=paths)
         with pytest.raises(WrongDevice, match=r"\$SN_CEC_WEIGHT\[4\] does not exist"):
             await SinumerikWithSlopes(settings, bench.clock).connect()
 

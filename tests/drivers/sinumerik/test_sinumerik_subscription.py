@@ -39,7 +39,7 @@ async def watched(subscriptions: bool = True) -> AsyncIterator[tuple[Sinumerik, 
     still = LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())])
     control = Counting(Rigid(), RealClock(), still, subscriptions=subscriptions)
     url = await control.start()
-    nc = Sinumerik(SinumerikSettings(url=url, subscribe_s=0.05, timeout_s=1.0), SystemClock())
+    nc = Sinumerik(SinumerikSettings(security="none", url=url, subscribe_s=0.05, timeout_s=1.0), SystemClock())
     try:
         await nc.connect()
         yield nc, control

@@ -140,7 +140,7 @@ def test_every_key_reaches_the_driver() -> None:
 
 def test_what_is_left_out_is_as_the_driver_has_it() -> None:
     found = driver_settings(config(SECURE))
-    usual = SinumerikSettings(url="opc.tcp://nc")
+    usual = SinumerikSettings(security="none", url="opc.tcp://nc")
     assert found.security == "Basic256Sha256"
     assert (found.nodes, found.handshake, found.lease) == (usual.nodes, usual.handshake, usual.lease)
     assert (found.compensation, found.axis_numbers) == (usual.compensation, usual.axis_numbers)

@@ -78,7 +78,7 @@ async def test_offsets_stand_still_also_while_somebody_else_has_the_control_prob
     async with bench(mode=mode) as at:
         nck = at.control.nck
         at.link.follow(wants(5.0))
-        other = Sinumerik(SinumerikSettings(url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
+        other = Sinumerik(SinumerikSettings(security="none", url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
         await at.clock.run_until(12.0)
         await other.connect()
         await other.request_probing(900)
