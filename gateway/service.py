@@ -13,7 +13,7 @@ from drivers.tap import Tap
 from gateway.acquisition import (
     Acquisition,
     Board,
-    Difference,
+    BusChanges,
     Line,
     ReloadError,
     Sample,
@@ -93,7 +93,7 @@ class Service:
         runners = {} if self._acquisition is None else self._acquisition.runners
         return {name: runner.missed for name, runner in runners.items()}
 
-    async def reload(self, config: GatewayConfig) -> Difference:
+    async def reload(self, config: GatewayConfig) -> BusChanges:
         """Apply another checked configuration by its difference, while running.
 
         Raises ReloadError or SetupError when nothing was changed: the service continues unchanged.

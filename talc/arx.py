@@ -21,7 +21,7 @@ _FAR = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class LeastSquares:
     """Coefficients with their uncertainty, in scaled units."""
 
     parameters: Parameters
@@ -72,7 +72,7 @@ class Regression:
         return np.column_stack([self.own[:, : 1 + structure.na], *lagged])
 
 
-def least_squares_fit(regression: Regression, structure: Structure) -> Estimate:
+def least_squares_fit(regression: Regression, structure: Structure) -> LeastSquares:
     """Weighted least squares by QR with column pivoting on columns of unit length.
 
     ValueError: fewer rows than coefficients. Columns that the others explain get 0, and NaN as standard error.
@@ -91,7 +91,7 @@ def least_squares_fit(regression: Regression, structure: Structure) -> Estimate:
     inverse = solve_triangular(top, np.eye(rank))
     variance = float(residual @ residual) / max(n - rank, 1)
     std[order[:rank]] = np.sqrt((inverse**2).sum(axis=1) * variance)
-    return Estimate(_parameters(theta / scale, structure), std / scale, n - rank, residual)
+    return LeastSquares(_parameters(theta / scale, structure), std / scale, n - rank, residual)
 
 
 def guarded_fit(

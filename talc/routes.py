@@ -22,7 +22,7 @@ _FIRST_ITERATIONS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Fitted:
     """One model in scaled units, and what it leaves."""
 
     inputs: tuple[int, ...]
@@ -68,7 +68,7 @@ class Shared:
 
 def by_search(
     shared: Shared, error: str, fixed: tuple[int, ...] | None, settings: TrainingSettings, within: Progress | None
-) -> Found:
+) -> Fitted:
     """An output-error model (talc.search). fixed: positions of inputs to keep; within: may end it early."""
     column = shared.column[error]
     most = min(settings.max_inputs, shared.scaled.shape[1])
@@ -78,7 +78,7 @@ def by_search(
     counts = tuple(best.coefficients[s] for s in inputs)
     fitted = fit(design, counts, shared.outputs[:, column], RIDGE, BLOCKS)
     denominator = np.atleast_1d(np.poly(best.poles))
-    return Found(
+    return Fitted(
         inputs=inputs,
         parameters=Parameters(denominator[1:], fitted.b, fitted.constant * float(denominator.sum())),
         residual=fitted.residual,
@@ -97,7 +97,7 @@ def by_arx(
     settings: TrainingSettings,
     within: Progress | None,
     sensors: Callable[[], tck.Ensemble],
-) -> Found:
+) -> Fitted:
     """An ARX model as in the papers; a measurement replaces its past outputs.
 
     ValueError: too few rows, or an unstable model; RuntimeError: no guarded fit.
@@ -138,7 +138,7 @@ def by_arx(
         raise ValueError(f"a pole of magnitude {largest:.4f}, expected less than {settings.max_pole}")
     left = window.y - simulate(window, structure, parameters)
     residual = left[np.isfinite(left)]
-    return Found(
+    return Fitted(
         inputs=structure.inputs,
         parameters=parameters,
         residual=residual,

@@ -13,7 +13,7 @@ from talc.disturbance import Disturbance, disturbance_of
 from talc.frame import BoolArray, FloatArray, TrainingJob
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
-from talc.routes import Found, Shared, by_arx, by_search
+from talc.routes import Fitted, Shared, by_arx, by_search
 from talc.search import BLOCKS
 from talc.settings import TrainingSettings
 from talc.window import Window
@@ -106,7 +106,7 @@ class _Run:
         keep, names = self._job.static_inputs[THERMAL_ERRORS.index(error)], self._offer.names
         return None if keep is None else tuple(sorted(names.index(name) for name in keep if name in names))
 
-    def _searched(self, error: str, fixed: tuple[int, ...] | None) -> Found:
+    def _searched(self, error: str, fixed: tuple[int, ...] | None) -> Fitted:
         return by_search(self._measured_with(error), error, fixed, self._job.settings, self._within)
 
     def _measured_with(self, error: str) -> Shared:
@@ -119,7 +119,7 @@ class _Run:
             self._shared[key] = Shared(self._offer.scaled, rows, same, sets, lags)
         return self._shared[key]
 
-    def _arx(self, error: str, fixed: tuple[int, ...] | None) -> Found:
+    def _arx(self, error: str, fixed: tuple[int, ...] | None) -> Fitted:
         record = self._records[error]
         try:
             window = Window(self._offer.scaled, record.scaled, record.scaled, record.std)
@@ -196,7 +196,7 @@ def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
     return _Offer(names, inputs, inputs.mean(axis=0), inputs.std(axis=0)), notes
 
 
-def _model(error: str, record: _Record, found: Found, offer: _Offer) -> ErrorModel:
+def _model(error: str, record: _Record, found: Fitted, offer: _Offer) -> ErrorModel:
     steps = np.flatnonzero(record.rows)
     measured, y_std = record.measured[steps], record.std
     chosen = list(found.inputs)

@@ -6,7 +6,7 @@ from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
 from gateway.acquisition.once import Answer, read_once
 from gateway.acquisition.plausibility import Check, Plausible
-from gateway.acquisition.reload import Difference, ReloadError, apply
+from gateway.acquisition.reload import BusChanges, ReloadError, apply
 from gateway.acquisition.runner import Publish
 from gateway.acquisition.sample import Sample
 from gateway.acquisition.stale import StaleWatch
@@ -17,8 +17,8 @@ __all__ = [
     "Aged",
     "Answer",
     "Board",
+    "BusChanges",
     "Check",
-    "Difference",
     "Line",
     "Plausible",
     "Publish",

@@ -30,7 +30,7 @@ class ReloadError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class BusChanges:
     """What happens to the buses, by name."""
 
     stopped: tuple[str, ...]
@@ -39,7 +39,7 @@ class Difference:
     kept: tuple[str, ...]
 
 
-def difference(old: GatewayConfig, new: GatewayConfig) -> Difference:
+def bus_changes(old: GatewayConfig, new: GatewayConfig) -> BusChanges:
     """Which buses must be stopped and started. One is kept when it, its devices, profiles and limits are as before.
 
     Raises ReloadError when something else changed that only a restart can change.
@@ -54,7 +54,7 @@ def difference(old: GatewayConfig, new: GatewayConfig) -> Difference:
         )
         raise ReloadError(f"the model inputs changed ({what or 'their order'}): restart the gateway to learn again")
     before, after = _parts(old), _parts(new)
-    return Difference(
+    return BusChanges(
         stopped=tuple(name for name in before if before[name] != after.get(name)),
         started=tuple(name for name in after if after[name] != before.get(name)),
         kept=tuple(name for name in after if after[name] == before.get(name)),
@@ -68,7 +68,7 @@ async def apply(
     old: GatewayConfig,
     new: GatewayConfig,
     tap: Callable[[str], Tap] | None = None,
-) -> Difference:
+) -> BusChanges:
     """Bring the running acquisition from `old` to `new`, both already checked by `load`.
 
     Every new driver is made before the first bus is stopped; when the exchange fails, the buses of `old` run again, as
@@ -77,7 +77,7 @@ async def apply(
 
     Raises ReloadError or SetupError when nothing was changed, or what the exchange raised after it was taken back.
     """
-    change = difference(old, new)
+    change = bus_changes(old, new)
     lines = {line.bus.name: line for line in lines_of(new, clock, tap)}
     former = {name: runner.line for name, runner in acquisition.runners.items()}
     try:

@@ -99,7 +99,7 @@ def play(path: Path, folder: Path, seconds: float | None, group: tuple[str, int]
 
     group: multicast group and port for CAN; a second CAN bus has the port above
     """
-    config, events = read_recording(path, folder)
+    config, events = read_wire_recording(path, folder)
     folder.mkdir(parents=True, exist_ok=True)
     asyncio.run(_play(config, events, folder, seconds, group))
 
@@ -172,7 +172,7 @@ def _fields(one: Played) -> dict[str, object]:
     return {"name": one.bus, "kind": one.kind, **one.place}
 
 
-def read_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None, Sequence[WireEvent]]:
+def read_wire_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None, Sequence[WireEvent]]:
     """The configuration, which a file of another program has not (None), and what passed.
 
     folder: the user's own profiles in the recording are written into its sub-folder `profiles`

@@ -12,7 +12,7 @@ from gateway.past import past_of
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 from gateway.storage import History, Store, boot_id
-from gateway.telemetry import Telemetry
+from gateway.telemetry import TelemetryPublisher
 from gateway.versions import versions
 
 _WIRES = ("pymodbus", "canopen", "asyncua", "eclipse-zenoh")
@@ -49,9 +49,9 @@ async def serve(
             past = past_of(history, config)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES))
         sinks: list[Sink] = [store.record]
-        telemetry: Telemetry | None = None
+        telemetry: TelemetryPublisher | None = None
         if config.telemetry.enabled:
-            telemetry = Telemetry(
+            telemetry = TelemetryPublisher(
                 config.telemetry, config.machine.name, config.input_names, clock, boot, simulated=simulated
             )
             sinks.append((await stack.enter_async_context(telemetry)).publish)

@@ -19,10 +19,10 @@ from gateway.nc.routes import form_of, positions
 from gateway.nc.session import Session
 from gateway.nc.settings import Earlier, LinkSettings, Listeners
 from gateway.nc.slew import Source, Write
-from gateway.nc.states import STATES, Finding, State, after
+from gateway.nc.states import STATES, Condition, LinkState, after
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured
-from gateway.nc.writer import Writer
+from gateway.nc.writer import OffsetWriter
 from gateway.polling import Periodic
 from gateway.probing import Held, NotBegun, Outcome, Prober, probe_of, to_its_end
 from talc.frame import Decision, Why
@@ -48,7 +48,7 @@ class NcLink:
         self._clock, self._listeners = clock, listeners
         self._period, self._probing, compensation = settings.period_s, settings.probing, settings.compensation
         self._when_stale = compensation.when_stale
-        self._state = State.AWAY
+        self._state = LinkState.AWAY
         self._form = form_of(nc)
         self._probe = probe_of(settings.probing)
         self._session = Session(
@@ -59,7 +59,7 @@ class NcLink:
             notify=listeners.notify,
         )
         self._lease = Lease(nc, clock, settings.owner, compensation, listeners.notify)
-        self._writer = Writer(self._form, self._lease, clock, compensation, settings.period_s, self._store)
+        self._writer = OffsetWriter(self._form, self._lease, clock, compensation, settings.period_s, self._store)
         self._hold = Hold(self._form, clock)
         self._prober = Prober(
             nc,
@@ -119,10 +119,10 @@ class NcLink:
 
         Each part is tried, whatever became of the one before.
         """
-        self._state = after(STATES, self._state, Finding.STOP)
+        self._state = after(STATES, self._state, Condition.STOP)
         async with AsyncExitStack() as stack:
             stack.push_async_callback(self._session.close)
-            if self._state is State.STOPPING:
+            if self._state is LinkState.STOPPING:
                 for part in (self._lease.release, self._take_back, self._prober.withdraw):  # the last one first
                     stack.push_async_callback(self._try, part)
 
@@ -133,14 +133,14 @@ class NcLink:
     # One period ------------------------------------------------------------------------------------------------------
 
     async def _cycle(self, due_s: float) -> None:
-        if self._state is State.AWAY and not self._session.may_connect(due_s):
+        if self._state is LinkState.AWAY and not self._session.may_connect(due_s):
             return
         try:
-            if self._state is State.AWAY:
+            if self._state is LinkState.AWAY:
                 await self._session.connect()
                 await self._lease.claim()
                 await self._writer.begin()
-                self._state = after(STATES, self._state, Finding.CONNECTED)
+                self._state = after(STATES, self._state, Condition.CONNECTED)
             snapshot = await self._session.look()
             if not self._hold.on:
                 await self._prober.settle()
@@ -148,7 +148,7 @@ class NcLink:
                 self._listeners.states(snapshot.states, snapshot.monotonic_s)
             await self._compensate(snapshot)
         except DriverError as error:
-            self._state = after(STATES, self._state, Finding.LOST)
+            self._state = after(STATES, self._state, Condition.LOST)
             self._lease.lost()
             await self._session.lost(error, due_s)
             return
@@ -160,29 +160,29 @@ class NcLink:
         async with self._hold.writing:
             k = self._k
             before, self._state = self._state, after(STATES, self._state, self._finding(snapshot))
-            if before is State.NOT_READY is not self._state:
+            if before is LinkState.NOT_READY is not self._state:
                 await self._writer.begin()  # it may have been switched off meanwhile
             match self._state:
-                case State.FOLLOWING:
+                case LinkState.FOLLOWING:
                     errors, source = self._target.errors(snapshot.quality, now)
                     at, radius_m = positions(snapshot), self._probe.radius_m
                     wanted = None if errors is None else self._form.wanted(errors, at, radius_m)
                     await self._writer.follow(now, snapshot, wanted, source, k, send=may_write)
-                case State.HELD:
+                case LinkState.HELD:
                     self._writer.stand(now, snapshot, Source.FROZEN, k)
-                case State.NOT_READY:
+                case LinkState.NOT_READY:
                     self._writer.stand(now, snapshot, Source.NOT_READY, k)
                     self._writer.forget()
-                case State.AWAY | State.STOPPING:
+                case LinkState.AWAY | LinkState.STOPPING:
                     pass  # no period runs then
                 case _:
                     assert_never(self._state)
 
-    def _finding(self, snapshot: NcSnapshot) -> Finding:
+    def _finding(self, snapshot: NcSnapshot) -> Condition:
         if snapshot.ready is False:
-            return Finding.NOT_READY
+            return Condition.NOT_READY
         # A cycle that nobody waits for any more, or another's, may be touching the sphere at this moment.
-        return Finding.PROBING if self._hold.on or snapshot.probing else Finding.CLEAR
+        return Condition.PROBING if self._hold.on or snapshot.probing else Condition.CLEAR
 
     async def _beat(self) -> bool:
         """Whether offsets may be written."""
@@ -206,7 +206,7 @@ class NcLink:
         try:
             self._listeners.written(write)
         except Exception:
-            if self._state is not State.STOPPING:
+            if self._state is not LinkState.STOPPING:
                 raise
             # A full disk ends the gateway; it shall not leave the offsets where they are.
             log.exception("a step of the compensation was not stored while stopping")

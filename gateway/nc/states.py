@@ -5,7 +5,7 @@ from enum import StrEnum
 from typing import TypeVar
 
 
-class State(StrEnum):
+class LinkState(StrEnum):
     """What the offsets of one control do."""
 
     AWAY = "away"
@@ -20,7 +20,7 @@ class State(StrEnum):
     """They go where the configuration declares, then the control is released."""
 
 
-class Finding(StrEnum):
+class Condition(StrEnum):
     """What a period finds; the strongest of several counts, in the order lost, not ready, probing."""
 
     CONNECTED = "connected"
@@ -32,19 +32,23 @@ class Finding(StrEnum):
     STOP = "stop"
 
 
-_CONNECTED: Mapping[Finding, State] = {
-    Finding.CLEAR: State.FOLLOWING,
-    Finding.PROBING: State.HELD,
-    Finding.NOT_READY: State.NOT_READY,
-    Finding.LOST: State.AWAY,
-    Finding.STOP: State.STOPPING,
+_CONNECTED: Mapping[Condition, LinkState] = {
+    Condition.CLEAR: LinkState.FOLLOWING,
+    Condition.PROBING: LinkState.HELD,
+    Condition.NOT_READY: LinkState.NOT_READY,
+    Condition.LOST: LinkState.AWAY,
+    Condition.STOP: LinkState.STOPPING,
 }
-STATES: Mapping[State, Mapping[Finding, State]] = {
-    State.AWAY: {Finding.CONNECTED: State.FOLLOWING, Finding.LOST: State.AWAY, Finding.STOP: State.AWAY},
-    State.FOLLOWING: _CONNECTED,
-    State.HELD: _CONNECTED,
-    State.NOT_READY: _CONNECTED,
-    State.STOPPING: {Finding.STOP: State.STOPPING},
+STATES: Mapping[LinkState, Mapping[Condition, LinkState]] = {
+    LinkState.AWAY: {
+        Condition.CONNECTED: LinkState.FOLLOWING,
+        Condition.LOST: LinkState.AWAY,
+        Condition.STOP: LinkState.AWAY,
+    },
+    LinkState.FOLLOWING: _CONNECTED,
+    LinkState.HELD: _CONNECTED,
+    LinkState.NOT_READY: _CONNECTED,
+    LinkState.STOPPING: {Condition.STOP: LinkState.STOPPING},
 }
 
 
@@ -87,8 +91,8 @@ RIGHTS: Mapping[Right, Mapping[Reply, Right]] = {
     Right.DISARMED: {Reply.LOST: Right.DISARMED},
 }
 
-_S = TypeVar("_S", State, Right)
-_E = TypeVar("_E", Finding, Reply)
+_S = TypeVar("_S", LinkState, Right)
+_E = TypeVar("_E", Condition, Reply)
 
 
 def after(table: Mapping[_S, Mapping[_E, _S]], now: _S, event: _E) -> _S:

@@ -14,7 +14,7 @@ from gateway.nc.slew import Offsets, Slew, Source, Step, Write, as_offsets
 from talc.frame import FloatArray
 
 
-class Writer:
+class OffsetWriter:
     """One control's offsets.
 
     Parameters

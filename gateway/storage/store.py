@@ -28,7 +28,7 @@ from gateway.events import (
 )
 from gateway.storage import rows
 from gateway.storage.schema import FileLock, StoreError, connect, make_schema
-from gateway.storage.writer import Writer
+from gateway.storage.writer import DatabaseWriter
 
 _SECONDS_PER_DAY = 86400.0
 
@@ -62,7 +62,7 @@ class Store:
         except BaseException:
             self._lock.release()
             raise
-        self._writer = Writer(path, commit_s, self._prune)
+        self._writer = DatabaseWriter(path, commit_s, self._prune)
 
     def __enter__(self) -> Self:
         self._writer.start()

@@ -18,7 +18,7 @@ _QUEUE = 20_000
 Rows = Sequence[Sequence[object]]
 
 
-class Writer:
+class DatabaseWriter:
     """Executes statements on a connection of its own.
 
     Parameters

@@ -12,7 +12,7 @@ from gateway.telemetry.messages import (
     MeasurementMessage,
     ModelMessage,
     ProbingMessage,
-    ProbingState,
+    ProbingStanding,
     Published,
     ReadingMessage,
     SensorFinding,
@@ -21,7 +21,7 @@ from gateway.telemetry.messages import (
     decode,
     encode,
 )
-from gateway.telemetry.publisher import Telemetry, TelemetryError
+from gateway.telemetry.publisher import TelemetryError, TelemetryPublisher
 
 __all__ = [
     "TYPES",
@@ -33,14 +33,14 @@ __all__ = [
     "MeasurementMessage",
     "ModelMessage",
     "ProbingMessage",
-    "ProbingState",
+    "ProbingStanding",
     "Published",
     "ReadingMessage",
     "SensorFinding",
     "SensorsMessage",
     "StatusMessage",
-    "Telemetry",
     "TelemetryError",
+    "TelemetryPublisher",
     "decode",
     "encode",
     "keys",

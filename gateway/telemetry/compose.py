@@ -33,7 +33,7 @@ from gateway.telemetry.messages import (
     MeasurementMessage,
     ModelMessage,
     ProbingMessage,
-    ProbingState,
+    ProbingStanding,
     Published,
     ReadingMessage,
     SensorFinding,
@@ -239,9 +239,9 @@ def _probing(stamp: _Stamp, o: Outlook) -> ProbingMessage:
     )
 
 
-def _probing_state(o: Outlook) -> ProbingState:
+def _probing_state(o: Outlook) -> ProbingStanding:
     why = None if o.why is None else o.why.value
-    return ProbingState(o.standing.value, why, o.reason, o.rejected, o.operator)
+    return ProbingStanding(o.standing.value, why, o.reason, o.rejected, o.operator)
 
 
 def _sensors(stamp: _Stamp, j: Judgement, k: int) -> SensorsMessage:

@@ -134,8 +134,8 @@ class CompensationMessage(Message, frozen=True):
     read_back_um: Offsets | None
 
 
-class ProbingState(Struct, frozen=True):
-    """State of the wish for a measurement."""
+class ProbingStanding(Struct, frozen=True):
+    """State of a wanted measurement."""
 
     standing: Annotated[str, _texts(Standing)]
     why: Reason | None
@@ -145,7 +145,7 @@ class ProbingState(Struct, frozen=True):
 
 
 class ProbingMessage(Message, frozen=True):
-    """`probing`: the state of the wish for a measurement, when it changes. Fields as in ProbingState."""
+    """`probing`: the state of a wanted measurement, when it changes. Fields as in ProbingStanding."""
 
     standing: Annotated[str, _texts(Standing)]
     why: Reason | None
@@ -188,7 +188,7 @@ class StatusMessage(Message, frozen=True):
         dict[str, int], Meta(description="By bus: nothing was read, as the read before took long")
     ]
     config: Annotated[str | None, Meta(description="SHA-256 of the configuration that runs")]
-    probing: ProbingState | None
+    probing: ProbingStanding | None
 
 
 Published = (

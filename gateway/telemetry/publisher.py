@@ -56,7 +56,7 @@ def session_config(settings: TelemetrySettings) -> zenoh.Config:
     return config
 
 
-class Telemetry:
+class TelemetryPublisher:
     """Publishes every event. An async context manager.
 
     A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`. When the network is slower

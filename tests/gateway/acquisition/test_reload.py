@@ -9,7 +9,7 @@ from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
-from gateway.acquisition.reload import Difference, ReloadError, apply, difference
+from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes
 from gateway.config import GatewayConfig, parse
 from tests.benches.logger_files import logger_dbc, logger_profile
 from tests.benches.stepped_clock import SteppedClock
@@ -36,15 +36,15 @@ def config(*edits: tuple[str, str], more: str = "") -> GatewayConfig:
     ],
 )
 def test_only_the_bus_that_changed_is_exchanged(edits: list[tuple[str, str]], more: str) -> None:
-    assert difference(config(), config(*edits, more=more)) == Difference(("rtu1",), ("rtu1",), ("tcp1",))
+    assert bus_changes(config(), config(*edits, more=more)) == BusChanges(("rtu1",), ("rtu1",), ("tcp1",))
 
 
 def test_nothing_changed_nothing_done() -> None:
-    assert difference(config(), config(more="# a remark\n")) == Difference((), (), ("rtu1", "tcp1"))
+    assert bus_changes(config(), config(more="# a remark\n")) == BusChanges((), (), ("rtu1", "tcp1"))
 
 
 def test_a_renamed_bus_goes_and_comes() -> None:
-    assert difference(config(), config(("tcp1", "tcp2"))) == Difference(("tcp1",), ("tcp2",), ("rtu1",))
+    assert bus_changes(config(), config(("tcp1", "tcp2"))) == BusChanges(("tcp1",), ("tcp2",), ("rtu1",))
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_a_renamed_bus_goes_and_comes() -> None:
 )
 def test_what_needs_a_restart_is_refused_by_name(edits: list[tuple[str, str]], more: str, named: str) -> None:
     with pytest.raises(ReloadError, match=named):
-        difference(config(), config(*edits, more=more))
+        bus_changes(config(), config(*edits, more=more))
 
 
 class Running:
@@ -89,7 +89,7 @@ async def test_a_profile_may_be_renamed_together_with_the_configuration(tmp_path
         new = with_profile(tmp_path, "yours.toml")
         change = await apply(acquisition, running.board, running.clock, old, new)
         assert set(acquisition.runners) == {"rtu1", "tcp1"}
-    assert change == Difference(("rtu1",), ("rtu1",), ("tcp1",))
+    assert change == BusChanges(("rtu1",), ("rtu1",), ("tcp1",))
 
 
 def test_the_bus_of_an_edited_profile_is_exchanged(tmp_path: Path) -> None:
@@ -97,11 +97,11 @@ def test_the_bus_of_an_edited_profile_is_exchanged(tmp_path: Path) -> None:
     text = (PROFILES / "icpdas_m7015.toml").read_text(encoding="utf-8")
     mine.write_text(text, encoding="utf-8")
     old, again = with_profile(tmp_path), with_profile(tmp_path)
-    assert difference(old, again) == Difference((), (), ("rtu1", "tcp1"))
+    assert bus_changes(old, again) == BusChanges((), (), ("rtu1", "tcp1"))
     assert old.fingerprint() == again.fingerprint()
     mine.write_text(text.replace("title = ", "title = 'x' # "), encoding="utf-8")
     new = with_profile(tmp_path)
-    assert difference(old, new) == Difference(("rtu1",), ("rtu1",), ("tcp1",))
+    assert bus_changes(old, new) == BusChanges(("rtu1",), ("rtu1",), ("tcp1",))
     assert old.fingerprint() != new.fingerprint()
 
 
@@ -114,7 +114,7 @@ def test_the_bus_of_an_edited_dbc_file_is_exchanged(tmp_path: Path) -> None:
     old = parse(text, tmp_path / "gateway.toml")
     (tmp_path / "logger.dbc").write_text(logger_dbc().replace("(0.1,0)", "(0.01,0)"))
     new = parse(text, tmp_path / "gateway.toml")
-    assert difference(old, new) == Difference(("can1",), ("can1",), ())
+    assert bus_changes(old, new) == BusChanges(("can1",), ("can1",), ())
     assert old.fingerprint() != new.fingerprint()
 
 

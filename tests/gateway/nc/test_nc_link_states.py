@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from gateway.nc.slew import Source
-from gateway.nc.states import RIGHTS, STATES, Finding, Reply, Right, State, after
+from gateway.nc.states import RIGHTS, STATES, Condition, LinkState, Reply, Right, after
 from tests.benches.nc_link_bench import Bench, decision
 
 
 def test_every_state_can_be_reached_and_a_lost_connection_ends_each_but_the_last() -> None:
-    assert {then for row in STATES.values() for then in row.values()} == set(State)
+    assert {then for row in STATES.values() for then in row.values()} == set(LinkState)
     for state, row in STATES.items():
-        assert row.get(Finding.LOST, State.AWAY) is State.AWAY
-        assert (Finding.CONNECTED in row) is (state is State.AWAY)
-    assert set(STATES[State.STOPPING].values()) == {State.STOPPING}
+        assert row.get(Condition.LOST, LinkState.AWAY) is LinkState.AWAY
+        assert (Condition.CONNECTED in row) is (state is LinkState.AWAY)
+    assert set(STATES[LinkState.STOPPING].values()) == {LinkState.STOPPING}
 
 
 def test_from_disarmed_and_from_an_unarmed_mode_no_way_leads_to_a_write() -> None:
@@ -31,7 +31,7 @@ def test_what_cannot_happen_is_an_error() -> None:
     with pytest.raises(RuntimeError, match="'heard' cannot happen in state 'disarmed'"):
         after(RIGHTS, Right.DISARMED, Reply.HEARD)
     with pytest.raises(RuntimeError, match="'clear' cannot happen in state 'stopping'"):
-        after(STATES, State.STOPPING, Finding.CLEAR)
+        after(STATES, LinkState.STOPPING, Condition.CLEAR)
 
 
 @pytest.mark.parametrize("mode", ["monitor", "compensate"])

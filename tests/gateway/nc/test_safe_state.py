@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from gateway.acquisition.reload import ReloadError, difference
+from gateway.acquisition.reload import ReloadError, bus_changes
 from gateway.config.sections import Compensation, Probing
 from gateway.events import CompensationStepped
 from gateway.nc.slew import Source
@@ -50,7 +50,7 @@ async def test_without_compensate_the_control_is_not_touched(mode: str, tmp_path
 
 def test_the_mode_does_not_change_while_the_gateway_runs() -> None:
     with pytest.raises(ReloadError, match=r"\[compensation\] changed: restart"):
-        difference(config("compensate"), config("monitor"))
+        bus_changes(config("compensate"), config("monitor"))
 
 
 # Bound and slew ------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from pathlib import Path
 import can
 import pytest
 
-from gateway.cli.play import read_recording
+from gateway.cli.play import read_wire_recording
 from gateway.recordings import read_wire_log
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node
@@ -35,7 +35,7 @@ def write_trace(file: Path) -> None:
 @pytest.mark.parametrize("name", ["trace.log", "trace.asc", "trace.blf", "trace.trc"])
 def test_can_logs_of_other_programs_are_read(name: str, tmp_path: Path) -> None:
     write_trace(tmp_path / name)
-    config, events = read_recording(tmp_path / name, tmp_path)
+    config, events = read_wire_recording(tmp_path / name, tmp_path)
     assert config is None
     assert [(event.identifier, event.data) for event in events] == FRAMES * 3
 

@@ -13,7 +13,7 @@ from drivers.base import DriverError, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.micro_epsilon.ethernet import find_block
 from gateway.acquisition.build import lines_of
-from gateway.cli.play import play_bus, read_recording
+from gateway.cli.play import play_bus, read_wire_recording
 from gateway.clock import RealClock
 from gateway.config.load import parse
 from gateway.config.wires import wires_toml
@@ -276,7 +276,7 @@ async def test_stream_that_nobody_asks_for_is_played_in_time(tmp_path: Path) -> 
 
 
 async def test_example_of_the_documents_is_read_as_it_says(tmp_path: Path) -> None:
-    config, events = read_recording(Path("docs/example.wire"), tmp_path)
+    config, events = read_wire_recording(Path("docs/example.wire"), tmp_path)
     assert config is not None
     played = [
         await play_bus(bus.name, bus.kind, [event for event in events if event.bus == bus.name], tmp_path)

@@ -27,7 +27,7 @@ from gateway.events import (
 )
 from gateway.nc import Source, Step, Write
 from gateway.probing import Outlook, Standing
-from gateway.telemetry import Telemetry, TelemetryError
+from gateway.telemetry import TelemetryError, TelemetryPublisher
 from talc.frame import Decision, Event, EventKind, Frame, Phase, Why
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import configuration
@@ -51,9 +51,9 @@ def client(port: int) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def telemetry(port: int, clock: Clock | None = None) -> Telemetry:
+def telemetry(port: int, clock: Clock | None = None) -> TelemetryPublisher:
     settings = Settings(listen=(f"tcp/127.0.0.1:{port}",))
-    return Telemetry(settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False)
+    return TelemetryPublisher(settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False)
 
 
 def reading(value: float, quality: Quality = Quality.GOOD) -> Sample:
