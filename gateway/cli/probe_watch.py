@@ -3,7 +3,7 @@
 import asyncio
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median
@@ -15,7 +15,7 @@ from rich.text import Text
 
 from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Line, lines_of, reading_text
-from gateway.cli.signals import stop_on_signals
+from gateway.cli.signals import stop_on_signals, until
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
@@ -218,14 +218,10 @@ async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | 
         return view.table(monotonic(), console.width, console.height)
 
     every_s = every_s or (_TABLE_EVERY_S if on_terminal else _LINES_EVERY_S)
-    end_s = None if seconds is None else monotonic() + seconds
     live = Live(screen(), console=console, auto_refresh=False, screen=False, vertical_overflow="crop")
     async with Acquisition(lines, RealClock(), view.take, noticed, quiet=True):
         with live if on_terminal else nullcontext():
-            while not stop.is_set() and (end_s is None or monotonic() < end_s):
-                left = every_s if end_s is None else min(every_s, max(0.0, end_s - monotonic()))
-                with suppress(TimeoutError):
-                    await asyncio.wait_for(stop.wait(), left)
+            async for _ in until(stop, every_s, seconds):
                 if on_terminal:
                     live.update(screen(), refresh=True)
                 else:

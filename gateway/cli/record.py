@@ -2,13 +2,11 @@
 
 import asyncio
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
-from time import monotonic
 
 from drivers.base import Reading
 from gateway.acquisition import Acquisition, lines_of
-from gateway.cli.signals import stop_on_signals
+from gateway.cli.signals import stop_on_signals, until
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
@@ -16,7 +14,8 @@ from gateway.config.packed import packed_toml
 from gateway.polling import Notice
 from gateway.recordings import WireLogWriter
 
-_SHOWN_EVERY_S = 1.0
+_LOOK_EVERY_S = 1.0
+"""How often it is looked whether the file is full."""
 
 
 def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> None:
@@ -41,16 +40,14 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
     def noticed(notice: Notice) -> None:
         console.print(f"{clock.utc():%H:%M:%S} {notice.text}", highlight=False, soft_wrap=True)
 
-    end_s = None if seconds is None else monotonic() + seconds
     most_bytes = round(most_mb * 1e6)
     with WireLogWriter(path, packed_toml(config), clock.utc(), most_bytes=most_bytes) as log:
         lines = lines_of(config, clock, log.tap)
         console.print(f"recording {len(lines)} buses to {path}; Ctrl-C ends", highlight=False, soft_wrap=True)
         async with Acquisition(lines, clock, take, noticed, quiet=True):
-            while not (stop.is_set() or log.ended or (end_s is not None and monotonic() >= end_s)):
-                left = _SHOWN_EVERY_S if end_s is None else min(_SHOWN_EVERY_S, max(0.0, end_s - monotonic()))
-                with suppress(TimeoutError):
-                    await asyncio.wait_for(stop.wait(), left)
+            async for _ in until(stop, _LOOK_EVERY_S, seconds):
+                if log.ended:
+                    break
     if log.ended:
         console.print(f"ended: {log.ended}", style="yellow", highlight=False, soft_wrap=True)
     if log.dropped:

@@ -179,10 +179,10 @@ def _errors(s: ViewState) -> RenderableType:
         table.add_row(
             name,
             ERROR_UNITS[name],
-            _shown(s.predicted.get(name)),
-            _shown(None if sigma is None else 2 * sigma),
-            _shown(s.measured.get(name)),
-            _shown(s.limits.get(name)),
+            _tenths(s.predicted.get(name)),
+            _tenths(None if sigma is None else 2 * sigma),
+            _tenths(s.measured.get(name)),
+            _tenths(s.limits.get(name)),
             Text(", ".join(s.inputs.get(name, ())), overflow="ellipsis", style="dim"),
         )
     return table
@@ -208,7 +208,7 @@ def _events(s: ViewState) -> RenderableType:
     return Text("\n".join(lines), style="dim", no_wrap=True, overflow="ellipsis")
 
 
-def _shown(value: float | None) -> str:
+def _tenths(value: float | None) -> str:
     return "-" if value is None else f"{value:.1f}"
 
 

@@ -18,6 +18,7 @@ from gateway.events import (
     Sink,
 )
 from gateway.nc import NcLink
+from gateway.polling import Periodic
 from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement, TrainingJob, Why
@@ -114,16 +115,16 @@ class GridLoop:
 
     async def _measure(self, link: NcLink, at_s: float) -> None:
         """Handle one wanted measurement: wait for the moment, request it, pass on the result."""
-        due = at_s
+        polls = Periodic(self._clock, self._probing.poll_s, first_s=at_s)
         while True:
-            await self._clock.sleep_until(due)
+            await polls.wait()
             outlook = self._plan.look(link.present, self._clock.monotonic())
             self._tell(outlook)
             if outlook.standing is Standing.DUE:
                 break
             if not self._plan.wanted:
                 return
-            due = self._clock.monotonic() + self._probing.poll_s
+            polls.done()
         why = self._plan.asked()
         self._tell(self._plan.look(link.present, self._clock.monotonic()))
         outcome: Outcome = await link.measure(why)
