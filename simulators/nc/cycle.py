@@ -95,7 +95,8 @@ class ProbingCycle:
     ) -> None:
         self._settings = settings
         self._touch = touch
-        self._next_safe_point = next_safe_point
+        self.next_safe_point = next_safe_point
+        """Of the program that runs now."""
         self._waiting: tuple[int, float] | None = None  # number, expires at
         self._due_s = math.inf
         self._pose = 0
@@ -185,7 +186,7 @@ class ProbingCycle:
 
     def _next_chance(self, now_s: float) -> float:
         expires_s = self._waiting[1] if self._waiting is not None else math.inf
-        return min(self._next_safe_point(now_s), expires_s)
+        return min(self.next_safe_point(now_s), expires_s)
 
     def _refuse(self, reason: Reason) -> None:
         if self._waiting is None:

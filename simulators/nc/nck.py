@@ -120,6 +120,8 @@ class Nck:
         """By pose: how far a chip under the stylus shifts the centre."""
         self.loose_um = 0.0
         """Standard deviation with which a loose sphere or stylus moves between touches."""
+        self.miswritten: dict[int, float] = {}
+        """R-parameters that the NC program writes wrongly when it shows a result, and what it writes there."""
 
     # Time ---------------------------------------------------------------------------------------------------------
 
@@ -283,6 +285,8 @@ class Nck:
         if answer.centres_mm:
             self.r[R_RESULTS : R_RESULTS + 3 * len(answer.centres_mm)] = [v for c in answer.centres_mm for v in c]
             self.r[R_SPREAD] = self._spread_mm
+            for number, value in self.miswritten.items():
+                self.r[number] = value
         self.r[R_RESULT_OF] = answer.number if answer.centres_mm else 0
         self.r[R_ANSWERS], self.r[R_STATE], self.r[R_REASON] = answer.number, answer.state, answer.reason
 

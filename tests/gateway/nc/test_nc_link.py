@@ -19,7 +19,9 @@ async def test_unarmed_nothing_is_ever_written(mode: str) -> None:
     async with bench.running():
         bench.link.follow(decision(20.0))
         await bench.clock.run_until(30.0)
-    await bench.link.stop()
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(90.0)
+    await stopping
     assert bench.control.writes == []
     assert bench.control.beats == []
     assert bench.control.owner == 0

@@ -145,12 +145,12 @@ async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_on
     async with bench() as at:
         await at.clock.run_until(2.0)
         at.control.nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program does not look
-        program = at.control.nck.cycle._next_safe_point
-        at.control.nck.cycle._next_safe_point = lambda now_s: now_s + 250.0
+        program = at.control.nck.cycle.next_safe_point
+        at.control.nck.cycle.next_safe_point = lambda now_s: now_s + 250.0
         first = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(320.0)
         late = await first
-        at.control.nck.cycle._next_safe_point = program
+        at.control.nck.cycle.next_safe_point = program
         second = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(380.0)  # now the first one is done
         refused = await second
@@ -170,17 +170,11 @@ async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_on
 async def test_a_result_that_is_no_number_or_told_twice_is_one_answer_at_most() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
-        show = at.control.nck._show_answer
-
-        def spoiled() -> None:
-            show()
-            at.control.nck.r[R_RESULTS + 4] = math.nan
-
-        at.control.nck._show_answer = spoiled  # type: ignore[method-assign]
+        at.control.nck.miswritten = {R_RESULTS + 4: math.nan}
         first = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(200.0)
         nan = await first
-        at.control.nck._show_answer = show  # type: ignore[method-assign]
+        at.control.nck.miswritten = {}
         second = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(400.0)
         good = await second
