@@ -84,7 +84,7 @@ class CompensationStepped:
 
 @dataclass(frozen=True, slots=True)
 class OutlookChanged:
-    """Another state of the wish for a measurement, or another reason for it."""
+    """A wanted measurement has another state or another reason."""
 
     outlook: Outlook
 
@@ -113,7 +113,7 @@ GatewayEvent = (
 )
 
 Sink = Callable[[GatewayEvent], None]
-"""Takes every event in the order in which it happens, in the event loop's thread, and returns at once."""
+"""Receives every event in order, in the event loop's thread, and returns at once."""
 
 
 def in_order(sinks: Sequence[Sink]) -> Sink:

@@ -50,7 +50,7 @@ def past_of(history: History, config: GatewayConfig) -> Past:
     before = stored_config(history)
     if before.input_names != config.input_names or before.talc != config.talc:
         raise StoreError(
-            "the record was made with other inputs or [talc] settings; give [storage] another path to start anew"
+            "the record was made with other inputs or [talc] settings; give [storage] another path to start again"
         )
     controller = fresh.controller
     last: Decision | None = None
@@ -82,7 +82,7 @@ def past_of(history: History, config: GatewayConfig) -> Past:
 
 
 def _seen(controller: Controller, events: Sequence[tuple[datetime, int | None, Event]]) -> SeenBefore | None:
-    """What the sensor check may go on from."""
+    """What the sensor check may continue from."""
     state, since = controller.state(), None
     for _, k, event in events:
         match event.kind:

@@ -218,7 +218,7 @@ class Controller:
             events.append(Event(EventKind.MODELS_ADOPTED, text, model.error, model.residual_std, model.limit))
         self._measured = 0
         if all(m is None for m in self._models):
-            events.append(Event(EventKind.MODEL_REJECTED, "no usable model was found; measuring goes on"))
+            events.append(Event(EventKind.MODEL_REJECTED, "no usable model was found; measuring continues"))
         else:
             if self._training.static_inputs:
                 # An error that had no model yet has its inputs chosen by the next training.

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 LARGEST_INPUT: Final = 1e12
-"""Magnitude of an input, in whatever unit. What is beyond is no value: squares and sums of it would be none either."""
+"""Magnitude of an input, in whatever unit. A larger number is not a value: its squares and sums would overflow."""
 LARGEST_ERROR: Final = 1e6
 """Magnitude of a thermal error: a metre, or a metre per metre."""
 

@@ -31,7 +31,7 @@ def _frozen_array(values: object) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorModel:
-    """The model of one thermal error. Arrays are copied and read-only. ValueError names a field that cannot be.
+    """The model of one thermal error. Arrays are copied and read-only. ValueError names an invalid field.
 
     Bounds: every input is held inside `[u_low, u_high]` and every prediction inside `[y_low, y_high]`, which reach
     one training range beyond what training saw on either side; a prediction for which this mattered is flagged.

@@ -1,4 +1,4 @@
-"""All buses at once: one runner each, started, exchanged and stopped together."""
+"""The acquisition: one runner per bus, started, exchanged and stopped together."""
 
 import asyncio
 from collections.abc import Collection, Mapping, Sequence

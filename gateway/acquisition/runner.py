@@ -50,11 +50,11 @@ class Runner:
         self._answered_s: dict[str, float] = {}
         """What each device that answered in this period took."""
         self._unsure: dict[PolledDevice, tuple[Exception, bool]] = {}
-        """Who did not answer in this period, and may be asked again; whether it had been steady."""
+        """Devices that did not answer in this period and may be asked again; whether each had been steady."""
 
     @property
     def missed(self) -> int:
-        """Periods that were skipped because the one before took too long."""
+        """Periods that were skipped because the previous one took too long."""
         return self._periodic.missed
 
     async def run(self) -> None:
@@ -97,7 +97,7 @@ class Runner:
             await self.close()
 
     def _wavered_lately(self, device: PolledDevice) -> float:
-        """Key of the order in which the healthy are asked: who wavered last is last."""
+        """Sort key of the healthy devices: the one that failed most recently is asked last."""
         return -math.inf if self._steady(device) else device.wavered_s
 
     def _steady(self, device: PolledDevice) -> bool:
@@ -158,7 +158,7 @@ class Runner:
 
         again: it counts as failed when it does not answer now
         """
-        if not self._bus.is_open:  # closed by the one before
+        if not self._bus.is_open:  # closed after the previous device failed
             self._publish_fault(device)
             return False
         try:
@@ -188,7 +188,7 @@ class Runner:
         device.detail = self._reports.failed(device.subject, error)
         self._publish_fault(device)
         await device.close()
-        if isinstance(error, ConnectError | OSError):  # the connection is gone, or a read hangs in it
+        if isinstance(error, ConnectError | OSError):  # the connection is lost, or a read hangs in it
             for other in self.devices:
                 other.detail = device.detail
             await self.close()

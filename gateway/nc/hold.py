@@ -1,4 +1,4 @@
-"""Offsets that are made to stand still while the control probes."""
+"""Holds the offsets while the control probes."""
 
 import asyncio
 
@@ -11,7 +11,7 @@ from talc.frame import FloatArray
 
 
 class HeldOffsets:
-    """What was in force when it was made to stand still. Implements gateway.probing.Held."""
+    """The offsets in force when the hold began. Implements gateway.probing.Held."""
 
     def __init__(self, form: Form, clock: ServiceClock, coefficients: FloatArray) -> None:
         self._form, self._clock, self.coefficients = form, clock, coefficients
@@ -41,16 +41,16 @@ class Hold:
         self._form, self._clock = form, clock
         self._on = False
         self.writing = asyncio.Lock()
-        """Held by a step while it is decided and written."""
+        """Locked by a step while it is decided and written."""
 
     @property
     def on(self) -> bool:
-        """Whether a cycle of this gateway has the offsets stand still."""
+        """Whether a cycle of this gateway holds the offsets."""
         return self._on
 
     async def begin(self) -> HeldOffsets:
         """No step is begun from now on until `end`. Raises DriverError."""
-        async with self.writing:  # a write under way ends first, or what is read would not be what stands
+        async with self.writing:  # a write under way ends first, or the read would not give what stays in force
             self._on = True
             with self._clock.hold():
                 return HeldOffsets(self._form, self._clock, await to_its_end(self._form.read()))

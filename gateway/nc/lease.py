@@ -45,7 +45,7 @@ class Lease:
 
     @property
     def armed(self) -> bool:
-        """Whether this gateway writes offsets, as soon as the control lets it."""
+        """Whether this gateway writes offsets as soon as the control permits it."""
         return self._right not in (Right.NONE, Right.DISARMED)
 
     @property
@@ -78,7 +78,7 @@ class Lease:
             raise NoAnswer(f"more than {self._terms.silence_s / 2:g} s since the heartbeat", device="nc")
 
     def disarm(self, text: str) -> None:
-        """Neither write nor beat from now on: the control's watchdog brings the offsets to their declared state."""
+        """Stop writing and beating: the control's watchdog brings the offsets to their configured state."""
         self._right = after(RIGHTS, self._right, Reply.DISARM)
         log.warning("%s", text)
         self._notify(Notice("offsets of NC", text))
@@ -88,6 +88,6 @@ class Lease:
         self._right = after(RIGHTS, self._right, Reply.LOST)
 
     async def release(self) -> None:
-        """Give the control back. Raises DriverError."""
+        """Release the control. Raises DriverError."""
         if self.armed:
             await self._nc.release(self._owner)

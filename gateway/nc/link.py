@@ -83,7 +83,7 @@ class NcLink:
 
     @property
     def may_probe(self) -> bool:
-        """Whether cycles may be asked for at all."""
+        """Whether cycles may be requested at all."""
         return self._probing.armed
 
     @property
@@ -181,7 +181,7 @@ class NcLink:
     def _finding(self, snapshot: NcSnapshot) -> Condition:
         if snapshot.ready is False:
             return Condition.NOT_READY
-        # A cycle that nobody waits for any more, or another's, may be touching the sphere at this moment.
+        # A cycle for which nobody waits, or another's cycle, may be touching the sphere at this moment.
         return Condition.PROBING if self._hold.on or snapshot.probing else Condition.CLEAR
 
     async def _beat(self) -> bool:
@@ -224,15 +224,15 @@ class NcLink:
             await self._clock.sleep_until(due)
             snapshot = await self._session.look()
             if not await self._beat():
-                return  # the control's watchdog has it
+                return  # the control's watchdog takes over
             now = self._clock.monotonic()
             if snapshot.ready is False:
                 self._writer.stand(now, snapshot, Source.NOT_READY, self._k)
-                return  # no offset is written now; it is the watchdog's, too
+                return  # no offset is written now: this too is left to the watchdog
             await self._writer.follow(now, snapshot, None, Source.STOPPED, self._k, send=True)
 
     async def _try(self, part: Callable[[], Awaitable[None]]) -> None:
         try:
             await part()
         except DriverError as error:
-            log.warning("the NC could not be left as declared, its watchdog has it: %s", error)
+            log.warning("the NC could not be left as configured, its watchdog takes over: %s", error)

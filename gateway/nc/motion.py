@@ -6,7 +6,7 @@ from drivers.nc import NcSnapshot
 
 
 class Motion:
-    """Judges one control's snapshots, in their order.
+    """Checks the snapshots of one control, in order.
 
     longest_s: an axis may report a speed at an unchanged position for so long. A speed that the control forms as a
     mean over a minute outlives the motion by a minute. Looks more than a quarter of it apart prove nothing: a

@@ -17,11 +17,11 @@ from talc import kinematics
 from talc.frame import FloatArray
 
 _SAME_UM = 0.05
-"""What is closer than that is the same: rounding on the way to the control and back."""
+"""Differences below this are rounding on the way to the control and back."""
 
 
 class Form(Protocol):
-    """What the link needs of a form; its control is the one it was made for."""
+    """The form of offsets for one control."""
 
     def basis(self, position_mm: FloatArray) -> FloatArray:
         """(..., n) for positions (..., 3): coefficients times this is the shift there."""
@@ -45,7 +45,7 @@ class Form(Protocol):
 
 
 def form_of(nc: NumericalControl) -> Form:
-    """The best form that a control takes."""
+    """The best form that a control accepts."""
     return OverTravel(nc) if isinstance(nc, FollowsPosition) else HereAndNow(nc)
 
 
@@ -112,7 +112,7 @@ class OverTravel:
 
 def differ(found: FloatArray, wanted: FloatArray) -> bool:
     """Whether two matrices (3, n) are not the same somewhere in the travel."""
-    # Asked the other way round, what is no number would agree with everything.
+    # The other way round, NaN would agree with everything.
     return not np.abs(found - wanted).sum(axis=1).max() <= _SAME_UM
 
 

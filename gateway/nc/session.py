@@ -63,7 +63,7 @@ class Session:
         """Close after an error of the period that was due at `due_s`, and report the problem once."""
         await self.close()
         self._breaker.failed(due_s)
-        # Whether the line is cut or silent, it is the same trouble.
+        # A cut connection and a silent one are the same problem.
         kind = "line" if isinstance(error, ConnectError | NoAnswer) else type(error).__name__
         self._problems.report(_SUBJECT, kind, f"NC: {error}")
 

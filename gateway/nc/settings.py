@@ -1,4 +1,4 @@
-"""What a link to one control is made from: its settings, what an earlier run left, and who is called."""
+"""What a link to one control is made from: its settings, what an earlier run left, and its listeners."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -15,7 +15,7 @@ ZERO: Offsets = (0.0, 0.0, 0.0)
 
 
 class Source(StrEnum):
-    """What the present target rests on."""
+    """The basis of the present target."""
 
     PREDICTION = "prediction"
     STALE = "stale"
@@ -41,7 +41,7 @@ class Step:
     bounded: tuple[bool, bool, bool]
     """Which axes were cut by the bound."""
     coefficients_um: tuple[tuple[float, ...], ...] = ()
-    """What stands behind `offsets_um`: rows X, Y, Z; see gateway.nc.routes."""
+    """The coefficients behind `offsets_um`: rows X, Y, Z; see gateway.nc.routes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Write:
     positions: Mapping[str, float]
     """Axis positions: X Y Z in mm, A C in degrees."""
     written: bool
-    """Whether the offsets were sent to the control. It may have them also when it did not answer."""
+    """Whether the offsets were sent to the control. It may have received them even if it did not answer."""
     read_back_um: Offsets | None
     """What the control reports to have in force after the write; None when nothing was written or no answer came."""
 
@@ -102,7 +102,7 @@ class Slew:
 
     @property
     def largest_um(self) -> float:
-        """The most that is added to any axis at any position."""
+        """The largest offset of any axis at any position."""
         return float(np.abs(self._now).sum(axis=1).max())
 
     def freeze(self, now_s: float, basis: FloatArray | None = None, source: Source = Source.FROZEN) -> Step:

@@ -9,15 +9,15 @@ class LinkState(StrEnum):
     """What the offsets of one control do."""
 
     AWAY = "away"
-    """There is no connection: nothing is known of them."""
+    """There is no connection: the offsets are unknown."""
     FOLLOWING = "following"
     """Each step goes towards the target."""
     HELD = "held"
-    """They stand still while the control probes, whoever asked for the cycle."""
+    """They do not change while the control probes, whoever requested the cycle."""
     NOT_READY = "not_ready"
-    """Emergency stop, drives off or axes not referenced: they stand still, and afterwards they are read again."""
+    """Emergency stop, drives off or axes not referenced: they do not change, and afterwards they are read again."""
     STOPPING = "stopping"
-    """They go where the configuration declares, then the control is released."""
+    """They go to the configured state, then the control is released."""
 
 
 class Condition(StrEnum):
@@ -28,7 +28,7 @@ class Condition(StrEnum):
     NOT_READY = "not_ready"
     PROBING = "probing"
     CLEAR = "clear"
-    """The control is ready and nobody probes."""
+    """The control is ready and does not probe."""
     STOP = "stop"
 
 
@@ -96,7 +96,7 @@ _E = TypeVar("_E", Condition, Reply)
 
 
 def after(table: Mapping[_S, Mapping[_E, _S]], now: _S, event: _E) -> _S:
-    """The state that follows. Raises RuntimeError for what cannot happen in this state."""
+    """The state that follows. Raises RuntimeError for an event that is impossible in this state."""
     try:
         return table[now][event]
     except KeyError:

@@ -23,6 +23,6 @@ class LastMeasured:
         self._since = np.where(np.isfinite(measurement.errors), now_s, self._since)
 
     def corrected(self, decision: Decision, now_s: float) -> FloatArray:
-        """(9,) what the decision corrects; NaN for an error of which nothing is known, or nothing of late."""
+        """(9,) what the decision corrects; NaN for an error that is unknown or was not measured recently."""
         without_model = ~np.isfinite(decision.predicted)
         return np.where(without_model & (now_s - self._since > self._longest), np.nan, decision.corrected)

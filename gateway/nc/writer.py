@@ -48,7 +48,7 @@ class OffsetWriter:
 
     @property
     def largest_um(self) -> float:
-        """The most that is added to any axis at any position."""
+        """The largest offset of any axis at any position."""
         return self._begun.largest_um
 
     @property
@@ -77,7 +77,7 @@ class OffsetWriter:
         self._left = None
 
     def forget(self) -> None:
-        """What is in force may change from now on without a write of this gateway."""
+        """From now on the offsets in force may change without a write of this gateway."""
         self._left = None
 
     def stand(self, now_s: float, snapshot: NcSnapshot, source: Source, k: int | None) -> None:

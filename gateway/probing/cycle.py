@@ -25,7 +25,7 @@ class End(StrEnum):
     REFUSED = "refused"
     """The control did not begin the cycle, or could not be reached."""
     REJECTED = "rejected"
-    """The cycle failed, or its result is not to be believed."""
+    """The cycle failed, or its result cannot be used."""
 
 
 InForce = Triple | tuple[Triple, ...]
@@ -36,7 +36,7 @@ class Held(Protocol):
     """Offsets that are held."""
 
     def at(self, centres_mm: FloatArray | None) -> InForce:
-        """In force where the sphere's centres (poses, 3), mm, were found; None: nowhere."""
+        """Offsets in force where the sphere's centres (poses, 3), mm, were found; None: unknown."""
         ...
 
     async def still(self) -> None:
@@ -46,17 +46,17 @@ class Held(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one request; `measurement` is None when it was refused, failed or implausible."""
+    """Outcome of one request; `measurement` is None when it was refused, failed or implausible."""
 
     number: int
-    """Of the last cycle asked for."""
+    """Number of the last cycle requested."""
     why: Why
     asked: datetime
     ended: datetime
     centres_mm: FloatArray | None
     """(poses, 3) as the control reported them; of the reference, the mean of its cycles."""
     in_force_um: InForce
-    """Compensation that stood frozen during the cycle, taken out of the centres before solving."""
+    """Compensation held during the cycle, removed from the centres before solving."""
     measurement: Measurement | None
     residual_um: float
     """RMS of what the nine errors do not explain; NaN without a result."""
@@ -138,7 +138,7 @@ async def run_cycle(
             case ProbingState.FAILED:
                 raise Rejected(f"the cycle failed: {status.reason or 'no reason given'}")
             case ProbingState.IDLE:
-                raise NotBegun("the control knows nothing of the request any more: does another gateway probe?")
+                raise NotBegun("the control no longer knows the request: does another gateway probe?")
             case ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
                 pass
             case _:
