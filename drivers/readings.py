@@ -18,13 +18,13 @@ class ReadingMaker:
     def make(self, values: Mapping[str, float | Fault]) -> list[Reading]:
         """One reading per channel, in the order of `values`; a fault becomes NaN with the fault's quality.
 
-        So does what is no number, however it came about: nothing but a number is ever good.
+        So does a value that is not a finite number: only a number is ever good.
         """
         utc, monotonic_s = self.clock.utc(), self.clock.monotonic()
         readings = []
         for channel, value in values.items():
             if not isinstance(value, Fault) and not isfinite(value):
-                value = Fault(Quality.SENSOR_FAULT, f"what was read gives {value}, which is no value")
+                value = Fault(Quality.SENSOR_FAULT, f"what was read gives {value}, which is not a finite number")
             number, quality, detail = (
                 (nan, value.quality, value.detail) if isinstance(value, Fault) else (value, Quality.GOOD, "")
             )

@@ -300,7 +300,7 @@ def _values(
         where = f"{table.word} {places[i]}, column {name!r}"
         if value is None:
             if not (cell is None or str(cell).strip().lower() in _NOTHING):
-                problems.add(where, f"{shown(cell)} is no number; an unknown error is left empty")
+                problems.add(where, f"{shown(cell)} is not a number; leave an unknown error empty")
         elif abs(value * scale) > largest:
             problems.add(where, f"{shown(cell)} is beyond {largest / scale:g}; is its unit right?")
         else:

@@ -22,11 +22,11 @@ Publish = Callable[[Sequence[Sample]], None]
 class Runner:
     """Polls the devices of one bus on a drift-free schedule.
 
-    Healthy devices come first, in the order of the configuration; those that wavered lately after the steady ones. Who
-    does not answer in the short time that the bus allows one that usually is quick, is asked once more behind all
-    others, with all its time, if that fits into the period: an answer that is late for once is no fault, and delays
-    nobody. Of the failing ones at most one is asked in vain per period, last, when its breaker allows it and when what
-    it may cost still fits; only when put off for the longest wait is it asked regardless.
+    Healthy devices come first, in the order of the configuration; those that failed recently come after the steady
+    ones. A device that does not answer in the short time that the bus allows a usually quick one is asked once more,
+    after all others and with the full timeout, if that fits into the period: a single late answer is not a fault and
+    delays no other device. Of the failing devices at most one per period is asked in vain, last, when its breaker
+    allows it and its possible cost still fits; only after the longest wait is it asked in any case.
     """
 
     def __init__(
@@ -109,11 +109,10 @@ class Runner:
         return sorted(waiting, key=lambda device: device.breaker.retry_at)
 
     async def _ask_again(self, due: float) -> None:
-        """Who did not answer at once: while it fits into the period, or while they show that they are only late.
+        """Ask the devices that did not answer at once, while it fits into the period or their answers are only late.
 
-        The first of the steady ones is asked in any case: it seldom is, and where a busy computer has used up the time
-        it must not fail for that. The order is backwards: the last may have suffered from those before it, whose late
-        answers disturbed its own.
+        The first of the steady ones is asked in any case: this is rare, and it must not fail because a busy computer
+        has used up the time. The order is backwards: late answers of earlier devices may have disturbed those of the last.
         """
         late, first = False, True
         for device, (error, steady) in reversed(self._unsure.items()):

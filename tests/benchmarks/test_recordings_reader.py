@@ -156,7 +156,7 @@ def test_a_wrong_description_is_told_with_file_field_and_value(tmp_path: Path, t
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("12000,1.0,broken", "lathe.csv: line 42, column 'drift': 'broken' is no number"),
+        ("12000,1.0,broken", "lathe.csv: line 42, column 'drift': 'broken' is not a number"),
         ("noon,1.0,1.0", "lathe.csv: line 42, column 'time': 'noon' is not a time"),
         ("60,1.0,1.0", "lathe.csv: line 42, column 'time': '60' comes before '11700' of the row above; sort the rows"),
         ("12000,1.0,2e9", "lathe.csv: line 42, column 'drift': '2e9' is beyond 1e+06; is its unit right?"),

@@ -234,5 +234,5 @@ async def test_value_too_large_to_be_computed_is_not_good(tmp_path: Path) -> Non
         module.raw[1] = -1e30
         (first, second, *_) = await driver.read()
     assert first.quality is Quality.GOOD
-    assert told([second]) == [("sensor_fault", "what was read gives -inf, which is no value")]
+    assert told([second]) == [("sensor_fault", "what was read gives -inf, which is not a finite number")]
     assert isnan(second.value)
