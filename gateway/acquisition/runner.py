@@ -112,7 +112,8 @@ class Runner:
         """Ask the devices that did not answer at once, while it fits into the period or their answers are only late.
 
         The first of the steady ones is asked in any case: this is rare, and it must not fail because a busy computer
-        has used up the time. The order is backwards: late answers of earlier devices may have disturbed those of the last.
+        has used up the time. The order is backwards: late answers of earlier devices may have disturbed those of the
+        last.
         """
         late, first = False, True
         for device, (error, steady) in reversed(self._unsure.items()):
