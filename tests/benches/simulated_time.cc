@@ -18,8 +18,11 @@
 #include <sys/epoll.h>
 #include <sys/eventfd.h>
 #include <sys/mman.h>
+#include <sys/ioctl.h>
 #include <sys/select.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
+#include <sys/sysmacros.h>
 #include <sys/time.h>
 #include <termios.h>
 #include <time.h>
@@ -32,6 +35,7 @@
 #include <map>
 #include <mutex>
 #include <string>
+#include <tuple>
 #include <vector>
 
 namespace {
@@ -50,6 +54,62 @@ Nanoseconds real(clockid_t clock) {
   timespec at;
   ::clock_gettime(clock, &at);  // this library's own calls are not redirected
   return of(at);
+}
+
+// ---- Pseudo-terminals ----
+
+// Bytes written at one end reach the other through a queue of the kernel's, later, and nothing shows them until then.
+// So those written and read are counted: what is neither read nor ready to be read is under way.
+struct End {  // one that reads
+  int64_t written = 0, read = 0;
+  int fd = -1;
+  int64_t missing = 0;  // bytes, of so many that were written, since this real time
+  int64_t missing_of = 0;
+  Nanoseconds missing_since = 0;
+};
+struct Terminal {
+  int number;
+  bool ours;  // the end that made it
+  bool operator<(const Terminal& other) const { return std::tie(number, ours) < std::tie(other.number, other.ours); }
+  bool operator==(const Terminal& other) const { return number == other.number && ours == other.ours; }
+};
+constexpr Terminal none{-1, false};
+constexpr Nanoseconds lost_after = 2 * second;  // what has not come then was discarded
+std::mutex ends_guard;
+std::map<Terminal, End> ends;
+
+Terminal terminal(int fd) {
+  struct stat status;
+  if (fstat(fd, &status) != 0 || !S_ISCHR(status.st_mode)) return none;
+  const unsigned kind = major(status.st_rdev), number = minor(status.st_rdev);
+  if (kind >= 136 && kind < 144) return {static_cast<int>(number), false};
+  int made = -1;
+  return kind == 5 && number == 2 && ioctl(fd, TIOCGPTN, &made) == 0 ? Terminal{made, true} : none;
+}
+
+bool find_descriptor(const Terminal& wanted, End& end) {
+  if (end.fd >= 0 && terminal(end.fd) == wanted) return true;
+  for (end.fd = 0; end.fd < 4096; ++end.fd)
+    if (terminal(end.fd) == wanted) return true;
+  end.fd = -1;
+  return false;
+}
+
+bool wires_are_quiet() {
+  std::lock_guard lock(ends_guard);
+  for (auto& [at, end] : ends) {
+    if (end.written <= end.read) continue;
+    int ready = 0;
+    if (find_descriptor(at, end)) ioctl(end.fd, FIONREAD, &ready);
+    const int64_t missing = end.written - end.read - ready;
+    if (missing <= 0) continue;
+    const Nanoseconds now = real(CLOCK_MONOTONIC);
+    if (missing != end.missing || end.written != end.missing_of)
+      end.missing = missing, end.missing_of = end.written, end.missing_since = now;
+    if (end.fd >= 0 && now - end.missing_since < lost_after) return false;
+    end.read = end.written - ready;
+  }
+  return true;
 }
 
 // ---- Waits ----
@@ -179,7 +239,13 @@ int poll_(pollfd* fds, nfds_t count, int timeout) {
 }
 
 int epoll_wait_(int epoll, epoll_event* events, int most, int timeout) {
-  if (!active || timeout <= 0) return ::epoll_wait(epoll, events, most, timeout);
+  if (!active || timeout == 0) return ::epoll_wait(epoll, events, most, timeout);
+  if (timeout < 0) {
+    ++waits;
+    const int ready = ::epoll_wait(epoll, events, most, timeout);
+    ++waits;
+    return ready;
+  }
   const Nanoseconds deadline = after_ms(timeout);
   pollfd fd{epoll, POLLIN, 0};
   const int ready = wait_for(&fd, 1, deadline);
@@ -201,6 +267,63 @@ int select_(int count, fd_set* reading, fd_set* writing, fd_set* excepting, time
   return ::select(count, reading, writing, excepting, &now);
 }
 
+// Waits without a timeout stay as they are; that they begin and end is noted.
+int sem_wait_(sem_t* semaphore) {
+  ++waits;
+  const int failed = ::sem_wait(semaphore);
+  ++waits;
+  return failed;
+}
+
+ssize_t write_(int fd, const void* bytes, size_t count) {
+  const Terminal at = active ? terminal(fd) : none;
+  if (at == none) return ::write(fd, bytes, count);
+  const Terminal other{at.number, !at.ours};
+  {
+    std::lock_guard lock(ends_guard);
+    ends[other].written += count;  // before anybody can read them
+  }
+  const ssize_t written = ::write(fd, bytes, count);
+  if (written < static_cast<ssize_t>(count)) {
+    const int error = errno;
+    std::lock_guard lock(ends_guard);
+    ends[other].written -= count - std::max<ssize_t>(written, 0);
+    errno = error;
+  }
+  return written;
+}
+
+ssize_t read_(int fd, void* bytes, size_t count) {
+  const ssize_t got = ::read(fd, bytes, count);
+  if (!active || got <= 0) return got;
+  const int error = errno;
+  if (const Terminal at = terminal(fd); !(at == none)) {
+    std::lock_guard lock(ends_guard);
+    End& end = ends[at];
+    end.read = std::min(end.read + got, end.written);
+  }
+  errno = error;
+  return got;
+}
+
+int tcflush_(int fd, int which) {
+  const int failed = ::tcflush(fd, which);
+  if (const Terminal at = terminal(fd); active && !(at == none) && which != TCOFLUSH) {
+    std::lock_guard lock(ends_guard);
+    ends[at].read = ends[at].written;
+  }
+  return failed;
+}
+
+int openpty_(int* ours, int* theirs, char* name, const termios* state, const winsize* size) {
+  const int failed = ::openpty(ours, theirs, name, state, size);
+  if (!failed && active) {
+    std::lock_guard lock(ends_guard);
+    ends.erase(terminal(*ours)), ends.erase(terminal(*theirs));
+  }
+  return failed;
+}
+
 // ---- Redirection ----
 
 struct Redirection {
@@ -218,6 +341,11 @@ const Redirection redirections[] = {
     {"poll", reinterpret_cast<void*>(poll_)},
     {"epoll_wait", reinterpret_cast<void*>(epoll_wait_)},
     {"select", reinterpret_cast<void*>(select_)},
+    {"sem_wait", reinterpret_cast<void*>(sem_wait_)},
+    {"write", reinterpret_cast<void*>(write_)},
+    {"read", reinterpret_cast<void*>(read_)},
+    {"tcflush", reinterpret_cast<void*>(tcflush_)},
+    {"openpty", reinterpret_cast<void*>(openpty_)},
 };
 
 #if defined(__x86_64__)
@@ -269,26 +397,6 @@ int redirect_object(dl_phdr_info* object, size_t, void*) {
 
 // ---- The governor ----
 
-// Bytes on a pseudo-terminal pass through a queue of the kernel's. What is put in now comes out after what was put in.
-class Wire {
- public:
-  Wire() {
-    termios raw;
-    cfmakeraw(&raw);
-    openpty(&ours_, &theirs_, nullptr, &raw, nullptr);
-  }
-  ~Wire() { close(ours_), close(theirs_); }
-  void flush() { pass(ours_, theirs_), pass(theirs_, ours_); }
-
- private:
-  static void pass(int from, int to) {
-    char byte = 'x';
-    pollfd fd{to, POLLIN, 0};
-    if (write(from, &byte, 1) == 1 && ::poll(&fd, 1, 1000) == 1) (void)!read(to, &byte, 1);
-  }
-  int ours_ = -1, theirs_ = -1;
-};
-
 // Whether the kernel shows every other thread of this process asleep; one that was woken and waits for a core is not.
 class Threads {
  public:
@@ -333,8 +441,6 @@ class Threads {
 std::atomic<uint64_t> steps{0};
 pthread_t governor;
 
-Wire* wire = nullptr;  // of the simulated time that runs
-
 void* govern(void*) {
   Threads threads;
   const timespec rest{0, rest_ns};
@@ -342,8 +448,7 @@ void* govern(void*) {
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
     const uint64_t before = waits;
     if (!threads.all_sleep()) continue;
-    wire->flush();
-    if (!threads.all_sleep()) continue;
+    if (!wires_are_quiet() || !threads.all_sleep()) continue;
     std::lock_guard lock(guard);
     if (waits != before) continue;
     Nanoseconds next = never;
@@ -372,7 +477,7 @@ void begin_simulated_time() {
   dl_iterate_phdr(redirect_object, nullptr);  // libraries may have been loaded since the last time
   simulated = real(CLOCK_MONOTONIC);
   wall_offset = real(CLOCK_REALTIME) - simulated;
-  wire = new Wire;
+  ends.clear();
   active = true;
   pthread_create(&governor, nullptr, govern, nullptr);
 }
@@ -380,7 +485,6 @@ void begin_simulated_time() {
 void end_simulated_time() {
   active = false;
   pthread_join(governor, nullptr);
-  delete wire;
   std::lock_guard lock(guard);
   for (auto* wait : waiting) expire(*wait);
 }
