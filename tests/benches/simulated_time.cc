@@ -59,13 +59,12 @@ Nanoseconds real(clockid_t clock) {
 // ---- Pseudo-terminals ----
 
 // Bytes written at one end reach the other through a queue of the kernel's, later, and nothing shows them until then.
-// So those written and read are counted: what is neither read nor ready to be read is under way.
+// So those written and read are counted: what was not read is under way, until it has shown for a while.
 struct End {  // one that reads
   int64_t written = 0, read = 0;
   int fd = -1;
-  int64_t missing = 0;  // bytes, of so many that were written, since this real time
-  int64_t missing_of = 0;
-  Nanoseconds missing_since = 0;
+  int64_t written_then = 0, read_then = 0;
+  Nanoseconds since = 0;  // real time at which these two were first seen
 };
 struct Terminal {
   int number;
@@ -74,6 +73,7 @@ struct Terminal {
   bool operator==(const Terminal& other) const { return number == other.number && ours == other.ours; }
 };
 constexpr Terminal none{-1, false};
+constexpr Nanoseconds unread_after = second / 10;  // what is not read then, nobody reads
 constexpr Nanoseconds lost_after = 2 * second;  // what has not come then was discarded
 std::mutex ends_guard;
 std::map<Terminal, End> ends;
@@ -101,13 +101,12 @@ bool wires_are_quiet() {
     if (end.written <= end.read) continue;
     int ready = 0;
     if (find_descriptor(at, end)) ioctl(end.fd, FIONREAD, &ready);
-    const int64_t missing = end.written - end.read - ready;
-    if (missing <= 0) continue;
     const Nanoseconds now = real(CLOCK_MONOTONIC);
-    if (missing != end.missing || end.written != end.missing_of)
-      end.missing = missing, end.missing_of = end.written, end.missing_since = now;
-    if (end.fd >= 0 && now - end.missing_since < lost_after) return false;
-    end.read = end.written - ready;
+    if (end.written != end.written_then || end.read != end.read_then)
+      end.written_then = end.written, end.read_then = end.read, end.since = now;
+    const bool arrived = end.read + ready >= end.written;  // its reader may not have been woken yet
+    if (end.fd >= 0 && now - end.since < (arrived ? unread_after : lost_after)) return false;
+    end.read = end.written;
   }
   return true;
 }

@@ -14,6 +14,8 @@ from drivers.base import ConnectError, DriverError, NoAnswer, Quality, WrongDevi
 from drivers.build import make_bus
 from tests.benches.rigs import NEIGHBOUR, RIGS, SHARED, TIMEOUT_S, TYPED, Rig
 
+pytestmark = pytest.mark.simulated_time
+
 
 @pytest.fixture(params=RIGS)
 async def rig(request: pytest.FixtureRequest) -> AsyncIterator[Rig]:

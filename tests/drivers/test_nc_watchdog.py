@@ -11,6 +11,8 @@ from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from tests.benches.emulated_bench import Bench, sinumerik_bench
 
+pytestmark = pytest.mark.simulated_time
+
 WATCH = WatchdogTerms(silence_s=5.0, ramp_um_per_s=1.0)
 
 

@@ -24,6 +24,8 @@ from tests.drivers.micro_epsilon.test_displacement import value
 from tests.drivers.modbus.test_modbus_line import TWO, honest, registers
 from tests.drivers.modbus.test_modbus_line import line as rtu_line
 
+pytestmark = pytest.mark.simulated_time
+
 LONGEST_S = 0.5
 
 

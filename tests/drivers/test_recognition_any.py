@@ -32,6 +32,8 @@ from drivers.recognition import (
     recognise_modbus,
 )
 
+pytestmark = pytest.mark.simulated_time
+
 MODBUS = [profile for name in profile_names() if isinstance(profile := load_profile(name), ModbusProfile)]
 CODES = sorted({code for profile in MODBUS if profile.type_codes for code in profile.type_codes.spans})
 NODE = 5

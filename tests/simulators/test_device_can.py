@@ -11,6 +11,8 @@ from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import Fault
 
+pytestmark = pytest.mark.simulated_time
+
 
 @pytest.fixture
 def node() -> Cia404Node:

@@ -10,6 +10,8 @@ from simulators.devices.modbus_servers import TcpHost, crc16
 from simulators.devices.modbus_unit import answer
 from simulators.devices.source import Fault
 
+pytestmark = pytest.mark.simulated_time
+
 TEMPERATURES = [20.04, 21.26, -3.3, 199.9, 200.1, -200.1]
 
 

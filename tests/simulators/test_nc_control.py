@@ -14,6 +14,8 @@ from simulators.nc.control import NAMESPACE_URI
 from simulators.nc.nck import R_REQUEST
 from tests.benches.manual_clock import ManualClock
 
+pytestmark = pytest.mark.simulated_time
+
 
 class Touched:
     """Remembers when the probe came."""

@@ -17,6 +17,8 @@ from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.slcan_adapter import CanNode, Frame, SlcanAdapter
 
+pytestmark = pytest.mark.simulated_time
+
 NODE = 5
 SHORT_S = 0.02
 """Timeout where many requests stay without an answer."""

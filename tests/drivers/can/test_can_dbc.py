@@ -22,6 +22,8 @@ from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import Fault
 from tests.benches.logger_files import logger_profile, logger_profile_text
 
+pytestmark = pytest.mark.simulated_time
+
 TEMPERATURES = [20.0, -3.3, 150.5, 0.0, 33.3]
 PROFILE = logger_profile_text("logger")
 

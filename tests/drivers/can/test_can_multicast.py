@@ -11,6 +11,8 @@ from drivers.build import make_bus, make_device
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
 
+pytestmark = pytest.mark.simulated_time
+
 GROUP = "239.74.163.2"
 TEMPERATURES = [20.0, -3.3]
 

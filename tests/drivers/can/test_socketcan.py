@@ -22,6 +22,8 @@ from simulators.devices.cia404_node import Cia404Node
 from tests.benches.can_kernel import CanKernel
 from tests.benches.logger_files import logger_profile
 
+pytestmark = pytest.mark.simulated_time
+
 NODE, TEMPERATURES = 5, [20.0, -3.3]
 OPTIONS = {"interface": "socketcan", "channel": "can0", "timeout_s": 0.2}
 SOL_CAN_RAW = 101

@@ -21,6 +21,8 @@ from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.slcan_adapter import Frame, SlcanAdapter
 from simulators.devices.source import Fault
 
+pytestmark = pytest.mark.simulated_time
+
 TEMPERATURES = [20.0, -3.3]
 JUMO: dict[str, object] = {"vendor": "jumo"}
 

@@ -15,6 +15,8 @@ from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import Fault
 
+pytestmark = pytest.mark.simulated_time
+
 NODE, TEMPERATURES = 5, [20.0, -3.3]
 SUPPLIED = (files("drivers") / "profiles" / "cia404.toml").read_text(encoding="utf-8")
 PHYSICAL_UNIT = re.compile(r"\[physical_unit\]\n.*\n")

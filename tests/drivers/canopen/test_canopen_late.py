@@ -18,6 +18,8 @@ from simulators.devices.cia404_node import Cia404Node, Nmt
 from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.spoil import Late
 
+pytestmark = pytest.mark.simulated_time
+
 VALUE = CanObject(0x9130, 1)
 SDO, TPDOS = 0x585, (0x185, 0x285)
 TIMEOUT_S = 0.1

@@ -16,6 +16,8 @@ from drivers.canopen.pdo import pdo_map
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.slcan_adapter import Frame, SlcanAdapter
 
+pytestmark = pytest.mark.simulated_time
+
 TEMPERATURES = [20.0, -3.3, 40.5, 55.1, 60.0, 70.0]
 
 

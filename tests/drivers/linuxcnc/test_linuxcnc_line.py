@@ -16,6 +16,8 @@ from drivers.linuxcnc.control import LinuxCnc
 from drivers.linuxcnc.line import LinuxCncLine
 from tests.benches.linuxcnc_fake_agent import CHALLENGE, Agent, agent_and_driver, agent_and_line, serving
 
+pytestmark = pytest.mark.simulated_time
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False) | st.text(max_size=8),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),

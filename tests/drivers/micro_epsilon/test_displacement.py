@@ -15,6 +15,8 @@ from drivers.micro_epsilon.settings import MeRs485Settings
 from simulators.devices.me_sensor import MeLine, MeSensor, answer_frame, counted_frame
 from simulators.devices.pty_port import PtyPort
 
+pytestmark = pytest.mark.simulated_time
+
 EXAMPLE = bytes.fromhex("68 0B 0B 68 01 7E 08 AE 47 61 3F 00 00 00 00 1C 16")
 """The manual's answer: 0.88 unscaled."""
 

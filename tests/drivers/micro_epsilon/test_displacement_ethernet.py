@@ -12,6 +12,8 @@ from drivers.build import make_bus, make_device
 from drivers.micro_epsilon.ethernet import MeBlock, find_block
 from simulators.devices.me_controller import MeController, block
 
+pytestmark = pytest.mark.simulated_time
+
 # "MEAS", order 1, serial 2, channels 0 and 2, status 0, two frames of 8 bytes, counter 7, values 1 2 and 3 -1
 HEXADECIMAL = (
     "4D454153 01000000 02000000 1100000000000000 00000000 0200 0800 07000000 01000000 02000000 03000000 FFFFFFFF"

@@ -17,6 +17,8 @@ from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import load_profile, profile_names
 from simulators.devices.modbus_servers import TcpHost
 
+pytestmark = pytest.mark.simulated_time
+
 USER = """
 protocol = "modbus"
 title = "Real numbers"

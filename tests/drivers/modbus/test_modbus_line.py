@@ -15,6 +15,8 @@ from drivers.modbus.settings import ModbusRtuSettings
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.pty_port import PtyPort
 
+pytestmark = pytest.mark.simulated_time
+
 TIMEOUT_S = 0.1
 TWO = Block(4, 0, 2)
 

@@ -9,6 +9,8 @@ from drivers.build import make_bus, make_device
 from simulators.devices.m7015 import M7015
 from simulators.devices.modbus_servers import RtuLine
 
+pytestmark = pytest.mark.simulated_time
+
 ROOM = [21.3, 10.0, 5.0, 21.3, 21.3, 21.3]
 
 

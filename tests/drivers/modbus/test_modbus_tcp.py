@@ -14,6 +14,8 @@ from drivers.modbus.bus import ModbusTcpBus, find_tcp_answer
 from drivers.modbus.numbers import Block
 from drivers.modbus.settings import ModbusTcpSettings
 
+pytestmark = pytest.mark.simulated_time
+
 TWO = Block(3, 0, 2)
 GOOD = bytes.fromhex("03 04 00 64 00 65")
 

@@ -13,6 +13,8 @@ from drivers.build import make_bus, make_device
 from simulators.devices.modbus_servers import TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
 
+pytestmark = pytest.mark.simulated_time
+
 PROFILE = """
 protocol = "modbus"
 title = "Somebody's module"

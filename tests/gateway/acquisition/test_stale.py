@@ -22,6 +22,8 @@ from tests.benches.scripted_bus import Plant
 from tests.benches.stepped_clock import EPOCH
 from tests.gateway.test_service_reload import FILE
 
+pytestmark = pytest.mark.simulated_time
+
 PERIOD_S = 0.2
 LATE_S = 1.2
 TEXT = """

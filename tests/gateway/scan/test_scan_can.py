@@ -53,6 +53,7 @@ async def scan(what: CanScan) -> Report:
     return await scan_can(what, lambda *_: None, lambda: False)
 
 
+@pytest.mark.simulated_time
 async def test_nodes_are_recognised_by_profile_vendor_and_inputs() -> None:
     odd = node(9, "jumo")
     odd.set_sensor_type(1, 1)  # a thermocouple
@@ -68,6 +69,7 @@ async def test_nodes_are_recognised_by_profile_vendor_and_inputs() -> None:
     assert [doubt.split(" ")[0] for doubt in found[9].what.doubts] == ["input", "vendor:"]
 
 
+@pytest.mark.simulated_time
 async def test_vendor_is_known_by_a_name_of_several_segments() -> None:
     named = Cia404Node(5, lambda: TEMPERATURES, inputs=4, name="JUMO CANtrans T 902910/20")
     async with bus([named]) as (_, what):
@@ -87,6 +89,7 @@ class Failing:
         return ((0x587, bytes.fromhex("43 00 10 00 94 01 02 00")),)
 
 
+@pytest.mark.simulated_time
 async def test_node_that_falls_silent_is_told_and_the_others_are_recognised() -> None:
     async with bus([Failing(), node(9)]) as (_, what):
         report = await scan(what)
@@ -94,6 +97,7 @@ async def test_node_that_falls_silent_is_told_and_the_others_are_recognised() ->
     assert any(remark.startswith("node 7: no answer within") for remark in report.remarks)
 
 
+@pytest.mark.simulated_time
 async def test_bit_rate_is_found_by_listening_and_nobody_is_asked_at_another() -> None:
     talking = node(5, heartbeat_ms=20)
     spy = Spy()
@@ -105,6 +109,7 @@ async def test_bit_rate_is_found_by_listening_and_nobody_is_asked_at_another() -
     assert report.found[0].what.evidence.endswith("pre-operational")
 
 
+@pytest.mark.simulated_time
 async def test_silent_bus_is_not_asked_at_several_rates_without_leave() -> None:
     spy = Spy()
     async with bus([node(5), spy], bitrate=250_000) as (_, what):
@@ -117,6 +122,7 @@ async def test_silent_bus_is_not_asked_at_several_rates_without_leave() -> None:
     assert [device.unit for device in allowed.found] == [5]
 
 
+@pytest.mark.simulated_time
 async def test_only_uploads_are_sent() -> None:
     spy = Spy()
     async with bus([node(5), spy]) as (_, what):
@@ -125,6 +131,7 @@ async def test_only_uploads_are_sent() -> None:
     assert all(0x600 < identifier < 0x680 and data[0] == 0x40 for identifier, data in spy.frames)
 
 
+@pytest.mark.simulated_time
 async def test_node_that_is_heard_but_stopped_is_told() -> None:
     stopped = node(5, heartbeat_ms=20)
     stopped.on_frame(0, bytes((Nmt.STOP, 5)))
@@ -136,12 +143,14 @@ async def test_node_that_is_heard_but_stopped_is_told() -> None:
     assert report.remarks[0] == "node 5 is heard (stopped) but does not answer SDO: is it stopped (NMT)?"
 
 
+@pytest.mark.simulated_time
 async def test_two_nodes_with_one_id_are_told() -> None:
     async with bus([node(5), node(5, "axiomatic")]) as (_, what):
         report = await scan(what)
     assert "node 5 answered twice: two nodes have this id; give one of them another" in report.remarks
 
 
+@pytest.mark.simulated_time
 async def test_plain_can_frames_are_listed() -> None:
     async with bus([node(5)]) as (adapter, what):
         logger = CanLogger(lambda: [20.0] * 6, adapter.send)
@@ -152,6 +161,7 @@ async def test_plain_can_frames_are_listed() -> None:
     assert [remark.split(" ")[1] for remark in told] == ["0x300", "0x301"]
 
 
+@pytest.mark.simulated_time
 async def test_nobody_there_says_what_to_check() -> None:
     async with bus([node(5)], bitrate=1_000_000) as (_, what):
         report = await scan(what)

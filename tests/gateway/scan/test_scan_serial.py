@@ -65,6 +65,7 @@ def by_unit(report: Report) -> dict[int, Found]:
     return {device.unit: device for device in report.found}
 
 
+@pytest.mark.simulated_time
 async def test_slow_module_can_be_written_to_a_configuration_that_loads(tmp_path: Path) -> None:
     """600 baud is slower than what a configuration once accepted."""
     async with line({1: M7015(lambda: SIX)}, baud=600) as path:
@@ -76,6 +77,7 @@ async def test_slow_module_can_be_written_to_a_configuration_that_loads(tmp_path
     assert (bus.baud, bus.place) == (600, path)
 
 
+@pytest.mark.simulated_time
 async def test_known_modules_are_recognised_and_others_called_unknown() -> None:
     broken = M7015(lambda: SIX)
     broken.faults.set(2, Fault.OPEN)
@@ -92,6 +94,7 @@ async def test_known_modules_are_recognised_and_others_called_unknown() -> None:
     assert found[2].reads == "20.00 21.30 -3.30 40.00 out_of_range 22.20 0.00 95.00 degC"
 
 
+@pytest.mark.simulated_time
 async def test_input_set_to_something_else_is_left_out_and_told() -> None:
     module = M7015(lambda: SIX)
     module.set_type_code(3, 0x05)  # a voltage
@@ -101,6 +104,7 @@ async def test_input_set_to_something_else_is_left_out_and_told() -> None:
     assert device.what.doubts == ("input 3 has type code 0x0005, which the profile cannot read",)
 
 
+@pytest.mark.simulated_time
 async def test_module_in_another_data_format_is_told() -> None:
     module = M7015(lambda: SIX)
     module.engineering = False
@@ -113,6 +117,7 @@ async def test_module_in_another_data_format_is_told() -> None:
     assert device.reads.startswith("WrongDevice: data format (coil 00269) is 0")
 
 
+@pytest.mark.simulated_time
 async def test_resistances_that_do_not_agree_are_no_pta8d08() -> None:
     class Meter(Pta8d08):
         def memory(self, function: int) -> dict[int, int]:
@@ -123,6 +128,7 @@ async def test_resistances_that_do_not_agree_are_no_pta8d08() -> None:
     assert device.what.profile == ""
 
 
+@pytest.mark.simulated_time
 async def test_speed_at_which_the_line_talks_is_found() -> None:
     async with line({2: M7015(lambda: SIX)}, baud=38400) as path:
         report = await scan(line_plan(path, bauds=(9600, 38400, 115200)))
@@ -132,6 +138,7 @@ async def test_speed_at_which_the_line_talks_is_found() -> None:
     assert report.asked == report.total == 9
 
 
+@pytest.mark.simulated_time
 @pytest.mark.parametrize(("payload", "profile"), [("float", "me_rs485"), ("counted", "me_dt6120")])
 async def test_displacement_sensor_is_told_by_its_answer(payload: str, profile: str) -> None:
     sensor = MeSensor(lambda: [123.4], range_um=500.0, payload="counted" if payload == "counted" else "float")
@@ -145,6 +152,7 @@ async def test_displacement_sensor_is_told_by_its_answer(payload: str, profile: 
     assert report.places[0].options["baud"] == 230_400
 
 
+@pytest.mark.simulated_time
 async def test_answers_that_collide_are_told_and_are_no_device() -> None:
     """Two units with one id: their bits mix, here by AND as on an RS-485 pair pulled down by both."""
     wire = RtuLine({1: M7015(lambda: SIX)})
@@ -158,6 +166,7 @@ async def test_answers_that_collide_are_told_and_are_no_device() -> None:
     assert "two units with one id" in report.remarks[0]
 
 
+@pytest.mark.simulated_time
 async def test_speed_that_the_port_cannot_do_is_a_remark_and_the_rest_goes_on() -> None:
     """Pseudo-terminals have no parity, and say so when nothing but the parity changes."""
     async with line({1: M7015(lambda: SIX)}) as path:
@@ -169,11 +178,13 @@ async def test_speed_that_the_port_cannot_do_is_a_remark_and_the_rest_goes_on() 
     assert report.remarks[0].startswith("9600 8E1 could not be tried: cannot open serial port")
 
 
+@pytest.mark.simulated_time
 async def test_port_that_is_missing_is_an_error() -> None:
     with pytest.raises(ConnectError, match="is the adapter plugged in"):
         await scan(line_plan("/dev/does-not-exist"))
 
 
+@pytest.mark.simulated_time
 async def test_unit_that_knows_one_function_only_is_found_with_it() -> None:
     """It says nothing at all to another function, which is not what the standard wants."""
     unit = VoltageInput(lambda: [100.0] * 8, range_um=500.0)
@@ -194,6 +205,7 @@ async def test_unit_that_knows_one_function_only_is_found_with_it() -> None:
     assert (device.unit, device.what.profile) == (1, "")
 
 
+@pytest.mark.simulated_time
 async def test_only_reading_is_ever_asked() -> None:
     requests: list[bytes] = []
     units: dict[int, ModbusUnit] = {1: M7015(lambda: SIX), 2: VoltageInput(lambda: [1.0] * 8, range_um=500.0)}
@@ -215,6 +227,7 @@ async def test_only_reading_is_ever_asked() -> None:
     assert {request[1] for request in requests} <= {1, 2, 3, 4}
 
 
+@pytest.mark.simulated_time
 async def test_stopping_waits_for_the_request_under_way() -> None:
     """What is stopped leaves no unit answering into somebody else's request."""
     asked = asyncio.Event()
