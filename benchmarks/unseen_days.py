@@ -1,4 +1,4 @@
-"""What predicts unseen days best: the whole control loop over 16 simulated machines, beside measure-and-hold.
+"""Methods on unseen days: the whole control loop over 16 simulated machines, beside measure-and-hold.
 
 A day of calibration, then three days with a measurement each two hours (and those a model update asks for), on eight
 machines (benchmarks.data.varied) under a shop's day and under random loads of single axes. The peer corrects by the

@@ -1,4 +1,4 @@
-"""Where buses are: what the settings of several families share."""
+"""Settings of buses that several families share."""
 
 from typing import Annotated, Literal
 

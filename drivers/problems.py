@@ -1,4 +1,4 @@
-"""What is wrong with a file or a table, one clear line each: place, value, what would be right."""
+"""Problems of a file or a table, one line each: place, value, and what is expected."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What every profile says of its device."""
+"""The fields that every profile has."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""What every table of a file is: a frozen model that refuses unknown keys and wrong types; and common fields."""
+"""The base of every table of a file: a frozen model that refuses unknown keys and wrong types; common field types."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""What a restart needs of an earlier run, rebuilt from the store."""
+"""The state of an earlier run that a restart needs, rebuilt from the store."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

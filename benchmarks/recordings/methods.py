@@ -1,4 +1,4 @@
-"""What a method may know, what it answers, and the peers that need no model."""
+"""The interface of a method: what it is given and what it returns; and the peers that need no model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The papers' ways and the sparse models through the whole controller: calibration, limits, updates."""
+"""The papers' methods and the sparse models run through the whole controller: calibration, limits, updates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""Measuring when it is needed, beside a fixed interval: how many measurements for equal errors."""
+"""Policies compared with a fixed interval: how many measurements for equal errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What came out for one recording: as JSON, as Markdown, and as rows of the README's table."""
+"""The result for one recording: as JSON, as Markdown, and as rows of the README's table."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""How a CAN bus is reached."""
+"""Settings of a CAN bus."""
 
 from ipaddress import ip_address
 from typing import Final, Literal, Self, get_args

@@ -1,4 +1,4 @@
-"""Where CANopen nodes are, and what a configuration may say about one."""
+"""Settings of a CANopen bus, and the options of a node."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Where Micro-Epsilon sensors and controllers are, and what a configuration says about one."""
+"""Settings of the buses of Micro-Epsilon sensors and controllers, and the options of a device."""
 
 from pydantic import Field
 

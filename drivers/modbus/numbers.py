@@ -1,4 +1,4 @@
-"""How numbers lie in the registers of a Modbus device, and what is asked of it."""
+"""Number formats in the registers of a Modbus device, and its read requests."""
 
 import struct
 from collections.abc import Mapping, Sequence

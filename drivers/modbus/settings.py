@@ -1,4 +1,4 @@
-"""Where Modbus units are, and what a configuration may say about one."""
+"""Settings of a Modbus bus, and the options of a unit."""
 
 from pydantic import Field
 

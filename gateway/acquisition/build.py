@@ -1,4 +1,4 @@
-"""From the configuration to drivers. Validates everything that drivers validate; never touches the network."""
+"""Makes drivers from the configuration. Validates everything that drivers validate; never uses the network."""
 
 from collections.abc import Callable
 

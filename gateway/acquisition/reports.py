@@ -1,4 +1,4 @@
-"""What is reported of one bus: itself, its devices, their channels, and whether they keep its period."""
+"""Problems reported for one bus: the bus itself, its devices, their channels, and missed periods."""
 
 from collections.abc import Mapping, Sequence
 

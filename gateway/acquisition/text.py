@@ -1,4 +1,4 @@
-"""How values are written for people."""
+"""Formats values for people."""
 
 from math import isnan
 

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration: one clear line each, with the file's name and the place in its words."""
+"""Problems of a configuration, one line each: the file's name, and the place in the file's words."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

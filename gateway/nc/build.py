@@ -1,4 +1,4 @@
-"""From the configuration to the driver of the numerical control. Never touches the network."""
+"""Makes the driver of the numerical control from the configuration. Never uses the network."""
 
 from typing import assert_never
 

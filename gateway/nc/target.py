@@ -1,4 +1,4 @@
-"""Which thermal errors are to be cancelled now, and whether what they rest on is recent enough. Pure."""
+"""The target: which thermal errors to cancel now, and whether their basis is recent enough. Pure."""
 
 from collections.abc import Mapping
 

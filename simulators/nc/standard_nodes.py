@@ -1,4 +1,4 @@
-"""OPC UA's standard nodes, made once a process: each server needs them, and making them takes 1.5 s of computing."""
+"""OPC UA's standard nodes, made once per process: every server needs them, and making them takes 1.5 s."""
 
 import asyncio
 from collections.abc import Iterator, Mapping, MutableMapping
