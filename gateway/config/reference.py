@@ -9,19 +9,19 @@ from gateway.config.model import GatewayConfig
 _HEAD = """\
 # Configuration
 
-One TOML file describes one gateway. This page is made from the program by `python -m gateway.config.reference`;
-a test holds it to that. Unknown keys are errors, and types are strict: `"9600"` is not `9600`. Relative paths start at
-the folder of the file. `talc-gateway check FILE` reads it, builds every device without touching the network, and names
-every mistake with file, field, value and what would be right.
+One TOML file describes one gateway. `python -m gateway.config.reference` generates this page from the program; a test
+fails when it is out of date. Unknown keys are errors, and types are strict: `"9600"` is not `9600`. Relative paths
+start at the folder of the file. `talc-gateway check FILE` reads it, builds every device without using the network, and
+reports every mistake with file, field, value and what is expected.
 
-What runs is identified by a fingerprint: SHA-256 of the configuration with all defaults written out, so remarks and
-layout do not matter and a changed default does; where devices have profiles of your own, these files and the DBC files
-that they name count too. The key `status` publishes it as `config`, at the start and again after every reload that took
-effect; the database keeps each with its time.
+A fingerprint identifies the configuration in use: SHA-256 of the configuration with all defaults written out, so
+comments and layout do not matter and a changed default does. Where devices have profiles of your own, these files and
+the DBC files that they name count too. The key `status` publishes it as `config`, at the start and again after every
+reload that took effect; the database keeps each with its time.
 
 **Reload.** On SIGHUP `talc-gateway run` reads its file again. The whole file is checked first; then only the buses that
 changed (themselves, their devices, the files of your own profiles, or the limits of their channels) are closed and
-opened anew, and the others keep their period. What the models and the NC rest on (`[machine]`, `[grid]`, `[storage]`,
+opened again, and the others keep their period. What the models and the NC rest on (`[machine]`, `[grid]`, `[storage]`,
 `[telemetry]`, `[[state]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]`, `[sensor_check]`, and the names and order
 of the channels) needs a restart. A file that cannot be applied changes nothing, and the log says why.
 """
