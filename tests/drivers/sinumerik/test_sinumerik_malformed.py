@@ -1,6 +1,7 @@
 """Whatever the server answers, the driver raises nothing but its own errors: counts, nulls, types, bytes."""
 
 import asyncio
+import logging
 import random
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, suppress
@@ -19,6 +20,12 @@ from tests.benches.emulated_bench import sinumerik_bench
 Service = Callable[..., Awaitable[Any]]
 TIMEOUT_S = 0.2
 """A spoilt answer is often none at all: each costs this long."""
+
+
+@pytest.fixture(autouse=True)
+def _library_keeps_still(caplog: pytest.LogCaptureFixture) -> None:
+    """The library logs the spoilt texts, in characters that a test report cannot hold."""
+    caplog.set_level(logging.CRITICAL + 1, "asyncua")
 
 
 MALFORMED: dict[str, Callable[[list[Any]], object]] = {
