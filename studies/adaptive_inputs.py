@@ -12,7 +12,7 @@ from studies.adaptive_inputs_report import report
 from studies.frame import Parameters, Study
 from studies.loop import TEMPERATURES, Course, Days, control, days, held, regressed
 from talc import indicators
-from talc.frame import FloatArray
+from talc.frame import BoolArray, FloatArray
 from talc.names import THERMAL_ERRORS
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 
@@ -27,6 +27,11 @@ SHOWN_EACH = 3
 """Steps between the points of a drawn series."""
 SMALL_STEPS = 456
 """The small version: 38 h of the first season."""
+
+LEARNER = "learner"
+"""Chooses no inputs: it weighs all of them, and anew at each measurement."""
+MEASURE_EACH = 24
+"""Steps between the learner's measurements after the first day: 2 h, as the others'."""
 
 SELECTORS: dict[str, tuple[TrainingSettings, ControlSettings]] = {
     "pso": (
@@ -45,15 +50,29 @@ SELECTORS: dict[str, tuple[TrainingSettings, ControlSettings]] = {
 def runs(seed: int, small: bool) -> list[Parameters]:
     """The physics depend on the seed alone; a repetition draws sensor and probing noise and the selector's seed.
 
-    The small version has each selector once with adaptive inputs, and `search` with static ones.
+    The small version has each selector and the learner once with adaptive inputs, and `search` with static ones.
     """
-    return [
+    ways: list[Parameters] = [
         {"seed": seed, "repetition": r, "selector": selector, "inputs": inputs, "small": small}
         for r in range(1 if small else REPETITIONS)
         for selector in SELECTORS
         for inputs in ("static", "adaptive")
         if not small or selector == "search" or inputs == "adaptive"
     ]
+    ways += [
+        {"seed": seed, "repetition": r, "selector": LEARNER, "inputs": "adaptive", "small": small}
+        for r in range(1 if small else REPETITIONS)
+    ]
+    return ways
+
+
+def plainly_measured(here: Days) -> BoolArray:
+    """(T,) each step of the first day, then each 2 h, and where a stretch begins: no more, whatever is found."""
+    used = np.zeros(len(here.truth), dtype=np.bool_)
+    used[: CALIBRATION + 1] = True
+    used[CALIBRATION::MEASURE_EACH] = True
+    used[list(here.begins)] = True
+    return used
 
 
 def series(seed: int, repetition: int, small: bool) -> Days:
@@ -79,10 +98,13 @@ def series(seed: int, repetition: int, small: bool) -> Days:
 def run(parameters: Parameters) -> Mapping[str, Any]:
     """E_PV and E_RMS of the nine errors after calibration, updates, chosen inputs; of repetition 0 a drawn series."""
     here = series(parameters["seed"], parameters["repetition"], parameters["small"])
-    training, settings = SELECTORS[parameters["selector"]]
+    training, settings = SELECTORS.get(parameters["selector"], SELECTORS["search"])
     kept = parameters["inputs"] == "static"
     own = replace(training, seed=parameters["repetition"], static_inputs=kept)
-    course = control(here, TalcSettings(control=settings, training=own))
+    if parameters["selector"] == LEARNER:
+        course = control(here, TalcSettings(method="learner"), measured=plainly_measured(here))
+    else:
+        course = control(here, TalcSettings(method="models", control=settings, training=own))
     # What stood there when a stretch begins is from another season, and replaced at once by its first measurement.
     judged = np.arange(len(here.truth)) > CALIBRATION
     judged[list(here.begins)] = False

@@ -12,7 +12,10 @@ from studies.paired import paired
 from talc.frame import FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
-WAYS = tuple((selector, inputs) for selector in ("pso", "tck", "search") for inputs in ("static", "adaptive"))
+WAYS = (
+    *((selector, inputs) for selector in ("pso", "tck", "search") for inputs in ("static", "adaptive")),
+    ("learner", "adaptive"),
+)
 TRANSLATIONAL = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS])
 PAPER_MEAN_E_PV = {("pso", "adaptive"): 10.6, ("tck", "adaptive"): 13.8, ("pso", "static"): 12.6}
 """µm, translational errors, Z22."""
@@ -21,7 +24,7 @@ PAPER_EX0C, PAPER_UPDATES = (72.7, 20.4), (13.0, 3.5)
 _PAPER_SMALL = ("EY0A", "EY0C")
 """Errors that did not improve in Z22."""
 _EX0C = THERMAL_ERRORS.index("EX0C")
-_COLOURS = dict(zip(WAYS, ("#93c5fd", "#1f6feb", "#fdba74", "#c2410c", "#86efac", "#15803d"), strict=True))
+_COLOURS = dict(zip(WAYS, ("#93c5fd", "#1f6feb", "#fdba74", "#c2410c", "#86efac", "#15803d", "#7c3aed"), strict=True))
 _ASKED = """Is it worth choosing a model's inputs again at every model update (adaptive), rather than once in the
 calibration (static)? As in Z22 a machine runs 196 h, 72 h and 72 h in three seasons under a new random load of one
 axis at a time each 5 min; a day of calibration, then a measurement each 2 h, and 16 in a row with a model update when
@@ -35,7 +38,8 @@ E_PV is largest minus smallest, E_RMS the root mean square about zero, of what i
 after the first day, before a measurement of the same moment.
 
 none: no compensation. hold: the last of the same measurements. regression: a linear regression on all inputs renewed
-with the measurements that search (adaptive) made."""
+with the measurements that search (adaptive) made. learner: all inputs weighed anew at each measurement, with one each
+2 h and none for model updates."""
 
 _MISSING, _NOT_ASKED = "not at hand", "not in it"
 Way = tuple[str, str]

@@ -13,9 +13,10 @@ from studies.arx_vs_static_report import report
 from studies.frame import Parameters, Study
 from talc import indicators
 from talc.arx import Regression, guarded_fit, least_squares_fit, refine, simulate
-from talc.frame import BoolArray, FloatArray, TrainingJob, Why
+from talc.control import Controller
+from talc.frame import BoolArray, FloatArray, Frame, Measurement, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
-from talc.settings import TrainingSettings
+from talc.settings import TalcSettings, TrainingSettings
 from talc.training import train
 from talc.window import Parameters as Coefficients
 from talc.window import Structure, Window
@@ -32,6 +33,8 @@ ORDERS = {"Y": (2, 4), "Z": (10, 10)}
 """nb of the base's and the spindle's sensor, the paper's."""
 PLACES = {"near": ("base_near", "spindle_near"), "far": ("base_far", "column_far")}
 TEMPERATURE_NOISE_K, TEMPERATURE_STEP_K, PROBING_NOISE_um = 0.05, 0.1, 1.0
+DAY_OFF = 288
+"""Steps between the two load cases, for the learner."""
 MEASURE_EACH = 24
 """Steps between the measurements of measure-and-hold: 2 h."""
 
@@ -141,6 +144,7 @@ def predictions(
         found["ARX guarded"] = free_run(structure, guarded)
         found["ARX refined"] = free_run(structure, refine(window, structure, guarded, max_pole=settings.max_pole))
     found["output error"] = _by_training(u, y, new_u, new_y[0], settings)
+    found["learner"] = _by_learner(u, y, new_u, new_y[0])
     return found
 
 
@@ -158,6 +162,26 @@ def _by_training(
         return None
     used = new_u[:, [names.index(name) for name in model.inputs]]
     return model.free_run(used, np.full(len(new_u), np.nan), float(start))
+
+
+def _by_learner(u: FloatArray, y: FloatArray, new_u: FloatArray, start: float) -> FloatArray:
+    """From the same rows, then a day off, one measurement, and the free run."""
+    controller = Controller(("first", "second"), TalcSettings(method="learner"))
+    valid, errors = np.ones(2, dtype=np.bool_), len(THERMAL_ERRORS)
+    sigma = np.full(errors, PROBING_NOISE_um)
+
+    def one(value: float) -> Measurement:
+        measured = np.full(errors, np.nan)
+        measured[0] = value
+        return Measurement(measured, sigma)
+
+    for k, row in enumerate(u):
+        controller.step(Frame(k, row, valid, one(float(y[k]))))
+    predicted = np.empty(len(new_u))
+    for k, row in enumerate(new_u):
+        measurement = one(start) if k == 0 else None
+        predicted[k] = controller.step(Frame(len(u) + DAY_OFF + k, row, valid, measurement)).corrected[0]
+    return predicted
 
 
 STUDY = Study("arx-vs-static", "Static, FIR and ARX models of a three-body machine", runs, run, report)

@@ -6,7 +6,7 @@ from studies.frame import Run
 from studies.page import Claim, Picture, Report, Row, Section, Table, figure, number, style, svg
 from talc.frame import FloatArray
 
-MODELS = ("none", "hold", "static", "FIR", "ARX", "ARX guarded", "ARX refined", "output error")
+MODELS = ("none", "hold", "static", "FIR", "ARX", "ARX guarded", "ARX refined", "output error", "learner")
 FIGURES = {"PV": "%", "RMSE": "µm", "P99": "µm", "SMAPE": "%"}
 PAPER = {
     "Y": {

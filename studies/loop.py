@@ -18,6 +18,7 @@ POSES = np.deg2rad(np.array([[0.0, 0.0], [0.0, 90.0], [0.0, 180.0], [0.0, 270.0]
 RADIUS_M, HEIGHT_M, TOUCH_UM = 0.2, 0.08, 1.0
 CYCLE_S = 120.0
 """A probing cycle (Z22)."""
+STEP_S = 300.0
 TEMPERATURES = 29
 PAUSE = 288
 """Steps between two stretches: a day. After more than a week the record would start anew."""
@@ -71,9 +72,20 @@ def days(recording: Recording, seed: int) -> Days:
     return Days(recording.input_names, inputs, recording.errors, recording.errors + noise, sigma)
 
 
-def control(series: Days, settings: TalcSettings, learn: Callable[[TrainingJob], ModelSet] = train) -> Course:
-    """Run the controller over the days; a training (`learn`) ends within its step."""
-    controller = Controller(series.names, settings)
+def control(
+    series: Days,
+    settings: TalcSettings,
+    learn: Callable[[TrainingJob], ModelSet] = train,
+    *,
+    measured: BoolArray | None = None,
+    step_s: float = STEP_S,
+) -> Course:
+    """Run the controller over the days; a training (`learn`) ends within its step.
+
+    measured: (t,) whether the first t rows have a measurement; in later ones the controller asks for it. None: in all.
+    """
+    controller = Controller(series.names, settings, step_s)
+    given = np.zeros(0, dtype=np.bool_) if measured is None else measured
     rows, errors = series.truth.shape
     estimate, sigma, limits = (np.full((rows, errors), np.nan) for _ in range(3))
     used, in_force = np.zeros(rows, dtype=np.bool_), np.full(errors, np.nan)
@@ -83,6 +95,8 @@ def control(series: Days, settings: TalcSettings, learn: Callable[[TrainingJob],
     for k in range(rows):
         if k in series.begins[1:]:
             pauses, asked = pauses + PAUSE, True
+        if k < len(given):
+            asked = bool(given[k])
         measurement = Measurement(series.measured[k], series.sigma) if asked else None
         decision = controller.step(Frame(k + pauses, series.inputs[k], valid[k], measurement))
         # An error without a model is corrected by what was measured last.

@@ -20,7 +20,7 @@ from talc import indicators
 from talc.frame import BoolArray, FloatArray, TrainingJob
 from talc.models import ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
-from talc.settings import ControlSettings, TalcSettings, TrainingSettings
+from talc.settings import ControlSettings, LearnerSettings, TalcSettings, TrainingSettings
 from talc.training import train
 
 STEP_S = 600.0
@@ -42,6 +42,10 @@ SHORTEST_H = (2.0, 4.0)
 LONGEST_H, POLICY_NO_GOOD = (8.0, 16.0), (2, 4)
 SPARSE, LEAST_CALIBRATION = (2, 3, 6), 24
 """Of calibrations measured less often than each 10 min: steps between measurements; the fewest a training takes."""
+LEARNT_H, HOURLY = (12.0, 24.0), 6
+"""The learner is measured each hour at first, for so long; steps."""
+LEARNT_UM = (2.5, 3.5, 5.0, 7.0, 10.0)
+"""Limits under which it asks for measurements itself."""
 OTHER_SEEDS = 3
 """On which the chosen sets are judged again."""
 SPARSE_INTERVAL_H, SPARSE_NO_GOOD = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0), (2, 4, 8, 12)
@@ -50,6 +54,10 @@ _SMALL = ("uncertainty 2, 0.5 to 16 h, 4", "each 4 h, 4")
 """What the small version has of each kind."""
 TRAINING = TrainingSettings(static_inputs=True, max_nb=1)
 """Inputs are chosen in the calibration and stay, as B19's do; orders to 1 and parameters are renewed."""
+_LEARNER_WAYS = (
+    *(f"learner each {h:g} h" for h in SPARSE_INTERVAL_H),
+    *(f"learner within {um:g} µm" for um in LEARNT_UM),
+)
 POSITIONS = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS])
 
 
@@ -64,7 +72,8 @@ def runs(seed: int, small: bool) -> list[Parameters]:
         for case in cases
         for length in calibrations
     ]
-    return [*grid, *({"seed": seed, "case": case, "peer": "regression", "small": small} for case in cases)]
+    peers = ("regression", "learner")
+    return [*grid, *({"seed": seed, "case": case, "peer": peer, "small": small} for case in cases for peer in peers)]
 
 
 def then(first: list[Run]) -> list[Parameters]:
@@ -93,7 +102,13 @@ def run(parameters: Parameters) -> Mapping[str, Any]:
     """One calibration length, the regression's sets, or the chosen sets somewhere."""
     if "sets" in parameters:
         return _chosen(parameters)
-    return _regression(parameters) if "peer" in parameters else _grid(parameters)
+    match parameters.get("peer"):
+        case "regression":
+            return _regression(parameters)
+        case "learner":
+            return _learner(parameters)
+        case _:
+            return _grid(parameters)
 
 
 def _grid(parameters: Parameters) -> Mapping[str, Any]:
@@ -113,7 +128,7 @@ def _grid(parameters: Parameters) -> Mapping[str, Any]:
         return first[seen]
 
     def judge(settings: ControlSettings) -> tuple[dict[str, float], BoolArray]:
-        course = control(here, TalcSettings(control=settings, training=TRAINING), learn)
+        course = control(here, TalcSettings(method="models", control=settings, training=TRAINING), learn)
         figures = judged(here.truth, course.estimate, course.used, calibration)
         figures["updates"] = max(len(course.updates) - 1, 0)
         hold = judged(here.truth, held(here, course.used), course.used, calibration)
@@ -159,6 +174,37 @@ def _regression(parameters: Parameters) -> Mapping[str, Any]:
     return {**found, "hindsight": best}
 
 
+def _learner(parameters: Parameters) -> Mapping[str, Any]:
+    """The learner, measured each hour at first and then at a fixed interval or when it asks."""
+    here = series(parameters["case"], parameters["seed"])
+    lengths, found = (12.0,) if parameters["small"] else LEARNT_H, []
+    for length in lengths:
+        for name in _LEARNER_WAYS[:: 4 if parameters["small"] else 1]:
+            course = _learnt(here, length, name)
+            figures = judged(here.truth, course.estimate, course.used, length)
+            found.append({"calibration_h": length, "policy": name, **figures})
+    return {"learner": found}
+
+
+def _learnt(here: Days, length_h: float, name: str) -> Course:
+    """A course by the name of its way."""
+    first = np.zeros(_steps(length_h) + 1, dtype=np.bool_)
+    first[::HOURLY] = True
+    number = float(name.split()[2])
+    if " each " in name:
+        used = np.zeros(len(here.truth), dtype=np.bool_)
+        used[: len(first)] = first
+        used[_steps(length_h) :: _steps(number)] = True
+        return control(here, TalcSettings(method="learner"), measured=used, step_s=STEP_S)
+    settings = LearnerSettings(
+        limit_um=number,
+        limit_um_per_m=3.0 * number,
+        shortest_interval_steps=_steps(SOONEST_H),
+        longest_interval_steps=_steps(LONGEST_H[-1]),
+    )
+    return control(here, TalcSettings(method="learner", learner=settings), measured=first, step_s=STEP_S)
+
+
 def _chosen(parameters: Parameters) -> Mapping[str, Any]:
     """`sets`: each chosen set's figures on this series, and for the models' ones peers with the same measurements."""
     here = series(parameters["case"], parameters["seed"], parameters["machine"])
@@ -166,12 +212,16 @@ def _chosen(parameters: Parameters) -> Mapping[str, Any]:
     for chosen in parameters["sets"]:
         calibration, name = chosen[0], name_of(tuple(chosen))
         plain = {_plain_name(*at): used for at, used in _plainly_measured(calibration).items()}
+        if chosen[1] in _LEARNER_WAYS:
+            course = _learnt(here, calibration, chosen[1])
+            found.append({"set": name, **judged(here.truth, course.estimate, course.used, calibration)})
+            continue
         if chosen[1] in plain:
             used = plain[chosen[1]]
             found.append({"set": name, **judged(here.truth, regressed(here, used), used, calibration)})
             continue
         settings = _settings(chosen)
-        course = control(here, TalcSettings(control=settings, training=TRAINING))
+        course = control(here, TalcSettings(method="models", control=settings, training=TRAINING))
         figures = judged(here.truth, course.estimate, course.used, calibration)
         figures["updates"] = max(len(course.updates) - 1, 0)
         if parameters["peers"]:
@@ -193,7 +243,9 @@ def _beside(here: Days, settings: ControlSettings, course: Course, calibration_h
         "regression at updates P99": regressed(here, course.used, renewed),
     }
     figures = {name: judged(here.truth, e, course.used, calibration_h)["P99"] for name, e in peers.items()}
-    again = control(here, TalcSettings(control=settings, training=replace(TRAINING, static_inputs=False)))
+    again = control(
+        here, TalcSettings(method="models", control=settings, training=replace(TRAINING, static_inputs=False))
+    )
     other = judged(here.truth, again.estimate, again.used, calibration_h)
     return {**figures, "inputs again P99": other["P99"], "inputs again measurements": other["measurements"]}
 

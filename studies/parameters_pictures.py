@@ -15,6 +15,7 @@ _GROUPS = {
     "sparse_adaptive": "#1f6feb",
     "regression": "#111111",
     "sparse_regression": "#b08900",
+    "learner": "#7c3aed",
 }
 
 

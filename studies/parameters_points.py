@@ -24,6 +24,7 @@ FRONTS = {
     "sparse_adaptive": "policy, sparse calibration",
     "regression": "regression",
     "sparse_regression": "regression, sparse calibration",
+    "learner": "learner",
 }
 """Kinds of points in the runs' results, and their titles: B19's grid, the policies after the same calibrations, both
 after calibrations measured less often, and the regression measured at the same fixed intervals."""

@@ -40,6 +40,8 @@ of each 10 min. The question is how many measurements that saves at equal P99.
 
 Peers: no compensation; the last of the same measurements held; and a linear regression on all 36 inputs, renewed at
 each measurement, with the same measurements, and on the same front after every calibration at every fixed interval.
+The learner, which learns at each measurement, is measured hourly for 12 or 24 h and then at fixed intervals, or when
+the 95 % interval of an error leaves a declared limit.
 
 All sets are chosen on the series on which they are judged. So the best common set of each kind is run again, as
 chosen, on other seeds (other loads, weather and noise) and on the machine's variants."""

@@ -92,7 +92,8 @@ def run(parameters: Parameters) -> Mapping[str, Any]:
 
     whole = observed(())
     series = observed(failures(machine.channels, seed)) if parameters["failing"] else whole
-    course = control(series, TalcSettings())
+    course = control(series, TalcSettings(method="models"))
+    learnt = control(series, TalcSettings(method="learner"), measured=course.used)
     first = (CALIBRATION_H + REST_H) * HOUR - 1
     sets = first + HOUR * np.arange(SETS)
     estimates = {
@@ -100,6 +101,7 @@ def run(parameters: Parameters) -> Mapping[str, Any]:
         "hold": held(series, course.used),
         "regression": regressed(series, course.used),
         "TALC": course.estimate,
+        "learner": learnt.estimate,
     }
     table, air = series.names.index("c_table"), [series.names.index(n) for n in ("space_left", "space_right")]
     # The workpiece does not care about failing sensors; the growth term does.

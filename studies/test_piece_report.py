@@ -7,7 +7,7 @@ from studies.page import Claim, Picture, Report, Row, Section, Table, figure, nu
 from studies.paired import paired
 from talc.frame import FloatArray
 
-METHODS = ("none", "hold", "regression", "TALC")
+METHODS = ("none", "hold", "regression", "TALC", "learner")
 _AXES = {
     "speed_x": "X axis",
     "speed_y": "Y axis",
@@ -32,11 +32,13 @@ calibration, in which only C has turned), and with three sensors that fail after
 one 3 K off. No sensor check is at work here.
 
 none: no compensation. hold: the last of the same measurements. regression: a linear regression on all inputs, renewed
-with each of the same measurements. TALC: the default settings."""
+with each of the same measurements. TALC: sparse models (`search`) with their default settings. learner: from the same
+measurements."""
 
 
 _BASE = ("base", "speed_c", False)
 _TERMS = ("", " + growth")
+_EQUAL = 1.05
 Where = tuple[str, str, bool]
 """Machine, axis, failing sensors."""
 
@@ -75,6 +77,7 @@ def report(every: list[Run]) -> Report:
         ),
         *(_beside_peers(ranges, median, mean, features, term) for term in _TERMS),
         *_elsewhere(means),
+        *(_learner(means, term) for term in _TERMS),
     )
     made = [int(run.result["measurements"]) for run in runs]
     swing = [float(run.result["workpiece_K"]) for run in runs]
@@ -126,6 +129,20 @@ def _beside_peers(
         mean[own] < mean[best] and pairs.sure,
         "A held measurement is up to 2 h old when a feature is milled; a regression lacks only memory."
         + ("" if term else " Without the term the workpiece's own growth rules what is left of either."),
+    )
+
+
+def _learner(means: dict[Where, dict[str, float]], term: str) -> Claim:
+    own, plain = f"learner{term}", f"regression{term}"
+    ratio = {where: mean[own] / mean[plain] for where, mean in means.items()}
+    lost = [_title(where) for where, value in ratio.items() if value > _EQUAL]
+    return Claim(
+        f"The learner leaves no more than the regression, within 5 %, with{'' if term else 'out'} growth term",
+        "not asked",
+        f"{min(ratio.values()):.2f} to {max(ratio.values()):.2f} of it"
+        + (f"; more with {', '.join(lost)}" if lost else ", in all places"),
+        not lost,
+        "Both learn at every measurement; the learner also knows lags, and how far to believe what it has not seen.",
     )
 
 
@@ -203,6 +220,7 @@ def _picture(runs: list[Run]) -> Picture:
         "TALC": "#1f6feb",
         "regression + growth": "#15803d",
         "TALC + growth": "#c2410c",
+        "learner": "#7c3aed",
     }
     with style():
         made = figure(12, 6.5)

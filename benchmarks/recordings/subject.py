@@ -24,6 +24,8 @@ from gateway.recordings import RecordingError
 
 SHIPPED = Path(__file__).with_name("fl_thermal")
 OUT = Path("out/recordings")
+_LONG_H = 100.0
+"""Longer recordings have their limits swept after the second beginning alone, to end within minutes."""
 _DEFAULT = "learner"
 """The method that the table is about."""
 
@@ -84,7 +86,11 @@ def carry_out_all(said: Description, series: Series, chosen: Sequence[Method], p
     jobs = [(said, series, method, h, minutes) for h, minutes in ways for method in chosen]
     cells = list(pool.map(cell, *zip(*jobs, strict=True)))
     learner = next((method for method in chosen if isinstance(method, Learning)), None)
-    saved = {} if learner is None else _savings(said, series, learner, hours[:2], pool)
+    saved = (
+        {}
+        if learner is None
+        else _savings(said, series, learner, hours[1:2] if series.on_h[-1] > _LONG_H else hours[:2], pool)
+    )
     return Result(series, cells, saved)
 
 

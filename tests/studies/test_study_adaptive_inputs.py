@@ -29,9 +29,9 @@ def small(studied: Studied) -> list[Run]:
     return [run for run in studied.runs if run.parameters["selector"] == "search"]
 
 
-def test_the_full_study_is_25_repetitions_of_three_selectors_static_and_adaptive() -> None:
+def test_the_full_study_is_25_repetitions_of_every_way() -> None:
     wanted = STUDY.runs(1, False)
-    assert len(wanted) == 150
+    assert len(wanted) == 150 + 25
     assert {(p["selector"], p["inputs"]) for p in wanted} == set(WAYS)
 
 
@@ -43,6 +43,14 @@ def test_a_repetition_is_other_noise_on_the_same_days(small: list[Run]) -> None:
     assert 0.03 < apart.std() < 0.12  # two draws of 0.05 K in steps of 0.1 K
     before = small[0].result["none"]["E_PV"]
     assert before == pytest.approx(np.ptp(one.truth[CALIBRATION + 1 :], axis=0).tolist())
+
+
+def test_the_learner_is_measured_each_2_h_and_no_more(studied: Studied) -> None:
+    (run,) = [run for run in studied.runs if run.parameters["selector"] == "learner"]
+    assert run.result["measurements"] == 1 + (SMALL_STEPS - CALIBRATION - 1) // 24
+    assert run.result["updates"] == []
+    left, hold, none = (np.mean(run.result[what]["E_RMS"][:6]) for what in ("models", "hold", "none"))
+    assert left < 0.5 * hold < 0.5 * none
 
 
 def test_static_inputs_stay_and_adaptive_ones_are_chosen_again(small: list[Run]) -> None:
@@ -68,6 +76,7 @@ def test_the_report_marks_the_papers_figures_and_draws_what_it_has(studied: Stud
     assert set(rows) == {"none", "hold", "regression", "pso, adaptive", "tck, adaptive"} | {
         "search, static",
         "search, adaptive",
+        "learner, adaptive",
     }
     table: Any = report.sections[0].blocks[0]
     assert {row.cells[-1] for row in table.rows if row.paper} >= {f"{v:g}" for v in PAPER_MEAN_E_PV.values()}

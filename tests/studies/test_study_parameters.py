@@ -13,7 +13,7 @@ from studies.parameters_pictures import PAPER
 from tests.benches.small_study import Studied, study_by_command
 
 STUDY = STUDIES["parameters"]
-SMALL, LONGER, REGRESSION = STUDY.runs(1, True)
+SMALL, LONGER, REGRESSION, LEARNER = STUDY.runs(1, True)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def small(studied: Studied) -> Mapping[str, Any]:
 def test_the_full_study_is_every_combination_on_four_load_cases() -> None:
     assert len(INTERVAL_H) * len(NO_GOOD) * len(CALIBRATION_H) == 2197
     wanted = STUDY.runs(1, False)
-    assert len(wanted) == 4 * len(CALIBRATION_H) + 4
+    assert len(wanted) == 4 * len(CALIBRATION_H) + 4 + 4
     assert {p["case"] for p in wanted} == set(PAPER)
 
 
@@ -95,6 +95,28 @@ def test_the_regression_is_measured_at_its_interval_and_no_more(studied: Studied
     assert {p["policy"].split(", ")[1] for p in result["sparse_regression"]} == {"calibrated each 20 min"}
     # After 8 h each 20 min: 25 measurements.
     assert min(p["measurements"] for p in result["sparse_regression"]) == 25 + (575 - 48) // 48
+
+
+def test_the_learner_is_measured_hourly_at_first_and_then_as_its_way_says(studied: Studied) -> None:
+    points = {p["policy"]: p for p in result_of(studied, LEARNER)["learner"]}
+    # 12 h each hour, both ends; then each hour to the end of 96 h, the last one at 95 h.
+    assert points["learner each 1 h"]["measurements"] == 13 + 83
+    asked = points["learner within 5 µm"]
+    assert 13 < asked["measurements"] < 96
+    none = result_of(studied, SMALL)["none"]["P99"]
+    assert all(p["P99"] < 0.5 * none for p in points.values())
+
+
+def test_the_report_judges_the_learner_by_one_set_for_all_load_cases(small: Mapping[str, Any]) -> None:
+    at = {"calibration_h": 12.0, "Pd": 99.0, "RMSE": 1.0, "SMAPE": 1.0}
+    ways = (("each 2 h", 60, 1.0), ("each 4 h", 44, 2.2), ("within 5 µm", 30, 2.9))
+    points = [{**at, "policy": f"learner {way}", "measurements": n, "P99": p99} for way, n, p99 in ways]
+    plain = {"regression": [], "sparse_regression": [], "hindsight": {"P99": 1.0}}
+    report = STUDY.report([Run(SMALL, small), Run(REGRESSION, plain), Run(LEARNER, {"learner": points})])
+    claims = [claim for claim in report.claims if "the learner leaves a P99 of at most" in claim.text]
+    assert [claim.holds for claim in claims] == [True, False]
+    assert "2.20 (A) at 12 h, then learner each 4 h" in claims[0].here
+    assert "2.90 (A)" in claims[1].here
 
 
 def test_gains_renewed_in_the_calibration_only_are_those_of_the_calibration_at_another_level() -> None:

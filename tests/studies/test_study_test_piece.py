@@ -88,6 +88,15 @@ def test_compensation_lessens_the_drift_and_the_growth_term_lessens_it_further(s
     assert not np.array(small["TALC"])[0].any()
 
 
+def test_the_learner_is_held_against_the_regression_place_by_place(small: Mapping[str, Any]) -> None:
+    parameters = {"seed": 1, "machine": "base", "axis": "speed_c", "failing": False, "repetition": 0}
+    for share, holds in ((1.04, True), (1.06, False)):
+        learner = {f"learner{t}": (share * np.array(small[f"regression{t}"])).tolist() for t in ("", " + growth")}
+        report = STUDY.report([Run(parameters, {**small, **learner})])
+        claims = [claim for claim in report.claims if claim.text.startswith("The learner leaves no more")]
+        assert [claim.holds for claim in claims] == [holds, holds]
+
+
 def test_the_full_study_is_not_judged_on_one_machine_one_axis_and_whole_sensors() -> None:
     wanted = STUDY.runs(1, False)
     assert {p["machine"] for p in wanted} == set(MACHINES)
@@ -136,8 +145,8 @@ def test_the_page_has_every_feature_method_and_variation(studied: Studied, small
 
 def test_the_report_has_every_feature_and_method(studied: Studied, small: Mapping[str, Any]) -> None:
     report = STUDY.report(list(studied.runs))
-    assert report.summary.head[1:] == ("none", "hold", "regression", "TALC")
-    assert len(report.figures) == 1 + 2 * 8 * SETS
+    assert report.summary.head[1:] == ("none", "hold", "regression", "TALC", "learner")
+    assert len(report.figures) == 1 + 2 * 10 * SETS
     drift = np.ptp(np.array(small["none"]), axis=0).mean()
     base = next(row for row in report.summary.rows if row.cells[0] == "C axis, base machine")
     assert float(base.cells[1].split(" / ")[0]) == pytest.approx(drift, rel=5e-3)
