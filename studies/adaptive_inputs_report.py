@@ -58,7 +58,8 @@ def report(runs: list[Run]) -> Report:
     for way, found in groups.items():
         drawn = next((r for r in found if "drawn" in r.result), None)
         if drawn is not None and way[1] == "adaptive":
-            sections.append(Section(f"Over time: {_name(way)}, first repetition", (_course(drawn), _chosen(drawn))))
+            blocks = (_course(drawn), _chosen(drawn)) if drawn.result["inputs"] else (_course(drawn),)
+            sections.append(Section(f"Over time: {_name(way)}, first repetition", blocks))
     return Report(_ASKED, _summary(groups), _claims(groups), tuple(sections), _figures(runs))
 
 
@@ -227,8 +228,12 @@ def _beside_regression(way: Way, runs: list[Run], plain: list[Run]) -> Claim:
         "not asked",
         f"mean E_PV {own:.2f} against {other:.2f} µm; by repetition {peak} (k = 2); E_RMS {rms}",
         peak.sure and rms.sure,
-        "The regression uses all inputs and renews its gains at each measurement (those of search, adaptive); the "
-        "models keep few inputs, remember, and are renewed at their updates only.",
+        "The regression uses all inputs and renews its gains at each measurement (those of search, adaptive); "
+        + (
+            "so does the learner, which also knows lags and how far to trust them."
+            if way[0] == "learner"
+            else "the models keep few inputs, remember, and are renewed at their updates only."
+        ),
     )
 
 

@@ -134,7 +134,7 @@ def _bounds(runs: list[Run], cases: list[str]) -> Table:
     none = {
         str(r.parameters["case"]): r.result["none"]["P99"] for r in runs if r.parameters.get("calibration_h") == BEST[0]
     }
-    best = {str(r.parameters["case"]): r.result["hindsight"]["P99"] for r in runs if "peer" in r.parameters}
+    best = {str(r.parameters["case"]): r.result["hindsight"]["P99"] for r in runs if "hindsight" in r.result}
 
     def line(title: str, values: dict[str, float]) -> Row:
         return Row((title, *(number(values.get(c, float("nan"))) for c in cases)))
