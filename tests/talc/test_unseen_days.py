@@ -9,8 +9,19 @@ from talc.settings import ControlSettings
 
 @pytest.fixture(scope="module")
 def outcomes() -> list[Outcome]:
-    """The default way on the machine itself and on three others of its kind."""
-    return [run(WAYS[0], kind, seed) for kind, seed in (("day", 0), ("axes", 1), ("day", 2), ("axes", 3))]
+    """The models of `search` on the machine itself and on three others of its kind."""
+    way = next(way for way in WAYS if way.name == "`search`, judged on unseen rows")
+    return [run(way, kind, seed) for kind, seed in (("day", 0), ("axes", 1), ("day", 2), ("axes", 3))]
+
+
+def test_the_learner_leaves_less_than_the_last_measurement_also_when_it_is_measured_hourly_at_first() -> None:
+    dense, hourly = (run(way, "day", 0) for way in WAYS[:2])
+    for outcome, most in ((dense, 0.3), (hourly, 0.4)):
+        ratio = outcome.rms / outcome.hold
+        assert ratio.max() < 1.0
+        assert np.exp(np.log(ratio).mean()) < most
+    # Row 288 is measured by both, as the last of the first day or the first of the next.
+    assert dense.measurements == hourly.measurements == 36
 
 
 def test_no_error_is_corrected_worse_than_by_its_last_measurement(outcomes: list[Outcome]) -> None:
