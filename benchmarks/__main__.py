@@ -7,7 +7,16 @@ from pathlib import Path
 
 from benchmarks.rows import Row
 
-_SUBJECTS = ("acquisition", "sensor_check", "group_lasso", "selection", "footprint", "unseen_days", "recordings")
+_SUBJECTS = (
+    "acquisition",
+    "sensor_check",
+    "group_lasso",
+    "selection",
+    "footprint",
+    "unseen_days",
+    "learner",
+    "recordings",
+)
 _README = Path(__file__).parents[1] / "README.md"
 
 

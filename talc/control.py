@@ -21,6 +21,7 @@ from talc.frame import (
 from talc.free_running import FreeRunningModel, State
 from talc.learner.course import CourseState, LearningCourse
 from talc.learner.learner import Explanation
+from talc.learner.prior import Prior
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.record import Record
@@ -81,9 +82,12 @@ class Controller:
     input_names: order of a frame's inputs
     settings: choices; `training` is handed on to the training jobs
     step_s: grid step
+    prior: of the learner, from other machines; None: none
     """
 
-    def __init__(self, input_names: Sequence[str], settings: TalcSettings, step_s: float = 300.0) -> None:
+    def __init__(
+        self, input_names: Sequence[str], settings: TalcSettings, step_s: float = 300.0, prior: Prior | None = None
+    ) -> None:
         self._names = tuple(input_names)
         if len(set(self._names)) != len(self._names):
             raise ValueError(f"input_names = {self._names!r}: a name occurs twice")
@@ -101,7 +105,7 @@ class Controller:
         self._static: tuple[tuple[str, ...] | None, ...] | None = None
         self._course: LearningCourse | None = None
         if settings.method == "learner":
-            self._course = LearningCourse(self._names, settings.learner, step_s)
+            self._course = LearningCourse(self._names, settings.learner, step_s, prior)
 
     @property
     def phase(self) -> Phase:
@@ -132,12 +136,14 @@ class Controller:
         )
 
     @classmethod
-    def restore(cls, state: ControllerState, settings: TalcSettings, step_s: float = 300.0) -> "Controller":
+    def restore(
+        cls, state: ControllerState, settings: TalcSettings, step_s: float = 300.0, prior: Prior | None = None
+    ) -> "Controller":
         """A controller that decides as the one that gave `state` would have. ValueError: a state that is not one.
 
         A training that was under way is not: hand its job's models to `adopt`, or run it again.
         """
-        self = cls(state.input_names, settings, step_s)
+        self = cls(state.input_names, settings, step_s, prior)
         if (self._course is None) != (state.course is None):
             raise ValueError(f"method = {settings.method!r}: the state is of the other method")
         if self._course is not None and state.course is not None:
@@ -316,7 +322,7 @@ class Controller:
                 due = self._last_measured is None or since >= self._control.calibration_interval_steps
                 return Why.CALIBRATION if due else None
             case Phase.NO_GOOD:
-                return None if self._learning else Why.NO_GOOD
+                return None if self._learning or since < self._control.no_good_interval_steps else Why.NO_GOOD
             case Phase.COMPENSATION:
                 return self._routine(since, novel, sigma, limits)
 

@@ -86,7 +86,9 @@ class ControlSettings:
     uncertainty_share: float = 0.75
     """Share of the action control limit that a 95 % interval may fill."""
     no_good_measurements: int = 16
-    """Measurements at every step in the no-good phase, before the model update (Z22: 16)."""
+    """Measurements in the no-good phase, before the model update (Z22: 16)."""
+    no_good_interval_steps: int = 1
+    """Steps between them (B19: 10 min)."""
     acl: Literal["adaptive", "training", "fixed"] = "adaptive"
     """Action control limits, renewed with each model: its largest residual on rows that its fit had not seen, its
     largest on all rows of its training (Z22), or the fixed values below (B19)."""
@@ -115,6 +117,7 @@ class ControlSettings:
         )
         require(self.uncertainty_share > 0, "uncertainty_share", self.uncertainty_share, "more than 0")
         require(self.no_good_measurements >= 1, "no_good_measurements", self.no_good_measurements, "1 or more")
+        require(self.no_good_interval_steps >= 1, "no_good_interval_steps", self.no_good_interval_steps, "1 or more")
         require(self.acl_fixed_um > 0, "acl_fixed_um", self.acl_fixed_um, "more than 0")
         require(self.acl_fixed_um_per_m > 0, "acl_fixed_um_per_m", self.acl_fixed_um_per_m, "more than 0")
 
@@ -180,6 +183,9 @@ class LearnerSettings:
 class TalcSettings:
     """The `[talc]` section of a gateway's configuration."""
 
+    preset: Literal["zimmermann-2022", "blaser-2019"] | None = None
+    """In a configuration: the papers' systems whole, as far as no other key says otherwise (docs/presets.md). In a
+    program: `talc.presets.preset`; this field alone changes nothing."""
     method: Literal["learner", "models"] = "models"
     """`learner`: weights of lagged inputs, learnt at every measurement. `models`: the papers' system of phases and
     trained models, by `training.selector`; `control` and `training` belong to it alone."""

@@ -9,6 +9,7 @@ from drivers.profiles import is_users, user_profile
 from gateway.config.model import GatewayConfig, with_database
 from gateway.config.problems import ConfigError, Problem, read_sections
 from gateway.config.rules import problems_between
+from talc.presets import completed
 
 
 def load(path: Path) -> GatewayConfig:
@@ -56,11 +57,13 @@ def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
 
 
 def data_of(text: str, path: Path) -> dict[str, object]:
-    """What the text says, not checked yet. Raises ConfigError."""
+    """What the text says, with all that a preset of `[talc]` says; not checked yet. Raises ConfigError."""
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
+    talc = data.get("talc")
+    return {**data, "talc": completed(talc)} if isinstance(talc, dict) else data
 
 
 def _validated(data: Mapping[str, object], path: Path) -> GatewayConfig:

@@ -18,6 +18,7 @@ from talc.frame import (
 )
 from talc.learner.learner import Estimate, Explanation, Learner, LearnerState
 from talc.learner.mixture import Surprise
+from talc.learner.prior import Prior
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import LearnerSettings
 
@@ -54,13 +55,16 @@ class LearningCourse:
     input_names: order of a frame's inputs
     settings: limits and intervals
     step_s: grid step
+    prior: what other machines have learnt; None: nothing
     """
 
-    def __init__(self, input_names: Sequence[str], settings: LearnerSettings, step_s: float) -> None:
+    def __init__(
+        self, input_names: Sequence[str], settings: LearnerSettings, step_s: float, prior: Prior | None = None
+    ) -> None:
         self._names, self._settings = tuple(input_names), settings
         self._limits = np.where(_POSITIONS, settings.limit_um, settings.limit_um_per_m)
         noise = np.where(_POSITIONS, settings.noise_um, settings.noise_um_per_m)
-        self._learner = Learner(len(self._names), step_s, noise)
+        self._learner = Learner(len(self._names), step_s, noise, None if prior is None else prior.of(self._names))
         self._long_gap = round(_SETTLED_S / step_s)
         self._phase = Phase.CALIBRATION
         self._last_k: int | None = None

@@ -4,9 +4,10 @@ import numpy as np
 
 from talc.frame import FloatArray
 
-_LARGEST_FEATURE = 8.0
-"""A span doubles until no feature is larger: an input that moves for the first time after weeks cannot throw the
-prediction, whatever its unit."""
+_ORDINARY, _JUMP = 60.0, 15.0
+"""A temperature in degC stays within the first of its reference, and moves less than the second in one step. What does
+not is a machine state or a length, in whatever unit: its span is the largest deviation so far, in powers of two. So an
+input that moves for the first time after weeks cannot throw the prediction."""
 
 
 class LagBank:
@@ -27,22 +28,25 @@ class LagBank:
         self.lags = len(time_constants_s)
         self._kept = np.where(constants > 0, np.exp(-step_s / np.where(constants > 0, constants, 1.0)), 0.0)
         self.span = np.full(inputs, span)
+        self.wide = np.zeros(inputs, dtype=np.bool_)
+        """(n,) not a temperature: its span grows."""
         self.level = np.zeros((inputs, self.lags))
-        """(n, L) outputs of the lags, in spans."""
+        """(n, L) outputs of the lags, in spans; the first one has no lag."""
 
     def features(self) -> FloatArray:
         """(n L + 1,) input by input; the last one is 1, for the level."""
         return np.append(self.level.ravel(), 1.0)
 
     def widen(self, deviation: FloatArray) -> FloatArray:
-        """Double spans until these (n,) deviations fit. Gives the (n,) factors by which spans grew."""
+        """Let spans grow where these (n,) deviations ask for it. Gives the (n,) factors by which they grew."""
+        size = np.abs(deviation)
+        self.wide |= (size > _ORDINARY) | (np.abs(deviation - self.level[:, 0] * self.span) > _JUMP)
         factor = np.ones(len(self.span))
-        beyond = np.abs(deviation) > _LARGEST_FEATURE * self.span
+        beyond = self.wide & (size > self.span)
         if beyond.any():
-            ratio = np.abs(deviation[beyond]) / (_LARGEST_FEATURE * self.span[beyond])
-            factor[beyond] = np.exp2(np.ceil(np.log2(ratio)))
-            self.span *= factor
-            self.level /= factor[:, None]
+            factor[beyond] = np.exp2(np.ceil(np.log2(size[beyond] / self.span[beyond])))
+            self.span = self.span * factor
+            self.level = self.level / factor[:, None]
         return factor
 
     def advance(self, deviation: FloatArray) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from talc.frame import BoolArray, FloatArray
 from talc.learner.features import LagBank
 from talc.learner.inputs import InputMemory
-from talc.learner.mixture import Mixture, MixtureState, Surprise
+from talc.learner.mixture import Mixture, MixtureState, Surprise, Told
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
@@ -19,8 +19,12 @@ _SHORT_GAP_S = 3600.0
 """Through a shorter gap inputs went straight; after a longer one lags restart at the present values."""
 _LONGEST_RAMP = 2016
 _TRUSTED = 0.5
-_SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.1, 0.8, (0.5, 3.0)
-"""sigma is scaled by how far measurements are off: mean |z| of a normal distribution is 0.8."""
+_SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.3, 0.8, (0.7, 3.0)
+"""sigma is scaled by how far measurements are off: mean |z| of a normal distribution is 0.8. A measurement tells of it
+as far as its own noise does not hide it."""
+
+
+_FARTHEST_Z = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +46,7 @@ class LearnerState:
     mixture: MixtureState
     level: FloatArray
     span: FloatArray
+    wide: BoolArray
     reference: FloatArray
     known: BoolArray
     last: FloatArray
@@ -76,12 +81,18 @@ class Learner:
     inputs: number of inputs
     step_s: grid step
     noise: (9,) standard uncertainty of a measurement that comes without one
+    told: from other machines, in the spans (n,) beside it; NaN: not known
     """
 
-    def __init__(self, inputs: int, step_s: float, noise: FloatArray) -> None:
+    def __init__(
+        self, inputs: int, step_s: float, noise: FloatArray, told: tuple[FloatArray, Told] | None = None
+    ) -> None:
         self._memory = InputMemory(inputs)
         self._bank = LagBank(inputs, TIME_CONSTANTS_S, step_s, SPAN)
-        self._mixture = Mixture(inputs, self._bank.lags, step_s)
+        if told is not None:
+            self._bank.span = np.where(np.isfinite(told[0]), told[0], SPAN)
+            self._bank.wide = self._bank.span > SPAN
+        self._mixture = Mixture(inputs, self._bank.lags, step_s, told=None if told is None else told[1])
         self._short_gap = round(_SHORT_GAP_S / step_s)
         self._noise = noise
         self._anchored = False
@@ -124,9 +135,10 @@ class Learner:
         variance = self._scale**2 * variance + self._doubt
         believed = self._mixture.believed
         trusted = believed > _TRUSTED
-        # Of two hypotheses, zero and the mixture; where zero is the likelier one, it is what stands.
+        # Of two hypotheses, zero and the mixture; where zero is the likelier one, it is what stands. How far off that
+        # may be is what the mixture says of it: that an error cannot be shown does not make it zero.
         value = np.where(trusted, believed * mean, 0.0)
-        square = believed * (variance + (mean - value) ** 2) + (1.0 - believed) * value**2
+        square = variance + (mean - value) ** 2
         none = self._mixture.count == 0
         return Estimate(np.where(none, np.nan, value), np.where(none, np.nan, np.sqrt(square)), trusted & ~none)
 
@@ -143,10 +155,12 @@ class Learner:
         # Probing noise is known; it is the filters' own part that may be too sure or too unsure of itself.
         settled = np.isfinite(surprise.ratio) & ~surprise.outlier & (self._mixture.count > 1)
         if settled.any():
-            part = variance[settled] + self._doubt[settled]
             known = noise[settled] ** 2
-            z = surprise.ratio[settled] * np.sqrt((part + known) / (self._scale**2 * part + known))
-            off = float(np.mean(np.minimum(np.abs(z), 3.0))) - _SIGMA_WANTED
+            part = variance[settled] + self._doubt[settled]
+            scaled = self._scale**2 * part
+            z = np.abs(surprise.ratio[settled]) * np.sqrt((part + known) / (scaled + known))
+            tells = scaled / (scaled + known)
+            off = float(np.mean(tells * (np.minimum(z, _FARTHEST_Z) - _SIGMA_WANTED)))
             low, high = _SIGMA_BOUNDS
             self._scale = min(max(self._scale * float(np.exp(_SIGMA_RATE * off)), low), high)
         return surprise
@@ -165,6 +179,7 @@ class Learner:
             mixture=self._mixture.state(),
             level=self._bank.level.copy(),
             span=self._bank.span.copy(),
+            wide=self._bank.wide.copy(),
             reference=m.reference.copy(),
             known=m.known.copy(),
             last=m.last.copy(),
@@ -181,6 +196,7 @@ class Learner:
         """Go on from it. ValueError: of other inputs."""
         self._mixture.restore(state.mixture)
         self._bank.level, self._bank.span = state.level.copy(), state.span.copy()
+        self._bank.wide = state.wide.copy()
         m = self._memory
         m.reference, m.known, m.last = state.reference.copy(), state.known.copy(), state.last.copy()
         m.away, m.mean, m.covariance = state.away.astype(np.int64), state.mean.copy(), state.covariance.copy()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from talc import _kernel
 from talc.frame import FloatArray
-from talc.learner.experts import EXPERTS, UNIT, Expert
+from talc.learner.experts import EXPERTS, TOLD, UNIT, Expert
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
@@ -18,6 +18,8 @@ _TEMPER, _KEPT, _SHARED = 0.3, 0.97, 0.01
 """Log-likelihoods count by so much, are discounted so at each measurement, and so much weight is spread over all."""
 _NULL_FIRST, _NULL_KEPT, _NULL_BOUND = 3.0, 0.995, 10.0
 """Log-odds that an error stays zero: at first, their discount at a measurement, and their bound."""
+_TOLD_SHARE, _TOLD_NULL = 0.8, -2.0
+"""First weight of all experts that other machines told of together, and first log-odds of such an error being zero."""
 _LEAST_NOISE = 0.25
 """µm or µm/m: no probing cycle is better."""
 _FAR, _OUTLIER_AS = 5.0, 2.5
@@ -25,9 +27,10 @@ _FAR, _OUTLIER_AS = 5.0, 2.5
 _FIRST_FAR = 4.0
 """The first measurement so many standard deviations from zero: the reference is not the present state."""
 _LEAST_MIXED = 1e-3
-_RENEWED = 3
+_RENEWED = 8
 """Inputs of which a measurement renews the prior variance."""
-_EVIDENCE_FROM = 6
+_EVIDENCE_FROM, _WORTH = 6, 0.1
+"""Measurements before the first renewal; a smaller relative change is not made."""
 _MOST_DOWN, _MOST_UP, _SPAN_DOWN, _SPAN_UP = 0.1, 3.0, 1e-4, 1e2
 """Of a prior variance: at one renewal, and relative to its first value."""
 
@@ -74,6 +77,18 @@ class Surprise:
     """(9,) the second far measurement in a row: the level starts anew."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """What other machines have learnt, in the order of this machine's inputs."""
+
+    machines: FloatArray
+    """(9,) how many told of each error."""
+    mean: FloatArray
+    """(9, n - 1) weights."""
+    covariance: FloatArray
+    """(9, n - 1, n - 1); variance 0: of an input that they do not have."""
+
+
 class Mixture:
     """Nine errors, each with the same experts.
 
@@ -90,14 +105,24 @@ class Mixture:
     inputs, lags: features are inputs times lags, input by input
     step_s: grid step
     experts: of each error
+    told: from other machines; adds experts that begin with it
     """
 
-    def __init__(self, inputs: int, lags: int, step_s: float, experts: tuple[Expert, ...] = EXPERTS) -> None:
+    def __init__(
+        self,
+        inputs: int,
+        lags: int,
+        step_s: float,
+        experts: tuple[Expert, ...] = EXPERTS,
+        told: Told | None = None,
+    ) -> None:
+        experts = experts if told is None else (*experts, *TOLD)
+        self._told, self._listeners = told, [e for e, expert in enumerate(experts) if expert.told]
         self._inputs, self._lags, self._experts = inputs, lags, experts
         n, many = inputs * lags + 1, len(experts)
         self._n, packed = n, n * (n + 1) // 2
         self._diagonal = np.arange(n) * (np.arange(n) + 3) // 2
-        self._evidence = [e for e, expert in enumerate(experts) if expert.evidence]
+        self._evidence = np.flatnonzero([expert.evidence for expert in experts])
         unit = UNIT**2 / max(n - 1, 1)
         prior, growth = np.zeros((many, n)), np.zeros((many, n))
         for e, expert in enumerate(experts):
@@ -107,7 +132,12 @@ class Mixture:
         self._growth = growth * (step_s / _DRIFT_STEP_S)
         self._first_prior = prior
         self._gain, self._spread = np.empty((many, n)), np.empty(many)
-        weight = np.full((_ERRORS, many), 1.0 / many)
+        weight, null = np.full((_ERRORS, many), 1.0 / many), np.full(_ERRORS, _NULL_FIRST)
+        if told is not None:
+            known, heard = told.machines > 0, len(self._listeners)
+            weight[known] = (1.0 - _TOLD_SHARE) / (many - heard)
+            weight[known, many - heard :] = _TOLD_SHARE / heard
+            null[known] = _TOLD_NULL
         self._s = MixtureState(
             mean=np.zeros((_ERRORS, many, n)),
             covariance=np.zeros((_ERRORS, many, packed)),
@@ -118,7 +148,7 @@ class Mixture:
             drift=np.zeros((_ERRORS, n)),
             elapsed=np.zeros(_ERRORS),
             jolt=np.zeros(_ERRORS),
-            null=np.full(_ERRORS, _NULL_FIRST),
+            null=null,
             count=np.zeros(_ERRORS, dtype=np.int64),
             suspect=np.zeros(_ERRORS),
             cursor=0,
@@ -206,8 +236,8 @@ class Mixture:
         _kernel.filters_look(covariance, growth, x, gain, spread)
         innovation = y - np.sum(mean * x, axis=1)
         weight = s.weight[j]
-        centre = float(np.sum(weight * innovation))
-        total = float(np.sum(weight * (spread + (innovation - centre) ** 2))) + noise
+        centre = float(weight @ innovation)
+        total = float(weight @ (spread + (innovation - centre) ** 2)) + noise
         ratio = centre / np.sqrt(total)
         self._weigh_null(j, y, centre, total, noise)
         outlier = jump = False
@@ -238,9 +268,24 @@ class Mixture:
         """Errors are deviations from the reference: the level starts at zero, unless the first measurement is far."""
         s = self._s
         s.covariance[j][:, self._diagonal] = s.prior[j]
+        if self._told is not None and self._told.machines[j]:
+            for e in self._listeners:
+                self._listen(j, e, self._told)
         level = max(noise, y * y if abs(y) > _FIRST_FAR * np.sqrt(noise) else 0.0)
         s.covariance[j][:, self._diagonal[-1]] = level
         s.elapsed[j] = s.jolt[j] = 0.0
+
+    def _listen(self, j: int, e: int, told: Told) -> None:
+        """An expert begins with what other machines told; of inputs that they do not have, with the flat prior."""
+        s, size = self._s, self._n - 1
+        variance = np.diag(told.covariance[j])
+        own = np.where(variance > 0.0, variance, UNIT**2 / size) * self._experts[e].weight ** 2
+        full = np.zeros((self._n, self._n))
+        full[:size, :size] = told.covariance[j] * self._experts[e].weight ** 2
+        full[np.arange(size), np.arange(size)] = own
+        s.covariance[j, e] = full[np.tril_indices(self._n)]
+        s.mean[j, e, :-1] = told.mean[j]
+        s.prior[j, e, :-1] = np.repeat(own.reshape(-1, self._lags).mean(axis=1), self._lags)
 
     def _weigh_null(self, j: int, y: float, centre: float, total: float, noise: float) -> None:
         """The hypothesis of zero against the mixture; an outlier says little of either."""
@@ -252,21 +297,26 @@ class Mixture:
 
     def _renew(self, j: int) -> None:
         """Prior variances of the next inputs, and the posterior that follows from them."""
-        s, lags = self._s, self._lags
-        for e in self._evidence:
-            variance = s.covariance[j, e, self._diagonal]
-            for step in range(min(_RENEWED, self._inputs)):
-                g = (s.cursor + step) % self._inputs
-                own = slice(g * lags, (g + 1) * lags)
-                before, first = float(s.prior[j, e, own.start]), float(self._first_prior[e, own.start])
-                told = max(float(np.sum(1.0 - variance[own] / before)), 1e-3)
-                found = (float(np.sum(s.mean[j, e, own] ** 2)) + 0.5 * before) / (told + 0.5)
-                after = min(max(found, _SPAN_DOWN * first, _MOST_DOWN * before), _SPAN_UP * first, _MOST_UP * before)
-                if abs(after / before - 1.0) < 0.02:
-                    continue
-                _kernel.filter_inform(s.covariance[j, e], s.mean[j, e], g * lags, lags, 1.0 / after - 1.0 / before)
-                s.prior[j, e, own] = after
-                variance = s.covariance[j, e, self._diagonal]
+        s, lags, which = self._s, self._lags, self._evidence
+        if not which.size:
+            return
+        groups = (s.cursor + np.arange(min(_RENEWED, self._inputs))) % self._inputs
+        own = groups[:, None] * lags + np.arange(lags)
+        variance = s.covariance[j][which[:, None], self._diagonal][:, own]
+        mean, before = s.mean[j][which][:, own], s.prior[j][which][:, own[:, 0]]
+        first = self._first_prior[which][:, own[:, 0]]
+        told = np.maximum((1.0 - variance / before[..., None]).sum(axis=2), 1e-3)
+        found = ((mean**2).sum(axis=2) + 0.5 * before) / (told + 0.5)
+        least, most = (
+            np.maximum(_SPAN_DOWN * first, _MOST_DOWN * before),
+            np.minimum(_SPAN_UP * first, _MOST_UP * before),
+        )
+        after = np.clip(found, least, most)
+        for i, g in np.argwhere(np.abs(after / before - 1.0) >= _WORTH):
+            e, begin = int(which[i]), int(own[g, 0])
+            more = 1.0 / float(after[i, g]) - 1.0 / float(before[i, g])
+            _kernel.filter_inform(s.covariance[j, e], s.mean[j, e], begin, lags, more)
+            s.prior[j, e, begin : begin + lags] = after[i, g]
 
     def _remix(self, j: int) -> None:
         s = self._s

@@ -69,6 +69,9 @@ bound_um = [6.0, 6.0, 8.0]
 slew_um_per_s = {rate}
 stale_after_s = 3.0
 watchdog_s = {silence}
+[talc]
+method = "models"
+
 [talc.control]
 calibration_steps = {calibration}
 """

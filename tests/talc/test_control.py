@@ -47,7 +47,7 @@ def models(k: int, only: tuple[str, ...] = THERMAL_ERRORS) -> ModelSet:
 
 def controller() -> Controller:
     control = ControlSettings(calibration_steps=CALIBRATION, measurement_interval_steps=4, no_good_measurements=3)
-    return Controller(INPUTS, TalcSettings(control=control))
+    return Controller(INPUTS, TalcSettings(method="models", control=control))
 
 
 def frame(k: int, warm: float = 1.0, measured: float | FloatArray | None = None) -> Frame:
@@ -79,7 +79,10 @@ def test_calibration_asks_once_and_holds_the_whole_record() -> None:
 def test_a_sparse_calibration_measures_each_few_steps_and_ends_with_its_length() -> None:
     steps, every = 4 * CALIBRATION, 4
     c = Controller(
-        INPUTS, TalcSettings(control=ControlSettings(calibration_steps=steps, calibration_interval_steps=every))
+        INPUTS,
+        TalcSettings(
+            method="models", control=ControlSettings(calibration_steps=steps, calibration_interval_steps=every)
+        ),
     )
     measured, asked, wanted = [], [], True
     for k in range(steps):
@@ -93,7 +96,7 @@ def test_a_sparse_calibration_measures_each_few_steps_and_ends_with_its_length()
 
 def test_a_measurement_that_a_sparse_calibration_missed_is_wanted_until_it_comes() -> None:
     control = ControlSettings(calibration_steps=4 * CALIBRATION, calibration_interval_steps=4)
-    c = Controller(INPUTS, TalcSettings(control=control))
+    c = Controller(INPUTS, TalcSettings(method="models", control=control))
     wishes = [c.step(frame(k, measured=2.0 if k in (0, 6) else None)).measure for k in range(12)]
     assert [k for k, wish in enumerate(wishes) if wish is Why.CALIBRATION] == [3, 4, 5, 9, 10, 11]
 
@@ -108,7 +111,7 @@ def test_calibrations_too_sparse_to_learn_from_are_refused() -> None:
 def test_an_error_without_a_model_chooses_its_inputs_at_the_next_training() -> None:
     training = TrainingSettings(static_inputs=True)
     control = ControlSettings(calibration_steps=CALIBRATION, measurement_interval_steps=4, no_good_measurements=3)
-    c = Controller(INPUTS, TalcSettings(control=control, training=training))
+    c = Controller(INPUTS, TalcSettings(method="models", control=control, training=training))
     calibrate(c, THERMAL_ERRORS[:2])
     job = next(
         d.training for k in range(CALIBRATION, 60) if (d := c.step(frame(k, measured=90.0))).training is not None
@@ -121,11 +124,17 @@ def test_an_error_without_a_model_chooses_its_inputs_at_the_next_training() -> N
 def test_settings_that_could_never_work_are_refused() -> None:
     control = ControlSettings(calibration_steps=100)
     with pytest.raises(ValueError, match="window_steps = 99: expected calibration_steps = 100 or more"):
-        TalcSettings(control=control, training=TrainingSettings(window_steps=99))
+        TalcSettings(method="models", control=control, training=TrainingSettings(window_steps=99))
     with pytest.raises(ValueError, match="policy = 'novelty': expected 'fixed' with selector 'pso'"):
-        TalcSettings(control=ControlSettings(policy="novelty"), training=TrainingSettings(selector="pso"))
+        TalcSettings(
+            method="models", control=ControlSettings(policy="novelty"), training=TrainingSettings(selector="pso")
+        )
     with pytest.raises(ValueError, match="calibration_interval_steps = 2: expected 1 with selector 'tck'"):
-        TalcSettings(control=ControlSettings(calibration_interval_steps=2), training=TrainingSettings(selector="tck"))
+        TalcSettings(
+            method="models",
+            control=ControlSettings(calibration_interval_steps=2),
+            training=TrainingSettings(selector="tck"),
+        )
 
 
 def test_too_few_measurements_prolong_calibration() -> None:
@@ -199,7 +208,7 @@ def test_models_of_other_inputs_are_refused() -> None:
 
 def test_a_gap_longer_than_the_training_window_is_bridged() -> None:
     control = ControlSettings(calibration_steps=CALIBRATION)
-    c = Controller(INPUTS, TalcSettings(control=control, training=TrainingSettings(window_steps=12)))
+    c = Controller(INPUTS, TalcSettings(method="models", control=control, training=TrainingSettings(window_steps=12)))
     calibrate(c)
     decision = c.step(frame(CALIBRATION + 500))
     assert np.allclose(decision.corrected, 2.0)
@@ -233,7 +242,7 @@ def policy(name: str) -> Controller:
         longest_interval_steps=30,
         no_good_measurements=3,
     )
-    return Controller(INPUTS, TalcSettings(control=control))
+    return Controller(INPUTS, TalcSettings(method="models", control=control))
 
 
 def drifting(limit: float = 3.0) -> ModelSet:
@@ -291,4 +300,4 @@ def test_a_restart_from_a_saved_state_decides_as_no_restart() -> None:
 
 def whole_settings() -> TalcSettings:
     control = ControlSettings(calibration_steps=CALIBRATION, measurement_interval_steps=4, no_good_measurements=3)
-    return TalcSettings(control=control)
+    return TalcSettings(method="models", control=control)

@@ -26,7 +26,9 @@ def filled(rows: list[list[float]]) -> Record:
 
 def learnt(s: Series, inputs: Array) -> ModelSet:
     """The first models of a controller that sees these inputs."""
-    controller = Controller(s.names, TalcSettings(control=ControlSettings(calibration_steps=CALIBRATION)))
+    controller = Controller(
+        s.names, TalcSettings(method="models", control=ControlSettings(calibration_steps=CALIBRATION))
+    )
     for k in range(CALIBRATION):
         decision = controller.step(Frame(k, inputs[k], np.isfinite(inputs[k]), Measurement(s.measured[k], np.ones(9))))
     assert decision.training is not None
@@ -69,7 +71,7 @@ def test_numbers_that_cannot_be_are_missing_ones() -> None:
 
 @pytest.mark.parametrize("wild", [1e7, -1e200, 1e308, np.inf])
 def test_a_measurement_that_cannot_be_is_told_and_not_used(wild: float) -> None:
-    controller = Controller(("t0",), TalcSettings())
+    controller = Controller(("t0",), TalcSettings(method="models"))
     errors = np.full(9, 2.0)
     errors[2] = wild
     decision = controller.step(Frame(0, np.ones(1), np.ones(1, dtype=np.bool_), Measurement(errors, np.ones(9))))

@@ -89,7 +89,7 @@ def test_estimates_stay_bounded(
     measured = np.array([np.full(STEPS, np.nan)] * 9).T
     measured[:, 0] = 3.0 * (drive[:, 0] - 20.0)
     measured[:, 4] = wild(seed + 50, outputs, LARGEST_ERROR)
-    controller = Controller(NAMES, TalcSettings(control=CONTROL, training=training))
+    controller = Controller(NAMES, TalcSettings(method="models", control=CONTROL, training=training))
     low, high = np.full(9, np.inf), np.full(9, -np.inf)
     asked = True
     for k in range(STEPS):

@@ -40,8 +40,8 @@ async def running(
 ) -> AsyncIterator[ProbingSchedule]:
     plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
     loop = GridLoop(
-        Controller(("a",), TalcSettings()), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock, bench.link,
-        plan, Probing(), told, (None, pending),
+        Controller(("a",), TalcSettings(method="models")), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock,
+        bench.link, plan, Probing(), told, (None, pending),
     )  # fmt: skip
     task = asyncio.create_task(loop.run())
     try:

@@ -132,7 +132,7 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
     """A second training that crashes is an event and a log entry; the first one's models predict as before."""
     caplog.set_level(logging.CRITICAL, logger="gateway.control.loop")
     control = ControlSettings(calibration_steps=288)
-    controller = Controller(DAY.names, TalcSettings(control=control))
+    controller = Controller(DAY.names, TalcSettings(method="models", control=control))
     first: TrainingJob | None = None
     for k in range(288):
         measurement = Measurement(DAY.measured[k], np.full(9, 0.5))

@@ -59,19 +59,19 @@ def test_a_recording_becomes_a_table_and_a_page(recorded: Path, tmp_path: Path) 
 
 def test_only_measurements_that_were_asked_for_reach_the_controller(recorded: Path) -> None:
     recording = read_recording(recorded, Columns(), 300.0)
-    data = rehearse(recording, TalcSettings(control=ControlSettings(measurement_interval_steps=24)))
+    data = rehearse(recording, TalcSettings(method="models", control=ControlSettings(measurement_interval_steps=24)))
     assert data.phases[300] is Phase.COMPENSATION
     used = np.flatnonzero(np.isfinite(data.measured[:, 4])) - 288
     steps = used[used > 0]
     assert len(steps) < 60
     assert data.recorded is not None
     assert np.isfinite(data.recorded[:, 4]).all()
-    everything = rehearse(recording, TalcSettings(), every_measurement=True)
+    everything = rehearse(recording, TalcSettings(method="models"), every_measurement=True)
     assert np.isfinite(everything.measured[:, 4]).all()
 
 
 def test_the_models_beat_the_held_measurement(recorded: Path) -> None:
-    data = rehearse(read_recording(recorded, Columns(), 300.0), TalcSettings())
+    data = rehearse(read_recording(recorded, Columns(), 300.0), TalcSettings(method="models"))
     assert data.held is not None
     assert data.recorded is not None
     left, held = (data.recorded - data.predicted)[300:, 4], (data.recorded - data.held)[300:, 4]

@@ -59,7 +59,7 @@ def test_a_recording_with_jitter_finds_its_models(tmp_path: Path) -> None:
         ",".join(str(v) for v in (300.0 * i + late[i], *made.inputs[i], made.measured[i, 2])) for i in range(1, 200)
     ]
     path.write_text("\n".join([",".join(["time", *made.names, "EX0C"]), *rows]), encoding="utf-8")
-    settings = TalcSettings(control=ControlSettings(calibration_steps=144))
+    settings = TalcSettings(method="models", control=ControlSettings(calibration_steps=144))
     data = rehearse(read_recording(path, Columns(), 300.0), settings)
     assert data.phases[-1] is Phase.COMPENSATION
     assert data.models[0].models.models[2] is not None

@@ -63,5 +63,5 @@ def test_lags_settle_at_what_stands_still_and_a_span_grows_with_what_moves() -> 
     assert bank.features()[1] == pytest.approx(3.0 - np.exp(-1.0 / 3.0))
     factor = bank.widen(np.array([12000.0]))
     bank.advance(np.array([12000.0]))
-    assert factor[0] == 512.0
-    assert 4.0 < bank.features()[0] <= 8.0
+    assert factor[0] == 4096.0
+    assert 0.5 < bank.features()[0] <= 1.0

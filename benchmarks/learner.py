@@ -1,0 +1,169 @@
+"""The learner on the simulated machines: dense and sparse beginnings, the first hours, a prior, and its cost.
+
+E_RMS is judged before each measurement, against the truth. Beside it: measure-and-hold with the same moments, or none.
+"""
+
+import os
+import time
+import tracemalloc
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.data import Array, machine
+from benchmarks.rows import Row
+from studies.loop import Days, held
+from talc.control import Controller
+from talc.frame import BoolArray, Frame, Measurement
+from talc.indicators import rms
+from talc.learner.learner import LearnerState
+from talc.learner.prior import Prior, make
+from talc.settings import TalcSettings
+
+_SETTINGS = TalcSettings(method="learner")
+_HOUR, _DAY, _HOURS = 12, 288, 96
+_SEEDS = range(8)
+_POSITIONS = 6
+_STRETCHES = ((0, 2), (2, 6), (6, 24), (24, _HOURS))
+"""Hours of which the learning curve is made."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One machine's four days; per thermal error."""
+
+    left: Array
+    """(T, 9) truth less estimate."""
+    inside: Array
+    """(9,) share of the unmeasured rows in which the 95 % interval held the truth, after the first day."""
+    state: LearnerState | None
+
+
+def run(m: Days, used: BoolArray, prior: Prior | None = None, keep: bool = False) -> Outcome:
+    """Measured in the given rows, and in no others."""
+    controller = Controller(m.names, _SETTINGS, prior=prior)
+    valid = np.ones(len(m.names), dtype=np.bool_)
+    predicted, corrected, sigma = np.zeros((3, *m.truth.shape))
+    for k, row in enumerate(m.inputs):
+        measurement = Measurement(m.measured[k], m.sigma) if used[k] else None
+        decision = controller.step(Frame(k, row, valid, measurement))
+        predicted[k], corrected[k], sigma[k] = np.nan_to_num(decision.predicted), decision.corrected, decision.sigma
+    shown = ~used
+    shown[:_DAY] = False
+    inside = (np.abs(m.truth - corrected) <= 1.96 * sigma)[shown].mean(axis=0)
+    course = controller.state().course if keep else None
+    return Outcome(m.truth - predicted, inside, None if course is None else course.learner)
+
+
+def moments(every: int, then: int, rows: int) -> BoolArray:
+    """(rows,) a day with a measurement each `every` steps, and each `then` after it."""
+    used = np.zeros(rows, dtype=np.bool_)
+    used[: _DAY + 1 : every] = True
+    used[_DAY::then] = True
+    return used
+
+
+def _over_hold(kind: str, seed: int, every: int) -> tuple[Array, Array, Array]:
+    """E_RMS over measure-and-hold and over none, and the coverage, after the first day."""
+    m = machine(kind, seed, _HOURS)
+    used = moments(every, 2 * _HOUR, len(m.inputs))
+    found, after = run(m, used), slice(_DAY + 1, None)
+    figures = [np.array([rms(e) for e in errors[after].T]) for errors in (found.left, m.truth - held(m, used), m.truth)]
+    return figures[0] / figures[1], figures[0] / figures[2], found.inside
+
+
+def _curve(kind: str, seed: int, every: int, prior: Prior | None) -> Array:
+    """(4, 6) E_RMS over none in each stretch, position errors."""
+    m = machine(kind, seed, _HOURS)
+    used = np.arange(len(m.inputs)) % every == 0
+    left = run(m, used, prior).left
+    return np.array(
+        [
+            [rms(left[a * _HOUR : b * _HOUR, e]) / rms(m.truth[a * _HOUR : b * _HOUR, e]) for e in range(_POSITIONS)]
+            for a, b in _STRETCHES
+        ]
+    )
+
+
+def _learnt(seed: int) -> tuple[tuple[str, ...], LearnerState]:
+    m = machine("day", seed, _HOURS)
+    state = run(m, np.arange(len(m.inputs)) % _HOUR == 0, keep=True).state
+    if state is None:
+        raise RuntimeError("the learner has no state")
+    return m.names, state
+
+
+def _curve_row(name: str, curves: list[Array], goal: str = "", peer: list[Array] | None = None) -> Row:
+    def text(several: list[Array]) -> str:
+        return ", ".join(f"{v:.2f}" for v in np.exp(np.log(np.array(several)).mean(axis=(0, 2))))
+
+    return Row(f"E_RMS over none, {name}; 0–2, 2–6, 6–24, 24–96 h", text(curves), text(peer) if peer else "", goal)
+
+
+def _cost() -> list[Row]:
+    m = machine("axes", 3, 340)
+    times: dict[bool, list[float]] = {True: [], False: []}
+    valid, used = np.ones(len(m.names), dtype=np.bool_), moments(1, 24, len(m.inputs))
+    controller = Controller(m.names, _SETTINGS)
+    for k, row in enumerate(m.inputs):
+        frame = Frame(k, row, valid, Measurement(m.measured[k], m.sigma) if used[k] else None)
+        start = time.perf_counter()
+        controller.step(frame)
+        times[bool(used[k])].append(time.perf_counter() - start)
+    tracemalloc.start()
+    small = Controller(m.names, _SETTINGS)
+    for k in range(30):
+        small.step(Frame(k, m.inputs[k], valid, Measurement(m.measured[k], m.sigma)))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+    def p(values: list[float]) -> str:
+        return f"{np.percentile(values, 50) * 1e3:.2f} ms, p99 {np.percentile(values, 99) * 1e3:.2f} ms"
+
+    return [
+        Row("a step with a measurement, nine errors, 36 inputs", p(times[True]), goal="p99 ≤ 5 ms"),
+        Row("a step without one", p(times[False]), goal="p99 ≤ 0.2 ms"),
+        Row("replay of 340 h, learning included", f"{sum(map(sum, times.values())):.1f} s", goal="≤ 2 s"),
+        Row("memory of a controller that learns", f"{peak / 1e6:.0f} MB", goal="≤ 45 MB"),
+    ]
+
+
+def rows() -> list[Row]:
+    """All of it; a few minutes."""
+    table = []
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        machines = [(kind, seed) for kind in ("day", "axes") for seed in _SEEDS]
+        for name, every, goal in (("5 min", 1, "≤ 0.17, worst ≤ 0.40"), ("60 min", _HOUR, "≤ 0.25, worst ≤ 0.55")):
+            jobs = [(*m, every) for m in machines]
+            found = list(pool.map(_over_hold, *zip(*jobs, strict=True)))
+            ratio, none, inside = (np.array([f[i] for f in found]) for i in range(3))
+            table.append(
+                Row(
+                    f"E_RMS, a day measured each {name}, then each 2 h, 16 machines",
+                    f"{np.exp(np.log(ratio).mean()):.2f} of measure-and-hold, worst {ratio.max():.2f}",
+                    f"worst {none.max():.2f} of none; 95 % intervals hold {inside.mean():.0%}",
+                    f"{goal}; of none ≤ 1.05; 93–98 %",
+                )
+            )
+        hourly = list(pool.map(_curve, *zip(*((*m, _HOUR, None) for m in machines), strict=True)))
+        table.append(_curve_row("hourly from the begin, 16 machines", hourly, "≤ 0.85, 0.42, 0.22, 0.14"))
+        prior = make(list(pool.map(_learnt, range(7))))
+        mirrored = replace(prior, mean=-prior.mean)
+        order = np.random.default_rng(0).permutation(len(prior.inputs))
+        exchanged = replace(prior, inputs=tuple(prior.inputs[i] for i in order))
+        places = [("day", 7), ("axes", 7)]
+
+        def curves(every: int, told: Prior | None) -> list[Array]:
+            return list(pool.map(_curve, *zip(*((*place, every, told) for place in places), strict=True)))
+
+        for every, goal in ((4 * _HOUR, "≤ 0.55, 0.40, 0.22, 0.13"), (_HOUR, "")):
+            none_told = curves(every, None)
+            name = f"each {every // _HOUR} h, prior of seven machines, on the eighth (beside: without)"
+            table.append(_curve_row(name, curves(every, prior), goal, none_told))
+        for name, wrong in (("mirrored", mirrored), ("with exchanged sensors", exchanged)):
+            goal = "after 6 h at most 1.1 of without"
+            table.append(
+                _curve_row(f"hourly, the prior {name} (beside: without)", curves(_HOUR, wrong), goal, none_told)
+            )
+    return table + _cost()

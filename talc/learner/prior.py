@@ -1,0 +1,153 @@
+"""What other machines of a kind have learnt, as a prior for the next one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from talc.frame import FloatArray
+from talc.learner.learner import TIME_CONSTANTS_S, LearnerState
+from talc.learner.mixture import Told
+from talc.names import THERMAL_ERRORS
+
+FORMAT = 1
+_LAGS = len(TIME_CONSTANTS_S)
+_POSTERIOR_SHARE = 0.5
+"""Of the mean posterior covariance; what machines differ by is added whole, on the diagonal."""
+_ALONE = 0.25
+"""Of one machine's weights, squared: how much another one may differ while there is only one."""
+_LEAST_MEASUREMENTS = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """Weights of the lags of inputs, for each error; matched by name."""
+
+    inputs: tuple[str, ...]
+    span: FloatArray
+    """(n,) unit of each input's features."""
+    machines: FloatArray
+    """(9,) machines that told of each error; 0: nothing is known."""
+    mean: FloatArray
+    """(9, n L) µm or µm/m per feature, input by input."""
+    covariance: FloatArray
+    """(9, n L, n L)"""
+
+    def to_dict(self) -> dict[str, object]:
+        """JSON-able; numbers to seven digits, covariances as lower triangles."""
+        rows, columns = np.tril_indices(self.mean.shape[1])
+        return {
+            "format": FORMAT,
+            "time_constants_s": list(TIME_CONSTANTS_S),
+            "inputs": list(self.inputs),
+            "span": self.span.tolist(),
+            "errors": {
+                name: {
+                    "machines": int(self.machines[j]),
+                    "mean": _short(self.mean[j]),
+                    "covariance": _short(self.covariance[j][rows, columns]),
+                }
+                for j, name in enumerate(THERMAL_ERRORS)
+                if self.machines[j]
+            },
+        }
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, object]) -> "Prior":
+        """The inverse of `to_dict`. ValueError: another format, or numbers that do not fit together."""
+        if plain.get("format") != FORMAT or plain.get("time_constants_s") != list(TIME_CONSTANTS_S):
+            raise ValueError(f"format = {plain.get('format')!r}: expected {FORMAT}, with the lags of this program")
+        inputs, errors = plain.get("inputs"), plain.get("errors")
+        if not isinstance(inputs, list) or not isinstance(errors, dict):
+            raise ValueError("inputs or errors: missing")  # noqa: TRY004 -- of a file, not of a caller
+        n = len(inputs) * _LAGS
+        span = _numbers(plain.get("span"), len(inputs), "span")
+        machines, mean, covariance = np.zeros(9), np.zeros((9, n)), np.zeros((9, n, n))
+        rows, columns = np.tril_indices(n)
+        for name, told in errors.items():
+            if name not in THERMAL_ERRORS or not isinstance(told, dict):
+                raise ValueError(f"errors: {name!r} is not a thermal error")
+            j = THERMAL_ERRORS.index(name)
+            machines[j] = float(told.get("machines", 0))
+            mean[j] = _numbers(told.get("mean"), n, f"{name}, mean")
+            lower = _numbers(told.get("covariance"), len(rows), f"{name}, covariance")
+            covariance[j][rows, columns] = covariance[j][columns, rows] = lower
+            if np.linalg.eigvalsh(covariance[j]).min() < -1e-6 * max(covariance[j].max(), 1.0):
+                raise ValueError(f"{name}, covariance: is none, it has a negative variance")
+        return cls(tuple(str(name) for name in inputs), span, machines, mean, covariance)
+
+    def of(self, names: Sequence[str]) -> tuple[FloatArray, Told]:
+        """For a machine with these inputs: (n,) spans, NaN where nothing is known, and the weights."""
+        here = [self.inputs.index(name) if name in self.inputs else -1 for name in names]
+        known = np.array([i >= 0 for i in here])
+        span = np.where(known, self.span[here], np.nan)
+        own = (np.array(here)[:, None] * _LAGS + np.arange(_LAGS)).ravel()
+        mask = np.repeat(known, _LAGS)
+        mean = np.where(mask, self.mean[:, own], 0.0)
+        covariance = np.where(mask[:, None] & mask[None, :], self.covariance[:, own][:, :, own], 0.0)
+        return span, Told(self.machines, mean, covariance)
+
+
+def make(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
+    """From the inputs and states of learners on machines of a kind. ValueError: none has learnt anything.
+
+    Mean: of the machines that have an input. Covariance: the variances between machines, and a share of the mean of
+    what each machine itself is unsure of.
+    """
+    names = tuple(dict.fromkeys(name for own, _ in learners for name in own))
+    span = np.zeros(len(names))
+    for own, state in learners:
+        at = [names.index(name) for name in own]
+        span[at] = np.maximum(span[at], state.span)
+    n = len(names) * _LAGS
+    machines, mean, covariance = np.zeros(9), np.zeros((9, n)), np.zeros((9, n, n))
+    for j in range(9):
+        told = [_placed(own, state, j, names, span) for own, state in learners if _has_learnt(state, j)]
+        if not told:
+            continue
+        machines[j] = len(told)
+        weights, present = np.array([w for w, _, _ in told]), np.array([m for _, _, m in told])
+        count = np.maximum(present.sum(axis=0), 1)
+        mean[j] = weights.sum(axis=0) / count
+        between = np.where(present, weights - mean[j], 0.0) ** 2
+        few = np.where(count > 1, between.sum(axis=0) / np.maximum(count - 1, 1), _ALONE * mean[j] ** 2)
+        unsure = np.mean([p for _, p, _ in told], axis=0)
+        covariance[j] = np.diag(few) + _POSTERIOR_SHARE * unsure
+    if not machines.any():
+        raise ValueError(f"no error was measured {_LEAST_MEASUREMENTS} times on any of {len(learners)} machines")
+    return Prior(names, span, machines, mean, covariance)
+
+
+def _has_learnt(state: LearnerState, j: int) -> bool:
+    return bool(state.mixture.count[j] >= _LEAST_MEASUREMENTS)
+
+
+def _placed(
+    own: Sequence[str], state: LearnerState, j: int, names: tuple[str, ...], span: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weights, their covariance and which of them exist, among all names and in the common spans."""
+    m, n = state.mixture, len(names) * _LAGS
+    here = (np.array([names.index(name) for name in own])[:, None] * _LAGS + np.arange(_LAGS)).ravel()
+    size = m.mean.shape[2]
+    full = np.zeros((size, size))
+    full[np.tril_indices(size)] = m.mixed[j]
+    full = full + np.tril(full, -1).T
+    times = np.repeat(span[[names.index(name) for name in own]] / state.span, _LAGS)
+    weights, covariance, present = np.zeros(n), np.zeros((n, n)), np.zeros(n)
+    weights[here] = (m.weight[j] @ m.mean[j])[:-1] * times
+    covariance[np.ix_(here, here)] = full[:-1, :-1] * np.outer(times, times)
+    present[here] = 1.0
+    return weights, covariance, present
+
+
+def _numbers(value: object, size: int, name: str) -> FloatArray:
+    if not isinstance(value, list) or len(value) != size:
+        raise ValueError(f"{name}: expected a list of {size} numbers")
+    array = np.array(value, dtype=np.float64)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name}: expected finite numbers")
+    return array
+
+
+def _short(values: FloatArray) -> list[float]:
+    return [float(f"{v:.7g}") for v in values]
