@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -60,8 +60,8 @@ class Result:
         return list(dict.fromkeys((c.dense_h, c.interval_min) for c in self.cells))
 
 
-def table_rows(result: Result, method: str) -> list[Row]:
-    """A row for each beginning and interval: the method, and all others beside it."""
+def table_rows(result: Result, method: str, goals: Mapping[tuple[float, float], str]) -> list[Row]:
+    """A row for each beginning and interval: the method, all others beside it, and the goal, where there is one."""
     found = []
     for unit in result.units:
         for dense_h, interval_min in result.ways:
@@ -83,6 +83,7 @@ def table_rows(result: Result, method: str) -> list[Row]:
                     f"{f.rms:.2f}: {over}P99 {f.p99:.1f}, largest {f.largest:.1f}; "
                     f"95 % intervals hold {_share(f.inside)}",
                     ", ".join(others),
+                    goals.get((dense_h, interval_min), ""),
                 )
             )
     return found
