@@ -186,7 +186,7 @@ class TalcSettings:
     preset: Literal["zimmermann-2022", "blaser-2019"] | None = None
     """In a configuration: the papers' systems whole, as far as no other key says otherwise (docs/presets.md). In a
     program: `talc.presets.preset`; this field alone changes nothing."""
-    method: Literal["learner", "models"] = "models"
+    method: Literal["learner", "models"] = "learner"
     """`learner`: weights of lagged inputs, learnt at every measurement. `models`: the papers' system of phases and
     trained models, by `training.selector`; `control` and `training` belong to it alone."""
     learner: LearnerSettings = field(default_factory=LearnerSettings)

@@ -58,6 +58,12 @@ class Request:
         return shlex.join(words)
 
 
+_SAID_OTHERWISE = {
+    "learner": "the learner corrects from the first measurement on",
+    "models": "--config with [talc.control] calibration_steps and calibration_interval_steps says otherwise",
+}
+
+
 def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
     from gateway.rehearsal import rehearse
@@ -83,8 +89,7 @@ def run_recording(request: Request) -> None:
     else:
         console.print(
             f"no figures: {found.basis}; {data.cycles} of {len(data.k)} steps of {data.step_s:g} s hold a measurement. "
-            f"Calibration takes {takes}; "
-            "--config with [talc.control] calibration_steps and calibration_interval_steps says otherwise",
+            f"Calibration takes {takes}; {_SAID_OTHERWISE[sections.talc.method]}",
             soft_wrap=True,
         )
     request.page.write_text(build(replace(data, made=_made(request, recording, sections, takes))), encoding="utf-8")
@@ -93,6 +98,8 @@ def run_recording(request: Request) -> None:
 
 def _calibration(recording: Recording, sections: TalcOnly) -> tuple[str, str]:
     """How long it takes; and when that is longer than one may think, why."""
+    if sections.talc.method == "learner":
+        return "no time", ""
     control, step_s = sections.talc.control, recording.step_s
     hours, lasts = control.calibration_steps * step_s / 3600, int(np.ptp(recording.k) + 1) * step_s / 3600
     every = control.calibration_interval_steps

@@ -110,8 +110,15 @@ def validate(data: Mapping[str, object] | str, folder: Path | None = None) -> Ga
 
     `folder`: where relative paths start. Raises pydantic.ValidationError.
     """
-    whole = data if isinstance(data, str) else with_database(data)
+    whole = _of_any_program(data) if isinstance(data, str) else with_database(data)
     return strictly(GatewayConfig, whole, {"folder": folder} if folder else None)
+
+
+def _of_any_program(canonical: str) -> Mapping[str, object]:
+    """All defaults are written out: a text without a method is of a program that had only the models."""
+    whole: dict[str, object] = json.loads(canonical)
+    talc = whole.get("talc")
+    return {**whole, "talc": {"method": "models", **talc}} if isinstance(talc, dict) else whole
 
 
 def with_database(data: Mapping[str, object]) -> Mapping[str, object]:

@@ -34,6 +34,8 @@ profile = "advantech_adam6015"
 [device.channels]
 bed = 0
 column = 1
+[talc]
+method = "models"
 [talc.control]
 calibration_steps = 36
 """

@@ -23,7 +23,9 @@ def test_names_with_brackets_stand_as_they_are_also_in_tables() -> None:
 def test_replay_names_sections_and_files_whole(tmp_path: Path) -> None:
     path = tmp_path / "y[red].csv"
     path.write_text("\n".join(["time,t1,EX0C", *(f"{300 * i},{20 + i % 5},{i}" for i in range(1, 20))]))
-    answer = CliRunner().invoke(main, ["replay", str(path)], catch_exceptions=False)
+    config = tmp_path / "talc.toml"
+    config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
+    answer = CliRunner().invoke(main, ["replay", str(path), "--config", str(config)], catch_exceptions=False)
     assert answer.exit_code == 0
     assert "--config with [talc.control] calibration_steps" in answer.output
     assert f"report: {tmp_path / 'y[red].html'}" in answer.output

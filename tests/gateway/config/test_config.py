@@ -1,7 +1,9 @@
 """The configuration: golden cases of every mistake, and what a good file becomes."""
 
+import json
 import tomllib
 from contextlib import suppress
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from gateway.config import ConfigError, GatewayConfig, cautions, load, parse
 from gateway.config.load import from_data
 from gateway.config.model import validate
 from gateway.config.reference import reference
+from talc.presets import PRESETS
 
 CASES = Path(__file__).parent / "cases"
 BENCH = Path(__file__).parents[3] / "simulators" / "bench" / "gateway.toml"
@@ -74,6 +77,21 @@ def test_canonical_text_is_the_same_configuration_again() -> None:
     again = validate(config.canonical())
     assert again == config
     assert again.fingerprint() == config.fingerprint()
+
+
+def test_stored_text_of_a_program_before_the_learner_keeps_its_models() -> None:
+    stored = json.loads(parse(valid_text(), CASES / "gateway.toml").canonical())
+    assert validate(json.dumps(stored)).talc.method == "learner"
+    del stored["talc"]["method"], stored["talc"]["learner"], stored["talc"]["preset"]
+    assert validate(json.dumps(stored)).talc.method == "models"
+
+
+def test_a_preset_is_a_paper_s_system_but_for_the_keys_beside_it() -> None:
+    text = valid_text() + '\n[talc]\npreset = "zimmermann-2022"\n[talc.control]\ncalibration_steps = 144\n'
+    talc = parse(text, CASES / "gateway.toml").talc
+    assert talc == replace(
+        PRESETS["zimmermann-2022"], control=replace(PRESETS["zimmermann-2022"].control, calibration_steps=144)
+    )
 
 
 def test_fingerprint_tells_behaviour_not_layout() -> None:

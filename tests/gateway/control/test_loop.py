@@ -128,7 +128,7 @@ security = "none"
     )
     config = parse(text, FILE)
     storage = config.storage.model_copy(update={"path": tmp_path / "gateway.sqlite"})
-    talc = replace(config.talc, control=ControlSettings(calibration_steps=288))
+    talc = replace(config.talc, method="models", control=ControlSettings(calibration_steps=288))
     config = config.model_copy(update={"storage": storage, "talc": talc})
     clock, controller = SteppedClock(), Controller(day.names, config.talc)
     first_k = int(clock.utc().timestamp() // STEP_S) - 300

@@ -29,6 +29,8 @@ CALIBRATION, STEPS = 24, 60
 CHIPS = {8, 20, 21, 50}
 """Measurements (not cycles) in which swarf lies under one touch."""
 CONFIG = f"""{TEXT}
+[talc]
+method = "models"
 [talc.control]
 calibration_steps = {CALIBRATION}
 policy = "fixed"

@@ -45,8 +45,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_recording_becomes_a_table_and_a_page(recorded: Path, tmp_path: Path) -> None:
-    page = tmp_path / "page.html"
-    answer = run(recorded, "-o", page)
+    page, config = tmp_path / "page.html", tmp_path / "talc.toml"
+    config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
+    answer = run(recorded, "--config", config, "-o", page)
     assert answer.exit_code == 0, answer.output
     assert "EX0C held" in answer.output
     assert "EY0A" not in answer.output
@@ -269,7 +270,8 @@ def test_a_configuration_for_replay_is_read_as_strictly_as_one_to_run(tmp_path: 
 def test_settings_come_from_a_configuration_and_too_little_is_told(tmp_path: Path) -> None:
     path, config = tmp_path / "short.csv", tmp_path / "talc.toml"
     path.write_text("\n".join(GOOD), encoding="utf-8")
-    answer = run(path)
+    config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
+    answer = run(path, "--config", config)
     assert "calibration has not ended" in answer.output
     config.write_text("[grid]\nstep_s = 300\n[talc.control]\ncalibration_step = 12\n[nc]\n", encoding="utf-8")
     answer = run(path, "--config", config)

@@ -95,8 +95,9 @@ def test_the_page_claims_no_check_that_nobody_made(tmp_path: Path) -> None:
 def test_a_calibration_longer_than_one_may_think_is_told(
     tmp_path: Path, spacing_s: float, rows: int, said: str | None
 ) -> None:
-    path = recording(tmp_path, spacing_s, rows)
-    answer = run(str(path))
+    path, config = recording(tmp_path, spacing_s, rows), tmp_path / "talc.toml"
+    config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
+    answer = run(str(path), "--config", str(config))
     assert answer.exit_code == 0
     if said is None:
         assert "Calibration takes" not in answer.output
