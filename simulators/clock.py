@@ -1,6 +1,7 @@
-"""One simulated clock for the processes of a bench: real time, scaled, and stopped while somebody holds it."""
+"""One simulated clock for the processes of a bench: real time, scaled, that waits for the work of its owner."""
 
 import asyncio
+import math
 import struct
 import time
 from collections.abc import Iterator
@@ -10,15 +11,16 @@ from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from threading import Lock
 
-_LAYOUT = struct.Struct("=Qddd")  # sequence (odd while being written), real base, simulated base, speed
+_LAYOUT = struct.Struct("=Qdddd")  # sequence (odd while being written), real base, simulated base, speed, limit
 _SHORTEST_SLEEP_S = 0.0005
 
 
 class SharedClock:
-    """Simulated seconds = base + (real - real base) * speed, read from a small file that all processes map.
+    """Simulated seconds = base + (real - real base) * speed, at most the limit; in a small file that all processes map.
 
-    The file's owner starts, stops and holds the clock; others only read it. CLOCK_MONOTONIC is common to all
-    processes of a Linux machine, so nothing is exchanged while it runs.
+    The file's owner starts, stops and holds the clock; others only read it. The limit is the earliest time that a task
+    of the owner sleeps until: on a busy computer simulated time waits for the owner and does not pass it.
+    CLOCK_MONOTONIC is common to all processes of a Linux machine, so nothing is exchanged while it runs.
     """
 
     def __init__(self, path: Path, *, epoch: datetime, speed: float = 1.0, owner: bool = False) -> None:
@@ -26,9 +28,11 @@ class SharedClock:
         self._speed = speed
         self._holds = 0
         self._lock = Lock()
+        self._due: list[float] = []
+        """Until when the owner's tasks sleep."""
         self._owner = owner
         if owner:
-            path.write_bytes(_LAYOUT.pack(0, time.monotonic(), 0.0, 0.0))
+            path.write_bytes(_LAYOUT.pack(0, time.monotonic(), 0.0, 0.0, math.inf))
         with path.open("r+b" if owner else "rb") as file:
             self._map = (
                 mmap(file.fileno(), _LAYOUT.size) if owner else mmap(file.fileno(), _LAYOUT.size, access=ACCESS_READ)
@@ -37,9 +41,10 @@ class SharedClock:
 
     def monotonic(self) -> float:
         while True:
-            before, real_base, base, speed = _LAYOUT.unpack_from(self._map)
+            before, real_base, base, speed, limit = _LAYOUT.unpack_from(self._map)
             if before % 2 == 0 and _LAYOUT.unpack_from(self._map)[0] == before:
-                return float(base + (time.monotonic() - real_base) * speed)
+                now = base + (time.monotonic() - real_base) * speed
+                return float(min(now, max(base, limit)))
 
     def utc(self) -> datetime:
         return self._epoch + timedelta(seconds=self.monotonic())
@@ -70,8 +75,27 @@ class SharedClock:
                 self._apply()
 
     async def sleep_until(self, monotonic_s: float) -> None:
-        while (left := monotonic_s - self.monotonic()) > 0:
-            await asyncio.sleep(max(left / self._speed, _SHORTEST_SLEEP_S))
+        """Sleep; the owner wakes at that time exactly, others at that time or later."""
+        if monotonic_s <= self.monotonic():
+            return
+        self._wait_for(monotonic_s)
+        try:
+            while (left := monotonic_s - self.monotonic()) > 0:
+                await asyncio.sleep(max(left / self._speed, _SHORTEST_SLEEP_S))
+        finally:
+            self._wait_no_more_for(monotonic_s)
+
+    def _wait_for(self, due_s: float) -> None:
+        if self._owner:
+            with self._lock:
+                self._due.append(due_s)
+                self._apply()
+
+    def _wait_no_more_for(self, due_s: float) -> None:
+        if self._owner:
+            with self._lock:
+                self._due.remove(due_s)
+                self._apply()
 
     def close(self) -> None:
         self._map.close()
@@ -81,6 +105,7 @@ class SharedClock:
             raise PermissionError("only the owner of a simulated clock may start, stop or hold it")
         speed = self._speed if self._running and self._holds == 0 else 0.0
         now_simulated, now_real = self.monotonic(), time.monotonic()
+        limit = min(self._due, default=math.inf)
         sequence = _LAYOUT.unpack_from(self._map)[0]
-        _LAYOUT.pack_into(self._map, 0, sequence + 1, now_real, now_simulated, speed)
-        _LAYOUT.pack_into(self._map, 0, sequence + 2, now_real, now_simulated, speed)
+        _LAYOUT.pack_into(self._map, 0, sequence + 1, now_real, now_simulated, speed, limit)
+        _LAYOUT.pack_into(self._map, 0, sequence + 2, now_real, now_simulated, speed, limit)

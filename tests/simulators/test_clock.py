@@ -63,3 +63,21 @@ async def test_sleepers_wake_at_the_simulated_time(clock: SharedClock) -> None:
         assert not sleeper.done()
     await sleeper
     assert clock.monotonic() >= 100.0
+
+
+async def test_time_waits_for_an_owner_that_is_kept_from_running(clock: SharedClock, tmp_path: Path) -> None:
+    reader = SharedClock(tmp_path / "clock", epoch=EPOCH, speed=1000.0)
+    clock.start()
+    woke: list[float] = []
+
+    async def sleep(until_s: float) -> None:
+        await clock.sleep_until(until_s)
+        woke.append(clock.monotonic())
+
+    sleepers = [asyncio.create_task(sleep(due)) for due in (20.0, 5.0)]
+    await asyncio.sleep(0)
+    time.sleep(0.1)  # noqa: ASYNC251 - a busy computer: 100 simulated seconds without a turn for the owner
+    assert reader.monotonic() == clock.monotonic() == 5.0
+    await asyncio.gather(*sleepers)
+    assert woke[0] <= 20.0 <= woke[1]
+    reader.close()
