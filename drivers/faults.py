@@ -49,7 +49,7 @@ class CodeRule(FaultText):
         if self.bit is None and self.equals is None:
             raise wrong("missing; give it, or bit", "equals")
         if self.bit is not None and not self.mask is self.equals is None:
-            raise wrong(f"{self.bit}: it stands for mask and equals, leave these out", "bit")
+            raise wrong(f"{self.bit}: it replaces mask and equals, leave these out", "bit")
         return self
 
     def matches(self, number: int) -> bool:

@@ -85,7 +85,7 @@ def problems_of(
 
     place: gives a field's place for a person, from its location in the data
     """
-    # A default that rests on a wrong field is no mistake of its own.
+    # A default derived from an invalid field is not a second mistake.
     details = [d for d in error.errors(include_url=False) if d["type"] != "default_factory_not_called"]
     meant = {(*d["loc"][:-1], name) for d in details if d["type"] == "missing" if (name := _misspelt(d, details))}
     found: dict[str, Problem] = {}

@@ -11,7 +11,7 @@ _TOO_MANY = 2
 class Pace:
     """Counts the periods that were missed because answers took too long, and knows who took longest.
 
-    What silent devices cost does not count: of those is told otherwise.
+    What silent devices cost does not count: they are reported elsewhere.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ class Scenario:
         return len(self._values[0])
 
     def check(self, device: str, actions: Collection[str]) -> None:
-        """Raises NotOfThisDeviceError naming the first entry that does what cannot happen to this device."""
+        """Raises NotOfThisDeviceError naming the first entry with a fault that this device cannot have."""
         for change in self._changes:
             if change.action not in actions:
                 has = ", ".join(sorted(actions))
