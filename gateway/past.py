@@ -1,6 +1,7 @@
 """The state of an earlier run that a restart needs, rebuilt from the store."""
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
@@ -9,10 +10,14 @@ import numpy as np
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.control.sensor_watch import SeenBefore
-from gateway.storage import History, StoreError
+from gateway.storage import History, StoredStep, StoreError
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
+from talc.settings import TalcSettings
+
+_FIRST_METHOD = "models"
+"""Of the programs that stored no `[talc] method`: they had no other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,54 +35,91 @@ class Past:
     """Grid index of each error's last measurement."""
     seen: SeenBefore | None = None
 
+    former_method: str | None = None
+    """`[talc] method` of the latest run when this configuration has another one."""
+
 
 def stored_config(history: History) -> GatewayConfig:
     """The configuration of the latest run. StoreError: the database is empty."""
     found = history.config()
     if found is None:
         raise StoreError("the database holds no run yet")
-    return validate(found[0])
+    return from_stored(found[0])
+
+
+def from_stored(text: str) -> GatewayConfig:
+    """The configuration that a stored text describes, as the program that stored it understood it."""
+    data = json.loads(text)
+    return validate({**data, "talc": {"method": _FIRST_METHOD, **data.get("talc", {})}})
+
+
+def decide_alike(one: TalcSettings, other: TalcSettings) -> bool:
+    """Whether two controllers with these settings decide alike; settings of a method that neither uses do not count."""
+    return one.method == other.method and _used(one) == _used(other)
+
+
+def _used(talc: TalcSettings) -> object:
+    return talc.learner if talc.method == "learner" else (talc.control, talc.training)
+
+
+@dataclass(slots=True)
+class Rebuilt:
+    """A controller after stored steps, and what it then waits for."""
+
+    controller: Controller
+    last: Decision | None = None
+    job: TrainingJob | None = None
+    """A training that was wanted and has not ended."""
+    missing: dict[str, int] = field(default_factory=dict)
+    measured: list[int | None] = field(default_factory=lambda: [None] * len(THERMAL_ERRORS))
+
+
+def rebuilt(steps: Iterable[StoredStep], config: GatewayConfig) -> Rebuilt:
+    """The controller of a configuration, after the stored frames and models. A learner takes the frames alone."""
+    controller = Controller(config.input_names, config.talc, config.grid.step_s)
+    found = Rebuilt(controller)
+    for step in steps:
+        last = found.last = controller.step(step.frame)
+        found.missing = {name: found.missing.get(name, step.frame.k) for name in last.substituted}
+        found.job = last.training or found.job
+        if step.frame.measurement is not None:
+            new = np.isfinite(step.frame.measurement.errors)
+            found.measured = [step.frame.k if n else k for n, k in zip(new, found.measured, strict=True)]
+        for stored in () if config.talc.method == "learner" else step.adopted:
+            controller.adopt(stored)
+            found.job = None
+    return found
 
 
 def past_of(history: History, config: GatewayConfig) -> Past:
     """The controller as an earlier run left it, rebuilt from the record with the stored models.
 
-    A fresh start when the record is empty or was made with other inputs or other TALC settings.
+    A fresh start when the record is empty. When the latest run used another method, the controller is as if this one
+    had been used from the beginning of the record.
+
+    Raises StoreError when the record was made with other inputs or other settings of the same method.
     """
-    fresh = Past(Controller(config.input_names, config.talc, config.grid.step_s))
     if history.config() is None:
-        return fresh
+        return Past(rebuilt((), config).controller)
     before = stored_config(history)
-    if before.input_names != config.input_names or before.talc != config.talc:
+    changed = before.talc.method != config.talc.method
+    if before.input_names != config.input_names or not (changed or decide_alike(before.talc, config.talc)):
         raise StoreError(
             "the record was made with other inputs or [talc] settings; give [storage] another path to start again"
         )
-    controller = fresh.controller
-    last: Decision | None = None
-    job: TrainingJob | None = None
-    missing: dict[str, int] = {}
-    measured: list[int | None] = [None] * len(THERMAL_ERRORS)
-    for step in history.steps():
-        last = controller.step(step.frame)
-        missing = {name: missing.get(name, step.frame.k) for name in last.substituted}
-        job = last.training or job
-        if step.frame.measurement is not None:
-            found = np.isfinite(step.frame.measurement.errors)
-            measured = [step.frame.k if new else k for new, k in zip(found, measured, strict=True)]
-        for stored in step.adopted:
-            controller.adopt(stored)
-            job = None
+    found = rebuilt(history.steps(), config)
     cycles = history.measurements()
     first = next((m for m in cycles if m.errors is not None and m.centres_mm is not None), None)
     return Past(
-        controller,
-        last_k=None if last is None else last.k,
-        pending=(job, None if last is None else last.measure),
+        found.controller,
+        last_k=None if found.last is None else found.last.k,
+        pending=(found.job, None if found.last is None else found.last.measure),
         reference_mm=None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3,
         last_number=history.last_number(),
-        missing=missing,
-        measured=tuple(measured),
-        seen=_seen(controller, history.events()),
+        missing=found.missing,
+        measured=tuple(found.measured),
+        seen=_seen(found.controller, history.events()),
+        former_method=before.talc.method if changed else None,
     )
 
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
 from gateway.control.trainer import has_failed
-from gateway.past import stored_config
+from gateway.past import decide_alike, from_stored, rebuilt, stored_config
 from gateway.storage import History, StoredStep
 from talc.control import Controller
 from talc.frame import Decision
@@ -39,11 +40,21 @@ class ReplayResult:
 
 
 def replay(history: History, progress: Callable[[int], None] = lambda _: None) -> ReplayResult:
-    """Every frame through a fresh controller, every training done again; compares all of it with the record."""
-    config = stored_config(history)
+    """Every frame through a fresh controller, every training done again; compares all of it with the record.
+
+    Where a restart changed the method, the controller is rebuilt as that restart did.
+    """
+    runs = [(first_k, from_stored(text)) for first_k, text in history.runs()] or [(0, stored_config(history))]
+    _, config = runs.pop(0)
     controller = Controller(config.input_names, config.talc, config.grid.step_s)
     result, job = ReplayResult(), None
     for step in history.steps():
+        while runs and runs[0][0] <= step.frame.k:
+            (first_k, after), before = runs.pop(0), config
+            config = after
+            if not decide_alike(before.talc, after.talc):
+                restarted = rebuilt(takewhile(_before(first_k), history.steps()), after)
+                controller, job = restarted.controller, restarted.job
         decision = controller.step(step.frame)
         result.steps += 1
         for what in _differences(decision, step):
@@ -63,6 +74,10 @@ def replay(history: History, progress: Callable[[int], None] = lambda _: None) -
             controller.adopt(models)
         progress(result.steps)
     return result
+
+
+def _before(k: int) -> Callable[[StoredStep], bool]:
+    return lambda step: step.frame.k < k
 
 
 def _differences(decision: Decision, step: StoredStep) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """What `run` and `demo` share: store, telemetry and service for one configuration, until a signal."""
 
 import asyncio
+import logging
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 
@@ -14,6 +15,8 @@ from gateway.service import Service
 from gateway.storage import History, Store, boot_id
 from gateway.telemetry import TelemetryPublisher
 from gateway.versions import versions
+
+log = logging.getLogger(__name__)
 
 _WIRES = ("pymodbus", "canopen", "asyncua", "eclipse-zenoh")
 
@@ -47,6 +50,14 @@ async def serve(
         )
         with History(config.storage.path) as history:
             past = past_of(history, config)
+        if past.former_method is not None:
+            log.warning(
+                "[talc] method: %s continues the record that %s made, with all that it learns from the record; "
+                "to stay with the former method, write method = '%s' under [talc] and restart",
+                config.talc.method,
+                past.former_method,
+                past.former_method,
+            )
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES))
         sinks: list[Sink] = [store.record]
         telemetry: TelemetryPublisher | None = None

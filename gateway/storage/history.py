@@ -55,6 +55,12 @@ class History:
         """UTC and fingerprint of each configuration that began to run, by a start or a reload; oldest first."""
         return [(datetime.fromisoformat(began), fingerprint) for _, began, _, fingerprint in self._running()]
 
+    def runs(self) -> list[tuple[int, str]]:
+        """First grid index and canonical configuration of each run that made a frame, oldest first."""
+        return self._connection.execute(
+            "SELECT min(f.k), b.config FROM frame f JOIN boot b ON b.id = f.boot GROUP BY b.number ORDER BY 1"
+        ).fetchall()
+
     def last_number(self) -> int | None:
         """Of the last probing request, whatever became of it."""
         numbers = self._connection.execute("SELECT number FROM measurement ORDER BY id DESC LIMIT 1").fetchall()

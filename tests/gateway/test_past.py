@@ -1,6 +1,9 @@
 """What a restart takes up from the store: what was seen, since when it is suspect, and a training that had failed."""
 
+import json
 import math
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +16,7 @@ from gateway.control.trainer import failed
 from gateway.events import DecisionMade, EventReported, FrameMade, ModelsAdopted
 from gateway.past import past_of
 from gateway.replay import replay
-from gateway.storage import History, Store
+from gateway.storage import History, Store, StoreError
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement
 from tests.benches.stepped_clock import SteppedClock
@@ -121,3 +124,60 @@ def test_a_restart_remembers_when_each_error_was_measured(config: GatewayConfig)
             store.record(DecisionMade(controller.step(frame)))
     with History(config.storage.path) as history:
         assert past_of(history, config).measured == (2, 2, 2, 2, 5, 5, 5, 5, 2)
+
+
+def stored_before_methods(config: GatewayConfig) -> None:
+    """Rewrite the stored configurations as programs without `[talc] method` wrote them: no such key, other order."""
+    text = json.loads(config.canonical())
+    text["talc"] = {name: text["talc"][name] for name in ("training", "control")}
+    old = json.dumps(dict(reversed(text.items())))
+    with closing(sqlite3.connect(config.storage.path)) as connection, connection:
+        connection.execute("UPDATE boot SET config = ?, fingerprint = 'old'", (old,))
+        connection.execute("DROP TABLE running")
+
+
+def with_method(config: GatewayConfig, method: str) -> GatewayConfig:
+    return parse(TEXT.replace('method = "models"', f'method = "{method}"'), config.storage.path)
+
+
+def test_a_database_without_a_method_is_replayed_and_continued_with_models(config: GatewayConfig) -> None:
+    config = with_method(config, "models")
+    earlier_run(config)
+    stored_before_methods(config)
+    with History(config.storage.path) as history:
+        assert replay(history).identical
+        past = past_of(history, config)
+    assert (past.former_method, past.last_k) == (None, STEPS - 1)
+
+
+def test_a_restart_with_another_method_learns_from_the_record_and_is_replayed(config: GatewayConfig) -> None:
+    former, config = with_method(config, "models"), with_method(config, "learner")
+    earlier_run(former)
+    stored_before_methods(former)
+    with History(config.storage.path) as history:
+        past = past_of(history, config)
+    assert past.former_method == "models"
+    with Store(config.storage.path, "later", SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        for k in range(STEPS, STEPS + 5):
+            frame = Frame(k, np.array([20.0, 21.0]), np.ones(2, np.bool_), None)
+            decision = past.controller.step(frame)
+            assert np.isfinite(decision.predicted).all(), "it learnt from the earlier measurements"
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(decision))
+    with History(config.storage.path) as history:
+        result = replay(history)
+    assert result.identical, result.first
+    assert result.steps == STEPS + 5
+
+
+def test_other_settings_of_the_method_in_use_need_another_database(config: GatewayConfig) -> None:
+    config = with_method(config, "models")
+    earlier_run(config)
+    text = config.canonical()
+    learner = json.loads(text) | {"talc": json.loads(text)["talc"] | {"learner": {"limit_um": 7.0}}}
+    control = json.loads(text) | {"talc": {"method": "models", "control": {"calibration_steps": 48}}}
+    with History(config.storage.path) as history:
+        assert past_of(history, GatewayConfig.model_validate(learner)).last_k == STEPS - 1, "the learner is not used"
+        with pytest.raises(StoreError, match="other inputs or"):
+            past_of(history, GatewayConfig.model_validate(control))
