@@ -1,4 +1,4 @@
-"""Makes buses and devices from a configuration's fields. This validates everything and never uses the network."""
+"""Checks and makes buses and devices from a configuration's fields. Both validate everything and use no network."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,13 +26,14 @@ from drivers.modbus import (
     ModbusRtuSettings,
     ModbusTcpBus,
     ModbusTcpSettings,
+    last_address,
 )
 from drivers.problems import read_settings
 from drivers.profiles import Profile, load_profile
 from drivers.section import Section
 from drivers.tap import Tap
 
-__all__ = ["BUS_KINDS", "BusSettings", "bus_from_settings", "make_bus", "make_device"]
+__all__ = ["BUS_KINDS", "BusSettings", "bus_from_settings", "check_device", "make_bus", "make_device"]
 
 _LAST_ADDRESS = 65535
 
@@ -53,6 +54,10 @@ BUS_KINDS: Mapping[str, type[BusSettings]] = {
 
 class NoOptions(Section):
     """Options of a device that has none."""
+
+
+_Options = ModbusOptions | Cia404Options | DisplacementOptions | NoOptions
+_AnyBus = ModbusRtuBus | ModbusTcpBus | CanOpenBus | CanBus | MeRs485Bus | MeEthernetBus
 
 
 def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | None = None) -> Bus:
@@ -84,6 +89,39 @@ def bus_from_settings(name: str, settings: BusSettings, tap: Tap | None = None) 
             return MeEthernetBus(name, settings, tap)
 
 
+def _bus_class(settings: BusSettings) -> type[_AnyBus]:
+    match settings:
+        case ModbusRtuSettings():
+            return ModbusRtuBus
+        case ModbusTcpSettings():
+            return ModbusTcpBus
+        case CanOpenSettings():
+            return CanOpenBus
+        case CanSettings():
+            return CanBus
+        case MeRs485Settings():
+            return MeRs485Bus
+        case MeEthernetSettings():
+            return MeEthernetBus
+
+
+def check_device(
+    device_name: str,
+    bus_name: str,
+    settings: BusSettings,
+    profile: str | Profile,
+    unit: int,
+    channels: Mapping[str, int],
+    options: Mapping[str, object],
+) -> None:
+    """Check all that `make_device` checks on a bus with these settings; neither bus nor device is made.
+
+    Raises SetupError naming the bus, the device, the channel and the value.
+    """
+    bus = _bus_class(settings)
+    _Place(device_name, bus_name, bus.kind, bus.units).check(_loaded(profile), unit, channels, options)
+
+
 def make_device(
     device_name: str,
     bus: Bus,
@@ -101,42 +139,25 @@ def make_device(
 
     Raises SetupError naming the bus, the device, the channel and the value.
     """
-    if isinstance(profile, str):
-        profile = load_profile(profile)
-    _Place(device_name, bus).check(profile, unit, channels)
-    match profile, bus:
-        case ModbusProfile(), ModbusBus():
-            where = read_settings(ModbusOptions, options, bus=bus.name, device=device_name)
-            device = ModbusDevice(device_name, bus, profile, unit, channels, where, clock)
-            if device.last_address > _LAST_ADDRESS:
-                raise SetupError(
-                    f"address_offset = {where.address_offset}: address {device.last_address} does not exist",
-                    bus=bus.name,
-                    device=device_name,
-                    hint=f"addresses end at {_LAST_ADDRESS}",
-                )
-            return device
-        case Cia404Profile(), CanOpenBus():
-            chosen = read_settings(Cia404Options, options, bus=bus.name, device=device_name)
-            if chosen.vendor not in profile.vendors:
-                raise SetupError(
-                    f"vendor = {chosen.vendor!r} is not in profile {profile.name}",
-                    bus=bus.name,
-                    device=device_name,
-                    hint=f"there are {', '.join(profile.vendors)}",
-                )
-            return Cia404Device(device_name, bus, profile, unit, channels, chosen, clock)
-        case CanDbcProfile(), CanBus():
-            read_settings(NoOptions, options, bus=bus.name, device=device_name)
+    profile = _loaded(profile)
+    checked = _Place(device_name, bus.name, bus.kind, bus.units).check(profile, unit, channels, options)
+    match profile, bus, checked:
+        case ModbusProfile(), ModbusBus(), ModbusOptions():
+            return ModbusDevice(device_name, bus, profile, unit, channels, checked, clock)
+        case Cia404Profile(), CanOpenBus(), Cia404Options():
+            return Cia404Device(device_name, bus, profile, unit, channels, checked, clock)
+        case CanDbcProfile(), CanBus(), NoOptions():
             return CanDbcDevice(device_name, bus, profile, channels, clock)
-        case MeRs485Profile(), MeRs485Bus():
-            growth = read_settings(DisplacementOptions, options, bus=bus.name, device=device_name)
-            return MeRs485Device(device_name, bus, profile, unit, channels, growth, clock)
-        case MeEthernetProfile(), MeEthernetBus():
-            growth = read_settings(DisplacementOptions, options, bus=bus.name, device=device_name)
-            return MeEthernetDevice(device_name, bus, profile, channels, growth, clock)
+        case MeRs485Profile(), MeRs485Bus(), DisplacementOptions():
+            return MeRs485Device(device_name, bus, profile, unit, channels, checked, clock)
+        case MeEthernetProfile(), MeEthernetBus(), DisplacementOptions():
+            return MeEthernetDevice(device_name, bus, profile, channels, checked, clock)
         case _:
             raise SetupError(f"{type(bus).__name__} was not made by make_bus", bus=bus.name, device=device_name)
+
+
+def _loaded(profile: str | Profile) -> Profile:
+    return load_profile(profile) if isinstance(profile, str) else profile
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,17 +165,36 @@ class _Place:
     """A device on a bus, while it is checked."""
 
     device: str
-    bus: Bus
+    bus: str
+    kind: str
+    units: tuple[int, int]
 
-    def check(self, profile: Profile, unit: int, channels: Mapping[str, int]) -> None:
-        kind = self.bus.kind
-        if kind not in profile.buses:
+    def check(
+        self, profile: Profile, unit: int, channels: Mapping[str, int], options: Mapping[str, object]
+    ) -> _Options:
+        """The device's options, as its profile has them."""
+        self._check_address(profile, unit)
+        self._check_channels(profile, channels)
+        match profile:
+            case ModbusProfile():
+                return self._modbus(profile, channels, options)
+            case Cia404Profile():
+                return self._cia404(profile, options)
+            case CanDbcProfile():
+                return read_settings(NoOptions, options, bus=self.bus, device=self.device)
+            case MeRs485Profile() | MeEthernetProfile():
+                return read_settings(DisplacementOptions, options, bus=self.bus, device=self.device)
+
+    def _check_address(self, profile: Profile, unit: int) -> None:
+        if self.kind not in profile.buses:
             raise self._error(
-                f"profile {profile.name} does not fit a {kind} bus", hint=f"it needs {' or '.join(profile.buses)}"
+                f"profile {profile.name} does not fit a {self.kind} bus", hint=f"it needs {' or '.join(profile.buses)}"
             )
-        low, high = self.bus.units
+        low, high = self.units
         if not low <= unit <= high:
-            raise self._error(f"unit = {unit}: expected {low} to {high} on a {kind} bus")
+            raise self._error(f"unit = {unit}: expected {low} to {high} on a {self.kind} bus")
+
+    def _check_channels(self, profile: Profile, channels: Mapping[str, int]) -> None:
         if not channels:
             raise self._error("no channels", hint="name at least one")
         seen: dict[int, str] = {}
@@ -167,5 +207,26 @@ class _Place:
                 raise self._error(f"channel number {number} is taken by {seen[number]} already", channel=channel)
             seen[number] = channel
 
+    def _modbus(
+        self, profile: ModbusProfile, channels: Mapping[str, int], options: Mapping[str, object]
+    ) -> ModbusOptions:
+        where = read_settings(ModbusOptions, options, bus=self.bus, device=self.device)
+        last = last_address(profile, channels, where.address_offset)
+        if last > _LAST_ADDRESS:
+            raise self._error(
+                f"address_offset = {where.address_offset}: address {last} does not exist",
+                hint=f"addresses end at {_LAST_ADDRESS}",
+            )
+        return where
+
+    def _cia404(self, profile: Cia404Profile, options: Mapping[str, object]) -> Cia404Options:
+        chosen = read_settings(Cia404Options, options, bus=self.bus, device=self.device)
+        if chosen.vendor not in profile.vendors:
+            raise self._error(
+                f"vendor = {chosen.vendor!r} is not in profile {profile.name}",
+                hint=f"there are {', '.join(profile.vendors)}",
+            )
+        return chosen
+
     def _error(self, what: str, *, channel: str = "", hint: str = "") -> SetupError:
-        return SetupError(what, bus=self.bus.name, device=self.device, channel=channel, hint=hint)
+        return SetupError(what, bus=self.bus, device=self.device, channel=channel, hint=hint)

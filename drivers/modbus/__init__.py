@@ -1,7 +1,7 @@
 """Modbus RTU and TCP."""
 
 from drivers.modbus.bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
-from drivers.modbus.device import ModbusDevice
+from drivers.modbus.device import ModbusDevice, last_address
 from drivers.modbus.numbers import Block, NumberFormat
 from drivers.modbus.profile import ModbusProfile
 from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusTcpSettings
@@ -17,4 +17,5 @@ __all__ = [
     "ModbusTcpBus",
     "ModbusTcpSettings",
     "NumberFormat",
+    "last_address",
 ]

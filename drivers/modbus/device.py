@@ -34,14 +34,17 @@ class ModbusDevice:
         self._channels, self._offset = dict(channels), options.address_offset
         self._maker = ReadingMaker(profile.unit, clock)
         self._value_blocks = plan_blocks(
-            [place for index in channels.values() for place in (self._value_place(index), *self._fault_places(index))],
+            _places_of_values(profile, channels, self._offset),
             profile.max_registers,
             profile.max_gap,
         )
         self._fault_blocks = plan_blocks(self._apart(), profile.max_registers, profile.max_gap)
-        self._code_blocks = plan_blocks(self._type_code_places(), profile.max_registers, profile.max_gap)
-        settings = [(setting.function, setting.address + self._offset, 1) for setting in profile.settings]
-        self._setting_blocks = plan_blocks(settings, profile.max_registers, profile.max_gap)
+        self._code_blocks = plan_blocks(
+            _places_of_type_codes(profile, channels, self._offset), profile.max_registers, profile.max_gap
+        )
+        self._setting_blocks = plan_blocks(
+            _places_of_settings(profile, self._offset), profile.max_registers, profile.max_gap
+        )
         self._format, self._sentinels = profile.values.format, profile.sentinel_faults
         self._spans: dict[int, Span] = {}
         self._checked = False
@@ -54,15 +57,6 @@ class ModbusDevice:
     @property
     def channels(self) -> tuple[str, ...]:
         return tuple(self._channels)
-
-    @property
-    def last_address(self) -> int:
-        """Highest register or bit address that is read."""
-        return max(block.address + block.count - 1 for block in self._blocks)
-
-    @property
-    def _blocks(self) -> tuple[Block, ...]:
-        return self._value_blocks + self._code_blocks + self._setting_blocks
 
     async def connect(self) -> None:
         """Check the settings and the type codes of the channels in use, or just that the unit answers.
@@ -163,37 +157,70 @@ class ModbusDevice:
             return Fault(Quality.OUT_OF_RANGE, text)
         return _implausible(profile.plausibility, value, profile.unit) or value
 
-    def _value_place(self, index: int) -> Place:
-        values = self._profile.values
-        return values.function, values.address + self._offset + index * values.stride, values.format.registers
-
-    def _fault_places(self, index: int) -> list[Place]:
-        profile, places = self._profile, []
-        if (bits := profile.fault_bits) is not None:
-            places.append((bits.function, bits.address + self._offset + index, 1))
-        if (status := profile.status) is not None:
-            places.append((status.function, status.register(index) + self._offset, 1))
-        return places
-
     def _apart(self) -> list[Place]:
         """What must be read again after the values, lest a sensor that recovers in between go unnoticed.
 
         That is where bits or status come with another request than the value, and no number of the value tells.
         """
-        if self._profile.sentinels:
+        profile, offset = self._profile, self._offset
+        if profile.sentinels:
             return []
         return [
             place
             for index in self._channels.values()
-            for place in self._fault_places(index)
-            if not any(_holds(block, place) and _holds(block, self._value_place(index)) for block in self._value_blocks)
+            for place in _fault_places(profile, index, offset)
+            if not any(
+                _holds(block, place) and _holds(block, _value_place(profile, index, offset))
+                for block in self._value_blocks
+            )
         ]
 
-    def _type_code_places(self) -> list[Place]:
-        codes = self._profile.type_codes
-        if codes is None:
-            return []
-        return [(codes.function, codes.address + self._offset + i, 1) for i in self._channels.values()]
+
+def last_address(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> int:
+    """Highest register or bit address that a device with this profile reads.
+
+    offset: as `address_offset` of its options
+    """
+    places = (
+        *_places_of_values(profile, channels, offset),
+        *_places_of_type_codes(profile, channels, offset),
+        *_places_of_settings(profile, offset),
+    )
+    return max(address + width - 1 for _, address, width in places)
+
+
+def _places_of_values(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> list[Place]:
+    """Values with the bits or status that tell their faults."""
+    return [
+        place
+        for index in channels.values()
+        for place in (_value_place(profile, index, offset), *_fault_places(profile, index, offset))
+    ]
+
+
+def _value_place(profile: ModbusProfile, index: int, offset: int) -> Place:
+    values = profile.values
+    return values.function, values.address + offset + index * values.stride, values.format.registers
+
+
+def _fault_places(profile: ModbusProfile, index: int, offset: int) -> list[Place]:
+    places: list[Place] = []
+    if (bits := profile.fault_bits) is not None:
+        places.append((bits.function, bits.address + offset + index, 1))
+    if (status := profile.status) is not None:
+        places.append((status.function, status.register(index) + offset, 1))
+    return places
+
+
+def _places_of_type_codes(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> list[Place]:
+    codes = profile.type_codes
+    if codes is None:
+        return []
+    return [(codes.function, codes.address + offset + index, 1) for index in channels.values()]
+
+
+def _places_of_settings(profile: ModbusProfile, offset: int) -> list[Place]:
+    return [(setting.function, setting.address + offset, 1) for setting in profile.settings]
 
 
 def _holds(block: Block, place: Place) -> bool:

@@ -1,6 +1,6 @@
 """Makes drivers from the configuration. Validates everything that drivers validate; never uses the network."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from drivers.build import bus_from_settings, make_device
 from drivers.tap import Tap
@@ -10,10 +10,16 @@ from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 
 
-def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Tap] | None = None) -> tuple[Line, ...]:
+def lines_of(
+    config: GatewayConfig,
+    clock: ServiceClock,
+    tap: Callable[[str], Tap] | None = None,
+    only: Collection[str] | None = None,
+) -> tuple[Line, ...]:
     """Every bus with its devices. Raises SetupError naming bus, device, channel and value.
 
     tap: returns the tap of the bus with that name, or None
+    only: names of the buses to make; None: all
     """
     plausible = {
         name: Plausible(
@@ -26,7 +32,9 @@ def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Ta
         for name, limits in config.limits.items()
     }
     lines: list[Line] = []
-    for section in config.buses:
+    for number, section in enumerate(config.buses):
+        if only is not None and section.name not in only:
+            continue
         bus = bus_from_settings(section.name, section, None if tap is None else tap(section.name))
         drivers = tuple(
             make_device(
@@ -49,7 +57,7 @@ def lines_of(config: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Ta
                 section.read_limit_s,
                 plausible,
                 # Spread over the period: twenty buses polled at one instant would wait for each other.
-                phase_s=section.period_s * len(lines) / len(config.buses),
+                phase_s=section.period_s * number / len(config.buses),
             )
         )
     return tuple(lines)

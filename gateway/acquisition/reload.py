@@ -78,10 +78,10 @@ async def apply(
     Raises ReloadError or SetupError when nothing was changed, or what the exchange raised after it was taken back.
     """
     change = bus_changes(old, new)
-    lines = {line.bus.name: line for line in lines_of(new, clock, tap)}
+    lines = list(lines_of(new, clock, tap, only=change.started))
     former = {name: runner.line for name, runner in acquisition.runners.items()}
     try:
-        await acquisition.exchange(change.stopped, [lines[name] for name in change.started])
+        await acquisition.exchange(change.stopped, lines)
     except Exception:
         running = [name for name in change.started if name in acquisition.runners]
         missing = [former[name] for name in change.stopped if name in running or name not in acquisition.runners]

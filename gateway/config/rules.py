@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from drivers.base import SetupError, SystemClock
-from drivers.build import bus_from_settings, make_device
+from drivers.base import SetupError
+from drivers.build import check_device
 from drivers.profiles import profile_names
 from gateway.config.buses import Bus, CanOpenSection, CanSection, MeEthernetSection, MeRs485Section, ModbusRtuSection
 from gateway.config.model import GatewayConfig
@@ -30,7 +30,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_control(config),
         *_poses(config),
         *_watchdog(config),
-        *_built(config),
+        *_devices(config),
         *_nc(config),
     ]
 
@@ -183,18 +183,13 @@ def _poses(config: GatewayConfig) -> Iterator[Problem]:
         yield Problem("[probing] poses_deg", str(error))
 
 
-def _built(config: GatewayConfig) -> Iterator[Problem]:
-    """What the drivers themselves find, without network: profiles, units, channel numbers, options."""
+def _devices(config: GatewayConfig) -> Iterator[Problem]:
+    """What the drivers would refuse: profiles, units, channel numbers, options. None is made, and no network used."""
     names = Counter(bus.name for bus in config.buses)
-    for section in config.buses:
-        if names[section.name] > 1:
+    for bus in config.buses:
+        if names[bus.name] > 1:
             continue
-        try:
-            bus = bus_from_settings(section.name, section)
-        except SetupError as error:
-            yield Problem(f"bus '{section.name}'", _said(error))
-            continue
-        for device in config.devices_of(section.name):
+        for device in config.devices_of(bus.name):
             where = f"device '{device.name}'"
             if not device.profile.endswith(".toml") and device.profile not in profile_names():
                 yield Problem(
@@ -203,9 +198,7 @@ def _built(config: GatewayConfig) -> Iterator[Problem]:
                 )
                 continue
             try:
-                make_device(
-                    device.name, bus, device.profile, device.unit, device.channels, device.options, SystemClock()
-                )
+                check_device(device.name, bus.name, bus, device.profile, device.unit, device.channels, device.options)
             except SetupError as error:
                 yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, _said(error))
 
