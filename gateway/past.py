@@ -9,6 +9,7 @@ import numpy as np
 
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
+from gateway.config.prior import parse_prior
 from gateway.control.sensor_watch import SeenBefore
 from gateway.storage import History, StoredStep, StoreError
 from talc.control import Controller
@@ -37,6 +38,8 @@ class Past:
 
     former_method: str | None = None
     """`[talc] method` of the latest run when this configuration has another one."""
+    other_prior: bool = False
+    """The latest run had another prior, or only one of the two has one."""
 
 
 def stored_config(history: History) -> GatewayConfig:
@@ -44,17 +47,28 @@ def stored_config(history: History) -> GatewayConfig:
     found = history.config()
     if found is None:
         raise StoreError("the database holds no run yet")
-    return from_stored(found[0])
+    return from_stored(found[0], history.prior())
 
 
-def from_stored(text: str) -> GatewayConfig:
-    """The configuration that a stored text describes, as the program that stored it understood it."""
+def from_stored(text: str, prior: str | None = None) -> GatewayConfig:
+    """The configuration that a stored text describes, as the program that stored it understood it, and its prior."""
     data = json.loads(text)
-    return validate({**data, "talc": {"method": _FIRST_METHOD, **data.get("talc", {})}})
+    config = validate({**data, "talc": {"method": _FIRST_METHOD, **data.get("talc", {})}})
+    return config if prior is None else config.with_prior(parse_prior(prior))
 
 
-def decide_alike(one: TalcSettings, other: TalcSettings) -> bool:
-    """Whether two controllers with these settings decide alike; settings of a method that neither uses do not count."""
+def controller_of(config: GatewayConfig) -> Controller:
+    """A fresh controller of a configuration."""
+    prior = None if config.prior is None else config.prior.prior
+    return Controller(config.input_names, config.talc, config.grid.step_s, prior)
+
+
+def decide_alike(one: GatewayConfig, other: GatewayConfig) -> bool:
+    """Whether controllers of these decide alike, for the same inputs; what the method does not use does not count."""
+    return _settings_alike(one.talc, other.talc) and (one.talc.method != "learner" or one.prior == other.prior)
+
+
+def _settings_alike(one: TalcSettings, other: TalcSettings) -> bool:
     return one.method == other.method and _used(one) == _used(other)
 
 
@@ -76,7 +90,7 @@ class Rebuilt:
 
 def rebuilt(steps: Iterable[StoredStep], config: GatewayConfig) -> Rebuilt:
     """The controller of a configuration, after the stored frames and models. A learner takes the frames alone."""
-    controller = Controller(config.input_names, config.talc, config.grid.step_s)
+    controller = controller_of(config)
     found = Rebuilt(controller)
     for step in steps:
         last = found.last = controller.step(step.frame)
@@ -94,8 +108,8 @@ def rebuilt(steps: Iterable[StoredStep], config: GatewayConfig) -> Rebuilt:
 def past_of(history: History, config: GatewayConfig) -> Past:
     """The controller as an earlier run left it, rebuilt from the record with the stored models.
 
-    A fresh start when the record is empty. When the latest run used another method, the controller is as if this one
-    had been used from the beginning of the record.
+    A fresh start when the record is empty. When the latest run used another method or another prior, the controller is
+    as if this one had been used from the beginning of the record.
 
     Raises StoreError when the record was made with other inputs or other settings of the same method.
     """
@@ -103,7 +117,7 @@ def past_of(history: History, config: GatewayConfig) -> Past:
         return Past(rebuilt((), config).controller)
     before = stored_config(history)
     changed = before.talc.method != config.talc.method
-    if before.input_names != config.input_names or not (changed or decide_alike(before.talc, config.talc)):
+    if before.input_names != config.input_names or not (changed or _settings_alike(before.talc, config.talc)):
         raise StoreError(
             "the record was made with other inputs or [talc] settings; give [storage] another path to start again"
         )
@@ -120,6 +134,7 @@ def past_of(history: History, config: GatewayConfig) -> Past:
         measured=tuple(found.measured),
         seen=_seen(found.controller, history.events()),
         former_method=before.talc.method if changed else None,
+        other_prior=not changed and config.talc.method == "learner" and before.prior != config.prior,
     )
 
 

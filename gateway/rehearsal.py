@@ -9,6 +9,7 @@ from gateway.report import AdoptedModels, ReportData
 from gateway.versions import versions
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement
+from talc.learner.prior import Prior
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 from talc.training import train
@@ -20,6 +21,7 @@ def rehearse(
     recording: Recording,
     settings: TalcSettings,
     *,
+    prior: Prior | None = None,
     every_measurement: bool = False,
     progress: Callable[[int], None] = lambda _: None,
 ) -> ReportData:
@@ -29,7 +31,7 @@ def rehearse(
     only judge. every_measurement: all of them reach it. Sensors are not compared with each other and measurements not
     checked, as a recording has neither units nor the centres of a probing cycle.
     """
-    controller = Controller(recording.input_names, settings, recording.step_s)
+    controller = Controller(recording.input_names, settings, recording.step_s, prior)
     decisions: list[Decision] = []
     used = np.full((len(recording.k), _ERRORS), np.nan)
     estimate, held = np.full((len(recording.k), _ERRORS), np.nan), np.full((len(recording.k), _ERRORS), np.nan)

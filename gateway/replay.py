@@ -7,9 +7,8 @@ from itertools import takewhile
 import numpy as np
 
 from gateway.control.trainer import has_failed
-from gateway.past import decide_alike, from_stored, rebuilt, stored_config
+from gateway.past import controller_of, decide_alike, from_stored, rebuilt, stored_config
 from gateway.storage import History, StoredStep
-from talc.control import Controller
 from talc.frame import Decision
 from talc.training import train
 
@@ -42,17 +41,18 @@ class ReplayResult:
 def replay(history: History, progress: Callable[[int], None] = lambda _: None) -> ReplayResult:
     """Every frame through a fresh controller, every training done again; compares all of it with the record.
 
-    Where a restart changed the method, the controller is rebuilt as that restart did.
+    Where a restart changed the method or the prior, the controller is rebuilt as that restart did. Priors are those
+    that the database holds, whatever became of their files.
     """
-    runs = [(first_k, from_stored(text)) for first_k, text in history.runs()] or [(0, stored_config(history))]
+    runs = [(k, from_stored(text, prior)) for k, text, prior in history.runs()] or [(0, stored_config(history))]
     _, config = runs.pop(0)
-    controller = Controller(config.input_names, config.talc, config.grid.step_s)
+    controller = controller_of(config)
     result, job = ReplayResult(), None
     for step in history.steps():
         while runs and runs[0][0] <= step.frame.k:
             (first_k, after), before = runs.pop(0), config
             config = after
-            if not decide_alike(before.talc, after.talc):
+            if not decide_alike(before, after):
                 restarted = rebuilt(takewhile(_before(first_k), history.steps()), after)
                 controller, job = restarted.controller, restarted.job
         decision = controller.step(step.frame)

@@ -189,6 +189,10 @@ class TalcSettings:
     method: Literal["learner", "models"] = "learner"
     """`learner`: weights of lagged inputs, learnt at every measurement. `models`: the papers' system of phases and
     trained models, by `training.selector`; `control` and `training` belong to it alone."""
+    prior: str | None = None
+    """In a configuration: a file of `talc-gateway prior make` with what other machines of the kind have learnt; the
+    learner begins with it (docs/control.md). A relative path starts at the configuration's folder. In a program: an
+    argument of `talc.control.Controller`; this field alone changes nothing."""
     learner: LearnerSettings = field(default_factory=LearnerSettings)
     control: ControlSettings = field(default_factory=ControlSettings)
     training: TrainingSettings = field(default_factory=TrainingSettings)

@@ -44,9 +44,11 @@ def bus_changes(old: GatewayConfig, new: GatewayConfig) -> BusChanges:
 
     Raises ReloadError when something else changed that only a restart can change.
     """
-    changed = [name for name in _NEEDS_RESTART if getattr(old, name) != getattr(new, name)]
+    changed = [f"[{name}]" for name in _NEEDS_RESTART if getattr(old, name) != getattr(new, name)]
+    if old.prior != new.prior and "[talc]" not in changed:
+        changed.append("the file of [talc] prior")
     if changed:
-        raise ReloadError(f"[{'], ['.join(changed)}] changed: restart the gateway to apply it")
+        raise ReloadError(f"{', '.join(changed)} changed: restart the gateway to apply it")
     if old.input_names != new.input_names:
         gone, come = set(old.input_names) - set(new.input_names), set(new.input_names) - set(old.input_names)
         what = "; ".join(

@@ -9,6 +9,7 @@ import click
 from drivers.base import DriverError, SetupError
 from drivers.can import is_multicast_group
 from gateway.config import ConfigError, GatewayConfig, cautions, load
+from gateway.config.prior import described
 from gateway.recordings import RecordingError, WireLogError
 from gateway.storage import StoreError
 
@@ -84,6 +85,7 @@ def check(config: Path) -> None:
         f"{config}: good. {len(checked.buses)} buses, {len(checked.devices)} devices, {channels} channels, "
         f"{states} machine states; compensation {checked.compensation.mode}, "
         f"probing {'armed' if checked.probing.armed else 'not armed'}; fingerprint {checked.fingerprint()[:16]}"
+        + ("" if checked.prior is None else f"; {described(checked.prior, checked.input_names)}")
     )
 
 
@@ -291,6 +293,26 @@ def _page(wanted: Path | None, source: Path, *others: Path | None) -> Path:
         if used is not None and page.exists() and page.samefile(used):
             raise click.UsageError(f"the page would overwrite {used}; give it another name with -o")
     return page
+
+
+@main.group()
+def prior() -> None:
+    """What machines have learnt, for the next one of their kind."""
+
+
+@prior.command("make")
+@click.argument("databases", metavar="DATABASE...", nargs=-1, required=True,
+                type=click.Path(exists=True, dir_okay=False, path_type=Path))  # fmt: skip
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="JSON file.")
+def make_prior(databases: tuple[Path, ...], output: Path) -> None:
+    """Write what the gateways of DATABASE... have learnt to one file, for `[talc] prior` of another machine.
+
+    One database a machine. Each machine's learner is rebuilt from its frames and measurements, whatever method ran, and
+    without the prior that it began with itself. Inputs of different machines belong together when they have one name.
+    """
+    from gateway.cli.prior import make
+
+    make(databases, output)
 
 
 @main.command()

@@ -10,6 +10,8 @@ import numpy as np
 from rich.progress import Progress
 
 from gateway.cli.terminal import terminal
+from gateway.config import ConfigError, Problem
+from gateway.config.prior import PriorError, PriorFile, described, prior_for
 from gateway.config.talc_only import TalcOnly, load_talc_only
 from gateway.recordings import Columns, Recording, read_recording
 from gateway.replay import replay
@@ -72,6 +74,9 @@ def run_recording(request: Request) -> None:
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)
     recording = read_recording(request.file, request.columns, sections.grid.step_s)
     console = terminal()
+    prior = _prior(sections, recording, request.config)
+    if prior is not None:
+        console.print(described(prior, recording.input_names), soft_wrap=True)
     takes, longer = _calibration(recording, sections)
     if longer:
         console.print(f"Calibration takes {takes}, {longer}", soft_wrap=True)
@@ -80,6 +85,7 @@ def run_recording(request: Request) -> None:
         data = rehearse(
             recording,
             sections.talc,
+            prior=None if prior is None else prior.prior,
             every_measurement=request.every_measurement,
             progress=lambda steps: bar.update(task, completed=steps),
         )
@@ -92,8 +98,18 @@ def run_recording(request: Request) -> None:
             f"Calibration takes {takes}; {_SAID_OTHERWISE[sections.talc.method]}",
             soft_wrap=True,
         )
-    request.page.write_text(build(replace(data, made=_made(request, recording, sections, takes))), encoding="utf-8")
+    request.page.write_text(
+        build(replace(data, made=_made(request, recording, sections, takes, prior))), encoding="utf-8"
+    )
     console.print(f"report: {request.page}", soft_wrap=True)
+
+
+def _prior(sections: TalcOnly, recording: Recording, config: Path | None) -> PriorFile | None:
+    """What `[talc] prior` of the file names. Raises ConfigError."""
+    try:
+        return prior_for(sections.talc, recording.input_names)
+    except PriorError as error:
+        raise ConfigError(config or Path(), [Problem("[talc] prior", str(error))]) from None
 
 
 def _calibration(recording: Recording, sections: TalcOnly) -> tuple[str, str]:
@@ -115,7 +131,9 @@ def _calibration(recording: Recording, sections: TalcOnly) -> tuple[str, str]:
     return takes, ""
 
 
-def _made(request: Request, recording: Recording, sections: TalcOnly, calibration: str) -> tuple[tuple[str, str], ...]:
+def _made(
+    request: Request, recording: Recording, sections: TalcOnly, calibration: str, prior: PriorFile | None
+) -> tuple[tuple[str, str], ...]:
     """What it takes to make the page again."""
     file, config = request.file, request.config
     errors = (name if name == column else f"{name} = {column}" for name, column in recording.error_columns.items())
@@ -131,6 +149,7 @@ def _made(request: Request, recording: Recording, sections: TalcOnly, calibratio
         ("measurements used", used),
         ("calibration", calibration),
         ("settings", "the defaults" if config is None else f"{config.name}, SHA-256 {_sha256(config)}"),
+        *(() if prior is None else (("prior", f"SHA-256 {prior.content_hash}"),)),
         ("[grid]", f"step_s = {sections.grid.step_s:g}"),
         *((f"[talc{part}]", ", ".join(f"{k} = {json.dumps(v)}" for k, v in keys.items())) for part, keys in tables),
     )

@@ -58,7 +58,13 @@ async def serve(
                 past.former_method,
                 past.former_method,
             )
-        store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES))
+        if past.other_prior:
+            log.warning(
+                "[talc] prior: %s; the learner begins anew with it and learns from the whole record",
+                "there is none any more" if config.prior is None else f"{config.talc.prior} is not the former one",
+            )
+        prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
+        store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
         sinks: list[Sink] = [store.record]
         telemetry: TelemetryPublisher | None = None
         if config.telemetry.enabled:

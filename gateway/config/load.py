@@ -7,6 +7,7 @@ from pathlib import Path
 from drivers.base import SetupError
 from drivers.profiles import is_users, user_profile
 from gateway.config.model import GatewayConfig, with_database
+from gateway.config.prior import PriorError, prior_for
 from gateway.config.problems import ConfigError, Problem, read_sections
 from gateway.config.rules import problems_between
 from talc.presets import completed
@@ -48,8 +49,14 @@ def draft(text: str, path: Path) -> GatewayConfig:
 def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
     """The checked configuration of TOML's data. Raises ConfigError with every problem found."""
     config = _validated(data, path)
-    if problems := problems_between(config):
+    problems, prior = problems_between(config), None
+    try:
+        prior = prior_for(config.talc, config.input_names)
+    except PriorError as error:
+        problems.append(Problem("[talc] prior", str(error)))
+    if problems:
         raise ConfigError(path, problems)
+    config = config.with_prior(prior)
     try:
         return config.with_profiles({d.profile: user_profile(d.profile) for d in config.devices if is_users(d.profile)})
     except SetupError as error:  # gone since it was checked

@@ -13,6 +13,7 @@ from drivers.profiles import UserProfile
 from drivers.section import Section, strictly
 from gateway.config.buses import Bus
 from gateway.config.controls import Nc
+from gateway.config.prior import PriorFile
 from gateway.config.sections import (
     DEFAULT_DATABASE,
     Compensation,
@@ -23,6 +24,7 @@ from gateway.config.sections import (
     Probing,
     State,
     Storage,
+    Talc,
     Telemetry,
 )
 from talc.settings import SensorCheckSettings, TalcSettings
@@ -53,10 +55,11 @@ class GatewayConfig(Section):
     nc: Nc | None = None
     probing: Probing = Probing()
     compensation: Compensation = Compensation()
-    talc: TalcSettings = TalcSettings()
+    talc: Talc = TalcSettings()
     sensor_check: SensorCheckSettings = SensorCheckSettings()
     _profiles: Mapping[str, UserProfile] = PrivateAttr(default_factory=dict)
     """Not a key of the file, nor in `canonical()`: an earlier program must still read what the database holds."""
+    _prior: PriorFile | None = PrivateAttr(default=None)
 
     @property
     def profiles(self) -> Mapping[str, UserProfile]:
@@ -67,6 +70,17 @@ class GatewayConfig(Section):
         """The same with these user's own profiles."""
         config = self.model_copy()
         config._profiles = dict(profiles)
+        return config
+
+    @property
+    def prior(self) -> PriorFile | None:
+        """What the file of `[talc] prior` held when this configuration was loaded, or what the database holds of it."""
+        return self._prior
+
+    def with_prior(self, prior: PriorFile | None) -> Self:
+        """The same with this prior."""
+        config = self.model_copy()
+        config._prior = prior
         return config
 
     @property
@@ -92,17 +106,19 @@ class GatewayConfig(Section):
     def canonical(self) -> str:
         """The configuration with every default written out, as JSON: the same text for the same behaviour.
 
-        As far as the file says it; what a user's own profiles hold is in the fingerprint only.
+        As far as the file says it; what a user's own profiles and a prior hold is in the fingerprint only.
         """
         return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=False, separators=(",", ":"))
 
     def fingerprint(self) -> str:
-        """SHA-256 of `canonical()`, and of the hashes of the user's own profiles where there are any, in hexadecimal.
+        """SHA-256, hexadecimal, of `canonical()` and the hashes of the user's own profiles and of a prior, if any.
 
         It tells what runs, not how its file is laid out.
         """
-        profiles = (f"\n{name} {self._profiles[name].content_hash}" for name in sorted(self._profiles))
-        return sha256((self.canonical() + "".join(profiles)).encode()).hexdigest()
+        others = [f"\n{name} {self._profiles[name].content_hash}" for name in sorted(self._profiles)]
+        if self._prior is not None:
+            others.append(f"\n{self._prior.content_hash}")
+        return sha256((self.canonical() + "".join(others)).encode()).hexdigest()
 
 
 def validate(data: Mapping[str, object] | str, folder: Path | None = None) -> GatewayConfig:

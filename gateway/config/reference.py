@@ -16,8 +16,8 @@ reports every mistake with file, field, value and what is expected.
 
 A fingerprint identifies the configuration in use: SHA-256 of the configuration with all defaults written out, so
 comments and layout do not matter and a changed default does. Where devices have profiles of your own, these files and
-the DBC files that they name count too. The key `status` publishes it as `config`, at the start and again after every
-reload that took effect; the database keeps each with its time.
+the DBC files that they name count too, as does the file of `[talc] prior`. The key `status` publishes it as `config`,
+at the start and again after every reload that took effect; the database keeps each with its time.
 
 **Reload.** On SIGHUP `talc-gateway run` reads its file again. The whole file is checked first; then only the buses that
 changed (themselves, their devices, the files of your own profiles, or the limits of their channels) are closed and

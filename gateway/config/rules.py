@@ -57,6 +57,8 @@ def cautions(config: GatewayConfig) -> list[Problem]:
                     "the others a period; best is half of it or less",
                 )
             )
+    if config.prior is not None and config.talc.method != "learner":
+        found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
     if config.nc is not None:
         found += [Problem(f"[nc] {field}", text) for field, text in config.nc.cautions()]
     return found

@@ -1,13 +1,15 @@
 """The sections of a gateway's configuration, apart from its buses."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
-from drivers.section import FilePath, NotNegative, Positive, Section, matching
+from drivers.section import FilePath, NotNegative, Positive, Section, beside_the_file, matching
 from gateway.config.fields import LARGEST_BOUND_UM, MOST_POSES, Name, ProfileName
+from talc.settings import TalcSettings
 
 
 class Machine(Section):
@@ -181,3 +183,11 @@ class Compensation(Section):
     watchdog_s: Positive = 10.0
     """When the control has received no heartbeat for this long, it does by itself what `when_stale` says. At least four
     times [nc] period_s."""
+
+
+def _with_path(talc: TalcSettings, info: ValidationInfo) -> TalcSettings:
+    return talc if talc.prior is None else replace(talc, prior=str(beside_the_file(Path(talc.prior), info)))
+
+
+Talc = Annotated[TalcSettings, AfterValidator(_with_path)]
+"""`[talc]`; a relative path in it starts at the file's folder."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from drivers.section import Section
 from gateway.config.load import data_of, read
 from gateway.config.problems import read_sections
-from gateway.config.sections import Grid
+from gateway.config.sections import Grid, Talc
 from talc.settings import TalcSettings
 
 
@@ -13,7 +13,7 @@ class TalcOnly(Section):
     """`[grid]` and `[talc]`."""
 
     grid: Grid = Grid()
-    talc: TalcSettings = TalcSettings()
+    talc: Talc = TalcSettings()
 
 
 def load_talc_only(path: Path) -> TalcOnly:

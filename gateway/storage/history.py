@@ -55,11 +55,25 @@ class History:
         """UTC and fingerprint of each configuration that began to run, by a start or a reload; oldest first."""
         return [(datetime.fromisoformat(began), fingerprint) for _, began, _, fingerprint in self._running()]
 
-    def runs(self) -> list[tuple[int, str]]:
-        """First grid index and canonical configuration of each run that made a frame, oldest first."""
-        return self._connection.execute(
-            "SELECT min(f.k), b.config FROM frame f JOIN boot b ON b.id = f.boot GROUP BY b.number ORDER BY 1"
+    def runs(self) -> list[tuple[int, str, str | None]]:
+        """First grid index, canonical configuration and prior of each run that made a frame, oldest first."""
+        found = self._connection.execute(
+            "SELECT min(f.k), b.config, b.number FROM frame f JOIN boot b ON b.id = f.boot GROUP BY b.number ORDER BY 1"
         ).fetchall()
+        return [(first_k, config, self._prior(number)) for first_k, config, number in found]
+
+    def prior(self) -> str | None:
+        """Text of the prior of the latest run; None: it had none."""
+        latest = self._connection.execute("SELECT max(number) FROM boot").fetchone()[0]
+        return None if latest is None else self._prior(latest)
+
+    def _prior(self, boot: int) -> str | None:
+        if not self._has("prior_of_boot"):
+            return None
+        row = self._connection.execute(
+            "SELECT p.content FROM prior_of_boot b JOIN prior p ON p.hash = b.hash WHERE b.boot = ?", (boot,)
+        ).fetchone()
+        return None if row is None else str(row[0])
 
     def last_number(self) -> int | None:
         """Of the last probing request, whatever became of it."""

@@ -35,6 +35,8 @@ ADDED = """
 CREATE TABLE IF NOT EXISTS running (id INTEGER PRIMARY KEY, boot INTEGER NOT NULL, began TEXT NOT NULL,
     config TEXT NOT NULL, fingerprint TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS request (number INTEGER NOT NULL, asked TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS prior (hash TEXT PRIMARY KEY, content TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS prior_of_boot (boot INTEGER PRIMARY KEY, hash TEXT NOT NULL);
 """
 """What later programs added; a file without it is read as one in which nothing of it happened."""
 

@@ -77,8 +77,11 @@ class Store:
         """Return when everything handed in so far is committed."""
         self._writer.flush()
 
-    def begin(self, config: str, fingerprint: str, versions: str) -> None:
-        """Note what runs: configuration text, its hash, and the versions of what matters."""
+    def begin(self, config: str, fingerprint: str, versions: str, prior: tuple[str, str] | None = None) -> None:
+        """Note what runs: configuration text, its hash, the versions of what matters; hash and text of a prior."""
+        if prior is not None:
+            self._writer.put("INSERT OR IGNORE INTO prior VALUES (?, ?)", [prior])
+            self._writer.put("INSERT INTO prior_of_boot VALUES (?, ?)", [(self._number, prior[0])])
         self._writer.put(
             "INSERT INTO boot VALUES (?, ?, ?, ?, ?, ?)",
             [(self._number, self._boot, self._clock.utc().isoformat(), config, fingerprint, versions)],

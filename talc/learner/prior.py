@@ -17,6 +17,9 @@ _POSTERIOR_SHARE = 0.5
 _ALONE = 0.25
 """Of one machine's weights, squared: how much another one may differ while there is only one."""
 _LEAST_MEASUREMENTS = 12
+_LARGEST = 1e12
+"""Magnitude of a number in a file: the squares and sums of larger ones could overflow."""
+_MOST_MACHINES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,27 +57,41 @@ class Prior:
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, object]) -> "Prior":
-        """The inverse of `to_dict`. ValueError: another format, or numbers that do not fit together."""
-        if plain.get("format") != FORMAT or plain.get("time_constants_s") != list(TIME_CONSTANTS_S):
-            raise ValueError(f"format = {plain.get('format')!r}: expected {FORMAT}, with the lags of this program")
-        inputs, errors = plain.get("inputs"), plain.get("errors")
-        if not isinstance(inputs, list) or not isinstance(errors, dict):
-            raise ValueError("inputs or errors: missing")  # noqa: TRY004 -- of a file, not of a caller
+        """The inverse of `to_dict`. ValueError: names the field, its value and what was expected."""
+        if plain.get("format") != FORMAT:
+            raise ValueError(f"format = {plain.get('format')!r}: expected {FORMAT}")
+        if plain.get("time_constants_s") != list(TIME_CONSTANTS_S):
+            expected = ", ".join(f"{t:g}" for t in TIME_CONSTANTS_S)
+            found = plain.get("time_constants_s")
+            raise ValueError(f"time_constants_s = {found!r}: expected those of this program, {expected}")
+        inputs, span = _inputs(plain.get("inputs")), plain.get("span")
         n = len(inputs) * _LAGS
-        span = _numbers(plain.get("span"), len(inputs), "span")
+        spans = _numbers(span, len(inputs), "span")
+        for i in np.flatnonzero(spans <= 0.0):
+            raise ValueError(f"span[{i}] = {spans[i]:g}: expected more than 0")
         machines, mean, covariance = np.zeros(9), np.zeros((9, n)), np.zeros((9, n, n))
         rows, columns = np.tril_indices(n)
+        errors = plain.get("errors")
+        if not isinstance(errors, dict) or not errors:
+            raise ValueError("errors: expected a table of thermal errors")
         for name, told in errors.items():
             if name not in THERMAL_ERRORS or not isinstance(told, dict):
-                raise ValueError(f"errors: {name!r} is not a thermal error")
-            j = THERMAL_ERRORS.index(name)
-            machines[j] = float(told.get("machines", 0))
-            mean[j] = _numbers(told.get("mean"), n, f"{name}, mean")
-            lower = _numbers(told.get("covariance"), len(rows), f"{name}, covariance")
+                raise ValueError(f"errors.{name}: expected a table under one of {', '.join(THERMAL_ERRORS)}")
+            j, many = THERMAL_ERRORS.index(name), told.get("machines")
+            if not isinstance(many, int) or not 1 <= many <= _MOST_MACHINES:
+                raise ValueError(f"errors.{name}.machines = {many!r}: expected a whole number, 1 to {_MOST_MACHINES}")
+            machines[j] = many
+            mean[j] = _numbers(told.get("mean"), n, f"errors.{name}.mean")
+            lower = _numbers(told.get("covariance"), len(rows), f"errors.{name}.covariance")
             covariance[j][rows, columns] = covariance[j][columns, rows] = lower
-            if np.linalg.eigvalsh(covariance[j]).min() < -1e-6 * max(covariance[j].max(), 1.0):
-                raise ValueError(f"{name}, covariance: is none, it has a negative variance")
-        return cls(tuple(str(name) for name in inputs), span, machines, mean, covariance)
+            least, most = np.linalg.eigvalsh(covariance[j])[[0, -1]]
+            if least < -1e-6 * max(most, 1.0):
+                raise ValueError(f"errors.{name}.covariance: has a variance of {least:g}, expected none below 0")
+        return cls(inputs, spans, machines, mean, covariance)
+
+    def known(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Those of these inputs that the other machines have too."""
+        return tuple(name for name in names if name in self.inputs)
 
     def of(self, names: Sequence[str]) -> tuple[FloatArray, Told]:
         """For a machine with these inputs: (n,) spans, NaN where nothing is known, and the weights."""
@@ -140,13 +157,23 @@ def _placed(
     return weights, covariance, present
 
 
+def _inputs(value: object) -> tuple[str, ...]:
+    if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
+        raise ValueError("inputs: expected a list of names")
+    for name in value:
+        if value.count(name) > 1:
+            raise ValueError(f"inputs: {name!r} occurs twice")
+    return tuple(value)
+
+
 def _numbers(value: object, size: int, name: str) -> FloatArray:
     if not isinstance(value, list) or len(value) != size:
-        raise ValueError(f"{name}: expected a list of {size} numbers")
-    array = np.array(value, dtype=np.float64)
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name}: expected finite numbers")
-    return array
+        found = f", found {len(value)}" if isinstance(value, list) else ""
+        raise ValueError(f"{name}: expected a list of {size} numbers{found}")
+    for i, number in enumerate(value):
+        if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) <= _LARGEST:
+            raise ValueError(f"{name}[{i}] = {number!r}: expected a number, at most {_LARGEST:g} in magnitude")
+    return np.array(value, dtype=np.float64)
 
 
 def _short(values: FloatArray) -> list[float]:
