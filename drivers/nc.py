@@ -131,6 +131,10 @@ class LinearOffsets:
         return x, y, z
 
 
+class NotSendable(ValueError):
+    """Offsets that a driver never sends: not finite, or too large. Raised before anything is sent."""
+
+
 class NumericalControl(Protocol):
     """Any control. Raises drivers.base.DriverError; never retries. Every number is finite, but results of a cycle."""
 
@@ -153,7 +157,10 @@ class NumericalControl(Protocol):
     async def withdraw_probing(self, number: int) -> None: ...
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
-        """Set the tool-centre-point shift (X, Y, Z) in µm that the control shall add. Acts at once."""
+        """Set the tool-centre-point shift (X, Y, Z) in µm that the control shall add. Acts at once.
+
+        Raises NotSendable.
+        """
         ...
 
     async def read_compensation(self) -> tuple[float, float, float]:
@@ -201,7 +208,10 @@ class FollowsPosition(NumericalControl, Protocol):
         ...
 
     async def write_linear(self, offsets: LinearOffsets) -> None:
-        """Set K0 and slopes. Acts at once; while it is under way any mixture of old and new may be in force."""
+        """Set K0 and slopes. Acts at once; while it is under way any mixture of old and new may be in force.
+
+        Raises NotSendable.
+        """
         ...
 
     async def read_linear(self) -> LinearOffsets:
@@ -216,8 +226,8 @@ def check_number(number: int, what: str) -> None:
 
 
 def check_offsets(offsets_um: Triple, largest_um: float) -> None:
-    """Before anything is sent: raises ValueError for a number that is not finite or beyond `largest_um`."""
+    """Before anything is sent: raises NotSendable for a number that is not finite or beyond `largest_um`."""
     if not all(math.isfinite(v) for v in offsets_um):
-        raise ValueError(f"offsets_um = {offsets_um!r}: expected three finite numbers; nothing was sent")
+        raise NotSendable(f"offsets_um = {offsets_um!r}: expected three finite numbers; nothing was sent")
     if any(abs(v) > largest_um for v in offsets_um):
-        raise ValueError(f"offsets_um = {offsets_um!r}: beyond largest_um = {largest_um:g}; nothing was sent")
+        raise NotSendable(f"offsets_um = {offsets_um!r}: beyond largest_um = {largest_um:g}; nothing was sent")

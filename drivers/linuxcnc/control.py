@@ -109,7 +109,7 @@ class LinuxCnc:
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
         """Returns when they are in force, or after timeout_s.
 
-        Raises ValueError, before anything is sent, for a number that is not finite or beyond `largest_um`.
+        Raises NotSendable, before anything is sent, for a number that is not finite or beyond `largest_um`.
         """
         check_offsets(offsets_um, self._settings.largest_um)
         await self._line.ask("write", owner=self._owner, um=[float(v) for v in offsets_um])

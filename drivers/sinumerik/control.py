@@ -208,7 +208,7 @@ class Sinumerik:
         await self._session.write({self._settings.r(self._settings.handshake.withdraw): float(number)})
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
-        """Raises ValueError, before anything is sent, for a number that is not finite or beyond `largest_um`.
+        """Raises NotSendable, before anything is sent, for a number that is not finite or beyond `largest_um`.
 
         On Refused some of the three may have been set: read back.
         """

@@ -9,7 +9,7 @@ import math
 from typing import Final
 
 from drivers.base import Clock, Refused
-from drivers.nc import LINEAR_AXES, LinearOffsets, Triple, WatchdogTerms
+from drivers.nc import LINEAR_AXES, LinearOffsets, NotSendable, Triple, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 
@@ -65,7 +65,7 @@ class SinumerikWithSlopes(Sinumerik):
         self._check_references()
 
     async def write_linear(self, offsets: LinearOffsets) -> None:
-        """Raises ValueError, before anything is sent, for what is not finite, beyond `largest_um` somewhere in the
+        """Raises NotSendable, before anything is sent, for what is not finite, beyond `largest_um` somewhere in the
         travel, about another reference, or over a pair without a table; Refused when another P0 was read last.
 
         K0, slopes and weights go in one request, and nothing is asked before it: who calls has just looked whether it
@@ -121,16 +121,16 @@ class SinumerikWithSlopes(Sinumerik):
     def _check(self, offsets: LinearOffsets) -> None:
         largest = self._settings.compensation.largest_um
         if offsets.reference_mm != self.reference_mm:
-            raise ValueError(f"reference_mm = {offsets.reference_mm}: expected {self.reference_mm}; nothing was sent")
+            raise NotSendable(f"reference_mm = {offsets.reference_mm}: expected {self.reference_mm}; nothing was sent")
         for axis, name in enumerate(LINEAR_AXES):
             row = offsets.slope_um_per_mm[axis]
             if any(slope and (axis, over) not in self.pairs for over, slope in enumerate(row)):
-                raise ValueError(f"{name} has a slope over an axis that no table joins it to; nothing was sent")
+                raise NotSendable(f"{name} has a slope over an axis that no table joins it to; nothing was sent")
             effect = abs(offsets.k0_um[axis]) + sum(abs(s) * r for s, r in zip(row, self._reach, strict=True))
             if not math.isfinite(effect):
-                raise ValueError(f"offsets of {name}: expected finite numbers; nothing was sent")
+                raise NotSendable(f"offsets of {name}: expected finite numbers; nothing was sent")
             if effect > largest:
-                raise ValueError(
+                raise NotSendable(
                     f"offsets of {name} reach {effect:.1f} µm within the travel, beyond largest_um = {largest:g}; "
                     "nothing was sent"
                 )

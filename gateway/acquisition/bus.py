@@ -5,7 +5,7 @@ import logging
 
 from drivers.base import Bus, Driver
 from gateway.acquisition.line import Line
-from gateway.polling import Breaker
+from gateway.polling import Breaker, uncancelled
 
 log = logging.getLogger(__name__)
 
@@ -30,7 +30,7 @@ class PolledBus:
         """Raises whatever the bus raises, or TimeoutError after the line's `read_limit_s`; then it is closed."""
         try:
             async with asyncio.timeout(self._limit_s):
-                await self._bus.connect()
+                await uncancelled(self._bus.connect())
         except Exception:
             await self.close()
             raise
@@ -46,6 +46,8 @@ async def close(what: Bus | Driver) -> None:
     """Close it; what fails in closing is not worth more than a line."""
     try:
         async with asyncio.timeout(_CLOSE_LIMIT_S):
-            await what.close()
+            await uncancelled(what.close())
+    except MemoryError:
+        raise
     except Exception:
         log.debug("closing %s", what, exc_info=True)

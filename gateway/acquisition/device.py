@@ -9,7 +9,7 @@ from gateway.acquisition.bus import close
 from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Check
 from gateway.clock import ServiceClock
-from gateway.polling import Breaker
+from gateway.polling import Breaker, uncancelled
 
 
 class PolledDevice:
@@ -54,10 +54,10 @@ class PolledDevice:
         try:
             async with asyncio.timeout(self._line.read_limit_s):
                 if not self._connected:
-                    await self.driver.connect()
+                    await uncancelled(self.driver.connect())
                     self._connected = True
                 asked_s = self._clock.monotonic()
-                readings = await self.driver.read()
+                readings = self._complete(await uncancelled(self.driver.read()))
         except Exception as error:
             self.cost_s = self._clock.monotonic() - began_s
             self.answered_s, self.error = None, error
@@ -65,6 +65,19 @@ class PolledDevice:
         self.answered_s, self.error = self._clock.monotonic() - asked_s, None
         self._units |= {reading.channel: reading.unit for reading in readings}
         return [self._judged(reading) for reading in readings]
+
+    def _complete(self, readings: Sequence[Reading]) -> Sequence[Reading]:
+        """Raises AttributeError, TypeError, ValueError for what no driver may return and what would end the gateway
+        further on."""
+        found = [reading.channel for reading in readings]
+        if sorted(found) != sorted(self._units):
+            raise ValueError(f"the driver returned {found}, expected one reading each of {list(self._units)}")
+        for reading in readings:
+            if not isinstance(reading.quality, Quality):
+                raise TypeError(f"quality of {reading.channel} is {reading.quality!r}")
+            if not math.isfinite(reading.value) and reading.quality.usable:
+                raise ValueError(f"{reading.channel} = {reading.value!r} of quality {reading.quality.value}")
+        return readings
 
     def _judged(self, reading: Reading) -> Reading:
         check = self._checks.get(reading.channel)

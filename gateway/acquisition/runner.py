@@ -144,6 +144,8 @@ class Runner:
             return False
         try:
             await self._bus.open()
+        except MemoryError:
+            raise
         except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
             self._bus.breaker.failed(due)
             text = self._reports.failed(self._bus.subject, error, "closed")
@@ -163,6 +165,8 @@ class Runner:
             return False
         try:
             readings = await device.read()
+        except MemoryError:
+            raise
         except Exception as error:  # noqa: BLE001 - nor this
             steady, device.wavered_s = self._steady(device), self._clock.monotonic()
             if not again and self._may_be_late(error):

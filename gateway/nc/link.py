@@ -13,6 +13,7 @@ from typing import assert_never
 from drivers.base import DriverError, Quality
 from drivers.nc import NcSnapshot, NumericalControl
 from gateway.clock import ServiceClock
+from gateway.nc.contained import contained
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
 from gateway.nc.routes import form_of, positions
@@ -49,6 +50,7 @@ class NcLink:
         self._period, self._probing, compensation = settings.period_s, settings.probing, settings.compensation
         self._when_stale = compensation.when_stale
         self._state = LinkState.AWAY
+        nc = contained(nc)
         self._form = form_of(nc)
         self._probe = probe_of(settings.probing)
         self._session = Session(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from drivers.base import ConnectError, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl
 from gateway.clock import ServiceClock
+from gateway.nc.contained import UnexpectedError
 from gateway.nc.motion import Motion
 from gateway.polling import Breaker, Notice, Notify, Problems
 
@@ -64,7 +65,7 @@ class Session:
         await self.close()
         self._breaker.failed(due_s)
         # A cut connection and a silent one are the same problem.
-        kind = "line" if isinstance(error, ConnectError | NoAnswer) else type(error).__name__
+        kind = "line" if isinstance(error, ConnectError | NoAnswer) else type(_root(error)).__name__
         self._problems.report(_SUBJECT, kind, f"NC: {error}")
 
     def works(self) -> None:
@@ -88,3 +89,8 @@ class Session:
             axes = f"{', '.join(frozen)} report a speed and do not move" if frozen else "the axes move again"
             self._notify(Notice("axes of NC", f"NC: {axes}", ended=not frozen))
         return replace(snapshot, quality=Quality.STALE) if frozen else snapshot
+
+
+def _root(error: DriverError) -> BaseException:
+    """What an unexpected error is made from: two of different kinds are two problems."""
+    return error.__cause__ or error if isinstance(error, UnexpectedError) else error

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from drivers.base import BadAnswer
-from drivers.nc import NcSnapshot
+from drivers.nc import NcSnapshot, NotSendable
 from gateway.clock import ServiceClock
 from gateway.config.sections import Compensation
 from gateway.nc.lease import Lease
@@ -132,7 +132,7 @@ class OffsetWriter:
         self._left = None  # not known until it is read back
         try:
             await self._form.write(coefficients)
-        except ValueError as error:
+        except NotSendable as error:
             text = f"NC: {error}; {offsets_text(coefficients)} µm were to be sent"
             self._lease.disarm(f"{text}; compensation is disarmed until a restart")
             return False

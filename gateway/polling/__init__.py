@@ -1,7 +1,8 @@
 """What the parts that poll share: when to ask, when to ask again after a failure, and what to report."""
 
 from gateway.polling.breaker import Breaker
+from gateway.polling.contained import uncancelled
 from gateway.polling.periodic import Periodic
 from gateway.polling.problems import Notice, Notify, Problems
 
-__all__ = ["Breaker", "Notice", "Notify", "Periodic", "Problems"]
+__all__ = ["Breaker", "Notice", "Notify", "Periodic", "Problems", "uncancelled"]

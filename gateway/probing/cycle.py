@@ -17,6 +17,9 @@ from gateway.probing.uninterrupted import to_its_end
 from talc import probing
 from talc.frame import FloatArray, Measurement, Why
 
+_FARTHEST_MM = 1e6
+"""No machine is as large; the least squares overflow far beyond."""
+
 
 class End(StrEnum):
     """How a request ended."""
@@ -153,11 +156,16 @@ async def run_cycle(
 
 def centres(status: ProbingStatus, poses: int) -> FloatArray:
     """(poses, 3) mm. Raises Rejected when the count or a number is wrong."""
-    values = np.asarray(status.centres_mm if status.centres_mm is not None else [], dtype=float)
+    try:
+        values = np.asarray(status.centres_mm if status.centres_mm is not None else [], dtype=float)
+    except (TypeError, ValueError):
+        raise Rejected("the result is not a list of points") from None
     if values.shape != (poses, 3):
         raise Rejected(f"{values.size} result values, expected {poses * 3}")
     if not np.all(np.isfinite(values)):
         raise Rejected("a result is not a finite number")
+    if np.max(np.abs(values)) > _FARTHEST_MM:
+        raise Rejected(f"a centre is farther than {_FARTHEST_MM:g} mm away")
     return values
 
 

@@ -5,6 +5,7 @@ import math
 from drivers.base import Clock, ConnectError, Refused
 from drivers.nc import (
     NcSnapshot,
+    NotSendable,
     OperatingMode,
     ProbingState,
     ProbingStatus,
@@ -76,7 +77,7 @@ class InProcess:
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
         if not all(math.isfinite(v) and abs(v) <= LARGEST_UM for v in offsets_um):
-            raise ValueError(f"offsets_um = {offsets_um!r}: expected finite numbers to largest_um; nothing was sent")
+            raise NotSendable(f"offsets_um = {offsets_um!r}: expected finite numbers to largest_um; nothing was sent")
         for axis, value in enumerate(offsets_um):
             self._nck.write_k0(axis, -value * 1e-3, self._clock.monotonic())
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.base import ConnectError, NoAnswer, Refused
-from drivers.nc import NcSnapshot, OperatingMode, ProbingState, ProbingStatus, ProgramState, WatchdogTerms
+from drivers.nc import NcSnapshot, NotSendable, OperatingMode, ProbingState, ProbingStatus, ProgramState, WatchdogTerms
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write
@@ -98,7 +98,7 @@ class Control:
             self.in_write = True
             await self.slow.wait()
         if max(map(abs, offsets_um)) > 500.0:
-            raise ValueError(f"offsets_um = {offsets_um!r}: beyond largest_um = 500; nothing was sent")
+            raise NotSendable(f"offsets_um = {offsets_um!r}: beyond largest_um = 500; nothing was sent")
         self.writes.append((self.clock.monotonic(), offsets_um))
         if self.swallows:
             self.in_force = offsets_um

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
+from typing import Protocol
 
 from drivers.base import Bus, Driver, Quality, SystemClock
 from drivers.build import make_bus, make_device
@@ -20,6 +21,7 @@ from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import Fault, Faults
+from simulators.devices.spoil import Spoil
 from simulators.devices.voltage_input import VoltageInput
 from simulators.devices.wago464 import Wago464
 from tests.benches.logger_files import logger_profile
@@ -29,6 +31,12 @@ TEMPERATURES = [20.04, 21.26, -3.3, 40.0, 99.96, 22.22, 23.456]
 DISTANCE_UM = [123.4]
 NEIGHBOUR = 10.0
 """What every channel of a neighbour measures."""
+
+
+class Spoilable(Protocol):
+    """A wire whose answers a test changes."""
+
+    spoil: Spoil | None
 
 
 @dataclass
@@ -47,6 +55,7 @@ class Rig:
     fault_qualities: Mapping[Fault, Quality]
     make_neighbour: Callable[[Bus], Driver]
     spoil_identity: Callable[[], None]
+    wire: Spoilable
     settle_s: float = 0.0
     """Of a device that sends by itself: how long until what changed is seen and what came before is too old."""
 
@@ -100,6 +109,7 @@ async def _rtu_rig(stack: AsyncExitStack) -> Rig:
         options={"port": path, "baud": 115200, "timeout_s": TIMEOUT_S},
         make=_maker("icpdas_m7015", 3, 6, {}),
         stop_wire=line.stop,
+        wire=line,
         make_neighbour=_maker("icpdas_m7015", 4, 6, {}, "neighbour"),
         spoil_identity=lambda: device.set_type_code(2, 0x2B),  # copper
         fault_qualities={Fault.OPEN: broken, Fault.SHORT: broken, Fault.OVER: broken, Fault.UNDER: broken},
@@ -121,6 +131,7 @@ async def _tcp_rig(stack: AsyncExitStack) -> Rig:
         options={"host": "127.0.0.1", "port": port, "timeout_s": TIMEOUT_S},
         make=_maker("advantech_adam6015", 1, 7, {}),
         stop_wire=host.stop,
+        wire=host,
         make_neighbour=_maker("advantech_adam6015", 2, 7, {}, "neighbour"),
         spoil_identity=lambda: device.set_type_code(6, 0x0103),  # millivolts
         fault_qualities={
@@ -165,6 +176,7 @@ def _plain_rig(
             options=address | {"timeout_s": TIMEOUT_S},
             make=_maker(profile, 1, count, options),
             stop_wire=wire.stop,
+            wire=wire,
             make_neighbour=_maker(profile, 2, count, {}, "neighbour"),
             spoil_identity=_no_identity,
             fault_qualities=dict(zip(Fault, qualities, strict=True)),
@@ -228,6 +240,7 @@ def _can_rig(vendor: str, short: Quality, transfer: str = "sdo") -> StartRig:
             options={"interface": "slcan", "channel": path, "bitrate": 125000, "timeout_s": TIMEOUT_S},
             make=_maker("cia404", 5, 4, {"vendor": vendor, "transfer": transfer}),
             stop_wire=adapter.stop,
+            wire=adapter,
             make_neighbour=_maker("cia404", 6, 4, {"vendor": "jumo", "transfer": transfer}, "neighbour"),
             spoil_identity=lambda: node.set_sensor_type(1, 1),  # thermocouple
             settle_s=4 * event_ms / 1000,
@@ -262,6 +275,7 @@ async def _dbc_rig(stack: AsyncExitStack) -> Rig:
         options={"interface": "slcan", "channel": path, "timeout_s": TIMEOUT_S},
         make=_maker(logger_profile(folder, "logger", 0x300), 1, 5, {}),
         stop_wire=adapter.stop,
+        wire=adapter,
         make_neighbour=_maker(logger_profile(folder, "neighbour", 0x310), 2, 5, {}, "neighbour"),
         spoil_identity=_no_identity,
         fault_qualities={
@@ -298,6 +312,7 @@ def _displacement_rig(profile: str, payload: Payload, step: float, broken: Quali
             options={"port": path, "baud": 230400, "timeout_s": TIMEOUT_S},
             make=_maker(profile, 126, 1, {"range_um": 500.0}),
             stop_wire=line.stop,
+            wire=line,
             make_neighbour=_maker(profile, 125, 1, {"range_um": 500.0}, "neighbour"),
             spoil_identity=_no_identity,
             fault_qualities={
@@ -324,6 +339,7 @@ async def _ethernet_rig(stack: AsyncExitStack) -> Rig:
         options={"host": "127.0.0.1", "port": port, "timeout_s": TIMEOUT_S},
         make=_maker("me_ethernet", 1, 2, {"range_um": 500.0}),
         stop_wire=controller.stop,
+        wire=controller,
         make_neighbour=_no_neighbour,
         spoil_identity=_no_identity,
         fault_qualities=dict.fromkeys(Fault, Quality.OUT_OF_RANGE),
