@@ -1,1 +1,1 @@
-"""Drivers: how to read one device or control. They know neither TALC nor the gateway: no retries, no schedules."""
+"""Drivers, which read one device or control each. They do not know TALC or the gateway, and never retry or schedule."""

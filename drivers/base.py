@@ -1,4 +1,4 @@
-"""The interface of drivers and buses: made (validates, no network), connect, read, close. Runners decide the rest."""
+"""The interface of drivers and buses: construct (validates, no network), connect, read, close. They never retry."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from typing import Protocol
 
 
 class Quality(StrEnum):
-    """How far a value can be trusted: reported by the device, the wire or a stated check, never inferred from the
+    """How far a value can be trusted, as the device, the wire or a stated check reports it; never inferred from the
     number."""
 
     GOOD = "good"
@@ -22,19 +22,19 @@ class Quality(StrEnum):
 
     @property
     def usable(self) -> bool:
-        """Whether the value was measured, or simulated as if it were, and nothing says that it is wrong."""
+        """Whether the value was measured (or simulated as if measured) and nothing indicates that it is wrong."""
         return self in (Quality.GOOD, Quality.SIMULATED)
 
 
 class Clock(Protocol):
-    """The two times of a reading. A simulated clock is another implementation."""
+    """The source of a reading's two times. Simulated time implements it too."""
 
     def monotonic(self) -> float:
-        """Seconds for control; never jumps."""
+        """Monotonic seconds, for control; they never jump."""
         ...
 
     def utc(self) -> datetime:
-        """Aware UTC time for people; may jump."""
+        """Timezone-aware UTC time, for people; it may jump."""
         ...
 
 
@@ -66,10 +66,10 @@ class Reading:
 
 
 class Driver(Protocol):
-    """A device on a bus. Made from frozen settings; `read` returns one reading per configured channel.
+    """A device on a bus, constructed from frozen settings. `read` returns one reading per configured channel.
 
-    `read` raises a DriverError when the device as a whole did not answer; a fault of one sensor is a reading
-    with that quality, not an exception.
+    `read` raises a DriverError when the device as a whole did not answer. A fault of a single sensor is reported as a
+    reading with that quality, not as an exception.
     """
 
     @property
@@ -81,7 +81,7 @@ class Driver(Protocol):
     def channels(self) -> tuple[str, ...]: ...
 
     async def connect(self) -> None:
-        """Check that the device is there and is what the profile says (type codes, identity)."""
+        """Check that the device answers and is what the profile says (type codes, identity)."""
         ...
 
     async def read(self) -> Sequence[Reading]: ...
@@ -90,7 +90,7 @@ class Driver(Protocol):
 
 
 class Bus(Protocol):
-    """Where devices are: a serial port, a host, a CAN interface. Owns the connection its drivers share."""
+    """A serial port, host or CAN interface with devices on it. It owns the connection that their drivers share."""
 
     @property
     def name(self) -> str: ...
@@ -102,7 +102,7 @@ class Bus(Protocol):
 
     @property
     def units(self) -> tuple[int, int]:
-        """Lowest and highest address that a device can have on it."""
+        """Lowest and highest address that a device on this bus can have."""
         ...
 
     @property
@@ -116,7 +116,7 @@ class Bus(Protocol):
 
 
 class DriverError(Exception):
-    """An error of a device or its bus. The message says what; bus, device, channel say where; hint says what to do."""
+    """An error of a device or its bus. The message says what; bus, device and channel say where; hint, what to do."""
 
     hurried = False
     """See NoAnswer."""
@@ -128,18 +128,18 @@ class DriverError(Exception):
 
 
 class SetupError(DriverError, ValueError):
-    """The settings cannot work: unknown profile, channel or unit id out of range. Raised when made, without network."""
+    """The settings cannot work: unknown profile, channel or unit id out of range. Raised on construction, offline."""
 
 
 class ConnectError(DriverError):
-    """The bus cannot be opened: port missing or in use, host refuses."""
+    """The bus cannot be opened: the port is missing or in use, or the host refuses the connection."""
 
 
 class NoAnswer(DriverError):
     """The device did not answer in time.
 
-    hurried: it was given less than the bus's timeout, because it usually is quick; next time it is given the full
-    timeout, and need not be checked again
+    hurried: the device was given less than the bus's timeout because it usually answers quickly; next time it is given
+    the full timeout, and it need not be checked again
     """
 
     def __init__(self, what: str, *, hurried: bool = False, **where: str) -> None:
@@ -148,7 +148,7 @@ class NoAnswer(DriverError):
 
 
 class BadAnswer(DriverError):
-    """The answer is not a valid answer to the request: checksum, length, wrong unit."""
+    """The answer does not fit the request: wrong checksum, length or unit."""
 
 
 class Refused(DriverError):

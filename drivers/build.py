@@ -1,4 +1,4 @@
-"""Checks and makes buses and devices from a configuration's fields. Both validate everything and use no network."""
+"""Checks and builds buses and devices from the fields of a configuration. Uses no network."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ BUS_KINDS: Mapping[str, type[BusSettings]] = {
 
 
 class NoOptions(Section):
-    """Options of a device that has none."""
+    """Options of a device type that has none."""
 
 
 _Options = ModbusOptions | Cia404Options | DisplacementOptions | NoOptions
@@ -61,14 +61,14 @@ _AnyBus = ModbusRtuBus | ModbusTcpBus | CanOpenBus | CanBus | MeRs485Bus | MeEth
 
 
 def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | None = None) -> Bus:
-    """The bus of that kind (a key of BUS_KINDS); `options` are the fields of its settings class.
+    """Build a bus of that kind (a key of BUS_KINDS); `options` are the fields of its settings class.
 
-    tap: receives everything that passes the wire
+    tap: receives everything that passes on the wire
 
     Raises SetupError naming the bus, the field and the value.
     """
     if kind not in BUS_KINDS:
-        raise SetupError(f"kind {kind!r} does not exist", bus=name, hint=f"there are {', '.join(BUS_KINDS)}")
+        raise SetupError(f"kind {kind!r} is unknown", bus=name, hint=f"available: {', '.join(BUS_KINDS)}")
     return bus_from_settings(name, read_settings(BUS_KINDS[kind], options, bus=name), tap)
 
 
@@ -162,7 +162,7 @@ def _loaded(profile: str | Profile) -> Profile:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """A device on a bus, while it is checked."""
+    """A device on a bus whose settings are being checked."""
 
     device: str
     bus: str
@@ -224,7 +224,7 @@ class _Place:
         if chosen.vendor not in profile.vendors:
             raise self._error(
                 f"vendor = {chosen.vendor!r} is not in profile {profile.name}",
-                hint=f"there are {', '.join(profile.vendors)}",
+                hint=f"it has {', '.join(profile.vendors)}",
             )
         return chosen
 

@@ -1,4 +1,4 @@
-"""Settings of buses that several families share."""
+"""Bus settings that several families share."""
 
 from typing import Annotated, Literal
 
@@ -15,7 +15,7 @@ class BusSettings(Section):
     """Any bus."""
 
     timeout_s: float = Field(default=0.5, gt=0, le=60)
-    """How long one answer may take at most; best is half of the polling period (`period_s`) or less."""
+    """How long one answer may take at most. Half of the polling period (`period_s`) or less is best."""
 
 
 class SerialSettings(BusSettings):
@@ -32,7 +32,7 @@ class SerialSettings(BusSettings):
 
     @property
     def place(self) -> str:
-        """What two buses may not share."""
+        """The port, which no two buses may share."""
         return self.port
 
 
@@ -46,5 +46,5 @@ class HostSettings(BusSettings):
 
     @property
     def place(self) -> str:
-        """What two buses may not share."""
+        """Host and port, which no two buses may share."""
         return f"{self.host}:{self.port}"

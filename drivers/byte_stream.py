@@ -1,4 +1,4 @@
-"""Bytes to and from one peer: a serial port or a TCP connection, with a deadline on every wait."""
+"""A byte stream to one peer, over a serial port or a TCP connection, with a deadline on every wait."""
 
 import asyncio
 import errno
@@ -21,31 +21,31 @@ _MOST_UNREAD = 65536
 _CLOSED = "not connected"
 _TAKEN = "another program has it open"
 _ERROR_NUMBER = re.compile(r"(?:Errno |\()(\d+)")
-"""As it stands in the texts of pyserial and termios."""
+"""The wording of this error in pyserial and termios."""
 
 
 class ByteStream(Protocol):
-    """The byte stream of a bus. One user at a time."""
+    """The byte stream of a bus. It has one user at a time."""
 
     @property
     def is_open(self) -> bool: ...
 
     async def open(self, timeout_s: float) -> None:
-        """Raises ConnectError."""
+        """Open the stream. Raises ConnectError."""
         ...
 
     async def close(self) -> None: ...
 
     def write(self, data: bytes) -> None:
-        """Raises ConnectError when the wire is gone."""
+        """Send the bytes. Raises ConnectError when the connection is lost."""
         ...
 
     async def read(self, timeout_s: float) -> bytes:
-        """Some bytes, at least one. Raises TimeoutError, or ConnectError when the wire is gone."""
+        """Receive at least one byte. Raises TimeoutError, or ConnectError when the connection is lost."""
         ...
 
     def discard(self) -> bytes:
-        """Discard unread bytes; returns them."""
+        """Discard unread bytes, and return them."""
         ...
 
 
@@ -93,7 +93,7 @@ class _Inbox:
                 async with asyncio.timeout(timeout_s):
                     await self._waiter
             except TimeoutError:
-                if not self._bytes:  # else they came in time, and the event loop was too busy to process them
+                if not self._bytes:  # otherwise they came in time, but the event loop was too busy to process them
                     raise
             finally:
                 self._waiter = None
@@ -104,7 +104,7 @@ class _Inbox:
         return data
 
     def check(self) -> None:
-        """Raise ConnectError when the wire is gone."""
+        """Raise ConnectError when the connection is lost."""
         if self._lost is not None:
             raise ConnectError(self._lost, bus=self._bus, hint="connect the bus again")
 
@@ -114,7 +114,7 @@ class _Inbox:
         return data
 
     def sent(self, data: bytes) -> None:
-        """Report what is sent."""
+        """Report the bytes that are sent to the tap."""
         if self._tap is not None:
             self._tap.data(True, data)
 
@@ -124,7 +124,7 @@ class _Inbox:
 
 
 class SerialStream:
-    """A serial port, read by the event loop; no thread, no polling."""
+    """A serial port, read by the event loop: no thread and no polling."""
 
     def __init__(self, bus: str, settings: SerialSettings, tap: Tap | None = None) -> None:
         self._bus, self._settings = bus, settings
@@ -157,7 +157,7 @@ class SerialStream:
         port, self._port = self._port, None
         self._inbox.lose(_CLOSED)
         asyncio.get_running_loop().remove_reader(port.fileno())
-        with suppress(OSError, termios.error):  # an unplugged adapter accepts no commands any more
+        with suppress(OSError, termios.error):  # an unplugged adapter no longer accepts commands
             port.close()
 
     def write(self, data: bytes) -> None:
@@ -198,32 +198,32 @@ class SerialStream:
 
 
 def serial_port_hint(error: Exception, parity: str = "N") -> str:
-    """What to do when a serial port does not open with this; empty when that is not known."""
+    """What to do about this error when a serial port does not open; empty when unknown."""
     text = str(error)
     found = _ERROR_NUMBER.search(text)
     match int(found[1]) if found else 0:
         case errno.EAGAIN:
             return _TAKEN
         case errno.ENOENT:
-            return "is the adapter plugged in? ls -l /dev/serial/by-id shows what there is"
+            return "is the adapter plugged in? ls -l /dev/serial/by-id lists the ports"
         case errno.EACCES:
-            return "add the user to the group dialout"
+            return "add the user to the dialout group"
         case errno.ENOTTY | errno.EISDIR | errno.ENXIO:
-            return "this is not a serial port; ls -l /dev/serial/by-id shows what there is"
+            return "this is not a serial port; ls -l /dev/serial/by-id lists the ports"
         case errno.EINVAL if parity != "N":
             return "this port does not support parity (pseudo-terminals do not); set parity = 'N'"
     return _TAKEN if "xclusive" in text else ""
 
 
 def _reason(error: Exception) -> str:
-    """termios.error is no OSError and would show as a pair."""
+    """The error's text; str(termios.error) would show a tuple, as it is not an OSError."""
     if isinstance(error, termios.error) and len(error.args) > 1:
         return f"[Errno {error.args[0]}] {error.args[1]}"
     return str(error)
 
 
 class TcpStream:
-    """A TCP connection that the kernel itself finds dead after a few seconds without acknowledgement."""
+    """A TCP connection. The kernel closes it after a few seconds without an acknowledgement."""
 
     def __init__(self, bus: str, host: str, port: int, tap: Tap | None = None) -> None:
         self._bus, self._host, self._tcp_port = bus, host, port

@@ -1,4 +1,4 @@
-"""Rules of a profile that say how a device reports a broken sensor."""
+"""Rules in a profile that define how a device reports a broken sensor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ class Fault:
 
 
 class FaultText(Section):
-    """What a table of a profile says of a fault."""
+    """How a table of a profile describes a fault."""
 
     quality: Literal["sensor_fault", "out_of_range"]
     """Quality of the reading."""
     detail: str
-    """Why, in words for a person."""
+    """The reason, in words for a person."""
 
     @property
     def fault(self) -> Fault:
@@ -38,18 +38,18 @@ class CodeRule(FaultText):
     """A raw number means a fault when `number & mask == equals`."""
 
     bit: int | None = Field(default=None, ge=0)
-    """Short for mask and equals of that one bit."""
+    """Short for mask and equals of that single bit."""
     mask: int | None = Field(default=None, ge=1, le=_MOST)
-    """None: every bit counts."""
+    """Bits that count; None: every bit."""
     equals: int | None = Field(default=None, ge=0, le=_MOST)
-    """The number."""
+    """The number that means the fault."""
 
     @model_validator(mode="after")
     def _said_once(self) -> Self:
         if self.bit is None and self.equals is None:
             raise wrong("missing; give it, or bit", "equals")
         if self.bit is not None and not self.mask is self.equals is None:
-            raise wrong(f"{self.bit}: it replaces mask and equals, leave these out", "bit")
+            raise wrong(f"{self.bit}: it replaces mask and equals; omit them", "bit")
         return self
 
     def matches(self, number: int) -> bool:
@@ -60,7 +60,7 @@ class CodeRule(FaultText):
 
 
 class RangeRule(FaultText):
-    """A raw number means a fault from `low` to `high`, both included; without one there is no bound on that side."""
+    """A raw number from `low` to `high`, both included, means a fault; an omitted one leaves that side unbounded."""
 
     low: int | float | None = None
     """Lowest number."""
@@ -84,17 +84,17 @@ def first_fault(rules: Sequence[CodeRule], number: int) -> Fault | None:
 
 
 def check_code(rule: CodeRule, within: int, *at: str | int) -> None:
-    """For validators: raises the error of a rule that could never match.
+    """For validators: raises an error for a rule that could never match.
 
     within: the bits that a number can have
-    at: where the rule stands
+    at: where the rule is in the file
     """
     if rule.bit is not None:
         if rule.bit >= within.bit_length():
             raise wrong(f"{rule.bit}: expected at most {within.bit_length() - 1}", *at, "bit")
         if not within >> rule.bit & 1:
-            raise wrong(f"{rule.bit} is never set; only bits within 0x{within:X} are looked at", *at, "bit")
+            raise wrong(f"{rule.bit} is never set; only bits within 0x{within:X} are tested", *at, "bit")
     looked_at = within if rule.mask is None else rule.mask & within
     if rule.equals is not None and rule.equals & ~looked_at:
-        what = f"0x{rule.equals:X} never comes; only bits within 0x{looked_at:X} are looked at"
+        what = f"0x{rule.equals:X} can never occur; only bits within 0x{looked_at:X} are tested"
         raise wrong(what, *at, "equals")

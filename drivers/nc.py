@@ -1,4 +1,4 @@
-"""The interface of numerical controls. Units are those of the NC, mm and degrees; offsets are in µm."""
+"""The interface of numerical controls. Units are the NC's, mm and degrees; offsets are in µm."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ Triple = tuple[float, float, float]
 LINEAR_AXES = ("X", "Y", "Z")
 ROTARY_AXES = ("A", "C")
 LARGEST_NUMBER: Final = 2**31 - 1
-"""Largest number of a request or an owner that a control keeps exactly, as an integer or a floating-point number."""
+"""Largest request or owner number that a control stores exactly, both as an integer and as a floating-point number."""
 
 
 class ProbingState(StrEnum):
@@ -30,7 +30,7 @@ class ProbingState(StrEnum):
 
 
 class OperatingMode(StrEnum):
-    """What the operator has selected."""
+    """The operating mode that the operator has selected."""
 
     JOG = "jog"
     MDA = "mda"
@@ -39,7 +39,7 @@ class OperatingMode(StrEnum):
 
 
 class ProgramState(StrEnum):
-    """What the part program does."""
+    """The state of the part program."""
 
     RUNNING = "running"
     WAITING = "waiting"
@@ -54,42 +54,42 @@ class NcSnapshot:
     """The control's state at one moment."""
 
     time: datetime
-    """UTC, when it was read."""
+    """UTC at which it was read."""
     monotonic_s: float
     positions: dict[str, float]
-    """Axis name to actual position: X Y Z in mm from where A and C meet, A C in degrees."""
+    """Axis name to actual position: X Y Z in mm relative to where A and C meet, A C in degrees."""
     states: dict[str, float] = field(default_factory=dict)
     """Machine states that models use: spindle_speed (1/min), speed_X .. speed_C (mm/min, 1/min), coolant (0/1).
 
-    A state without a good value is missing."""
+    States without a good value are missing."""
     mode: OperatingMode = OperatingMode.UNKNOWN
     program: ProgramState = ProgramState.UNKNOWN
     tool: int | None = None
     """Number of the tool in the spindle; None: not known."""
     probe_in_spindle: bool | None = None
     alarms: tuple[int, ...] = ()
-    """Numbers of the alarms that are shown, the first few of them."""
+    """Numbers of the first few active alarms."""
     ready: bool | None = None
-    """False: emergency stop, drives off or an axis not referenced, so that an offset may not act when it is written, or
-    act later all at once. None: the control does not report it."""
+    """False: emergency stop, drives off or an axis not referenced. An offset written now may have no effect, or take
+    effect later all at once. None: the control does not report it."""
     cannot_probe: str | None = None
-    """Why no cycle can begin as the control stands; empty: one can, whatever the mode, in a part program at its next
-    safe point. None: the control does not report it, and cycles begin in AUTO only."""
+    """Why no cycle can begin in the control's present state; empty if one can: in any mode, in a part program at its
+    next safe point. None: the control does not report it, and cycles begin in AUTO only."""
     probing: bool | None = None
-    """Whether a probing cycle is under way, whoever asked for it; None: the control does not report it."""
+    """Whether a probing cycle is in progress, whoever asked for it; None: the control does not report it."""
     quality: Quality = Quality.GOOD
 
 
 @dataclass(frozen=True, slots=True)
 class ProbingStatus:
-    """Where the cycle of request `number` stands."""
+    """State of the cycle of request `number`."""
 
     number: int
     state: ProbingState
     centres_mm: tuple[tuple[float, float, float], ...] | None = None
-    """When done: the sphere's centre at each pose (X, Y, Z) as measured."""
+    """When done: the measured centre of the sphere at each pose (X, Y, Z)."""
     reason: str = ""
-    """Why refused or failed."""
+    """Why it was refused or failed."""
     spread_mm: float | None = None
     """When done: largest difference between repeated touches of one point; None: the control does not report it."""
 
@@ -99,9 +99,9 @@ class WatchdogTerms:
     """What the control's watchdog does when the gateway falls silent. Raises ValueError for an invalid field."""
 
     silence_s: float
-    """After this time without a heartbeat the gateway counts as dead."""
+    """After this time without a heartbeat the gateway is considered dead."""
     ramp_um_per_s: float
-    """Rate at which the offsets then go to zero; 0 holds them."""
+    """Rate at which the offsets then return to zero; 0 holds them."""
 
     def __post_init__(self) -> None:
         if not 0 < self.silence_s < math.inf:
@@ -112,17 +112,17 @@ class WatchdogTerms:
 
 @dataclass(frozen=True, slots=True)
 class LinearOffsets:
-    """A shift of the tool that depends on where the linear axes stand: K0 + tanβ (P - P0)."""
+    """A shift of the tool that depends on the position of the linear axes: K0 + tanβ (P - P0)."""
 
     k0_um: Triple
-    """Shift of X, Y, Z where every axis stands at its reference."""
+    """Shift of X, Y, Z when every axis is at its reference."""
     slope_um_per_mm: tuple[Triple, Triple, Triple]
     """Row: shifted axis; column: axis whose position counts."""
     reference_mm: Triple
-    """P0 of X, Y, Z, counted as a snapshot's positions."""
+    """P0 of X, Y, Z, in the coordinates of a snapshot's positions."""
 
     def at(self, position_mm: Triple) -> Triple:
-        """Shift of X, Y, Z in µm at a position, counted as a snapshot's."""
+        """Shift of X, Y, Z in µm at a position in a snapshot's coordinates."""
         away = [p - p0 for p, p0 in zip(position_mm, self.reference_mm, strict=True)]
         x, y, z = (
             k0 + sum(slope * distance for slope, distance in zip(row, away, strict=True))
@@ -136,7 +136,7 @@ class NotSendable(ValueError):
 
 
 class NumericalControl(Protocol):
-    """Any control. Raises drivers.base.DriverError; never retries. Every number is finite, but results of a cycle."""
+    """Any control. Raises drivers.base.DriverError; never retries. Every number is finite except a cycle's results."""
 
     async def connect(self) -> None: ...
 
@@ -145,10 +145,11 @@ class NumericalControl(Protocol):
     async def snapshot(self) -> NcSnapshot: ...
 
     async def request_probing(self, number: int) -> None:
-        """Ask for a cycle, which the control begins at its next safe point, never in a cut.
+        """Request a cycle, which the control begins at its next safe point, never in a cut.
 
-        `number` must differ from the last one, so an old result is never taken for a new one. Raises Refused while
-        another request waits that was not withdrawn, or a cycle is under way: whose they are the control does not know.
+        `number` must differ from the last one, so that an old result is never taken for a new one. Raises Refused while
+        another request waits (unless withdrawn) or a cycle is in progress: the control does not know which gateway
+        asked.
         """
         ...
 
@@ -164,11 +165,11 @@ class NumericalControl(Protocol):
         ...
 
     async def read_compensation(self) -> tuple[float, float, float]:
-        """The offsets that the control has in force, µm."""
+        """The offsets in force on the control, µm."""
         ...
 
     async def claim(self, owner: int, terms: WatchdogTerms) -> None:
-        """Become the one gateway that writes offsets, and tell the control's watchdog what to do on silence.
+        """Become the only gateway that writes offsets, and tell the control's watchdog what to do on silence.
 
         Raises Refused while another owner's heartbeat is alive.
         """
@@ -177,9 +178,9 @@ class NumericalControl(Protocol):
     async def heartbeat(self, owner: int) -> bool:
         """Tell the control that the gateway is alive.
 
-        False: its watchdog was not watching until this beat (it found the gateway silent, it was switched on, or it is
-        missing): the offsets may have moved, so nothing may be written until they are read and a later beat is True.
-        Raises Refused when the control belongs to another owner.
+        Returns False if the control's watchdog was not active before this beat (it found the gateway silent, was just
+        switched on, or is missing): the offsets may have moved, so nothing may be written until they have been read and
+        a later beat returns True. Raises Refused when the control belongs to another owner.
         """
         ...
 
@@ -190,7 +191,7 @@ class NumericalControl(Protocol):
 
 @runtime_checkable
 class FollowsPosition(NumericalControl, Protocol):
-    """A control that adds offsets depending on the position by itself, in every cycle of its own."""
+    """A control that adds position-dependent offsets by itself, in each of its own cycles."""
 
     @property
     def pairs(self) -> frozenset[tuple[int, int]]:
@@ -199,12 +200,12 @@ class FollowsPosition(NumericalControl, Protocol):
 
     @property
     def reference_mm(self) -> Triple:
-        """P0 of X, Y, Z, counted as a snapshot's positions."""
+        """P0 of X, Y, Z, in the coordinates of a snapshot's positions."""
         ...
 
     @property
     def reach_mm(self) -> Triple:
-        """How far X, Y, Z can be from their reference."""
+        """Largest distance of X, Y, Z from their reference."""
         ...
 
     async def write_linear(self, offsets: LinearOffsets) -> None:
@@ -215,7 +216,7 @@ class FollowsPosition(NumericalControl, Protocol):
         ...
 
     async def read_linear(self) -> LinearOffsets:
-        """K0 and slopes that the control has in force, about `reference_mm`."""
+        """K0 and slopes in force on the control, relative to `reference_mm`."""
         ...
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 _SHORTEST_S = 0.05
 """A USB adapter's latency, a garbage collection or a busy core delays any answer by tens of milliseconds."""
 _LEARNT = 4
-"""Number of answers after which the usual time counts as known."""
+"""Number of answers after which the usual time is considered known."""
 _MEAN, _DEVIATION, _DEVIATIONS = 1 / 8, 1 / 4, 4
-"""RFC 6298: weight of the newest answer in the mean and in the mean deviation, and how many of these are added."""
+"""RFC 6298: weight of the newest answer in the mean and in the mean deviation, and how many deviations are added."""
 _LATENESS, _MOST_LATENESS_S, _FORGETS = 2, 0.05, 0.98
-"""How often the lateness of the computer or the line is added, what of it counts at most, and what is left of it after
+"""How often the lateness of the computer or the line is added, the most of it that counts, and what remains of it after
 each answer."""
 
 
@@ -30,13 +30,13 @@ class _Usual:
 class Patience:
     """Learns how long each request to each unit takes (RFC 6298, as TCP does).
 
-    The longest wait holds until a request was answered a few times, and again after a miss of its unit until it is
-    answered: who is late once is waited for, and a silent unit costs its neighbours little when it falls silent. Where
-    answers of other units came later than usual a moment ago, the computer may be busy, and all are given more.
+    The longest wait applies until a request has been answered a few times, and again after its unit misses until that
+    unit answers. So a unit that is late once is waited for, and one that falls silent costs its neighbours little.
+    When answers of other units were recently late, the computer may be busy, and every unit gets more time.
 
     Parameters
     ----------
-    longest_s: wait that is never exceeded, s, > 0
+    longest_s: upper limit of every wait, s, > 0
     """
 
     def __init__(self, longest_s: float) -> None:
@@ -53,7 +53,7 @@ class Patience:
         return min(self._longest_s, max(_SHORTEST_S, usual.mean_s + more_s))
 
     def answered(self, unit: int, request: Hashable, took_s: float) -> None:
-        """Note an answer that certainly belongs to this request."""
+        """Record an answer that certainly belongs to this request."""
         requests = self._usual.setdefault(unit, {})
         usual = requests.get(request)
         if usual is None:
@@ -65,6 +65,6 @@ class Patience:
             usual.missed = False
 
     def missed(self, unit: int) -> None:
-        """Note that a unit did not answer in time."""
+        """Record that a unit did not answer in time."""
         for usual in self._usual.get(unit, {}).values():
             usual.missed = True

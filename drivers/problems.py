@@ -1,4 +1,4 @@
-"""Problems of a file or a table, one line each: place, value, and what is expected."""
+"""Problems of a file or a table, one per line: where, which value, and what is expected."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ M = TypeVar("M", bound=BaseModel)
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One mistake. `where` is the field's place for a person, such as `device 'rtd1', unit`."""
+    """One mistake. `where` names the field for a person, such as `device 'rtd1', unit`."""
 
     where: str
     what: str
@@ -41,7 +41,7 @@ def suggestion(wrong: str, right: Iterable[str]) -> str:
 
 
 def shown(value: object) -> str:
-    """A value as the file would have it, cut when long."""
+    """A value as it would be written in the file, shortened when long."""
     if isinstance(value, bool):
         return str(value).lower()
     text = repr(value)
@@ -52,9 +52,9 @@ def read_settings(
     kind: type[M], data: Mapping[str, object], context: Mapping[str, object] | None = None,
     *, file: str = "", bus: str = "", device: str = "",
 ) -> M:  # fmt: skip
-    """The settings, options or profile that TOML's data describe, for `context` see `strictly`.
+    """The settings, options or profile that TOML's data describe; for `context` see `strictly`.
 
-    Raises SetupError naming file, bus or device, and every wrong field with its value and what would be right.
+    Raises SetupError naming file, bus or device, and every invalid field with its value and what is expected.
     """
     try:
         return strictly(kind, data, context)
@@ -64,7 +64,7 @@ def read_settings(
 
 
 def settings_of(kind: type[M], values: Mapping[str, object], *, device: str = "") -> M:
-    """The settings that these Python values make. Raises SetupError as `read_settings` does."""
+    """The settings from these Python values. Raises SetupError as `read_settings` does."""
     try:
         return kind.model_validate(values)
     except ValidationError as error:
@@ -83,7 +83,7 @@ def problems_of(
 ) -> list[Problem]:
     """Pydantic's findings in the words of the file.
 
-    place: gives a field's place for a person, from its location in the data
+    place: returns a field's place for a person, from its location in the data
     """
     # A default derived from an invalid field is not a second mistake.
     details = [d for d in error.errors(include_url=False) if d["type"] != "default_factory_not_called"]
@@ -91,18 +91,18 @@ def problems_of(
     found: dict[str, Problem] = {}
     for detail in details:
         if detail["type"] == "extra_forbidden" and detail["loc"] in meant:
-            continue  # said already, where it is missing
+            continue  # already reported where it is missing
         problem = _problem(detail, details, data, root, place)
         known = found.get(problem.where)
         if known is None:
             found[problem.where] = problem
-        elif ": expected " in known.what and ": expected " in problem.what:  # each member of a union complains
+        elif ": expected " in known.what and ": expected " in problem.what:  # each member of a union reports it
             found[problem.where] = Problem(known.where, f"{known.what} or {problem.what.split(': expected ', 1)[1]}")
     return list(found.values())
 
 
 def _misspelt(missing: ErrorDetails, details: Iterable[ErrorDetails]) -> str | None:
-    """The unknown key beside it that may be meant to be the missing one."""
+    """The unknown key beside the missing one that may have been meant."""
     *table, key = missing["loc"]
     beside = (d["loc"] for d in details if d["type"] == "extra_forbidden")
     close = get_close_matches(str(key), [str(loc[-1]) for loc in beside if list(loc[:-1]) == table], n=1)
@@ -149,7 +149,7 @@ def _problem(
             return Problem(where, str(context.get("error", detail["msg"])))
         case "literal_error" if isinstance(value, str):
             choices = re.findall(r"'([^']+)'", str(context.get("expected", "")))
-            return Problem(where, f"{shown(value)} is not possible; {suggestion(value, choices)}")
+            return Problem(where, f"{shown(value)} is invalid; {suggestion(value, choices)}")
         case _:
             return Problem(where, f"{shown(value)}: {_expected(kind, context, detail['msg'])}")
 
@@ -192,7 +192,7 @@ def _plain(text: object) -> str:
 
 
 def _without_tags(location: Location, data: object) -> tuple[str | int, ...]:
-    """Pydantic puts the chosen member of a union into the location; the file has no such level."""
+    """The field's location in the file; Pydantic's also contains the chosen member of a union."""
     kept: list[str | int] = []
     here = data
     for index, part in enumerate(location):
@@ -228,7 +228,7 @@ def _annotations(root: object, location: Location) -> Iterator[object]:
                 following.append(get_args(member)[0])
             elif get_origin(member) is Mapping:
                 following.append(get_args(member)[1])
-        if following or not isinstance(part, str):  # else it is the tag of a union, which the file does not have
+        if following or not isinstance(part, str):  # otherwise it is the tag of a union, which is not in the file
             types = following
     yield from (m for t in types for m in _members(t))
 
@@ -245,7 +245,7 @@ def _members(annotation: object) -> Iterator[object]:
 
 
 def _fields(section: type) -> dict[str, object]:
-    """Keys as the file has them, and their types."""
+    """Keys as they are written in the file, and their types."""
     if issubclass(section, BaseModel):
         return {f.alias or name: f.annotation for name, f in section.model_fields.items()}
     if is_dataclass(section):

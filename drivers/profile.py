@@ -8,22 +8,22 @@ from drivers.section import Section
 
 
 class DeviceProfile(Section):
-    """Any profile. `name` of the validation context is its name: that of its file, without the ending."""
+    """Any profile. `name` in the validation context is its name: that of its file, without the suffix."""
 
     title: str
     """What the device is, for a person."""
     unit: str
-    """Of every channel."""
+    """Unit of every channel."""
     confirm: tuple[str, ...] = ()
-    """What was not found in a manual: check it on the device."""
+    """Points that no manual confirms: check them on the device."""
     _name: str = PrivateAttr(default="")
 
     def model_post_init(self, context: Mapping[str, object] | None) -> None:
-        """Take the name."""
+        """Set the name from the context."""
         if context is not None:
             self._name = str(context["name"])
 
     @property
     def name(self) -> str:
-        """What a configuration calls it."""
+        """The profile's name in a configuration."""
         return self._name

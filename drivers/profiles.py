@@ -1,4 +1,4 @@
-"""Loads device profiles: from `drivers/profiles/*.toml`, or from a user's own file of the same form."""
+"""Loads device profiles, from `drivers/profiles/*.toml` or from a user's own file of the same form."""
 
 import tomllib
 from collections.abc import Mapping
@@ -27,12 +27,12 @@ _SUPPLIED = files("drivers") / "profiles"
 
 
 def profile_names() -> tuple[str, ...]:
-    """Names of the profiles that come with the drivers."""
+    """Names of the profiles that are supplied with the drivers."""
     return tuple(sorted(Path(entry.name).stem for entry in _SUPPLIED.iterdir() if entry.name.endswith(".toml")))
 
 
 def load_profile(name: str) -> Profile:
-    """The profile of that name, or from that file when `name` ends with `.toml`.
+    """The profile with that name, or from that file when `name` ends with `.toml`.
 
     Raises SetupError naming file, field and value, or listing the profiles that exist.
     """
@@ -40,30 +40,30 @@ def load_profile(name: str) -> Profile:
         return _parse(Path(name).stem, _text(name), file=name)
     if name not in profile_names():
         raise SetupError(
-            f"profile {name!r} does not exist",
-            hint=f"there are {', '.join(profile_names())}, or give a path to a .toml file",
+            f"profile {name!r} is unknown",
+            hint=f"available: {', '.join(profile_names())}; or give a path to a .toml file",
         )
     return _parse(name, (_SUPPLIED / f"{name}.toml").read_text(encoding="utf-8"), file=f"{name}.toml")
 
 
 def is_users(name: str) -> bool:
-    """Whether that names a file of the user's own, not a supplied profile."""
+    """Whether this names a user's own file, not a supplied profile."""
     return name.endswith(".toml")
 
 
 @dataclass(frozen=True, slots=True)
 class UserProfile:
-    """A user's own profile as its files held it at one moment."""
+    """A user's own profile as read from its files at one moment."""
 
     text: str
     dbc: str | None
-    """Text of the DBC file that it names, if it names one."""
+    """Text of the DBC file that it names, if any."""
     content_hash: str
     """SHA-256 of the files' bytes, in hexadecimal."""
 
 
 def user_profile(name: str) -> UserProfile:
-    """What the user's profile in that file holds now, with the DBC file that it names. Raises SetupError."""
+    """The current content of a user's profile file and of the DBC file that it names. Raises SetupError."""
     profile = load_profile(name)
     try:
         own = Path(name).read_bytes()
@@ -77,7 +77,7 @@ def user_profile(name: str) -> UserProfile:
 
 
 def _one_line_end(text: str) -> str:
-    """Line ends as every reader of these files understands them."""
+    """The text with the line ends that every reader of these files understands."""
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -92,10 +92,10 @@ def _parse(name: str, text: str, *, file: str) -> Profile:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SetupError(f"{file}: is not TOML: {error}") from error
+        raise SetupError(f"{file}: invalid TOML: {error}") from error
     protocol = data.get("protocol", "")
     if not isinstance(protocol, str) or protocol not in _PROTOCOLS:
         possible = suggestion(str(protocol), map(str, _PROTOCOLS))
-        found = f"{shown(protocol)} is not possible" if protocol else "missing"
+        found = f"{shown(protocol)} is invalid" if protocol else "missing"
         raise SetupError(f"{file}: protocol: {found}; {possible}")
     return read_settings(_PROTOCOLS[protocol], data, {"name": name, "folder": Path(file).parent}, file=file)

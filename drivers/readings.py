@@ -1,4 +1,4 @@
-"""Builds one device's readings: the same times for all channels of one read."""
+"""Builds the readings of one device: all channels of one read have the same times."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from drivers.faults import Fault
 
 @dataclass(slots=True)
 class ReadingMaker:
-    """Adds times and sequence numbers to what one driver reads."""
+    """Adds times and sequence numbers to the values that one driver reads."""
 
     unit: str
     clock: Clock
@@ -18,13 +18,13 @@ class ReadingMaker:
     def make(self, values: Mapping[str, float | Fault]) -> list[Reading]:
         """One reading per channel, in the order of `values`; a fault becomes NaN with the fault's quality.
 
-        So does a value that is not a finite number: only a number is ever good.
+        A value that is not a finite number also becomes a fault: only a number can be good.
         """
         utc, monotonic_s = self.clock.utc(), self.clock.monotonic()
         readings = []
         for channel, value in values.items():
             if not isinstance(value, Fault) and not isfinite(value):
-                value = Fault(Quality.SENSOR_FAULT, f"what was read gives {value}, which is not a finite number")
+                value = Fault(Quality.SENSOR_FAULT, f"the reading gives {value}, which is not a finite number")
             number, quality, detail = (
                 (nan, value.quality, value.detail) if isinstance(value, Fault) else (value, Quality.GOOD, "")
             )

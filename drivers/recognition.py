@@ -1,7 +1,7 @@
-"""Recognises which profile a device fits by what can be read from it. It never writes.
+"""Recognises which profile a device fits from what can be read. It never writes.
 
-Devices that hold type codes, or a register that identifies them, are recognised for certain; others by registers that
-must agree with each other. A device whose registers mean nothing by themselves stays unknown: better than a guess.
+Devices with type codes, or with a register that identifies them, are recognised for certain; others by registers that
+must agree with each other. A device whose registers are ambiguous stays unknown: that is better than a guess.
 """
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -14,7 +14,7 @@ from drivers.modbus import Block, ModbusBus, ModbusProfile, NumberFormat
 from drivers.profiles import load_profile, profile_names
 
 _PROPOSED_RANGE_UM = 500.0
-"""Measuring range of a proposal, to be corrected by a person: no sensor reports it."""
+"""Proposed measuring range, to be corrected by a person: no sensor reports it."""
 _LONGEST_TEXT = 64
 """Bytes of a node's name."""
 _INT16 = NumberFormat("int16")
@@ -28,26 +28,26 @@ class Recognition:
     """The device at one address."""
 
     profile: str
-    """Name of the profile; empty: something answers, and no supplied profile is known to fit."""
+    """Name of the profile; empty if something answers that no supplied profile is known to fit."""
     inputs: tuple[int, ...]
     """The profile's channel numbers that can be used."""
     evidence: str
-    """Why, in words."""
+    """How it was recognised, in words."""
     options: Mapping[str, object] = field(default_factory=dict)
-    """Device options a configuration needs."""
+    """Device options that the configuration needs."""
     doubts: tuple[str, ...] = ()
     """Points that a person must check."""
 
 
 class _Registers:
-    """What one unit lets us read. A refusal or silence is None; a function that meets silence is not tried again."""
+    """One unit's readable registers. A refusal or silence gives None; a silent function is not tried again."""
 
     def __init__(self, bus: ModbusBus, unit: int) -> None:
         self._bus, self._unit = bus, unit
         self._silent: set[int] = set()
 
     async def read(self, function: int, address: int, count: int) -> tuple[int, ...] | None:
-        """Raises ConnectError."""
+        """The registers, or None. Raises ConnectError."""
         if function in self._silent:
             return None
         try:
@@ -78,7 +78,7 @@ async def recognise_modbus(bus: ModbusBus, unit: int) -> Recognition:
 
 
 async def _by_type_codes(registers: _Registers, profile: ModbusProfile) -> Recognition | None:
-    """A device with type codes at the profile's addresses that the profile knows."""
+    """A device with type codes at the profile's addresses, all known to the profile."""
     codes, values = profile.type_codes, profile.values
     if codes is None:
         return None
@@ -96,12 +96,12 @@ async def _by_type_codes(registers: _Registers, profile: ModbusProfile) -> Recog
     for setting in profile.settings:
         held = await registers.read(setting.function, setting.address, 1)
         if held is None or held[0] != setting.equals:
-            doubts.append(f"{setting.name} is {'not told' if held is None else held[0]}: {setting.hint}")
+            doubts.append(f"{setting.name} is {'unknown' if held is None else held[0]}: {setting.hint}")
     return Recognition(profile.name, inputs, f"type code {listed}", doubts=tuple(doubts))
 
 
 async def _pta8d08(registers: _Registers, profile: ModbusProfile) -> Recognition | None:
-    """Its resistances (0.1 ohm, from address 32) must agree with its temperatures by the curve of a Pt100."""
+    """Its resistances (0.1 ohm, from address 32) must agree with its temperatures by the Pt100 curve."""
     temperatures = await registers.read(3, profile.values.address, profile.channels)
     resistances = await registers.read(3, 32, profile.channels)
     if temperatures is None or resistances is None:
@@ -115,7 +115,7 @@ async def _pta8d08(registers: _Registers, profile: ModbusProfile) -> Recognition
 
 
 def _pt100_ohm(celsius: float) -> float:
-    """IEC 60751; the term with C counts below 0 degC only."""
+    """IEC 60751; the term with C applies below 0 degC only."""
     ohm = 1 + 3.9083e-3 * celsius - 5.775e-7 * celsius**2
     if celsius < 0:
         ohm -= 4.183e-12 * (celsius - 100) * celsius**3
@@ -123,7 +123,7 @@ def _pt100_ohm(celsius: float) -> float:
 
 
 async def _wago_464(registers: _Registers, profile: ModbusProfile) -> Recognition | None:
-    """The coupler names its series (0x2011), itself (0x2012) and its modules (0x2030; digital ones have bit 15 set)."""
+    """The coupler states its series (0x2011), type (0x2012) and modules (0x2030; digital ones have bit 15 set)."""
     nameplate = await registers.read(3, 0x2011, 2)
     if nameplate is None or nameplate[0] != 750:
         return None
@@ -136,7 +136,7 @@ async def _wago_464(registers: _Registers, profile: ModbusProfile) -> Recognitio
     doubts: list[str] = []
     if before:
         listed = ", ".join(f"750-{number}" for number in before)
-        doubts.append(f"address_offset: count the words of {listed}, which stand before the 750-464")
+        doubts.append(f"address_offset: add up the words of {listed}, which precede the 750-464")
     if (count := analogue.count(464)) > 1:
         doubts.append(f"the coupler has {count} modules 750-464; this is the first")
     return Recognition(
@@ -149,19 +149,19 @@ _BY_NAME: Mapping[str, Callable[[_Registers, ModbusProfile], Awaitable[Recogniti
     "eletechsup_pta8d08": _pta8d08,
     "wago_750_464": _wago_464,
 }
-"""Supplied profiles of devices without type codes, and the test that recognises each."""
+"""Supplied profiles of devices without type codes, and the test that recognises each of them."""
 
 
 async def recognise_me_rs485(bus: MeRs485Bus, address: int) -> Recognition | None:
-    """The sensor at this address, by the form of its answer; None when nothing answers.
+    """The sensor at this address, recognised by the form of its answer; None when nothing answers.
 
-    Raises BadAnswer when what answers is no such sensor, or ConnectError.
+    Raises BadAnswer when what answers is not such a sensor, or ConnectError.
     """
     try:
         data = await bus.measure("", address)
     except NoAnswer:
         return None
-    # A single counted value is as long as two floats; as a float it would be below 1e-37, so it is tried first.
+    # One counted value is as long as two floats; read as a float it would be below 1e-37, so it is tried first.
     forms = (("me_dt6120", decode_counted, "counted int32"), ("me_rs485", decode_float, "two float32"))
     for profile, decode, form in forms:
         try:
@@ -186,7 +186,7 @@ _RANGE_DOUBT = "range_um: the measuring range is printed on the sensor; no senso
 
 
 async def recognise_canopen(bus: CanOpenBus, node: int) -> Recognition | None:
-    """What the node is; None when it does not answer SDO. Raises NoAnswer (falls silent), BadAnswer or ConnectError."""
+    """What the node is; None if it does not answer SDO. Raises NoAnswer (falls silent), BadAnswer or ConnectError."""
     read = _Objects(bus, node)
     try:
         device_type = await read.number(0x1000, 0)
@@ -209,7 +209,7 @@ async def recognise_canopen(bus: CanOpenBus, node: int) -> Recognition | None:
     known = CANOPEN_VENDORS.get(vendor or 0) or next((v for v in profile.vendors if v in name.lower()), None)
     if known is None:
         known = next(iter(profile.vendors))
-        doubts.append(f"vendor: whose status bits (object 6150) does it use? there are {', '.join(profile.vendors)}")
+        doubts.append(f"vendor: whose status bits (object 6150) does it use? available: {', '.join(profile.vendors)}")
     if not inputs:
         return Recognition(
             "", (), f"{evidence}; no input has a sensor type that the profile reads", doubts=tuple(doubts)
@@ -218,7 +218,7 @@ async def recognise_canopen(bus: CanOpenBus, node: int) -> Recognition | None:
 
 
 async def _cia404_inputs(read: "_Objects", profile: Cia404Profile) -> tuple[tuple[int, ...], list[str]]:
-    """Inputs that the profile can read, and why the others cannot be."""
+    """Inputs that the profile can read, and why the others cannot be read."""
     inputs: list[int] = []
     doubts: list[str] = []
     count = await read.number(0x6110, 0) or 0
@@ -239,7 +239,7 @@ async def _cia404_inputs(read: "_Objects", profile: Cia404Profile) -> tuple[tupl
 
 
 class _Objects:
-    """Objects of one node; one that the node does not have is None."""
+    """Objects of one node; None for an object that the node does not have."""
 
     def __init__(self, bus: CanOpenBus, node: int) -> None:
         self._bus, self._node = bus, node
@@ -252,7 +252,7 @@ class _Objects:
         return int.from_bytes(data[:4], "little")
 
     async def text(self, index: int) -> str:
-        """Its printable characters. A text only helps to tell a node: one that cannot be read is empty."""
+        """The printable characters of a text that only helps to identify a node; empty if it cannot be read."""
         try:
             (data,) = await self._bus.upload("", self._node, [CanObject(index, 0)], _LONGEST_TEXT)
         except (Refused, BadAnswer):

@@ -1,4 +1,4 @@
-"""The base of every table of a file: a frozen model that refuses unknown keys and wrong types; common field types."""
+"""The base of every table in a file, a frozen model that rejects unknown keys and wrong types; common field types."""
 
 import json
 import re
@@ -14,7 +14,7 @@ WRONG = "wrong"
 
 
 class Section(BaseModel):
-    """One table of a file. The text under each field is its reference and its error message's neighbour."""
+    """One table of a file. The text under each field appears in the reference and next to its error message."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, hide_input_in_errors=True
@@ -25,33 +25,33 @@ S = TypeVar("S", bound=BaseModel)
 
 
 def strictly(kind: type[S], data: Mapping[str, object] | str, context: Mapping[str, object] | None = None) -> S:
-    """The model that TOML's data, or JSON text, describes. Raises pydantic.ValidationError.
+    """The model that TOML data, or JSON text, describe. Raises pydantic.ValidationError.
 
-    context: what validators need besides; see `FilePath`
+    context: additional input of validators; see `FilePath`
     """
-    # As JSON, so that strict types hold (no "9600" for 9600) while lists and texts still become tuples and paths.
+    # Via JSON, so that strict types hold (no "9600" for 9600) while lists and texts still become tuples and paths.
     text = data if isinstance(data, str) else json.dumps(dict(data), default=_plain)
     return kind.model_validate_json(text, strict=True, context=None if context is None else dict(context))
 
 
 def _plain(value: object) -> object:
-    """What JSON does not know: any mapping as a table, a date as text."""
+    """Types that JSON does not have: any mapping becomes a table, a date becomes text."""
     return dict(value) if isinstance(value, Mapping) else str(value)
 
 
 def wrong(what: str, *at: str | int) -> PydanticCustomError:
-    """The error of a validator that knows which field below its own, at `at`, is wrong."""
+    """For validators: the error of the wrong field at `at`, below the validator's own field."""
     return PydanticCustomError(WRONG, "{what}", {"what": what, "at": at})
 
 
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
-    """A relative path starts at the file's folder (`folder` of the context), wherever the program was started."""
+    """A relative path starts at the file's folder (`folder` of the context), not at the working directory."""
     folder = info.context.get("folder") if isinstance(info.context, dict) else None
     return path if folder is None or path.is_absolute() else Path(folder) / path
 
 
 def matching(pattern: str, expected: str) -> AfterValidator:
-    """A validator of a text's form with a message for a person."""
+    """A validator of a text's form, with a message for a person."""
     compiled = re.compile(pattern)
 
     def check(text: str) -> str:

@@ -1,10 +1,10 @@
-"""The tap of a bus: receives everything that passes its wire, in order."""
+"""The tap of a bus: it receives everything that passes on its wire, in order."""
 
 from typing import Protocol
 
 
 class Tap(Protocol):
-    """Takes what passes. Called from any thread; must return at once and never raise."""
+    """Receives what passes. Called from any thread; must return at once and never raise."""
 
     def data(self, sent: bool, data: bytes) -> None:
         """Bytes of a serial line or a TCP connection."""

@@ -1,4 +1,4 @@
-"""CAN interfaces, and devices that send by themselves."""
+"""CAN interfaces, and devices that send without being asked."""
 
 from drivers.can.bus import CanBus
 from drivers.can.dbc import DBC_ENCODING, CanDbcDevice, CanDbcProfile

@@ -1,6 +1,6 @@
-"""A CAN bus with devices that send by themselves: it keeps the latest frame of each subscribed identifier.
+"""A CAN bus with devices that send without being asked. It keeps the latest frame of each subscribed identifier.
 
-One thread receives while connected; frames that nobody wants are dropped there.
+While connected, one thread receives; it drops frames without a subscription.
 """
 
 import asyncio
@@ -17,11 +17,11 @@ from drivers.can.settings import CanSettings
 from drivers.tap import Tap
 
 FrameId = tuple[int, bool]
-"""Identifier, and whether it has 29 bits."""
+"""Identifier, and whether it is a 29-bit one."""
 
 
 class CanBus:
-    """A listening bus; it sends nothing."""
+    """A bus that listens and sends nothing."""
 
     kind = "can"
     units = (1, 127)
@@ -44,7 +44,7 @@ class CanBus:
         self._wanted |= set(frames)
 
     async def connect(self) -> None:
-        """Open the interface; an open one stays. Raises ConnectError."""
+        """Open the interface, unless it is already open. Raises ConnectError."""
         if self._ears is not None:
             if self._ears.lost is None:
                 return
@@ -58,8 +58,8 @@ class CanBus:
             await asyncio.shield(asyncio.to_thread(ears.end))
 
     async def latest(self, device: str, frames: Collection[FrameId]) -> dict[FrameId, bytes]:
-        """The newest of these frames, none older than the timeout. Waits for those that are missing only until the
-        interface has been open for that long: later they had their time, and waiting would cost other devices theirs.
+        """The newest of these frames, none older than the timeout. Waits for missing ones only until the interface has
+        been open for that long: after that they have had their time, and waiting would delay other devices.
 
         Raises NoAnswer when none came, or ConnectError.
         """
@@ -87,7 +87,7 @@ class CanBus:
 
 
 class _Ears:
-    """Written by the receiving thread, read from the event loop; whole entries are replaced."""
+    """Frames written by the receiving thread and read from the event loop; entries are replaced whole."""
 
     def __init__(self, interface: can.BusABC, wanted: set[FrameId]) -> None:
         self.opened_s = monotonic()
@@ -107,7 +107,7 @@ class _Ears:
         return {key: data for key, (came, data) in kept.items() if came >= oldest}
 
     async def news(self) -> None:
-        """Wait for a wanted frame, or for the end."""
+        """Wait for a subscribed frame, or for the end."""
         self._arrived.clear()
         await self._arrived.wait()
 
@@ -117,13 +117,13 @@ class _Ears:
         shut(self._interface)
 
     def _hear(self, message: can.Message) -> None:
-        """In the receiving thread. Error and remote frames carry no value."""
+        """Runs in the receiving thread. Error and remote frames carry no value."""
         key = message.arbitration_id, bool(message.is_extended_id)
         if key in self._wanted and not (message.is_error_frame or message.is_remote_frame):
             self._latest[key] = monotonic(), bytes(message.data)
             self._tell()
 
     def _tell(self) -> None:
-        """In the receiving thread."""
+        """Runs in the receiving thread."""
         with suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(self._arrived.set)

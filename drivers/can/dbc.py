@@ -1,4 +1,4 @@
-"""Plain CAN devices that send by themselves, described by a DBC file (read by cantools)."""
+"""CAN devices that send without being asked, described by a DBC file (read by cantools)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class DbcSignal:
     message: Message
     signal: Signal
     rules: tuple[CodeRule | RangeRule, ...]
-    """The most specific first."""
+    """Rules for invalid values, the most specific first."""
 
     @property
     def frame(self) -> FrameId:
@@ -36,15 +36,16 @@ class DbcSignal:
 
     @property
     def bits(self) -> int:
-        """Every bit of the raw number."""
+        """Mask of every bit of the raw number."""
         return _bits(self.signal)
 
     def decode(self, data: bytes) -> float | Fault:
-        """The scaled value; a fault for a frame too short, a stated raw number, or a value beyond the DBC's range."""
+        """The scaled value, or a fault: frame too short, raw number that means a fault, or value out of the DBC's
+        range."""
         try:
             decoded = self.message.decode(data, decode_choices=False, scaling=False)
         except (DbcError, ValueError):
-            text = f"frame of {len(data)} bytes does not hold message {self.message.name}"
+            text = f"frame of {len(data)} bytes does not contain message {self.message.name}"
             return Fault(Quality.COMM_FAULT, text)
         if not isinstance(decoded, dict):
             return Fault(Quality.COMM_FAULT, f"message {self.message.name} holds other messages")
@@ -66,18 +67,18 @@ def _form(rule: object) -> str:
 
 
 Rule = Annotated[Annotated[CodeRule, Tag("code")] | Annotated[RangeRule, Tag("range")], Discriminator(_form)]
-"""A range has low or high."""
+"""A rule with low or high is a range; any other is a code."""
 
 
 class SignalEntry(Section):
-    """Which signal a channel is."""
+    """Which signal a channel reads."""
 
     message: str
     """Name of its message in the DBC file."""
     name: str
-    """Its own name there."""
+    """Name of the signal in the DBC file."""
     invalid: tuple[Rule, ...] = ()
-    """Raw numbers that mean a fault, the most telling first."""
+    """Raw numbers that mean a fault, the most specific first."""
 
 
 class CanDbcProfile(DeviceProfile):
@@ -109,7 +110,7 @@ class CanDbcProfile(DeviceProfile):
 
     @property
     def signals(self) -> tuple[DbcSignal, ...]:
-        """One a channel."""
+        """The signal of each channel."""
         return self._signals
 
     @property
@@ -133,10 +134,10 @@ def _signal(entry: SignalEntry, messages: Mapping[str, Message], *at: str | int)
 
 
 def _check_rule(rule: CodeRule | RangeRule, signal: Signal, *at: str | int) -> None:
-    """Raises the error of a rule that could never match, or always would."""
+    """Raises an error for a rule that could never match, or always would."""
     if isinstance(rule, CodeRule):
         if signal.is_float:
-            raise wrong(f"{signal.name} is a real number and has no bits to look at; state low or high", *at, "mask")
+            raise wrong(f"{signal.name} is a real number and has no bits to test; state low or high", *at, "mask")
         check_code(rule, _bits(signal), *at)
     elif not signal.is_float:
         least = -(1 << signal.length - 1) if signal.is_signed else 0
@@ -147,7 +148,7 @@ def _check_rule(rule: CodeRule | RangeRule, signal: Signal, *at: str | int) -> N
             if bound is not None and not least <= bound <= most:
                 raise wrong(f"{bound}: expected {least} to {most}", *at, name)
         if rule.low in (None, least) and rule.high in (None, most):
-            raise wrong(f"{least} to {most} are all the numbers there are", *at, "low")
+            raise wrong(f"{least} to {most} covers every possible raw number", *at, "low")
 
 
 def _bits(signal: Signal) -> int:
@@ -155,7 +156,7 @@ def _bits(signal: Signal) -> int:
 
 
 class CanDbcDevice:
-    """A device that sends by itself; `channels` maps names to the profile's signals, counted from 0."""
+    """A device that sends without being asked; `channels` maps names to the profile's signals, counted from 0."""
 
     def __init__(
         self, device: str, bus: CanBus, profile: CanDbcProfile, channels: Mapping[str, int], clock: Clock
@@ -175,20 +176,20 @@ class CanDbcDevice:
         return tuple(self._signals)
 
     async def connect(self) -> None:
-        """Check that frames arrive. Raises what the bus raises."""
+        """Check that frames arrive. Raises the bus's errors."""
         await self._bus.latest(self._device, self._frames)
 
     async def read(self) -> Sequence[Reading]:
-        """One reading per channel. A message that is missing costs its own channels only."""
+        """One reading per channel. A missing message affects its own channels only."""
         heard = await self._bus.latest(self._device, self._frames)
         return self._maker.make({name: _value(signal, heard) for name, signal in self._signals.items()})
 
     async def close(self) -> None:
-        """The device has nothing of its own to close."""
+        """Nothing to close: the device holds no resources."""
 
 
 def _value(signal: DbcSignal, heard: Mapping[FrameId, bytes]) -> float | Fault:
     data = heard.get(signal.frame)
     if data is None:
-        return Fault(Quality.COMM_FAULT, f"message {signal.message.name} (0x{signal.frame[0]:X}) did not come")
+        return Fault(Quality.COMM_FAULT, f"message {signal.message.name} (0x{signal.frame[0]:X}) did not arrive")
     return signal.decode(data)

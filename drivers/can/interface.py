@@ -1,7 +1,7 @@
-"""Opens and closes a CAN interface with python-can, and says what is wrong with it. All calls block.
+"""Opens and closes a CAN interface with python-can, and explains its errors. All calls block.
 
-Its classes are taken in a form of our own: theirs wait by the wall clock, and two of them end at the first line or
-packet that is no frame, so a disturbed byte would cost the whole bus a period.
+The classes derive from python-can's: those wait by the wall clock, and two of them stop at the first line or packet
+that is not a frame, so a single corrupted byte would cost the whole bus a period.
 """
 
 import errno
@@ -28,8 +28,8 @@ from drivers.can.tapped import TappedInterface
 from drivers.tap import Tap
 
 _SERIAL_WAIT_S = 0.1
-"""How long a read of the adapter's port blocks. A shorter wait would wake the thread for nothing; a byte that comes
-ends it at once, so a longer one costs no latency."""
+"""How long one read of the adapter's port blocks. A shorter time would wake the thread for nothing; a longer one
+adds no latency, because an arriving byte ends the wait at once."""
 
 _LINE_END = re.compile(rb"[\r\a]")
 _LINE = re.compile(rb"(?:t([0-9A-F]{3})|T([01][0-9A-F]{7}))([0-8])((?:[0-9A-F]{2})*)", re.IGNORECASE)
@@ -40,9 +40,9 @@ _TIMESTAMP_BYTES = 2
 def open_interface(
     bus: str, settings: CanInterfaceSettings, *, listen_only: bool = False, tap: Tap | None = None
 ) -> can.BusABC:
-    """The interface, open. Raises ConnectError.
+    """Open the interface. Raises ConnectError.
 
-    listen_only: an slcan adapter then sends nothing, not even acknowledgements; the other kinds do not know it
+    listen_only: an slcan adapter then sends nothing, not even acknowledgements; other kinds have no such mode
     """
     try:
         interface = _open(settings, listen_only)
@@ -73,18 +73,18 @@ def _open(settings: CanInterfaceSettings, listen_only: bool) -> can.BusABC:
 
 def shut(interface: can.BusABC) -> None:
     """Close it, whatever state it is in."""
-    with suppress(can.CanError, OSError):  # an unplugged adapter accepts no commands any more
+    with suppress(can.CanError, OSError):  # an unplugged adapter no longer accepts commands
         interface.shutdown()
     port = getattr(interface, "serialPortOrig", None)
     with suppress(OSError):
-        if port is not None:  # python-can leaves it open when its own shutdown failed
+        if port is not None:  # python-can leaves it open if its shutdown fails
             port.close()
 
 
 def failed(
     bus: str, device: str, settings: CanInterfaceSettings, error: Exception, hint: str = "connect the bus again"
 ) -> ConnectError:
-    """The error of an interface that was open; `hint` for what the kernel does not name."""
+    """The error of an interface that was open; `hint` applies when the kernel's error has none."""
     full = _number(error) == errno.ENOBUFS
     what = "cannot send on" if full else "interface"
     return ConnectError(
@@ -100,19 +100,19 @@ def _number(error: Exception) -> int | None:
 
 
 def _remedy(settings: CanInterfaceSettings, error: Exception) -> str | None:
-    """What to do about an error of the kernel's CAN; None when it is another."""
+    """What to do about an error of the kernel's CAN; None for any other error."""
     if settings.interface != "socketcan":
         return None
     channel = settings.channel
-    missing = f"`ip link` shows which there are, and {channel} is none: is the adapter plugged in, its driver loaded?"
-    denied = "this user, service or container may not open CAN sockets: a container needs the host's network"
+    missing = f"{channel} is not among those that `ip link` lists: is the adapter plugged in, its driver loaded?"
+    denied = "this user, service or container is not allowed to open CAN sockets: a container needs the host's network"
     return {
         errno.ENODEV: missing,
         errno.ENXIO: missing,
         errno.ENETDOWN: f"switch it on: ip link set {channel} up type can bitrate {settings.bitrate} restart-ms 100",
         errno.ENOBUFS: "the queue is full because no node acknowledges: check bit rate, 60 ohm termination, "
         "CAN_H and CAN_L, power of the nodes",
-        errno.EAFNOSUPPORT: "the kernel has no CAN (modprobe can_raw), or the service may not use it "
+        errno.EAFNOSUPPORT: "the kernel has no CAN (modprobe can_raw), or the service is not allowed to use it "
         "(RestrictAddressFamilies needs AF_CAN)",
         errno.EPERM: denied,
         errno.EACCES: denied,
@@ -120,7 +120,7 @@ def _remedy(settings: CanInterfaceSettings, error: Exception) -> str | None:
 
 
 def slcan_frame(line: bytes) -> can.Message | None:
-    """The data frame in one line of the LAWICEL protocol, without its end; None when it is none, or not whole.
+    """The data frame in one line of the LAWICEL protocol, without its end; None when the line is not a whole frame.
 
     `tiiildd...` with an identifier of 11 bits or `Tiiiiiiiildd...` with one of 29, length, data; a time stamp of two
     bytes may follow. Remote frames carry no value.
@@ -137,7 +137,7 @@ def slcan_frame(line: bytes) -> can.Message | None:
 
 
 class _Slcan(MonotonicInterface, slcanBus):
-    """An adapter with the LAWICEL protocol; lines that are not frames are ignored."""
+    """An adapter with the LAWICEL protocol. It ignores lines that are not frames."""
 
     def __init__(self, channel: str, **options: Any) -> None:
         self._heard = b""
@@ -145,7 +145,7 @@ class _Slcan(MonotonicInterface, slcanBus):
         super().__init__(channel, **options)
 
     def set_bitrate(self, bitrate: int, data_bitrate: int | None = None) -> None:
-        """The first that python-can does with an open port: nothing is sent to an adapter that another program has."""
+        """The first call that python-can makes on an open port. Nothing is sent if another program has the port."""
         try:
             self.serialPortOrig.exclusive = True
         except OSError:
@@ -168,7 +168,7 @@ class _Slcan(MonotonicInterface, slcanBus):
 
 
 class _Multicast(MonotonicInterface, UdpMulticastBus):
-    """A group on which any program can send; packets that are not frames are ignored."""
+    """A multicast group, on which any program can send. It ignores packets that are not frames."""
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         received = self._multicast.recv(timeout)
@@ -176,18 +176,18 @@ class _Multicast(MonotonicInterface, UdpMulticastBus):
             return None, False
         try:
             return unpack_message(received[0], replace={"timestamp": received[2]}, check=True), False
-        except Exception:  # noqa: BLE001 - whatever the unpacking of a stranger's bytes raises
+        except Exception:  # noqa: BLE001 - unpacking arbitrary bytes can raise anything
             return None, False
 
 
 class _Socketcan(MonotonicInterface, SocketcanBus):
-    """An interface of the kernel. One that is down can be bound: it is refused here, not lost with the first frame."""
+    """An interface of the kernel. One that is down can still be bound: refuse it here, not at the first frame."""
 
     def __init__(self, channel: str) -> None:
         try:
             super().__init__(channel)
         except OSError:
-            if hasattr(self, "socket"):  # bound to nothing, and python-can leaves it open
+            if hasattr(self, "socket"):  # not bound, and python-can leaves it open
                 self.socket.close()
             raise
         if number := self.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
@@ -196,4 +196,4 @@ class _Socketcan(MonotonicInterface, SocketcanBus):
 
 
 class _Virtual(MonotonicInterface, VirtualBus):
-    """A bus inside this process."""
+    """A virtual bus inside this process."""

@@ -1,7 +1,7 @@
 """Receives from a CAN interface of python-can without using the wall clock.
 
-Its own `recv` and `Notifier` count with `time.time()`: on a silent bus, a clock set back by an hour made them wait an
-hour longer, so that closing took seconds and left a thread behind.
+python-can's `recv` and `Notifier` use `time.time()`: when the clock was set back by an hour on a silent bus, they
+waited an hour longer, so that closing took seconds and left a thread behind.
 """
 
 from collections.abc import Callable
@@ -11,13 +11,13 @@ from time import monotonic
 import can
 
 _WAIT_S = 0.1
-"""How long one wait for a frame lasts, so how long ending may have to wait for the thread."""
+"""How long one wait for a frame lasts, and so how long stopping may have to wait for the thread."""
 _MOST_WAIT_S = 2.0
 """Longest wait for a thread that is stuck in a driver."""
 
 
 class MonotonicInterface(can.BusABC):
-    """An interface whose `recv` keeps its deadline when somebody sets the clock; goes before a class of python-can."""
+    """A mixin whose `recv` keeps its deadline when the clock is set; goes before python-can's class."""
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame, or None after `timeout` seconds. Raises what the interface raises."""
@@ -32,7 +32,7 @@ class MonotonicInterface(can.BusABC):
 
 
 class Receiver:
-    """A thread that takes frames from an interface until that fails, or until it is stopped."""
+    """A thread that receives frames from an interface until the interface fails or the thread is stopped."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class Receiver:
         on_message: Callable[[can.Message], None],
         on_lost: Callable[[], None] = lambda: None,
     ) -> None:
-        """Begins at once. Both are called in the thread; `on_lost` when the interface failed, which ends it."""
+        """Starts at once and calls both in the thread; `on_lost` when the interface has failed, which ends it."""
         self.exception: Exception | None = None
         """Why the interface failed."""
         self._interface, self._on_message, self._on_lost = interface, on_message, on_lost
@@ -60,6 +60,6 @@ class Receiver:
                 message = self._interface.recv(_WAIT_S)
                 if message is not None:
                     self._on_message(message)
-        except Exception as error:  # noqa: BLE001 - whatever a driver or a port raises is the end of this interface
+        except Exception as error:  # noqa: BLE001 - any error of a driver or port ends this interface
             self.exception = error
             self._on_lost()

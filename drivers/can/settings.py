@@ -23,14 +23,14 @@ def is_multicast_group(text: str) -> bool:
 
 
 class CanInterfaceSettings(BusSettings):
-    """Any CAN interface."""
+    """Settings of any CAN interface."""
 
     interface: Interface = "socketcan"
-    """How the CAN bus is reached: the kernel, a serial adapter, or (for tests) the network or this process."""
+    """How the CAN bus is reached: through the kernel, a serial adapter or, for tests, the network or this process."""
     channel: NotEmpty
     """`can0` for socketcan, the serial port for slcan, the group's address for udp_multicast."""
     bitrate: Bitrate = 125_000
-    """Bits per second. Only slcan sets it; a socketcan interface is set up by the system."""
+    """Bits per second. Only slcan sets it; the system sets up a socketcan interface."""
     port: Port = 43113
     """UDP port, for udp_multicast only."""
 
@@ -42,12 +42,12 @@ class CanInterfaceSettings(BusSettings):
 
     @property
     def place(self) -> str:
-        """What two buses may not share."""
+        """The interface and channel, which no two buses may share."""
         return f"{self.interface} {self.channel}" + (f":{self.port}" if self.interface == "udp_multicast" else "")
 
 
 class CanSettings(CanInterfaceSettings):
-    """Devices on a CAN bus that send by themselves, named by a DBC file. `timeout_s`: how old a frame may be.
+    """Devices on a CAN bus that send without being asked, named by a DBC file. `timeout_s`: how old a frame may be.
 
     It must be longer than the devices' cycle.
     """

@@ -1,6 +1,6 @@
-"""Survey of a CAN bus: the frames heard without a request, then the device type (object 1000) of every CANopen node.
+"""Survey of a CAN bus: frames heard without a request, then the device type (object 1000) of every CANopen node.
 
-Blocks: use it in a thread of its own. It sends SDO upload requests only, and nothing at all while it listens.
+Blocks, so run it in a separate thread. It sends nothing but SDO upload requests, and nothing at all while it listens.
 """
 
 from collections import Counter
@@ -21,9 +21,9 @@ _SLICE_S = 0.05
 """How long stopping may take."""
 _UPLOAD_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
 _AT_ONCE = 16
-"""Nodes that are asked before their answers are taken."""
+"""Number of nodes that are asked before their answers are read."""
 _FRAME_BITS = 130
-"""Of a frame with 8 data bytes, stuffing included."""
+"""Bits of a frame with 8 data bytes, stuff bits included."""
 _STATES = {0x00: "boot-up", 0x04: "stopped", 0x05: "operational", 0x7F: "pre-operational"}
 
 Stopped = Callable[[], bool]
@@ -41,13 +41,13 @@ class Heard:
     emergencies: dict[int, int] = field(default_factory=dict)
     """Node to the error code of its last emergency."""
     device_types: dict[int, int | None] = field(default_factory=dict)
-    """Node to object 1000; None: it answers SDO, but not that."""
+    """Node to object 1000; None if the node answers SDO but does not have the object."""
     answers: dict[int, int] = field(default_factory=dict)
-    """Nodes that were asked, and how often each answered. Not what it told somebody else before."""
+    """Nodes that were asked, and how often each answered. Earlier answers to other masters do not count."""
 
     @property
     def doubled(self) -> set[int]:
-        """Nodes that answered one question twice."""
+        """Nodes that answered one request twice."""
         return {node for node, count in self.answers.items() if count > 1}
 
     @property
@@ -59,7 +59,7 @@ class Heard:
         return tuple(sorted({*self.states, *self.emergencies, *self.device_types}))
 
     def unexplained(self) -> dict[FrameId, int]:
-        """Frames that no CANopen node heard here sends by the predefined connection set (CiA 301), and how often."""
+        """Frames heard that are outside the predefined connection set (CiA 301) of the CANopen nodes, and how often."""
         known = self.nodes
 
         def explained(identifier: int) -> bool:
@@ -68,7 +68,7 @@ class Heard:
         return {key: count for key, count in sorted(self.frames.items()) if key[1] or not explained(key[0])}
 
     def take(self, message: can.Message) -> None:
-        """Note one frame."""
+        """Record one frame."""
         if message.is_error_frame:
             self.error_frames += 1
             return
@@ -107,14 +107,14 @@ class CanSurvey:
             shut(interface)
 
     def listen(self, seconds: float, heard: Heard, stopped: Stopped) -> None:
-        """Note what comes within `seconds`, or until stopped."""
+        """Record what arrives within `seconds`, or until stopped."""
         deadline = monotonic() + seconds
         while (left := deadline - monotonic()) > 0 and not stopped():
             self._receive(min(left, _SLICE_S), heard)
         heard.seconds += seconds
 
     def ask(self, nodes: Sequence[int], wait_s: float, heard: Heard, stopped: Stopped) -> None:
-        """Ask each node for its device type, some at a time so that the bus is never full; then wait for late ones."""
+        """Ask each node for its device type, a few at a time to keep the bus from filling; wait for late answers."""
         pace_s = 3 * _FRAME_BITS / self._settings.bitrate
         for number, node in enumerate(nodes, start=1):
             if stopped():
@@ -122,7 +122,7 @@ class CanSurvey:
             heard.answers[node] = 0
             self._send(0x600 + node, _UPLOAD_DEVICE_TYPE)
             sleep(pace_s)
-            if number % _AT_ONCE == 0:  # python-can's slcan blocks for a byte that does not come: not for each node
+            if number % _AT_ONCE == 0:  # python-can's slcan blocks when no byte comes: so not per node
                 self.listen(_SLICE_S, heard, stopped)
         self.listen(wait_s, heard, stopped)
 

@@ -9,10 +9,10 @@ from drivers.tap import Tap
 
 
 class TappedInterface(MonotonicInterface):
-    """A CAN interface with a tap; everything else is passed to the inner one."""
+    """A CAN interface with a tap; everything else goes to the inner interface."""
 
     def __init__(self, inner: can.BusABC, tap: Tap, *, echoes: bool) -> None:
-        """`echoes`: the inner one receives what it sends, which did not come from the bus."""
+        """`echoes`: the inner interface receives its own frames, which did not come from the bus."""
         self._inner, self._tap, self._echoes = inner, tap, echoes
         self._own: Counter[tuple[int, bool, bytes]] = Counter()
         self.serialPortOrig = getattr(inner, "serialPortOrig", None)

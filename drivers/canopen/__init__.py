@@ -1,4 +1,4 @@
-"""CANopen nodes, by CiA 404."""
+"""CANopen nodes that follow CiA 404."""
 
 from drivers.canopen.bus import CanObject, CanOpenBus
 from drivers.canopen.cia404 import Cia404Device

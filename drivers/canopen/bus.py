@@ -1,6 +1,6 @@
 """A CAN bus with CANopen nodes. The canopen library blocks, so it runs in threads that this bus owns and joins.
 
-Two threads while connected: one receives, one asks. Nothing of the library is touched from the event loop.
+While connected there are two threads: one receives, one asks. The event loop never touches the library.
 """
 
 import asyncio
@@ -32,9 +32,9 @@ _SYNC = 0x080
 _SDO_READ = 0x40
 _NMT_START = 1
 _LONGEST_NUMBER = 8
-"""Bytes of the widest number that a node may hold; one that never ends its transfer is stopped there."""
+"""Bytes of the widest number that a node may hold. A transfer that never ends is aborted beyond that."""
 
-logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs is raised as an error here
+logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs is raised here as an error
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +49,11 @@ class CanObject:
 
 
 _NEVER_VALUES = CanObject(0x1000, 0), CanObject(0x1001, 0), CanObject(0x1018, 0)
-"""Objects that every node has (CiA 301) and no channel is read from."""
+"""Objects that every node has (CiA 301) and that no channel reads."""
 
 
 class CanOpenBus:
-    """Nodes on one CAN interface. Reads of all nodes queue up in one thread."""
+    """Nodes on one CAN interface. Requests to all nodes queue for one thread."""
 
     kind = "canopen"
     units = (1, 127)
@@ -78,7 +78,7 @@ class CanOpenBus:
         return self._settings.timeout_s
 
     async def connect(self) -> None:
-        """Open the interface; an open one stays. Raises ConnectError."""
+        """Open the interface, unless it is already open. Raises ConnectError."""
         if self._thread is not None:
             if self._network is not None and self._network.notifier.exception is None:
                 return
@@ -104,9 +104,9 @@ class CanOpenBus:
     async def upload(
         self, device: str, node: int, objects: Sequence[CanObject], most_bytes: int = _LONGEST_NUMBER
     ) -> list[bytes]:
-        """Read objects of one node by SDO, little-endian bytes each; a longer one than `most_bytes` is a BadAnswer.
+        """Read objects of one node by SDO, each as little-endian bytes; one longer than `most_bytes` raises BadAnswer.
 
-        Raises NoAnswer, BadAnswer, Refused (SDO abort) or ConnectError (interface gone).
+        Raises NoAnswer, BadAnswer, Refused (SDO abort) or ConnectError (interface lost).
         """
         return await self._in_thread(lambda: self._upload(device, node, objects, most_bytes))
 
@@ -121,20 +121,22 @@ class CanOpenBus:
     async def latest(
         self, device: str, node: int, identifiers: Sequence[int], oldest_s: float, until_s: float
     ) -> dict[int, bytes]:
-        """These TPDOs of the node as they came last, not before `oldest_s`; waits for the missing until `until_s`.
+        """The node's latest TPDOs, none older than `oldest_s`. Waits until `until_s` for missing ones.
 
-        Both are monotonic seconds. Raises NoAnswer or ConnectError.
+        Both times are monotonic seconds. Raises NoAnswer or ConnectError.
         """
         return await self._in_thread(
-            lambda: self._await_frames(device, node, identifiers, oldest_s, until_s, "does not come by itself")
+            lambda: self._await_frames(
+                device, node, identifiers, oldest_s, until_s, "did not arrive on the node's timer"
+            )
         )
 
     def events(self, node: int) -> NodeEvents:
-        """What the node has sent by itself since its first upload on this connection."""
+        """Events that the node has sent since its first upload on this connection."""
         return self._events.setdefault(node, NodeEvents())
 
     async def _in_thread(self, work: Callable[[], R]) -> R:
-        """Run in the bus's thread; whoever stops waiting does not stop the work, so no answer is left unread."""
+        """Run in the bus's thread. Cancelling the caller does not stop the work, so no answer is left unread."""
         if self._thread is None:
             raise ConnectError("not connected", bus=self._name, hint="connect the bus first")
         future = asyncio.get_running_loop().run_in_executor(self._thread, work)
@@ -144,9 +146,9 @@ class CanOpenBus:
     def _open(self) -> None:
         interface = open_interface(self._name, self._settings, tap=self._tap)
         network = canopen.Network(interface)
-        network.unsubscribe(network.lss.LSS_RX_COBID)  # it would never discard those frames
-        # In place of `connect`, whose python-can notifier waits by the wall clock; before it sends, the library asks
-        # this one for the exception that ended it.
+        network.unsubscribe(network.lss.LSS_RX_COBID)  # it would collect these frames without limit
+        # Replaces `connect`, whose python-can notifier waits by the wall clock. Before it sends, the library asks this
+        # receiver for the exception that ended it.
         network.notifier = Receiver(interface, partial(pass_on, network))  # type: ignore[assignment]
         self._network = network
         self._doubtful.clear()
@@ -166,7 +168,7 @@ class CanOpenBus:
         if node not in self._network:
             dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
             self._network.add_node(canopen.RemoteNode(node, dictionary))
-            # The library keeps every emergency for ever, and breaks on a short heartbeat or command: it gets none.
+            # The library keeps every emergency without limit and fails on short heartbeats or commands: it gets none.
             for identifier in (0, 0x80 + node, 0x700 + node):
                 self._network.unsubscribe(identifier)
             self._network.subscribe(0x80 + node, self.events(node).on_emergency)
@@ -177,9 +179,11 @@ class CanOpenBus:
         return [self._one(sdo, device, node, wanted, most_bytes) for wanted in objects]
 
     def _let_late_answers_pass(self, sdo: Any, device: str, node: int) -> None:
-        """Ask for what is never a value until that is answered: a node answers in order, so nothing older can follow.
+        """Ask for an object that is never a value, and wait for its answer. A node answers in order: nothing older
+        follows.
 
-        The library would give up at the late answer. Each time another object, lest a late answer to this be taken too.
+        The library would give up at a late answer. Each call asks for a different object, in case the answer to this
+        one is late too.
         """
         wanted = next(self._never_values)
         address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
@@ -195,12 +199,12 @@ class CanOpenBus:
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
         if node in self._doubtful:
-            self._upload(device, node, ())  # frames of an earlier SYNC are before this answer
+            self._upload(device, node, ())  # frames of an earlier SYNC arrive before this answer
         self._listen(device, identifiers)
         asked_s = monotonic()
         self._send(device, _SYNC, b"")
         wait_s = self._patience.wait_s(node, _SYNC)
-        failing, hurried = "did not come after SYNC", wait_s < self._settings.timeout_s
+        failing, hurried = "did not arrive after SYNC", wait_s < self._settings.timeout_s
         found = self._await_frames(device, node, identifiers, asked_s, asked_s + wait_s, failing, hurried=hurried)
         self._patience.answered(node, _SYNC, monotonic() - asked_s)
         return found

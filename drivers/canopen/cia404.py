@@ -1,4 +1,4 @@
-"""A CANopen measuring device (CiA 404), read by SDO, by TPDOs after SYNC, or by TPDOs that it sends by its timer."""
+"""A CANopen measuring device (CiA 404), read by SDO, by TPDOs after SYNC, or by TPDOs that it sends on its timer."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -22,15 +22,15 @@ STATUS = 0x6150
 
 _CIA_404 = 404
 _PRODUCER_TIMES = 3
-"""Heartbeats or timed TPDOs that may be lost before the node counts as lost: a busy bus may cost one, not three."""
+"""Heartbeats or timed TPDOs in a row until a node counts as lost: a busy bus may drop one, but not three."""
 
 _NO_HEARTBEAT = Fault(
-    Quality.STALE, "the node answers, but its heartbeat stopped: its program may hang; switch it off and on"
+    Quality.STALE, "the node answers, but its heartbeat stopped: its firmware may hang; switch it off and on"
 )
 
 
 class Cia404Device:
-    """One node; `channels` maps names to inputs counted from 0 (input 0 is sub-index 1)."""
+    """One node; `channels` maps names to inputs, counted from 0 (input 0 is sub-index 1)."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class Cia404Device:
         self._wanted = tuple(
             CanObject(index, number + 1) for number in channels.values() for index in (profile.value_object, STATUS)
         )
-        # By SDO the status is read before and after its value: a sensor that breaks or recovers in between is noticed.
+        # With SDO, the status is read before and after its value, in case the sensor breaks or recovers in between.
         self._asked = tuple(
             CanObject(index, number + 1)
             for number in channels.values()
@@ -72,9 +72,9 @@ class Cia404Device:
         return tuple(self._channels)
 
     async def connect(self) -> None:
-        """Check device profile, heartbeat, sensor types and units, and read the decimal digits.
+        """Check device profile, heartbeat, sensor types and units, and read the number of decimal digits.
 
-        Raises WrongDevice, or what the bus raises.
+        Raises WrongDevice, or the bus's errors.
         """
         self._scales = {}
         boots = self._bus.events(self._node).boots
@@ -101,11 +101,11 @@ class Cia404Device:
         self._heartbeat.begin(limit_s, monotonic())
 
     async def read(self) -> Sequence[Reading]:
-        """One reading per channel. The node's sensors are checked again after it was silent or has started anew.
+        """One reading per channel. The node's sensors are checked again after a silence or a restart.
 
-        A node that starts anew between two of our requests may be another one, or set up in another way: what it said
-        in this read is thrown away, and read again after the checks. A node that answers although its heartbeat
-        stopped may repeat what it measured last: its values are stale.
+        A node that restarts between two of our requests may be a different one or have a different set-up: what it sent
+        in this read is discarded, and read again after the checks. A node that answers although its heartbeat has
+        stopped may repeat its last measurement: its values are stale.
         """
         objects = await self._objects_of_one_start() or await self._objects_of_one_start()
         if objects is None:
@@ -130,7 +130,7 @@ class Cia404Device:
         self._scales = {}
 
     async def _objects_of_one_start(self) -> dict[CanObject, list[bytes]] | None:
-        """What the node says after it was checked; None when it started anew meanwhile."""
+        """The node's answers after it was checked; None if it has restarted meanwhile."""
         events = self._bus.events(self._node)
         if not self._scales or self._boots != events.boots:
             await self.connect()
@@ -140,11 +140,11 @@ class Cia404Device:
             if not error.hurried:
                 self._scales = {}
             raise
-        # The boot-up comes before all that the node says after it, and the thread that receives keeps the order.
+        # The boot-up message precedes everything else from the node, and the receiving thread keeps the order.
         return objects if self._boots == events.boots else None
 
     async def _process_scaling(self, channel: str, number: int) -> Scaling:
-        """What the node says of its process value. Raises WrongDevice when it is in another unit."""
+        """The decimal digits of the node's process value. Raises WrongDevice when it has another unit."""
         unit, digits = await self._upload([CanObject(index, number + 1) for index in (PHYSICAL_UNIT, DECIMAL_DIGITS)])
         if (code := int.from_bytes(unit, "little")) != self._profile.unit_code:
             raise self._wrong(
@@ -155,10 +155,10 @@ class Cia404Device:
         return Scaling(scale=10.0 ** -int.from_bytes(digits[:1], "little", signed=True))
 
     async def _heartbeat_limit_s(self) -> float:
-        """Consumer time, s; 0: no heartbeat is expected. Raises WrongDevice when the node cannot keep it."""
+        """Consumer time, s; 0 if no heartbeat is expected. Raises WrongDevice when the node's heartbeat is too slow."""
         try:
             (producer,) = await self._upload([CanObject(PRODUCER_TIME, 0)])
-        except Refused:  # the object is optional when the node is guarded otherwise
+        except Refused:  # the object is optional when the node uses node guarding
             producer = b""
         producer_s = int.from_bytes(producer[:2], "little") / 1000
         if self._heartbeat_s and not 0 < producer_s < self._heartbeat_s:
@@ -170,7 +170,7 @@ class Cia404Device:
         return self._heartbeat_s or _PRODUCER_TIMES * producer_s
 
     async def _objects(self) -> dict[CanObject, list[bytes]]:
-        """Values and status of all channels, each as often as it was read."""
+        """Values and status of all channels, as many times as each was read."""
         if self._transfer == "sdo":
             read: dict[CanObject, list[bytes]] = {}
             for asked, data in zip(self._asked, await self._upload(self._asked), strict=True):
@@ -180,10 +180,10 @@ class Cia404Device:
         if self._transfer == "sync":
             frames = await self._bus.synchronise(self._device, self._node, identifiers)
         else:
-            # What came before the node was checked may be another node's, or of another mapping.
+            # Frames from before the check may be those of another node, or have another mapping.
             interval_s, now_s = max(pdo.event_s for pdo in self._maps), monotonic()
             oldest_s = max(self._started_s, now_s - _PRODUCER_TIMES * interval_s)
-            # One more interval, so that no node counts as lost on a computer that was busy for a while.
+            # One more interval, so that no node counts as lost on a computer that was briefly busy.
             until_s = max(self._started_s + self._bus.timeout_s, now_s + interval_s)
             frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s, until_s)
         objects = {place: [data] for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
@@ -193,7 +193,7 @@ class Cia404Device:
         return objects
 
     async def _pdo_maps(self) -> tuple[PdoMap, ...]:
-        """The TPDOs that hold the wanted objects, each sent when the transfer needs it. Raises WrongDevice."""
+        """The TPDOs that hold the wanted objects, each transmitted as the transfer requires. Raises WrongDevice."""
         found: list[PdoMap] = []
         for number in range(TPDOS):
             description = [
@@ -203,7 +203,7 @@ class Cia404Device:
             ]
             try:
                 cob_id, kind, count = await self._upload(description)
-            except Refused:  # the node has fewer TPDOs
+            except Refused:  # the node has no more TPDOs
                 continue
             entries = await self._upload([CanObject(MAPPING + number, i + 1) for i in range(min(count[0], 8))])
             try:
@@ -214,11 +214,11 @@ class Cia404Device:
                 found.append(await self._timed(number, kind[0], pdo))
         for wanted in self._wanted:
             if not any(wanted in pdo.places for pdo in found):
-                raise self._wrong(f"object {wanted} is in no TPDO", hint="map it, or use transfer = 'sdo'")
+                raise self._wrong(f"object {wanted} is not mapped to any TPDO", hint="map it, or use transfer = 'sdo'")
         return tuple(found)
 
     async def _timed(self, number: int, kind: int, pdo: PdoMap) -> PdoMap:
-        """The TPDO with its event timer. Raises WrongDevice when it is not sent as the transfer needs."""
+        """The TPDO with its event timer. Raises WrongDevice when it is not transmitted as the transfer requires."""
         right = (EVERY_SYNC,) if self._transfer == "sync" else ON_EVENTS
         if kind not in right:
             raise self._wrong(
@@ -234,9 +234,9 @@ class Cia404Device:
             interval = b""
         event_s = int.from_bytes(interval[:2], "little") / 1000
         if not 0 < event_s < self._bus.timeout_s:
-            sends = f"every {event_s:g} s" if event_s else "never by time"
+            sends = f"sent every {event_s:g} s" if event_s else "never sent on a timer"
             raise self._wrong(
-                f"TPDO {number + 1} is sent {sends}, but timeout_s = {self._bus.timeout_s:g}",
+                f"TPDO {number + 1} is {sends}, but timeout_s = {self._bus.timeout_s:g}",
                 hint=f"set object {timer} to less than that, in ms; best to a third of the polling period",
             )
         return replace(pdo, event_s=event_s)
@@ -246,7 +246,7 @@ class Cia404Device:
 
     def _value(self, channel: str, number: int, value: bytes, status: int) -> float | Fault:
         if status:
-            unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{status:02X}, which the profile does not explain")
+            unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{status:02X}, which the profile does not define")
             fault = first_fault(self._rules, status & STATUS_BITS) or unknown
             emergency = self._bus.events(self._node).emergency
             return fault if emergency is None else Fault(fault.quality, f"{fault.detail}; the node reports {emergency}")

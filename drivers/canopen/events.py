@@ -1,4 +1,4 @@
-"""Boot-up messages, heartbeats and emergencies of a CANopen node (CiA 301). Bounded, whatever the node sends."""
+"""Boot-up messages, heartbeats and emergencies of a CANopen node (CiA 301), in bounded memory whatever it sends."""
 
 import struct
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ _BOOT_UP = 0
 
 @dataclass(frozen=True, slots=True)
 class Emergency:
-    """An emergency in force."""
+    """An active emergency."""
 
     code: int
     register: int
@@ -21,7 +21,7 @@ class Emergency:
 
 
 class NodeEvents:
-    """The latest news of one node. Written by the receiving thread, read by others; single assignments only."""
+    """The latest events of one node. The receiving thread writes, others read; every write is a single assignment."""
 
     def __init__(self) -> None:
         self.emergency: Emergency | None = None
@@ -47,10 +47,10 @@ class NodeEvents:
 
 
 class HeartbeatWatch:
-    """Whether a node's heartbeat comes in time, judged on request.
+    """Whether a node's heartbeat arrives in time, judged on request.
 
-    Ask after an answer of the node was received: frames come in order, so whatever heartbeat was sent before that
-    answer is known by then, and a computer that was busy for a while takes no node for lost.
+    Ask after an answer from the node was received: frames arrive in order, so every heartbeat sent before that answer
+    is known by then, and a busy computer does not mistake a live node for a lost one.
     """
 
     def __init__(self, events: NodeEvents) -> None:
@@ -62,14 +62,14 @@ class HeartbeatWatch:
     def begin(self, limit_s: float, now_s: float) -> None:
         """Expect a heartbeat within `limit_s` of now, then of each other; 0: expect none.
 
-        A heartbeat that is lost stays lost until one is heard, however often the node is connected.
+        A lost heartbeat stays lost until one is received, however often the node is connected.
         """
         self._limit_s = limit_s
         if not self._lost:
             self._since_s = now_s
 
     def silent_s(self, now_s: float) -> float | None:
-        """For how long no heartbeat came when that is too long, else None."""
+        """How long no heartbeat has come if that is too long, else None."""
         silent_s = now_s - max(self._since_s, self._events.heard_s or 0.0)
         self._lost = 0.0 < self._limit_s < silent_s
         return silent_s if self._lost else None

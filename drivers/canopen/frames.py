@@ -1,4 +1,4 @@
-"""Frames on a CANopen bus: the filter for the library, and the latest frames that nodes send by themselves."""
+"""Frames on a CANopen bus: the filter for the library, and the latest frames that nodes send without being asked."""
 
 from collections.abc import Collection
 from threading import Condition
@@ -12,10 +12,10 @@ _SDO_BYTES = 8
 
 
 def pass_on(network: Any, message: can.Message) -> None:
-    """Give the library the frame of a CANopen node. In the receiving thread.
+    """Give the library the frame of a CANopen node. Runs in the receiving thread.
 
-    CiA 301: identifiers of 11 bits, and every SDO frame has eight bytes. What is otherwise is not for us: the library
-    would take a frame with an identifier of 29 bits for a node's, and break on a short answer.
+    CiA 301: identifiers have 11 bits, and every SDO frame has eight bytes. Other frames are dropped: the library would
+    attribute a frame with a 29-bit identifier to a node, and fail on a short answer.
     """
     identifier, data = message.arbitration_id, message.data
     if message.is_extended_id or message.is_error_frame or message.is_remote_frame or message.is_fd:
@@ -25,7 +25,7 @@ def pass_on(network: Any, message: can.Message) -> None:
 
 
 class LatestFrames:
-    """The newest frame of each identifier that is listened for, and when it came. One thread puts, another reads."""
+    """The newest frame of each subscribed identifier, and when it came. One thread puts, another reads."""
 
     def __init__(self) -> None:
         self._came: dict[int, tuple[float, bytes]] = {}
@@ -38,7 +38,7 @@ class LatestFrames:
             self._news.notify_all()
 
     def since(self, oldest_s: float, identifiers: Collection[int], until_s: float) -> dict[int, bytes]:
-        """Those that came at monotonic `oldest_s` or later; waits for the missing until `until_s`. Blocks."""
+        """Those that came at monotonic `oldest_s` or later. Waits until `until_s` for missing ones. Blocks."""
 
         def complete() -> bool:
             return len(self._fresh(oldest_s, identifiers)) == len(set(identifiers))

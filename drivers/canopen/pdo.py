@@ -1,4 +1,4 @@
-"""Transmit PDOs: where a node's objects are in which frame (CiA 301, objects 1800.. and 1A00..)."""
+"""Transmit PDOs: which frames carry which objects of a node (CiA 301, objects 1800.. and 1A00..)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ from drivers.canopen.bus import CanObject
 COMMUNICATION = 0x1800
 MAPPING = 0x1A00
 TPDOS = 4
-"""TPDOs that are looked at; CiA 404 uses the first four."""
+"""Number of TPDOs that are read; CiA 404 uses the first four."""
 EVERY_SYNC = 1
 """Transmission type: sent after each SYNC."""
 ON_EVENTS = (254, 255)
-"""Transmission types: sent when something happens, and whenever the event timer of sub-index 5 has run out."""
+"""Transmission types: sent on an event, and whenever the event timer of sub-index 5 expires."""
 
 _INVALID = 1 << 31
 _LONGEST_FRAME = 8
@@ -20,15 +20,15 @@ _LONGEST_FRAME = 8
 
 @dataclass(frozen=True, slots=True)
 class PdoMap:
-    """One TPDO: its identifier, and each mapped object with its place (first byte, size)."""
+    """One TPDO: its identifier, and the position of each mapped object (first byte, size)."""
 
     identifier: int
     places: Mapping[CanObject, tuple[int, int]]
     event_s: float = 0.0
-    """Event timer, s; 0: it is not sent by time."""
+    """Event timer, s; 0 if it is not sent on a timer."""
 
     def decode(self, data: bytes) -> dict[CanObject, bytes]:
-        """Objects in one frame, little-endian bytes each; those that a short frame does not hold are missing."""
+        """The objects in one frame, each as little-endian bytes; those that a short frame lacks are missing."""
         return {
             entry: data[start : start + size]
             for entry, (start, size) in self.places.items()
@@ -37,9 +37,9 @@ class PdoMap:
 
 
 def pdo_map(cob_id: int, mapped: Sequence[int]) -> PdoMap | None:
-    """From objects 18xx:01 and 1Axx:01.. (index, sub-index, bits); None when the TPDO is switched off or empty.
+    """From objects 18xx:01 and 1Axx:01.. (index, sub-index, bits); None when the TPDO is disabled or empty.
 
-    Raises ValueError when the mapping cannot be read: parts of bytes, or more than a frame holds.
+    Raises ValueError when the mapping is not supported: partial bytes, or more than a frame holds.
     """
     if cob_id & _INVALID or not mapped:
         return None

@@ -28,8 +28,8 @@ class ValueObject(Section):
     object: Literal["7100", "7130", "9100", "9130"]
     """Object that is read: the process value 7130 (int16) or 9130 (int32), or the field value 7100 or 9100."""
     scale: float | None = None
-    """Of a field value, which is what the converter sends: no object of the node says what it means, so the profile
-    does. The node itself states digits and unit of its process value."""
+    """Scale of a field value, which is the converter's raw number. No object of the node states its meaning, so the
+    profile does. For a process value, the node states digits and unit."""
     offset: float | None = None
     """See scale; None: 0."""
 
@@ -38,33 +38,33 @@ class ValueObject(Section):
         if self.object not in _FIELD_VALUES:
             for name in ("scale", "offset"):
                 if getattr(self, name) is not None:
-                    raise wrong("the node states the scaling of its process value; leave this key out", name)
+                    raise wrong("the node states the scaling of its process value; omit this key", name)
         elif self.scale is None:
             raise wrong("missing; no object states the scaling of a field value", "scale")
         elif self.scale == 0:
-            raise wrong("0 would make every value equal", "scale")
+            raise wrong("0 would make every value the same", "scale")
         return self
 
 
 class Sensor(Section):
-    """What must be connected."""
+    """Which sensors must be connected."""
 
     types: tuple[int, ...]
-    """Values of object 6110 that are right."""
+    """Accepted values of object 6110."""
 
 
 class PhysicalUnit(Section):
-    """What a process value must be in."""
+    """The unit that a process value must have."""
 
     code: int = Field(ge=0, le=0xFFFFFFFF)
-    """Value of object 6131 that stands for the profile's unit."""
+    """Value of object 6131 that means the profile's unit."""
 
 
 class Vendor(Section):
-    """What is one vendor's own."""
+    """What is specific to one vendor."""
 
     status: tuple[CodeRule, ...] = ()
-    """Rules for the status in object 6150, the most telling first."""
+    """Rules for the status in object 6150, the most specific first."""
 
 
 class Cia404Profile(DeviceProfile):
@@ -85,9 +85,9 @@ class Cia404Profile(DeviceProfile):
     def _fitting(self) -> Self:
         of_field = self.value.object in _FIELD_VALUES
         if of_field and self.physical_unit is not None:
-            raise wrong("no object says the unit of a field value; leave this table out", "physical_unit")
+            raise wrong("no object states the unit of a field value; omit this table", "physical_unit")
         if not of_field and self.physical_unit is None:
-            raise wrong("missing; object 6131 says the unit of a process value", "physical_unit")
+            raise wrong("missing; object 6131 states the unit of a process value", "physical_unit")
         for name, vendor in self.vendors.items():
             for number, rule in enumerate(vendor.status):
                 check_code(rule, STATUS_BITS, "vendor", name, "status", number)
@@ -105,17 +105,17 @@ class Cia404Profile(DeviceProfile):
 
     @cached_property
     def field_scaling(self) -> Scaling | None:
-        """None: the node states it."""
+        """None if the node states it."""
         if self.value.scale is None:
             return None
         return Scaling(scale=self.value.scale, offset=self.value.offset or 0.0)
 
     @property
     def sensor_types(self) -> frozenset[int]:
-        """Values of object 6110 that are right."""
+        """Accepted values of object 6110."""
         return frozenset(self.sensor.types)
 
     @property
     def unit_code(self) -> int | None:
-        """Value of object 6131 that stands for `unit`; None for a field value, which has no such object."""
+        """Value of object 6131 that means `unit`; None for a field value, which has no such object."""
         return None if self.physical_unit is None else self.physical_unit.code

@@ -13,13 +13,13 @@ class CanOpenSettings(CanInterfaceSettings):
 
 
 class Cia404Options(Section):
-    """What a configuration may say about one node."""
+    """Options of one node in the configuration."""
 
     vendor: str
     """Which vendor's table of status bits applies; the profile lists them."""
     transfer: Literal["sdo", "sync", "timer"] = "sdo"
-    """`sdo`: ask for each value; `sync`: send SYNC and take the node's TPDOs, much cheaper on the bus; `timer`: send
-    nothing and take the TPDOs that the node sends by its event timer."""
+    """`sdo`: request each value; `sync`: send SYNC and receive the node's TPDOs, which loads the bus much less;
+    `timer`: send nothing and receive the TPDOs that the node sends on its event timer."""
     heartbeat_s: float = Field(default=0.0, ge=0, le=600)
-    """For how long the node's heartbeat may be absent (consumer time); 0: three times what the node says in object
-    1017, and no watch over a node that sends none."""
+    """How long the node's heartbeat may be absent (consumer time). 0: three times the producer time in the node's
+    object 1017; a node that sends no heartbeat is then not monitored."""

@@ -1,4 +1,4 @@
-"""LinuxCNC through its agent."""
+"""LinuxCNC, through the agent that runs on the control."""
 
 from drivers.linuxcnc.control import STATES, LinuxCnc
 from drivers.linuxcnc.settings import LARGEST_UM, LinuxCncAgent, LinuxCncSettings

@@ -24,15 +24,15 @@ from drivers.nc import (
 AXES = LINEAR_AXES + ROTARY_AXES
 _POLL_S, _THERE_UM = 0.02, 1e-3
 STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
-"""Every machine state that the agent tells: 1/min, mm/min, 0 or 1."""
+"""Every machine state that the agent reports: 1/min, mm/min, 0 or 1."""
 EMERGENCY_STOP: Final = 1
 """Shown as an alarm; LinuxCNC itself has no alarm numbers."""
 
 
 class LinuxCnc:
-    """One control. Making it validates and uses no network; see NumericalControl for the operations.
+    """One control. Construction validates and uses no network; see NumericalControl for the operations.
 
-    Every operation raises a DriverError: after all but Refused the line is closed and `connect` is needed.
+    Every operation raises a DriverError: after any but Refused the line is closed and `connect` is needed.
     """
 
     def __init__(self, settings: LinuxCncSettings, clock: Clock) -> None:
@@ -55,7 +55,7 @@ class LinuxCnc:
         await self._line.close()
 
     async def snapshot(self) -> NcSnapshot:
-        """Positions: the tool's tip from where A and C meet. Speeds: the mean since the last snapshot."""
+        """Positions: the tool tip relative to where A and C meet. Speeds: the mean since the last snapshot."""
         status = self._table(await self._line.ask("status"), "status")
         positions = self._numbers(status.get("positions"), "positions")
         if missing := set(AXES) - set(positions):
@@ -77,13 +77,13 @@ class LinuxCnc:
         )
 
     async def request_probing(self, number: int) -> None:
-        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last or has
-        another one to do."""
+        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control saw this number last or has
+        another request pending."""
         check_number(number, "request number")
         await self._line.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s)
 
     async def probing_status(self, number: int) -> ProbingStatus:
-        """Where request `number` stands; idle when the control has heard of another one since, or of none."""
+        """State of request `number`; idle when the control has since received another one, or has received none."""
         check_number(number, "request number")
         told = self._table(await self._line.ask("probing", number=number), "probing")
         state = _member(ProbingState, told.get("state"), None)
@@ -102,18 +102,18 @@ class LinuxCnc:
         )
 
     async def withdraw_probing(self, number: int) -> None:
-        """Take the request back; a cycle under way is stopped before its next touch."""
+        """Withdraw the request; a cycle in progress is stopped before its next touch."""
         check_number(number, "request number")
         await self._line.ask("withdraw", number=number)
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
-        """Returns when they are in force, or after timeout_s.
+        """Returns when the offsets are in force, or after timeout_s.
 
         Raises NotSendable, before anything is sent, for a number that is not finite or beyond `largest_um`.
         """
         check_offsets(offsets_um, self._settings.largest_um)
         await self._line.ask("write", owner=self._owner, um=[float(v) for v in offsets_um])
-        # The control slews. The next read-back shall return what was written, unless something else is wrong.
+        # The control slews. The next read-back must return what was written, unless something else is wrong.
         with suppress(TimeoutError):
             async with asyncio.timeout(self._settings.timeout_s):
                 while not self._near(await self.read_compensation(), offsets_um):
@@ -136,7 +136,7 @@ class LinuxCnc:
         except Refused as error:
             hint = "stop the other gateway, or run this one in the mode monitor or advise"
             raise Refused(error.what, device=self._settings.device, hint=hint) from error
-        # The claim is a beat, which real time sees in its next cycle; who beats next shall find the watchdog watching.
+        # The claim is a beat, which real time sees in its next cycle; the next beat must find the watchdog active.
         with suppress(TimeoutError):
             async with asyncio.timeout(self._settings.timeout_s):
                 while not await self.heartbeat(owner):

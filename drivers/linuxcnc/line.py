@@ -14,7 +14,7 @@ Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 
 
 class LinuxCncLine:
-    """Asks one question at a time. After any fault of the line it is closed: answers could come one question late."""
+    """Asks one question at a time. Any fault closes the line: later answers could belong to earlier questions."""
 
     def __init__(self, settings: LinuxCncSettings) -> None:
         self._settings, self._device = settings, settings.device
@@ -25,7 +25,7 @@ class LinuxCncLine:
         self._count = 0
 
     async def connect(self) -> None:
-        """Open the connection; both sides prove that they hold the key. Raises ConnectError, NoAnswer, Refused."""
+        """Open the connection; each side proves that it holds the key. Raises ConnectError, NoAnswer, Refused."""
         key = self._settings.key()
         async with self._lock:
             await self._stream.close()
@@ -47,7 +47,7 @@ class LinuxCncLine:
             await self._stream.close()
 
     async def ask(self, do: str, **arguments: Json) -> Json:
-        """The answer. Raises Refused with the agent's reason; ConnectError, NoAnswer, BadAnswer close the line."""
+        """The answer. Raises Refused with the agent's reason; ConnectError, NoAnswer and BadAnswer close the line."""
         async with self._lock:
             if not self._stream.is_open:
                 raise ConnectError("not connected", device=self._device, hint="connect first")
@@ -55,7 +55,7 @@ class LinuxCncLine:
                 return await self._exchange({"do": do, **arguments})
             except Refused:
                 raise
-            except BaseException:  # also when cancelled: nobody waits for the answer that still comes
+            except BaseException:  # also when cancelled: the answer would arrive with no one waiting
                 await self._stream.close()
                 raise
 
@@ -65,7 +65,7 @@ class LinuxCncLine:
         line = await self._line()
         mac, _, text = line.partition(b" ")
         if self._count == 0 and line.startswith(b"{") and "error" in (refusal := _parsed(line, self._device)):
-            # Before the proof nothing can be signed; a forged line here can only prevent the connection.
+            # Before the proof nothing can be signed; a forged line here can do no more than prevent the connection.
             raise Refused(str(refusal["error"]), device=self._device, hint="compare key_file with the agent's talc.key")
         if not hmac.compare_digest(self._mac("agent", text), mac):
             raise self._stranger()

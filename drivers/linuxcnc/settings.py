@@ -15,27 +15,27 @@ LARGEST_UM = 500.0
 
 
 class LinuxCncAgent(Section):
-    """Where the agent of deploy/nc/linuxcnc is."""
+    """Where to find the agent of deploy/nc/linuxcnc."""
 
     host: NotEmpty = "127.0.0.1"
-    """Where the agent listens. Beyond this computer use a tunnel: lines are signed but can be read on the way."""
+    """Host of the agent. If it is another computer, use a tunnel: lines are signed but not encrypted."""
     port: Port = DEFAULT_PORT
     """The agent's port."""
     key_file: FilePath
-    """File that holds the key shared with the agent: a copy of its talc.key."""
+    """File with the key shared with the agent: a copy of its talc.key."""
     timeout_s: Positive = 2.0
     """How long one answer may take."""
 
 
 class LinuxCncSettings(LinuxCncAgent):
-    """One LinuxCNC."""
+    """Settings of one LinuxCNC control."""
 
     poses: int = POSES
     """Number of poses that one probing cycle touches."""
     request_valid_for_s: NotNegative = 900.0
-    """A request that finds no safe point within this time is refused; 0: never."""
+    """A request that reaches no safe point within this time is refused; 0: never."""
     largest_um: Positive = LARGEST_UM
-    """Larger offsets are never sent; the agent has its own bound."""
+    """Larger offsets are never sent; the agent also has its own bound."""
     device: str = "nc"
     """Name in messages."""
 

@@ -1,4 +1,4 @@
-"""Micro-Epsilon displacement sensors on RS-485 and Ethernet."""
+"""Micro-Epsilon displacement sensors on RS-485, and controllers on Ethernet."""
 
 from drivers.micro_epsilon.ethernet import MeEthernetBus, MeEthernetDevice
 from drivers.micro_epsilon.profile import MeEthernetProfile, MeRs485Profile

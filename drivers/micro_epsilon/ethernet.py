@@ -1,4 +1,4 @@
-"""Micro-Epsilon controllers on Ethernet: a stream of blocks on the data port, each with a header of its own.
+"""Micro-Epsilon controllers on Ethernet. The data port sends a stream of blocks, each with a header.
 
 Little-endian: "MEAS", order number, serial number (u32), u64 channel field (2 bits a channel), u32 status, u16 frames,
 u16 bytes per frame, u32 counter, then frames of one int32 per channel.
@@ -20,7 +20,7 @@ from drivers.tap import Tap
 _START = b"MEAS"
 _HEADER = struct.Struct("<4sIIQIHHI")
 _NAME_SIZE = 12
-"""Of MEAS, order and serial number, which all blocks of one controller begin with."""
+"""Bytes of MEAS, order and serial number, with which every block of one controller begins."""
 _MOST_CHANNELS = 32
 _LONGEST_BLOCK = 65536
 
@@ -32,7 +32,7 @@ class MeBlock:
     order: int
     serial: int
     values: Mapping[int, int]
-    """Channel, counted from 0, to raw value; only those that are fitted."""
+    """Channel, counted from 0, to raw value; fitted channels only."""
 
 
 class MeEthernetBus:
@@ -55,7 +55,7 @@ class MeEthernetBus:
         return self._timeout_s
 
     async def connect(self) -> None:
-        """Open the connection; an open one stays. Raises ConnectError."""
+        """Open the connection, unless it is already open. Raises ConnectError."""
         async with self._lock:
             if not self._stream.is_open:
                 await self._stream.open(self._timeout_s)
@@ -65,7 +65,7 @@ class MeEthernetBus:
             await self._stream.close()
 
     async def next_block(self, device: str) -> MeBlock:
-        """The next block that comes whole; what came before is old and thrown away.
+        """The next block that arrives whole; earlier bytes are old and discarded.
 
         Raises NoAnswer, BadAnswer or ConnectError.
         """
@@ -91,7 +91,7 @@ class MeEthernetBus:
                 hint="is the controller measuring? is its trigger off?",
             )
         return BadAnswer(
-            f"{len(heard)} bytes came, no whole block among them: {heard[:16].hex(' ')}",
+            f"{len(heard)} bytes received, but no complete block: {heard[:16].hex(' ')}",
             bus=self._name,
             device=device,
             hint="is this the data port?",
@@ -123,7 +123,7 @@ class MeEthernetDevice:
         return tuple(self._channels)
 
     async def connect(self) -> None:
-        """Check that the channels in use are fitted. Raises WrongDevice, or what the bus raises."""
+        """Check that the channels in use are fitted. Raises WrongDevice, or the bus's errors."""
         await self._block()
 
     async def read(self) -> Sequence[Reading]:
@@ -132,7 +132,7 @@ class MeEthernetDevice:
         return self._maker.make({name: self._distance(block.values[i]) for name, i in self._channels.items()})
 
     async def close(self) -> None:
-        """Nothing of a controller's own stays open."""
+        """Nothing to close: the bus owns the connection."""
 
     async def _block(self) -> MeBlock:
         block = await self._bus.next_block(self._device)
@@ -156,11 +156,11 @@ class MeEthernetDevice:
 
 
 def find_block(heard: bytes | bytearray) -> MeBlock | None:
-    """The last whole block in `heard`, or None.
+    """The last complete block in `heard`, or None.
 
-    There is no checksum: a block counts when nothing follows it, or the next block. So neither the word MEAS among the
-    values of another block is one, nor a block that lost bytes and would be filled up with those of the next. As long
-    as the next has not begun, a block that ends as the next would begin does not count either.
+    Blocks have no checksum, so a block counts only when nothing or the next block follows it. This rejects the word
+    MEAS among the values of another block, and a block that lost bytes and would be completed with those of the next.
+    Until the next block has begun, a block that ends like the beginning of a header does not count either.
     """
     found = None
     start = 0
@@ -193,6 +193,6 @@ def _block_at(heard: bytes | bytearray, start: int) -> tuple[MeBlock, int] | Non
 
 
 def _another_begins(block: bytes) -> bool:
-    """Whether the header of the next block, or the beginning of it, stands in this one: it lost bytes before that."""
+    """Whether (part of) the next block's header is inside this block, which means that the block lost bytes."""
     name = block[:_NAME_SIZE]
     return block.find(name, 1) >= 0 or any(block.endswith(name[:size]) for size in range(1, _NAME_SIZE))

@@ -9,7 +9,7 @@ from drivers.section import Positive, Section
 
 
 class StreamValue(Section):
-    """What a raw value means."""
+    """How to scale a raw value."""
 
     full_scale: Positive
     """Raw value at the end of the measuring range."""
@@ -30,7 +30,7 @@ class MeRs485Profile(DeviceProfile):
     protocol: Literal["me_rs485"]
     """`me_rs485`."""
     channels: Literal[1]
-    """A sensor has one."""
+    """A sensor has one channel."""
     value: PayloadValue
 
 

@@ -1,7 +1,7 @@
 """Micro-Epsilon displacement sensors on RS-485.
 
-Request `10 DA SA 4C FCS 16`; answer `68 LE LE 68 DA SA 08 data FCS 16`, LE counting DA to the last data byte, FCS
-their sum modulo 256. Answers carry no number: see `MeRs485Bus.measure` for what keeps a late one out.
+Request `10 DA SA 4C FCS 16`; answer `68 LE LE 68 DA SA 08 data FCS 16`. LE counts DA to the last data byte; FCS is
+their sum modulo 256. Answers are not numbered: `MeRs485Bus.measure` says how late ones are rejected.
 """
 
 import asyncio
@@ -50,7 +50,7 @@ class MeRs485Bus:
         return self._timeout_s
 
     async def connect(self) -> None:
-        """Open the port; an open one stays. Raises ConnectError."""
+        """Open the port, unless it is already open. Raises ConnectError."""
         async with self._lock:
             if not self._stream.is_open:
                 await self._stream.open(self._timeout_s)
@@ -62,9 +62,9 @@ class MeRs485Bus:
     async def measure(self, device: str, address: int) -> bytes:
         """The data of one answer. Raises NoAnswer, BadAnswer or ConnectError.
 
-        After a timeout or a cancelled wait an answer is still due, and it would look like the sensor's next one. Then
-        its next request waits until as many came as are due, or for all of the timeout when one was lost, and takes the
-        last. Other sensors have other addresses in their answers and need not wait.
+        After a timeout or a cancelled wait an answer is still due, and it would look like the sensor's next one. The
+        next request to that sensor therefore waits until all answers due have arrived, or for the whole timeout if one
+        was lost, and takes the last one. Answers of other sensors carry other addresses, so those need not wait.
         """
         async with self._lock:
             self._count(self._stream.discard())
@@ -80,7 +80,7 @@ class MeRs485Bus:
             try:
                 while len(answers) <= owed:
                     heard += await self._stream.read(until - loop.time())
-                    until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
+                    until = min(sent + self._timeout_s, loop.time() + wait_s)  # lets an answer that has begun finish
                     if len(found := find_answers(heard, address)) > len(answers):
                         answers, answered = found, loop.time()
             except TimeoutError:
@@ -94,7 +94,7 @@ class MeRs485Bus:
             return answers[-1]
 
     def _count(self, heard: bytes | bytearray) -> None:
-        """Note the answers that are no longer due."""
+        """Subtract the answers that have arrived from those that are due."""
         for address, owed in self._owed.items():
             if owed:
                 self._owed[address] = max(0, owed - len(find_answers(heard, address)))
@@ -111,7 +111,7 @@ class MeRs485Bus:
                 hint="check power, wiring, address and baud",
             )
         return BadAnswer(
-            f"{len(heard)} bytes came, none of them a valid answer of 0x{address:02X}: {heard[:16].hex(' ')}",
+            f"{len(heard)} bytes received, but no valid answer of 0x{address:02X}: {heard[:16].hex(' ')}",
             bus=self._name,
             device=device,
             hint="wrong baud or parity, missing termination, or noise",
@@ -119,7 +119,7 @@ class MeRs485Bus:
 
 
 class MeRs485Device:
-    """One sensor, one channel."""
+    """One sensor with one channel."""
 
     def __init__(
         self,
@@ -145,7 +145,7 @@ class MeRs485Device:
         return (self._channel,)
 
     async def connect(self) -> None:
-        """Check that the sensor answers in the expected form. Raises what the bus raises."""
+        """Check that the sensor answers in the expected form. Raises the bus's errors."""
         await self._distance()
 
     async def read(self) -> Sequence[Reading]:
@@ -153,7 +153,7 @@ class MeRs485Device:
         return self._maker.make({self._channel: await self._distance()})
 
     async def close(self) -> None:
-        """Nothing of a sensor's own stays open."""
+        """Nothing to close: the bus owns the port."""
 
     async def _distance(self) -> float | Fault:
         data = await self._bus.measure(self._device, self._address)
@@ -172,14 +172,14 @@ class MeRs485Device:
 
 
 def decode_float(data: bytes) -> float:
-    """The unscaled value of the `float` payload. Raises ValueError for another length."""
+    """The unscaled value of the `float` payload. Raises ValueError for any other length."""
     if len(data) != _FLOATS.size:
         raise ValueError(f"{len(data)} data bytes, not {_FLOATS.size}")
     return float(_FLOATS.unpack(data)[0])
 
 
 def decode_counted(data: bytes) -> float:
-    """The last value of the `counted` payload. Raises ValueError when number and length do not agree."""
+    """The last value of the `counted` payload. Raises ValueError when the number and the length disagree."""
     if len(data) < _COUNTED.size + 4:
         raise ValueError(f"{len(data)} data bytes, at least {_COUNTED.size + 4} expected")
     _counter, number = _COUNTED.unpack_from(data)
@@ -195,7 +195,7 @@ def request_frame(address: int) -> bytes:
 
 
 def find_answers(heard: bytes | bytearray, address: int) -> list[bytes]:
-    """The data of every valid answer of this sensor in `heard`, in order; garbage and broken frames are passed over."""
+    """The data of every valid answer of this sensor in `heard`, in order; noise and broken frames are skipped."""
     answers: list[bytes] = []
     start = 0
     while (start := heard.find(b"\x68", start)) >= 0:

@@ -12,7 +12,7 @@ class MeRs485Settings(SerialSettings):
     baud: Baud = 230_400
     """Bits per second."""
     parity: Parity = "N"
-    """None, even or odd. Sensors leave the works with E at 256000 baud or N at 230400."""
+    """None, even or odd. Sensors are delivered with E at 256000 baud or N at 230400."""
 
 
 class MeEthernetSettings(HostSettings):
@@ -23,9 +23,9 @@ class MeEthernetSettings(HostSettings):
 
 
 class DisplacementOptions(Section):
-    """What a configuration says about one sensor."""
+    """Options of one sensor in the configuration."""
 
     range_um: float = Field(gt=0, le=1e6)
     """Measuring range."""
     zero_um: float = 0.0
-    """Distance that counts as no growth; subtracted from every value."""
+    """Distance at zero growth; it is subtracted from every value."""

@@ -1,8 +1,8 @@
-"""Modbus RTU and TCP: one request, one answer; a late answer or one of another device is never accepted.
+"""Modbus RTU and TCP: one request, one answer. A late answer, or one of another device, is never accepted.
 
-pymodbus makes and reads the messages and checksums. Its client is not used: after a timeout or a cancelled await it
+pymodbus encodes and decodes the messages and checksums. Its client is not used: after a timeout or a cancelled await it
 hands the late answer to the next RTU request, and one dead unit behind a gateway makes it close the connection that
-its neighbours share. Sources: MODBUS Application Protocol V1.1b3; MODBUS over serial line V1.02.
+other units share. Sources: MODBUS Application Protocol V1.1b3; MODBUS over serial line V1.02.
 """
 
 import asyncio
@@ -44,11 +44,11 @@ _DECODER = DecodePDU(False)
 _HEADER = struct.Struct(">HHHB")  # transaction, protocol 0, length, unit
 _LONGEST_TCP_LENGTH = 254
 _MOST_HEARD = 4096
-"""Number of bytes that are searched for the answer to one request."""
+"""How many bytes are searched for the answer to one request."""
 
 
 class ModbusBus(ABC):
-    """A connection shared by the units on it; requests queue up in order of arrival."""
+    """A connection that several units share; requests queue in order of arrival."""
 
     kind: str
     units: tuple[int, int]
@@ -67,7 +67,7 @@ class ModbusBus(ABC):
         return self._timeout_s
 
     async def connect(self) -> None:
-        """Open the wire; a wire that is open already stays. Raises ConnectError."""
+        """Open the wire, unless it is already open. Raises ConnectError."""
         async with self._lock:
             if not self._stream.is_open:
                 await self._stream.open(self._timeout_s)
@@ -80,7 +80,7 @@ class ModbusBus(ABC):
     async def read(self, device: str, unit: int, block: Block) -> tuple[int, ...]:
         """Registers (0..65535) or bits (0, 1) of one block.
 
-        Raises NoAnswer, BadAnswer, Refused (exception code) or ConnectError (wire gone).
+        Raises NoAnswer, BadAnswer, Refused (exception code) or ConnectError (wire lost).
         """
         async with self._lock:
             pdu = await self._exchange(device, unit, block)
@@ -90,8 +90,8 @@ class ModbusBus(ABC):
             return tuple(int(bit) for bit in pdu.bits[: block.count])
         return tuple(pdu.registers)
 
-    def _opened(self) -> None:  # noqa: B027 - most have nothing to forget
-        """Forget what belonged to the last connection."""
+    def _opened(self) -> None:  # noqa: B027 - not every bus has something to reset
+        """Reset what belonged to the last connection."""
 
     @abstractmethod
     async def _exchange(self, device: str, unit: int, block: Block) -> ModbusPDU:
@@ -119,9 +119,9 @@ class ModbusBus(ABC):
 class ModbusRtuBus(ModbusBus):
     """Units on one serial line.
 
-    An RTU answer carries no number, so a late answer looks like the next one. After a timeout or a cancelled wait the
-    unit's next request is therefore preceded by one of another length: a serial unit answers in order, so once that
-    one is answered nothing older can follow.
+    RTU answers are not numbered, so a late answer looks like the next one. After a timeout or a cancelled wait, the
+    unit's next request is therefore preceded by one with an answer of another length: a serial unit answers in order,
+    so once that request is answered nothing older can follow.
     """
 
     kind = "modbus_rtu"
@@ -159,7 +159,7 @@ class ModbusRtuBus(ModbusBus):
         try:
             while (pdu := find_rtu_answer(heard, unit, block)) is None:
                 heard += await self._stream.read(until - loop.time())
-                until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
+                until = min(sent + self._timeout_s, loop.time() + wait_s)  # lets an answer that has begun finish
         except TimeoutError:
             self._owing = None
             self._patience.missed(unit)
@@ -172,7 +172,7 @@ class ModbusRtuBus(ModbusBus):
         return _decode(pdu, self._name, device)
 
     async def _wait_for_owed_answer(self) -> None:
-        """A cancelled request is still being answered: let the unit finish, or two would talk at once."""
+        """Let the unit finish answering a cancelled request; otherwise two would talk at once."""
         if self._owing is None:
             return
         unit, deadline = self._owing
@@ -189,7 +189,7 @@ class ModbusRtuBus(ModbusBus):
         if not heard:
             return self._silence(device, unit, waited_s)
         return BadAnswer(
-            f"{len(heard)} bytes came, none of them a valid answer of unit {unit}: {heard[:16].hex(' ')}",
+            f"{len(heard)} bytes received, but no valid answer of unit {unit}: {heard[:16].hex(' ')}",
             bus=self._name,
             device=device,
             hint="two units with one id, wrong baud or parity, missing termination, or noise",
@@ -197,7 +197,7 @@ class ModbusRtuBus(ModbusBus):
 
 
 class ModbusTcpBus(ModbusBus):
-    """Units behind one host. Answers carry the request's number, so late and foreign ones are told by it."""
+    """Units behind one host. Answers carry the request's number, which identifies late and foreign ones."""
 
     kind = "modbus_tcp"
     units = (0, 255)
@@ -228,10 +228,10 @@ class ModbusTcpBus(ModbusBus):
             while (found := find_tcp_answer(heard, self._number)) is None:
                 del heard[:-_MOST_HEARD]
                 heard += await self._stream.read(until - loop.time())
-                until = min(sent + self._timeout_s, loop.time() + wait_s)  # an answer that has begun may end
+                until = min(sent + self._timeout_s, loop.time() + wait_s)  # lets an answer that has begun finish
         except TimeoutError:
             self._patience.missed(unit)
-            # The full timeout and not a byte, not even of a late answer: this is not a busy gateway.
+            # Not a byte within the full timeout, not even of a late answer: this is not a busy gateway.
             self._mute = not heard and (self._mute or wait_s >= self._timeout_s)
             self._perhaps_busy_until = 0.0 if self._mute else loop.time() + self._timeout_s
             raise self._nothing_valid(device, unit, heard, wait_s) from None
@@ -253,7 +253,7 @@ class ModbusTcpBus(ModbusBus):
         if _messages(heard)[1] == len(heard):  # nothing, or late answers only
             return self._silence(device, unit, waited_s)
         return BadAnswer(
-            f"what came is no whole Modbus TCP answer: {heard[:16].hex(' ')}",
+            f"the bytes received are not a complete Modbus TCP answer: {heard[:16].hex(' ')}",
             bus=self._name,
             device=device,
             hint="check host and port; is the device's serial side disturbed?",
@@ -261,10 +261,10 @@ class ModbusTcpBus(ModbusBus):
 
 
 def find_tcp_answer(heard: bytes | bytearray, number: int) -> tuple[int, bytes] | None:
-    """Unit and message (function code and data) of the answer with this number, or None when it is not there yet.
+    """Unit and message (function code and data) of the answer with this number, or None if it has not arrived yet.
 
-    Answers with other numbers, which come late, are passed over. Where the bytes make no sense, or begin a message that
-    has not ended, the answer is looked for at any place behind: noise may look like a header.
+    Late answers, which have other numbers, are skipped. Where the bytes are invalid, or begin a message that has not
+    ended, the answer is searched for at every later position, because noise may look like a header.
     """
     messages, end = _messages(heard)
     if number in messages:
@@ -280,7 +280,7 @@ def find_tcp_answer(heard: bytes | bytearray, number: int) -> tuple[int, bytes] 
 
 
 def _messages(heard: bytes | bytearray) -> tuple[dict[int, tuple[int, bytes]], int]:
-    """The whole messages that follow each other from the first byte on, by number, and where they end."""
+    """The complete messages that follow one another from the first byte on, by number, and the position after them."""
     messages, end = {}, 0
     while (found := _message_at(heard, end)) is not None:
         number, unit, message = found
@@ -290,7 +290,7 @@ def _messages(heard: bytes | bytearray) -> tuple[dict[int, tuple[int, bytes]], i
 
 
 def _message_at(heard: bytes | bytearray, start: int) -> tuple[int, int, bytes] | None:
-    """Number, unit and message; None where none starts or ends."""
+    """Number, unit and message; None if no complete message is at this position."""
     if len(heard) - start <= _HEADER.size:
         return None
     number, protocol, length, unit = _HEADER.unpack_from(heard, start)
@@ -303,7 +303,7 @@ def _message_at(heard: bytes | bytearray, start: int) -> tuple[int, int, bytes] 
 def find_rtu_answer(heard: bytes | bytearray, unit: int, block: Block) -> bytes | None:
     """The message (function code and data) of the first frame in `heard` that answers this request, or None.
 
-    Frames of other units, functions or lengths, broken frames and garbage are passed over.
+    Frames of other units, functions or lengths, broken frames and noise are skipped.
     """
     normal = bytes((unit, block.function, _data_bytes(block)))
     refused = bytes((unit, block.function | 0x80))
@@ -331,7 +331,8 @@ def _data_bytes(block: Block) -> int:
 
 
 def _separator(block: Block) -> Block:
-    """A request whose answer has another length than this block's, so that it cannot be mistaken. It may be refused."""
+    """A request that is answered with another length than this block's, so that the two cannot be confused. The unit
+    may refuse it."""
     count = (1 if block.count > 8 else 9) if block.function in BIT_FUNCTIONS else (1 if block.count > 1 else 2)
     return Block(block.function, block.address, count)
 

@@ -48,7 +48,7 @@ class ModbusDevice:
         self._format, self._sentinels = profile.values.format, profile.sentinel_faults
         self._spans: dict[int, Span] = {}
         self._checked = False
-        """Whether the unit is known to be what the profile says."""
+        """Whether the unit is known to match the profile."""
 
     @property
     def device(self) -> str:
@@ -61,7 +61,7 @@ class ModbusDevice:
     async def connect(self) -> None:
         """Check the settings and the type codes of the channels in use, or just that the unit answers.
 
-        Raises WrongDevice and what the bus raises.
+        Raises WrongDevice, or the bus's errors.
         """
         self._forget()
         if self._profile.settings:
@@ -101,7 +101,7 @@ class ModbusDevice:
         return spans
 
     async def read(self) -> Sequence[Reading]:
-        """One reading per channel. After a silence the unit is checked again: another one may answer."""
+        """One reading per channel. After a silence the unit is checked again, because a different one may answer."""
         if not self._checked and (self._code_blocks or self._setting_blocks):
             await self.connect()
         try:
@@ -118,7 +118,7 @@ class ModbusDevice:
         return self._maker.make(values)
 
     async def close(self) -> None:
-        """Forget what is known about the unit; next time another one may answer."""
+        """Forget what is known about the unit: next time a different one may answer."""
         self._forget()
 
     def _forget(self) -> None:
@@ -143,7 +143,7 @@ class ModbusDevice:
         if (status := profile.status) is not None:
             code = status.code(index, words[status.function, status.register(index) + self._offset])
             if code not in status.good:
-                unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{code:X}, which the profile does not explain")
+                unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{code:X}, which the profile does not define")
                 return first_fault(status.rules, code) or unknown
         if sentinel is not None:
             return sentinel
@@ -153,14 +153,14 @@ class ModbusDevice:
         value = span.apply(raw) if values.scaled_by == "type_code" and span else raw * values.scale + values.offset
         if span is not None and not span.holds(value):
             ends = f"{span.low:g} to {span.high:g}"
-            text = f"{value:.4g} {profile.unit} is beyond the range to which the input is set, {ends}"
+            text = f"{value:.4g} {profile.unit} is outside the range that the input is set to, {ends}"
             return Fault(Quality.OUT_OF_RANGE, text)
         return _implausible(profile.plausibility, value, profile.unit) or value
 
     def _apart(self) -> list[Place]:
-        """What must be read again after the values, lest a sensor that recovers in between go unnoticed.
+        """What must be read again after the values, so that a sensor that recovers in between is noticed.
 
-        That is where bits or status come with another request than the value, and no number of the value tells.
+        This applies where bits or status are read in another request than the value and the value cannot show it.
         """
         profile, offset = self._profile, self._offset
         if profile.sentinels:
@@ -229,9 +229,9 @@ def _holds(block: Block, place: Place) -> bool:
 
 
 def plan_blocks(places: Iterable[Place], max_registers: int, max_gap: int) -> tuple[Block, ...]:
-    """The read requests that cover all places (function, address, width), few and within the device's limit.
+    """The read requests that cover all places (function, address, width): as few as the device's limit allows.
 
-    Neighbours are joined over a gap of up to max_gap addresses: a request costs about as much as 8 registers.
+    Neighbours are joined over a gap of up to max_gap addresses: one request costs about as much as 8 registers.
     """
     blocks: list[Block] = []
     for function, address, width in sorted(set(places)):
@@ -251,7 +251,7 @@ def _implausible(rule: Plausibility | None, value: float, unit: str) -> Fault | 
     if rule is None:
         return None
     if rule.suspicious is not None and rule.suspicious[0] <= value <= rule.suspicious[1]:
-        return Fault(Quality.SENSOR_FAULT, f"{value:.4g} {unit} is what this device shows with an open input")
+        return Fault(Quality.SENSOR_FAULT, f"{value:.4g} {unit} is the reading of this device when an input is open")
     if not rule.low <= value <= rule.high:
         return Fault(Quality.OUT_OF_RANGE, f"{value:.4g} {unit} is outside {rule.low:g} to {rule.high:g} {unit}")
     return None

@@ -20,7 +20,7 @@ _FORMATS: Mapping[object, tuple[str, int]] = {
 
 
 def registers_of(kind: object) -> int:
-    """How many registers a number of this type takes; 1 for what is no type."""
+    """How many registers a number of this type occupies; 1 for an unknown type."""
     return _FORMATS.get(kind, ("", 1))[1]
 
 
@@ -35,13 +35,13 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class NumberFormat:
-    """How a number lies in registers."""
+    """How registers hold a number."""
 
     type: NumberType
     byte_order: Order = "big"
-    """Order of the two bytes in a register; Modbus says big."""
+    """Order of the two bytes in a register; Modbus specifies big."""
     word_order: Order = "big"
-    """Order of the registers of a 32-bit number; Modbus does not say, vendors differ."""
+    """Order of the registers of a 32-bit number; Modbus does not specify it, and vendors differ."""
 
     @property
     def registers(self) -> int:
@@ -55,7 +55,7 @@ class NumberFormat:
         return number
 
     def nearest(self, number: float) -> int | float | None:
-        """What a device sends for this number; None when it cannot be sent: too large, or a fraction of an integer."""
+        """What a device sends for this number; None if it cannot: too large, or a fraction of an integer."""
         form = ">" + _FORMATS[self.type][0]
         if self.type != "float32" and not float(number).is_integer():
             return None
@@ -73,7 +73,7 @@ _SPAN_MARGIN = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Linear scaling: raw low and high (numbers) stand for low and high in the profile's unit."""
+    """Linear scaling: raw low and high (numbers) correspond to low and high in the profile's unit."""
 
     raw_low: float
     raw_high: float
@@ -84,6 +84,6 @@ class Span:
         return self.low + (raw - self.raw_low) * (self.high - self.low) / (self.raw_high - self.raw_low)
 
     def holds(self, value: float) -> bool:
-        """Whether an input set to this span can measure the value; modules go a little beyond what they promise."""
+        """Whether an input set to this span can measure the value; modules go slightly beyond their nominal range."""
         margin = _SPAN_MARGIN * (self.high - self.low)
         return self.low - margin <= value <= self.high + margin

@@ -1,4 +1,4 @@
-"""Modbus profiles: where a device's registers are, what they mean, how it reports a broken sensor."""
+"""Modbus profiles: where a device's registers are, what they mean, and how it reports a broken sensor."""
 
 from collections.abc import Mapping
 from functools import cached_property
@@ -35,7 +35,7 @@ def _of_bits(function: int) -> int:
 
 
 Address = Annotated[int, Field(ge=0, le=65535)]
-"""Of a register or bit, counted from 0."""
+"""Address of a register or bit, counted from 0."""
 RegisterFunction = Annotated[int, AfterValidator(_of_registers)]
 BitFunction = Annotated[int, AfterValidator(_of_bits)]
 
@@ -46,28 +46,28 @@ class Values(Section):
     function: RegisterFunction
     """Function code."""
     address: Address
-    """Of channel 0."""
+    """Address of channel 0."""
     type: NumberType
-    """How a number lies in registers."""
+    """How registers hold a number."""
     byte_order: Order = "big"
-    """Order of the two bytes in a register; Modbus says big."""
+    """Order of the two bytes in a register; Modbus specifies big."""
     word_order: Order = "big"
-    """Order of the registers of a 32-bit number; Modbus does not say, vendors differ."""
+    """Order of the registers of a 32-bit number; Modbus does not specify it, and vendors differ."""
     stride: int = Field(default_factory=lambda data: registers_of(data.get("type")), ge=1, le=1000)
-    """From one channel to the next; by default they stand without a gap."""
+    """Distance from one channel to the next; by default there is no gap."""
     scale: float = 1.0
     """Value = raw * scale + offset, unless the type code gives the scaling."""
     offset: float = 0.0
     """See scale."""
     scaled_by: Literal["fixed", "type_code"] = "fixed"
-    """Whether scale and offset hold, or the scaling of each input's type code."""
+    """Whether scale and offset apply, or the scaling of each input's type code."""
 
     @model_validator(mode="after")
     def _readable(self) -> Self:
         if self.stride < (least := registers_of(self.type)):
             raise wrong(f"{self.stride}: expected at least {least}, the registers of a {self.type}", "stride")
         if self.scale == 0:
-            raise wrong("0 would make every value equal", "scale")
+            raise wrong("0 would make every value the same", "scale")
         return self
 
     @property
@@ -76,7 +76,7 @@ class Values(Section):
 
 
 class TypeCode(Section):
-    """What one code stands for: raw low and high stand for low and high in the profile's unit."""
+    """What one code means: raw low and high correspond to low and high in the profile's unit."""
 
     code: Address
     """The number in the register."""
@@ -85,18 +85,18 @@ class TypeCode(Section):
     high: float
     """End of the input's range."""
     raw_low: float | None = None
-    """None: as for all codes."""
+    """None: the value for all codes."""
     raw_high: float | None = None
-    """None: as for all codes."""
+    """None: the value for all codes."""
 
 
 class TypeCodes(Section):
-    """Registers that say what is connected and how it is scaled; checked whenever the device is connected."""
+    """Registers that state which sensor is connected and how it is scaled; checked at every connect."""
 
     function: RegisterFunction
     """Function code."""
     address: Address
-    """Of channel 0."""
+    """Address of channel 0."""
     raw_low: float = 0.0
     """What the device sends at the start of an input's range."""
     raw_high: float = 1.0
@@ -111,7 +111,7 @@ class TypeCodes(Section):
             if span.low >= span.high:
                 raise wrong(f"{span.low} is not below high = {span.high}", "code", number, "low")
             if span.raw_low == span.raw_high:
-                what = f"{span.raw_low} is raw_high, too: every value would be equal"
+                what = f"{span.raw_low} is raw_high, too: every value would be the same"
                 raise wrong(what, "code", number, "raw_low")
         return self
 
@@ -127,19 +127,19 @@ class TypeCodes(Section):
 
 
 class Setting(Section):
-    """A bit or register of the device that must hold one number, or its values mean something else.
+    """A bit or register that must hold one number; otherwise the device's values mean something else.
 
-    Checked whenever the device is connected.
+    Checked at every connect.
     """
 
     function: int = Field(ge=1, le=4)
     """Function code."""
     address: Address
-    """Where it stands."""
+    """Address of the bit or register."""
     equals: int = Field(ge=0, le=65535)
-    """What it must hold."""
+    """The number it must hold."""
     name: str
-    """What messages call it."""
+    """Its name in messages."""
     hint: str
     """What to do if it differs."""
 
@@ -151,33 +151,33 @@ class Setting(Section):
 
 
 class FaultBits(FaultText):
-    """One bit a channel, from `address` on, set when the device finds its sensor broken."""
+    """One bit per channel, from `address` on, set when the device detects a broken sensor."""
 
     function: BitFunction
     """Function code."""
     address: Address
-    """Of channel 0."""
+    """Address of channel 0."""
 
 
 class StatusRegister(Section):
-    """Registers that hold each sensor's state by number or bits, one for a channel or one for several."""
+    """Registers that hold each sensor's state as a number or bits, one for each channel or one for several."""
 
     function: RegisterFunction
     """Function code."""
     address: Address
-    """Of the first."""
+    """Address of the first register."""
     stride: int = Field(default=1, ge=1, le=1000)
     """Distance from one status register to the next."""
     channels_per_register: int = Field(default=1, ge=1, le=_REGISTER_BITS)
     """Channels that share a register."""
     bit_stride: int = Field(default=0, ge=0, lt=_REGISTER_BITS)
-    """By how many bits a channel's status is higher than that of the channel before, in the same register."""
+    """Number of bits from one channel's status to the next channel's in the same register."""
     mask: int | None = Field(default=None, ge=1, le=0xFFFF)
-    """The bits that are the first channel's status; others are ignored. None: as many as each has for itself."""
+    """The bits of the first channel's status; others are ignored. None: as many as each channel has."""
     good: tuple[int, ...] = (0,)
-    """Numbers of a sensor that is in order."""
+    """Numbers that mean a sensor in order."""
     rules: tuple[CodeRule, ...] = Field(default=(), alias="rule")
-    """The most specific first."""
+    """Rules for the other numbers, the most specific first."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -188,7 +188,7 @@ class StatusRegister(Section):
         if self.bit_stride and not shared:
             raise wrong(f"{self.bit_stride}: only where channels_per_register is more than 1", "bit_stride")
         if never := [code for code in self.good if code & ~self.bits]:
-            what = f"{never[0]} never comes; only bits within mask = 0x{self.bits:X} are looked at"
+            what = f"{never[0]} can never occur; only bits within mask = 0x{self.bits:X} are tested"
             raise wrong(what, "good")
         for number, rule in enumerate(self.rules):
             check_code(rule, self.bits, "rule", number)
@@ -196,7 +196,7 @@ class StatusRegister(Section):
 
     @property
     def bits(self) -> int:
-        """The mask, written out."""
+        """The mask in effect."""
         if self.mask is not None:
             return self.mask
         return (1 << self.bit_stride) - 1 if self.bit_stride else 0xFFFF
@@ -206,7 +206,7 @@ class StatusRegister(Section):
         return self.address + channel // self.channels_per_register * self.stride
 
     def code(self, channel: int, register: int) -> int:
-        """The channel's status out of that register, as if the channel were the register's first."""
+        """The channel's status from that register, shifted as if the channel were the register's first."""
         return register >> channel % self.channels_per_register * self.bit_stride & self.bits
 
 
@@ -218,9 +218,9 @@ class Sentinel(FaultText):
 
 
 class Plausibility(Section):
-    """For devices that report nothing: a value outside, or a sensor changing faster than physics allows, is doubtful.
+    """For devices that do not report faults: a value outside, or one changing faster than physics allows, is doubtful.
 
-    Only a guess: an open input may still show a plausible number.
+    This is only a guess: an open input may still show a plausible number.
     """
 
     low: float
@@ -253,7 +253,7 @@ class Plausibility(Section):
 
 
 class ModbusProfile(DeviceProfile):
-    """A Modbus device with equal channels."""
+    """A Modbus device with identical channels."""
 
     protocol: Literal["modbus"]
     """`modbus`."""
@@ -262,9 +262,9 @@ class ModbusProfile(DeviceProfile):
     channels: int = Field(ge=1, le=1000)
     """Number of inputs."""
     max_registers: int = Field(default=125, ge=1, le=125)
-    """Most registers that the device gives in one answer."""
+    """The most registers that the device returns in one answer."""
     max_gap: int = Field(default=8, ge=0, le=125)
-    """Most addresses read for nothing rather than asking twice; 0 for a device that refuses addresses between."""
+    """The most unused addresses to read in order to save a request; 0 for a device that refuses them."""
     values: Values = Field(alias="value")
     settings: tuple[Setting, ...] = Field(default=(), alias="setting")
     type_codes: TypeCodes | None = Field(default=None, alias="type_code")
@@ -283,7 +283,7 @@ class ModbusProfile(DeviceProfile):
             raise wrong(what, "max_registers")
         for number, sentinel in enumerate(self.sentinels):
             if form.nearest(sentinel.raw) is None:
-                raise wrong(f"{sentinel.raw:g} never comes as {form.type}", "sentinel", number, "raw")
+                raise wrong(f"{sentinel.raw:g} cannot occur as {form.type}", "sentinel", number, "raw")
         if (status := self.status) is not None:
             last = min(status.channels_per_register, self.channels) - 1
             highest = status.bits.bit_length() - 1 + last * status.bit_stride
@@ -294,7 +294,7 @@ class ModbusProfile(DeviceProfile):
 
     @cached_property
     def sentinel_faults(self) -> Mapping[float, Fault]:
-        """What each sentinel means, by the number that comes in its place; of two alike the first counts."""
+        """What each sentinel means, by the number that replaces the value; of two equal ones the first counts."""
         form = self.values.format
         raws = ((form.nearest(sentinel.raw), sentinel.fault) for sentinel in reversed(self.sentinels))
         return {raw: fault for raw, fault in raws if raw is not None}

@@ -11,14 +11,14 @@ class ModbusRtuSettings(SerialSettings):
 
 
 class ModbusTcpSettings(HostSettings):
-    """Modbus TCP: one host, itself a device or a gateway to several units."""
+    """Modbus TCP to one host, which is a device itself or a gateway to several units."""
 
     port: Port = 502
     """TCP port."""
 
 
 class ModbusOptions(Section):
-    """What a configuration may say about one Modbus device."""
+    """Options of one Modbus device in the configuration."""
 
     address_offset: int = Field(default=0, ge=0, le=65535)
-    """Added to every address of the profile: where a module stands in a coupler's process image."""
+    """Added to every address of the profile: the position of a module in a coupler's process image."""

@@ -1,6 +1,6 @@
 """OPC UA sessions.
 
-The session is not among them: it loads asyncua, half a second and 20 MB, so who needs it takes it from its module.
+The session is not exported here: importing it loads asyncua (half a second, 20 MB), so import it from its module.
 """
 
 from drivers.opcua.settings import OpcUaSettings, valid_certificate

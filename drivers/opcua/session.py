@@ -1,4 +1,4 @@
-"""One OPC UA session: batch reads and writes by node name, and the library's errors as ours."""
+"""One OPC UA session: batch reads and writes by node name, with the library's errors raised as ours."""
 
 import asyncio
 import logging
@@ -19,7 +19,7 @@ from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.opcua.settings import OpcUaSettings, application_uri, valid_certificate, with_port
 from drivers.opcua.subscription import Subscription
 
-# Our errors report a lost line; a handler that the service sets up still gets the library's messages.
+# Our errors report a lost connection; a handler that the service installs still receives the library's messages.
 logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
 SECURE = "set security = 'Basic256Sha256' and the certificates"
@@ -73,7 +73,7 @@ class OpcUaSession:
     """
 
     def __init__(self, settings: OpcUaSettings, device: str, rights: Mapping[str, str]) -> None:
-        """`rights`: what part of a node's name needs which right on the control, for hints."""
+        """`rights`: which part of a node's name needs which right on the control; used in hints."""
         self._settings = settings
         self._device = device
         self._rights = rights
@@ -89,8 +89,8 @@ class OpcUaSession:
     async def connect(self) -> None:
         """Open the session and look up the namespace.
 
-        Raises ConnectError when no server listens, Refused for user or certificate, WrongDevice when the namespace is
-        not there, SetupError when a file cannot be read.
+        Raises ConnectError when no server listens, Refused for the user or certificate, WrongDevice when the namespace
+        is missing, SetupError when a file cannot be read.
         """
         await self.close()
         async with self._malformed_is_bad("opens the session"):
@@ -130,16 +130,16 @@ class OpcUaSession:
         self._namespace = namespaces.index(settings.namespace_uri)
 
     async def close(self) -> None:
-        """Close the session; harmless when there is none."""
+        """Close the session; harmless when none is open."""
         client, self._client = self._client, None
         self._subscriptions.clear()
         if client is None:
             return
-        with suppress(Exception):  # also what the library raises on a malformed answer to the goodbye
+        with suppress(Exception):  # also what the library raises if the answer to the close request is malformed
             await client.disconnect()
 
     async def read(self, paths: tuple[str, ...]) -> list[Number | None]:
-        """Values of several nodes in one request; None where the control has no good value just now.
+        """Values of several nodes in one request; None where the control has no good value at present.
 
         Raises WrongDevice for a node that does not exist, Refused for a missing right.
         """
@@ -150,7 +150,7 @@ class OpcUaSession:
             return [self._value(path, value) for path, value in zip(paths, answer, strict=True)]
 
     async def subscribe(self, paths: tuple[str, ...], interval_s: float) -> bool:
-        """Have the server tell of changes of these nodes from now until the session ends; False when it will not."""
+        """Subscribe to changes of these nodes until the session ends; False when the server refuses."""
         subscription = Subscription(self._open(), self._ids(paths), interval_s)
         async with self._malformed_is_bad("subscribes"):
             started = await self._ask(subscription.start(), "subscribes")
@@ -158,7 +158,7 @@ class OpcUaSession:
         return started
 
     async def latest(self, paths: tuple[str, ...]) -> list[Number | None]:
-        """As `read`, without a request while a subscription to the same nodes is alive."""
+        """Like `read`, but without a request while a subscription to the same nodes is alive."""
         subscription = self._subscriptions.get(paths)
         values = subscription.latest() if subscription is not None else None
         if values is None:
@@ -169,7 +169,7 @@ class OpcUaSession:
     async def write(self, values: Mapping[str, float]) -> None:
         """Set several nodes in one request.
 
-        Raises Refused naming the first node that was not set; the others may have been.
+        Raises Refused naming the first node that was not set; the others may have been set.
         """
         client = self._open()
         paths = tuple(values)
@@ -196,7 +196,7 @@ class OpcUaSession:
     async def _malformed_is_bad(self, what: str) -> AsyncIterator[None]:
         """The library decodes answers without checking them: what it raises on a malformed one becomes BadAnswer.
 
-        The session is closed then, as nobody knows what of it can still be trusted.
+        The session is then closed, because its state can no longer be trusted.
         """
         try:
             yield
@@ -207,7 +207,7 @@ class OpcUaSession:
             raise self._unreadable(error, what) from error
 
     def _expect(self, count: int, answer: object, of: str) -> None:
-        """Raises BadAnswer unless the answer is a list of so many."""
+        """Raises BadAnswer unless the answer is a list of that length."""
         if not isinstance(answer, list) or len(answer) != count:
             found = len(answer) if isinstance(answer, list) else "no"
             raise BadAnswer(f"{found} {of} for {count} nodes", device=self._device)
@@ -245,7 +245,7 @@ class OpcUaSession:
         )
 
     def _translated(self, error: Exception, what: str) -> DriverError:
-        """An error in an open session."""
+        """Our error for a library error in an open session."""
         if isinstance(error, TimeoutError):
             return NoAnswer(
                 f"no answer within {self._settings.timeout_s:g} s while the gateway {what}", device=self._device
@@ -256,14 +256,14 @@ class OpcUaSession:
         return ConnectError(f"the connection to {self._settings.url} is lost: {_say(error)}", device=self._device)
 
     def _unreadable(self, error: Exception, what: str) -> BadAnswer:
-        """An exception that none of the library's own errors is."""
+        """Our error for an exception that is not one of the library's own."""
         return BadAnswer(
             f"the control's answer is malformed when the gateway {what}: {type(error).__name__}: {error}",
             device=self._device,
         )
 
     def _unreachable(self, error: Exception) -> DriverError:
-        """An error while opening the session."""
+        """Our error for a library error while the session is being opened."""
         url, device = self._settings.url, self._device
         if isinstance(error, UaStatusCodeError):
             if error.code in DENIED:
@@ -278,7 +278,7 @@ class OpcUaSession:
         elif isinstance(error, UaError):
             hint = SECURE if self._settings.security == "none" else ""
             return Refused(f"{url} offers no such session: {_say(error)}", device=device, hint=hint)
-        if isinstance(error, AssertionError):  # how the library takes a fault in answer to opening the channel
+        if isinstance(error, AssertionError):  # the library raises this when the server refuses the channel
             hint = "does the control trust our certificate, and is server_certificate its own?"
             return Refused(
                 f"{url} refuses the secure channel, so our certificate or its policy", device=device, hint=hint
@@ -327,7 +327,7 @@ class OpcUaSession:
 
 
 async def _drop(client: Client) -> None:
-    """Close the socket of a session that never was one, which a cancelled or failed `connect` leaves open."""
+    """Close the socket of a session that was never established, left open by a cancelled or failed `connect`."""
     if client.uaclient.has_transport:
         client.disconnect_socket()
         await asyncio.sleep(0)  # the transport closes in the loop's next round

@@ -15,16 +15,16 @@ DEFAULT_PORT = 4840
 
 
 class OpcUaSettings(Section):
-    """Where a server is and how it is spoken to."""
+    """Where a server is and how to connect to it."""
 
     url: Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
-    """Endpoint of the control's OPC UA server, such as `opc.tcp://192.168.214.1:4840`; that port if left out."""
+    """Endpoint of the control's OPC UA server, such as `opc.tcp://192.168.214.1:4840`; 4840 is the default port."""
     security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
     """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: for an emulated control only."""
     user: str | None = None
     """OPC UA user; the control grants it the rights to read and write."""
     password_file: FilePath | None = None
-    """File that holds the user's password, so that it is never in this file, the store or a message."""
+    """File that holds the user's password, so that it never appears in this file, the store or a message."""
     certificate: FilePath | None = None
     """The gateway's certificate (.der or .pem); the control must trust it."""
     private_key: FilePath | None = None
@@ -52,7 +52,7 @@ class OpcUaSettings(Section):
 
 
 def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certificate:
-    """The certificate in a file. Raises SetupError unless it is one and its time has come and not gone."""
+    """The certificate in a file. Raises SetupError unless it is one and is valid at present."""
     try:
         content = path.read_bytes() if path is not None else b""
         pem = content.startswith(b"-----BEGIN")
@@ -70,7 +70,7 @@ def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certifi
 
 
 def application_uri(certificate: x509.Certificate, path: Path | None, device: str) -> str:
-    """The name that the certificate gives us; servers compare it with what we say of ourselves (Part 6, 6.2.2)."""
+    """The certificate's application URI; servers compare it with the one that we send (Part 6, 6.2.2)."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
@@ -83,6 +83,6 @@ def application_uri(certificate: x509.Certificate, path: Path | None, device: st
 
 
 def with_port(url: str) -> str:
-    """The URL with OPC UA's usual port when it names none."""
+    """The URL, with OPC UA's usual port added when it names none."""
     parts = urlsplit(url)
     return url if parts.port is not None else parts._replace(netloc=f"{parts.netloc}:{DEFAULT_PORT}").geturl()

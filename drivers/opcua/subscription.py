@@ -13,7 +13,7 @@ from asyncua.ua.uatypes import DataValue, NodeId
 
 _KEEP_ALIVE_S = 1.0
 _MARGIN = 2.5
-"""Keep-alives that may be missed before the subscription counts as silent."""
+"""Keep-alives that may be missed before the subscription is considered silent."""
 
 
 class Subscription:
@@ -23,7 +23,7 @@ class Subscription:
     ----------
     client: an open session
     nodes: what to subscribe to
-    interval_s: how often the server may tell of changes
+    interval_s: how often the server may report changes
     """
 
     def __init__(self, client: Client, nodes: Sequence[NodeId], interval_s: float) -> None:
@@ -53,15 +53,15 @@ class Subscription:
         return all(isinstance(item, int) for item in items)
 
     def datachange_notification(self, node: Node, _value: object, data: subscription.DataChangeNotif) -> None:
-        """What the library calls."""
+        """The methods that the library calls."""
         self._values[node.nodeid] = data.monitored_item.Value
 
     def status_change_notification(self, _status: ua.StatusChangeNotification) -> None:
-        """The subscription has ended or moved: what was told before counts no more."""
+        """The subscription has ended or moved: earlier values no longer count."""
         self._values.clear()
 
     def latest(self) -> list[DataValue] | None:
-        """One value per node; None while some are missing or when the server has gone silent."""
+        """One value per node; None while some are missing or after the server has gone silent."""
         if self._client.state is not UaClientState.CONNECTED or self._subscription is None:
             return None
         if self._subscription.is_stale(_MARGIN) or len(self._values) < len(self._nodes):

@@ -1,6 +1,6 @@
 """SINUMERIK controls over OPC UA.
 
-The driver itself is made by `make_sinumerik`: it loads OPC UA, half a second and 20 MB.
+`make_sinumerik` makes the driver itself: it loads OPC UA, which takes half a second and 20 MB.
 """
 
 from drivers.sinumerik.make import make_sinumerik

@@ -1,4 +1,4 @@
-"""SINUMERIK over OPC UA: snapshot, probing handshake over R-parameters, compensation over setting data."""
+"""SINUMERIK over OPC UA: snapshot, probing handshake through R-parameters, compensation through setting data."""
 
 import math
 from typing import Final
@@ -33,7 +33,7 @@ RIGHTS: Final = {
     "/Bag/": "State",
     "/Nck/": "State",
 }
-"""Part of a node's name, and the right it needs, to which Read or Write is added (manual, list of rights)."""
+"""Part of a node's name, and the right it needs; Read or Write is added to it (manual, list of rights)."""
 
 MODES: Final = {0: OperatingMode.JOG, 1: OperatingMode.MDA, 2: OperatingMode.AUTO}
 PROGRAM_STATES: Final = {
@@ -65,11 +65,11 @@ REASONS: Final = {
 EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
 ALIVE: Final = 1
-"""State of the control's watchdog while it hears the gateway."""
+"""State of the control's watchdog while it receives the gateway's heartbeat."""
 
 
 class Sinumerik:
-    """One control. Making it validates and uses no network; see NumericalControl for the operations.
+    """One control. Construction validates and uses no network; see NumericalControl for the operations.
 
     Every operation raises a DriverError: ConnectError and NoAnswer mean that the session is closed and `connect` is
     needed.
@@ -95,8 +95,8 @@ class Sinumerik:
         )
         self._probing = (
             settings.r(settings.handshake.state),
-        )  # a request of its own: a control may not report changes of its R-parameters
-        self._alarms = paths.alarms  # the control's manual requires a request of their own
+        )  # a separate request: a control may not report changes of its R-parameters
+        self._alarms = paths.alarms  # the control's manual requires a separate request
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
@@ -124,8 +124,8 @@ class Sinumerik:
         await self._session.close()
 
     async def snapshot(self) -> NcSnapshot:
-        """Three requests, or none while the control reports changes. Raises BadAnswer for an axis without a position
-        that is a finite number; states that are none are missing."""
+        """Three requests, or none while the control reports changes. Raises BadAnswer for an axis without a finite
+        position; states without a finite value are missing."""
         values = await self._session.latest(self._snapshot)
         [probing] = await self._session.latest(self._probing)
         shown = await self._session.latest(self._alarms) if self._alarms else []
@@ -158,22 +158,22 @@ class Sinumerik:
         )
 
     async def request_probing(self, number: int) -> None:
-        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control has seen it last or has
-        another one to do."""
+        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control saw this number last or has
+        another request pending."""
         check_number(number, "request number")
         request, answers, state, _, taken_back = self._numbers(self._request, await self._session.read(self._request))
         if number in (request, answers):
             raise Refused(
                 f"request number {number} was the last one: its old result could be taken for a new one",
                 device=self._settings.device,
-                hint="go on counting from a higher number",
+                hint="continue from a higher number",
             )
         if PROBING_STATES.get(_code(state)) in UNDER_WAY:
-            raise self._busy(f"cycle {answers:.0f} is under way")
+            raise self._busy(f"cycle {answers:.0f} is in progress")
         if request > 0 and request not in (answers, taken_back):
             raise self._busy(f"request {request:.0f} waits for the control's next safe point")
         hand = self._settings.handshake
-        # The number is written last and alone: the control acts on it.
+        # The number is written last, in a separate request, because the control acts on it.
         await self._session.write({self._settings.r(hand.valid_for): hand.request_valid_for_s})
         await self._session.write({self._settings.r(hand.request): float(number)})
 
@@ -186,7 +186,7 @@ class Sinumerik:
         known = self._state(state)
         if known not in FINAL:
             return ProbingStatus(number, known)
-        # The four parameters need not stem from one moment. What is final stands still: read it again with the results.
+        # The four parameters may be from different moments. A final state no longer changes: read it with the results.
         again = self._given(self._result, await self._session.read(self._result))
         _, answers_again, state_again, reason, result_of, *values, spread = again
         if answers_again != answers or state_again != state:
@@ -195,7 +195,7 @@ class Sinumerik:
             return ProbingStatus(number, known, reason=REASONS.get(_code(reason), f"reason {reason:g}"))
         if result_of != number:
             raise BadAnswer(
-                f"the control calls cycle {number} done, but its results belong to cycle {result_of:g}",
+                f"the control reports cycle {number} as done, but its results belong to cycle {result_of:g}",
                 device=self._settings.device,
                 hint="the NC program must write the results and their number before the state",
             )
@@ -221,7 +221,7 @@ class Sinumerik:
         await self._session.write(values)
 
     async def read_compensation(self) -> tuple[float, float, float]:
-        """Route `k0`: K0 + tanβ (P - P0), with whatever slope somebody else has set (K3); route `r`: the parameters."""
+        """Route `k0`: K0 + tanβ (P - P0), with whatever slope is set on the control (K3); route `r`: the parameters."""
         values = self._numbers(self._in_force, await self._session.read(self._in_force))
         if self._settings.compensation.route == "k0":
             k0, slope, reference, position = (values[i : i + 3] for i in (0, 3, 6, 9))
@@ -241,7 +241,7 @@ class Sinumerik:
         await self._session.write({r(lease.beat): _next_beat(beat)})
 
     async def heartbeat(self, owner: int) -> bool:
-        """Raises ValueError as `claim`."""
+        """Raises ValueError like `claim`."""
         check_number(owner, "owner")
         holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
         if holder != owner:
@@ -261,7 +261,7 @@ class Sinumerik:
 
     def _busy(self, what: str) -> Refused:
         hand = self._settings.handshake
-        hint = f"does another gateway probe? R{hand.withdraw} := its number withdraws a request"
+        hint = f"is another gateway probing? writing its number to R{hand.withdraw} withdraws a request"
         return Refused(what, device=self._settings.device, hint=hint)
 
     def _anothers(self, holder: float) -> Refused:
@@ -272,7 +272,7 @@ class Sinumerik:
         )
 
     def _from_origin(self, x: float, y: float, z: float) -> Triple:
-        """Machine coordinates as the gateway counts them."""
+        """Machine coordinates converted to the gateway's."""
         x0, y0, z0 = self._settings.origin_mm
         return x - x0, y - y0, z - z0
 
@@ -290,7 +290,7 @@ class Sinumerik:
         return numbers
 
     def _given(self, paths: tuple[str, ...], values: list[Number | None]) -> list[float]:
-        """May be not finite: the caller checks the results of a cycle."""
+        """The values may be non-finite: the caller checks the results of a cycle."""
         for path, value in zip(paths, values, strict=True):
             if value is None:
                 raise BadAnswer(f"{path} has no value", device=self._settings.device)
@@ -303,19 +303,19 @@ def _next_beat(beat: float) -> float:
 
 
 def _may_be_stopped(shown: list[Number | None]) -> bool:
-    """The list begins with the oldest: without a free place, or of one that has no value, nobody knows what follows."""
+    """The list begins with the oldest: if no place is free, or one has no value, further alarms may be hidden."""
     return bool(shown) and (EMERGENCY_STOP in map(_code, shown) or None in shown or all(shown))
 
 
 def _drives(named: dict[str, Number | None]) -> bool:
-    return "drives_on" not in named or bool(named["drives_on"])  # a missing value does not count as true
+    return "drives_on" not in named or bool(named["drives_on"])  # a missing value counts as false
 
 
 def _is_odd(value: Number | None) -> bool:
     code = _code(value)
-    return code > 0 and code % 2 == 1  # a missing value does not count as true
+    return code > 0 and code % 2 == 1  # a missing value counts as false
 
 
 def _code(value: Number | None) -> int:
-    """An R-parameter is a floating-point number even when it means a code; -1 for none."""
+    """An R-parameter is a floating-point number even where it holds a code; -1 for none."""
     return -1 if value is None or not math.isfinite(value) else round(value)

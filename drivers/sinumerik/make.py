@@ -1,4 +1,4 @@
-"""Makes the driver of a SINUMERIK control."""
+"""Builds the driver of a SINUMERIK control."""
 
 from drivers.base import Clock
 from drivers.nc import NumericalControl

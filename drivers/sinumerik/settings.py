@@ -1,4 +1,4 @@
-"""Settings of a SINUMERIK control: node names, handshake parameters, compensation route. All can be replaced."""
+"""Settings of a SINUMERIK control: node names, handshake parameters and compensation route, all adjustable."""
 
 import math
 import re
@@ -20,17 +20,17 @@ PAIRS: Final = {
     for over in LINEAR_AXES
     if shifted != over
 }
-"""Pairs of axes that a sag compensation table joins: shifted axis, axis whose position counts."""
+"""Pairs of axes that a sag compensation table connects: shifted axis, axis whose position counts."""
 
 
 @dataclass(frozen=True, slots=True)
 class StateNode:
-    """A machine state that the control shows."""
+    """A machine state that the control provides."""
 
     path: str
     """Node name, such as `/Plc/Q4.0`."""
     divisor: float = 1.0
-    """What the node's value is divided by."""
+    """Divisor of the node's value."""
 
     def __post_init__(self) -> None:
         if not self.path.startswith("/"):
@@ -41,7 +41,7 @@ class StateNode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Paths:
-    """Node names without namespace. `{n}` stands for the number of an axis or of an R-parameter."""
+    """Node names without a namespace. `{n}` stands for the number of an axis or of an R-parameter."""
 
     position: str = "/Channel/MachineAxis/actToolBasePos[u1,{n}]"
     """Position of a machine axis, mm or degrees, machine coordinates."""
@@ -56,7 +56,7 @@ class Paths:
     weight: str = "/NC/_N_NC_SEA_ACX/$SN_CEC_TABLE_WEIGHT[{n}]"
     """Weight of a sag compensation table, SD41310; `{n}` stands for the table's number from 1 on."""
     mode: str = "/Bag/State/opMode[u1]"
-    """Operating mode: 0 JOG, 1 MDA, 2 AUTO. Empty: not read, as the next three."""
+    """Operating mode: 0 JOG, 1 MDA, 2 AUTO. Empty: not read; likewise for the next three."""
     program: str = "/Channel/State/progStatus[u1]"
     """State of the program: 1 interrupted, 2 stopped, 3 running, 4 waiting, 5 aborted."""
     tool: str = "/Channel/State/actTNumber[u1]"
@@ -64,13 +64,13 @@ class Paths:
     referenced: str = "/Channel/MachineAxis/refPtStatus[u1,{n}]"
     """Whether X, Y, Z are referenced: an odd number when so. Empty: not read."""
     probe_in_spindle: str = ""
-    """A bit of the machine builder's PLC program, such as `/Plc/M120.1`; there is none that every control has."""
+    """A bit of the machine builder's PLC program, such as `/Plc/M120.1`; there is no standard one."""
     drives_on: str = ""
-    """A bit that is on while the drives are, such as `/Plc/M120.2`; there is none that every control has. While it is
-    off no offset is written. Empty: not read."""
+    """A bit that is on while the drives are, such as `/Plc/M120.2`; there is no standard one. While it is off no offset
+    is written. Empty: not read."""
     alarms: tuple[str, ...] = tuple(f"/Nck/SequencedAlarms/textIndex[{n}]" for n in range(1, 17))
-    """Numbers of the NC's alarms, the oldest first, 0 where there is none. While all places are taken, or one has no
-    good value, an emergency stop may be among those not shown: no offset is written."""
+    """Numbers of the NC's alarms, the oldest first, 0 where there is none. When all places are taken, or one has no
+    good value, an emergency stop may be among the hidden alarms: no offset is written."""
 
     def __post_init__(self) -> None:
         for name in ("position", "r_parameter", "k0", "slope", "reference", "weight"):
@@ -91,9 +91,9 @@ class Paths:
 
 
 def default_states(axis_numbers: Mapping[str, int]) -> dict[str, StateNode]:
-    """Machine states that every control shows, under the names that models use.
+    """Machine states that every control provides, under the names that models use.
 
-    The control shows rotary axes in degrees per minute; models take 1/min.
+    The control reports rotary axes in degrees per minute; models use 1/min.
     """
     feed = "/Channel/MachineAxis/actFeedRate[u1,{n}]"
     states = {"spindle_speed": StateNode("/Channel/Spindle/actSpeed[u1,1]")}
@@ -110,23 +110,23 @@ class Handshake:
     request: int = 60
     """Number of the request."""
     withdraw: int = 61
-    """Number of a request that is taken back."""
+    """Number of a withdrawn request."""
     valid_for: int = 62
-    """Seconds within which the cycle must begin."""
+    """Time in seconds within which the cycle must begin."""
     answers: int = 64
-    """Number of the request that state and reason speak of."""
+    """Number of the request to which state and reason refer."""
     state: int = 65
     """0 idle, 1 accepted, 2 running, 3 done, 4 refused, 5 failed."""
     reason: int = 66
-    """Why refused or failed."""
+    """Why it was refused or failed."""
     result_of: int = 67
     """Number of the request that the results belong to."""
     results: int = 70
-    """First of three per pose."""
+    """First of three R-parameters per pose."""
     spread: int = 88
-    """Largest difference of repeated touches in the cycle, mm."""
+    """Largest difference between repeated touches in the cycle, mm."""
     request_valid_for_s: float = 900.0
-    """A control that reaches its safe point later than this refuses: nobody may be listening any more. 0: no limit."""
+    """A control that reaches its safe point later than this refuses: the gateway may be gone by then. 0: no limit."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.request_valid_for_s) and self.request_valid_for_s >= 0):
@@ -141,21 +141,21 @@ class OffsetRoute:
     """`k0`: setting data SD43900 of X, Y, Z, acts at once; `k0_slope`: tanβ (SD43910) as well, so that the control
     follows its position by itself; `r`: three R-parameters in mm that the NC program adds."""
     signs: tuple[int, int, int] | None = None
-    """+1 where a positive value moves the tool in plus direction, -1 where in minus. None: -1, as a compensation value
-    stands for an error to be taken away, and +1 for route `r`. Check with a dial gauge (docs/nc.md)."""
+    """+1 where a positive value moves the tool in the positive direction, -1 where in the negative. None: -1, because a
+    compensation value states an error to be removed, and +1 for route `r`. Check with a dial gauge (docs/nc.md)."""
     travel_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None = None
-    """Route `k0_slope`: travel of X, Y, Z in machine coordinates; bound and slew hold at every point of it."""
+    """Route `k0_slope`: travel of X, Y, Z in machine coordinates; bound and slew hold over all of it."""
     reference_mm: Triple = (0.0, 0.0, 0.0)
-    """Route `k0_slope`: P0 of X, Y, Z (SD43920) and zero of the tables, machine coordinates."""
+    """Route `k0_slope`: P0 of X, Y, Z (SD43920) and zero of the tables, in machine coordinates."""
     tables: Mapping[str, int] = field(default_factory=dict)
     """Route `k0_slope`: sag compensation table ($AN_CEC, from 0 on) of each pair of axes, such as `{XY = 0}`: X is
-    shifted by Y's position. A pair without a table is followed by the gateway, once per period."""
+    shifted by Y's position. The gateway follows a pair without a table itself, once per period."""
     table_signs: tuple[int, int, int] | None = None
-    """As `signs`, for the tables; None: as `signs`."""
+    """Like `signs`, for the tables; None: the same as `signs`."""
     first_r: int = 90
     """First of the three R-parameters of route `r`."""
     largest_um: float = 500.0
-    """No offset beyond this is ever sent, whoever asks: last line of defence against a wrong unit."""
+    """No offset beyond this is ever sent, whatever the caller requests: the last defence against a wrong unit."""
 
     def __post_init__(self) -> None:
         if self.route not in ("k0", "k0_slope", "r"):
@@ -173,7 +173,7 @@ class OffsetRoute:
 
     def _check_slopes(self) -> None:
         if self.travel_mm is None:
-            raise SetupError("travel_mm is missing: route 'k0_slope' needs it, to keep to the bound everywhere")
+            raise SetupError("travel_mm is missing: route 'k0_slope' needs it to keep the bound everywhere")
         for axis, (low, high) in zip(LINEAR_AXES, self.travel_mm, strict=True):
             if not -math.inf < low < high < math.inf:
                 raise SetupError(f"travel_mm of {axis} = {(low, high)!r}: expected the lower end before the upper one")
@@ -185,7 +185,7 @@ class OffsetRoute:
             if table < 0:
                 raise SetupError(f"tables.{pair} = {table}: expected the number of a table, 0 or more")
         if len(set(self.tables.values())) != len(self.tables):
-            raise SetupError(f"tables = {dict(self.tables)!r}: expected another table for each pair")
+            raise SetupError(f"tables = {dict(self.tables)!r}: expected a different table for each pair")
 
     def table_sign(self, axis: int) -> int:
         """Of X, Y, Z (0, 1, 2)."""
@@ -203,11 +203,11 @@ class LeaseParameters:
     """R-parameters of claim and watchdog (docs/nc.md). The gateway writes all but `state`."""
 
     owner: int = 93
-    """Number of the gateway that writes offsets; 0: nobody."""
+    """Number of the gateway that writes offsets; 0: none."""
     beat: int = 94
-    """Another number at every heartbeat."""
+    """A different number at every heartbeat."""
     silence: int = 95
-    """Seconds without a new beat until the control takes the gateway for dead."""
+    """Seconds without a new beat after which the control considers the gateway dead."""
     state: int = 96
     """0 the watchdog has seen no beat since power on, 1 alive, 2 silent."""
     ramp: int = 97
@@ -217,16 +217,16 @@ class LeaseParameters:
 
 
 class SinumerikControl(OpcUaSettings):
-    """Where a SINUMERIK control is, and what is where on it."""
+    """Where a SINUMERIK control is, and the addresses of its variables."""
 
     subscribe_s: NotNegative = 0.0
     """The control reports changes this often instead of being polled every period; 0 polls. A control that offers no
-    subscription, or falls silent, is asked."""
+    subscription, or falls silent, is polled."""
     axis_numbers: Mapping[str, int] = Field(default={"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
     """Number of each machine axis on the control."""
     origin_mm: Triple = (0.0, 0.0, 0.0)
-    """Machine coordinates of X, Y, Z at which the tip of the tool is where A and C meet. What tilts shift grows with
-    the distance from there."""
+    """Machine coordinates of X, Y, Z at which the tool tip is where A and C meet. Shifts from tilt errors grow with the
+    distance from there."""
     nodes: Paths = Paths()
     handshake: Handshake = Handshake()
     lease: LeaseParameters = LeaseParameters()
@@ -244,7 +244,7 @@ class SinumerikControl(OpcUaSettings):
 
 
 class SinumerikSettings(SinumerikControl):
-    """One SINUMERIK control, with what is to be read from it and the poses of its probing cycle."""
+    """One SINUMERIK control, with the states to read from it and the poses of its probing cycle."""
 
     device: str = "nc"
     """Name in messages."""
@@ -255,7 +255,7 @@ class SinumerikSettings(SinumerikControl):
 
     @model_validator(mode="after")
     def _check_r_parameters(self) -> Self:
-        """No number below 0, and none with two meanings."""
+        """No number is below 0, and none has two meanings."""
         meaning: dict[int, str] = {}
         for name, number in self.r_numbers():
             if number < 0:
@@ -268,7 +268,7 @@ class SinumerikSettings(SinumerikControl):
         return self
 
     def r_numbers(self) -> Iterator[tuple[str, int]]:
-        """Every R-parameter in use, with what it is for; a field of several gives several."""
+        """Every R-parameter in use, with its meaning; one field may give several."""
         for group in ("handshake", "lease"):
             section = getattr(self, group)
             for item in fields(section):
@@ -294,7 +294,7 @@ class SinumerikSettings(SinumerikControl):
 
     @property
     def offset_nodes(self) -> tuple[str, ...]:
-        """What an offset of X, Y, Z is written to."""
+        """The nodes to which an offset of X, Y, Z is written."""
         if self.compensation.route == "r":
             return tuple(self.r(self.compensation.first_r + i) for i in range(3))
         return self.linear(self.nodes.k0)
@@ -307,7 +307,8 @@ class SinumerikSettings(SinumerikControl):
 
     @property
     def in_force_nodes(self) -> tuple[str, ...]:
-        """What the offsets in force follow from, by route: the parameters; or K0, tanβ, P0, weights and positions."""
+        """The values that determine the offsets in force: route `r` the parameters; else K0, tanβ, P0, weights,
+        positions."""
         if self.compensation.route == "r":
             return self.offset_nodes
         nodes = self.nodes

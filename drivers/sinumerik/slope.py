@@ -1,8 +1,8 @@
 """SINUMERIK with slopes: K0, tanβ and P0 of each axis, and sag compensation tables across axes.
 
 ΔK = K0 + tanβ (P - P0) per axis (SD43900, SD43910, SD43920; Function Manual Extended Functions, K3, temperature
-compensation). What one axis needs because of another's position goes over sag compensation: a table that rises by 1 µm
-per mm from its zero at P0, times its weight SD41310 (K3, sag and angularity error compensation).
+compensation). A shift of one axis that depends on another's position uses sag compensation: a table that rises by
+1 µm per mm from its zero at P0, times its weight SD41310 (K3, sag and angularity error compensation).
 """
 
 import math
@@ -17,7 +17,7 @@ _SAME_MM: Final = 1e-6
 
 
 class SinumerikWithSlopes(Sinumerik):
-    """One control with route `k0_slope`. Implements FollowsPosition; errors as Sinumerik's."""
+    """One control with route `k0_slope`. Implements FollowsPosition; errors like Sinumerik's."""
 
     def __init__(self, settings: SinumerikSettings, clock: Clock) -> None:
         comp = settings.compensation
@@ -32,7 +32,7 @@ class SinumerikWithSlopes(Sinumerik):
         x, y, z = (max(abs(low - p0), abs(high - p0)) for (low, high), p0 in low_high)
         self._reach: Triple = (x, y, z)
         self._found: tuple[list[float], list[float]] | None = None
-        """P0 and slopes as they were read last; not None while connected."""
+        """P0 and slopes as last read; not None while connected."""
 
     @property
     def pairs(self) -> frozenset[tuple[int, int]]:
@@ -49,13 +49,13 @@ class SinumerikWithSlopes(Sinumerik):
     async def connect(self) -> None:
         await super().connect()
         try:
-            await self.read_linear()  # a write looks at the P0 that was read last
+            await self.read_linear()  # a write checks the P0 that was read last
         except BaseException:
             await self.close()
             raise
 
     async def claim(self, owner: int, terms: WatchdogTerms) -> None:
-        """As Sinumerik's; also sets each P0 to ours. Raises Refused when another one is in use under a slope."""
+        """Like Sinumerik's; also sets each P0 to ours. Raises Refused when a different one is in use with a slope."""
         await super().claim(owner, terms)
         await self.read_linear()
         wrong = {path: wanted for path, wanted, _, slope in self._wrong_references() if not slope}
@@ -68,7 +68,7 @@ class SinumerikWithSlopes(Sinumerik):
         """Raises NotSendable, before anything is sent, for what is not finite, beyond `largest_um` somewhere in the
         travel, about another reference, or over a pair without a table; Refused when another P0 was read last.
 
-        K0, slopes and weights go in one request, and nothing is asked before it: who calls has just looked whether it
+        K0, slopes and weights go in one request, and nothing is asked before it: the caller has just checked that it
         may still be sent. On Refused some may have been set: read back.
         """
         self._check(offsets)
@@ -86,12 +86,12 @@ class SinumerikWithSlopes(Sinumerik):
         return self._offsets_from(self._numbers(self._form, await self._session.read(self._form)))
 
     async def write_compensation(self, offsets_um: Triple) -> None:
-        """The same shift wherever the axes stand."""
+        """The same shift at every position of the axes."""
         zero = (0.0, 0.0, 0.0)
         await self.write_linear(LinearOffsets(offsets_um, (zero, zero, zero), self.reference_mm))
 
     async def read_compensation(self) -> Triple:
-        """At the present position."""
+        """The offsets at the present position."""
         values = self._numbers(self._in_force, await self._session.read(self._in_force))
         x, y, z = values[len(self._form) :]
         return self._offsets_from(values[: len(self._form)]).at(self._from_origin(x, y, z))
@@ -103,7 +103,7 @@ class SinumerikWithSlopes(Sinumerik):
         return {r(lease.silence): terms.silence_s, r(lease.ramp): half, r(lease.slope_ramp): half / sum(self._reach)}
 
     def _offsets_from(self, values: list[float]) -> LinearOffsets:
-        """From the values of `_form`, about our reference whichever the control has; that one is kept."""
+        """From the values of `_form`, relative to our reference whichever one the control has, which is kept."""
         comp = self._settings.compensation
         k0, slope, p0 = values[0:3], values[3:6], values[6:9]
         self._found = p0, slope
@@ -125,7 +125,7 @@ class SinumerikWithSlopes(Sinumerik):
         for axis, name in enumerate(LINEAR_AXES):
             row = offsets.slope_um_per_mm[axis]
             if any(slope and (axis, over) not in self.pairs for over, slope in enumerate(row)):
-                raise NotSendable(f"{name} has a slope over an axis that no table joins it to; nothing was sent")
+                raise NotSendable(f"{name} has a slope over an axis without a table for that pair; nothing was sent")
             effect = abs(offsets.k0_um[axis]) + sum(abs(s) * r for s, r in zip(row, self._reach, strict=True))
             if not math.isfinite(effect):
                 raise NotSendable(f"offsets of {name}: expected finite numbers; nothing was sent")
@@ -136,7 +136,7 @@ class SinumerikWithSlopes(Sinumerik):
                 )
 
     def _wrong_references(self) -> list[tuple[str, float, float, float]]:
-        """Of each axis whose P0 is not ours: its path, ours, what was found, and the slope in force."""
+        """Each axis whose P0 is not ours: its path, our P0, the one found, and the slope in force."""
         if self._found is None:
             return []
         found = zip(self._references, self._settings.compensation.reference_mm, *self._found, strict=True)
@@ -150,7 +150,7 @@ class SinumerikWithSlopes(Sinumerik):
                 f"P0 of {name} (SD43920) is {p0:g} {'with a' if slope else 'without a'} slope in force, "
                 f"expected {wanted:g}",
                 device=self._settings.device,
-                hint="set its slope (SD43910) to 0 on the control, or reference_mm to what stands there"
+                hint="set its slope (SD43910) to 0 on the control, or reference_mm to the value on the control"
                 if slope
                 else "claim the control again: that sets it",
             )

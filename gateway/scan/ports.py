@@ -36,7 +36,7 @@ def find_ports(dev: Path = Path("/dev"), net: Path = Path("/sys/class/net")) -> 
 
 
 def _allowed(device: Path) -> str:
-    return "" if os.access(device, os.R_OK | os.W_OK) else "; no permission: add the user to the group dialout"
+    return "" if os.access(device, os.R_OK | os.W_OK) else "; no permission: add the user to the dialout group"
 
 
 def _read(file: Path) -> str:

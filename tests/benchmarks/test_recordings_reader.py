@@ -135,7 +135,7 @@ def test_patterns_choose_inputs_and_say_what_they_are(tmp_path: Path) -> None:
     [
         ('errors = ["drfit"]', "errors: the recording has no column 'drfit'; did you mean 'drift'?"),
         ('errors = ["drift"]\ninputs = ["t9"]', "inputs: the recording has no column 't9'; possible: drift, t1, time"),
-        ('errors = ["drift"]\nunit = "inch"', "unit: 'inch' is not possible"),
+        ('errors = ["drift"]\nunit = "inch"', "unit: 'inch' is invalid"),
         ('errors = ["drift"]\nnoise = -1', "noise: -1: expected at least 0"),
         ('errors = ["drift"]\nsigma = 1', "sigma: unknown key"),
         ("step_s = 300", "errors: missing"),

@@ -32,7 +32,7 @@ class Outer(Section):
     [
         ({"lenght": 1.0}, "length: missing; is 'lenght' meant to be it?"),
         ({"other": 1.0}, "length: missing; it has no default; other: unknown key; possible: file, inner, length"),
-        ({"length": "1.0", "mode": "fats"}, "length: '1.0': expected a number; mode: 'fats' is not possible; "),
+        ({"length": "1.0", "mode": "fats"}, "length: '1.0': expected a number; mode: 'fats' is invalid; "),
         ({"length": 1, "rule": [{"size": 1}, {"size": 0}]}, r"rule\[1\].size: 0: expected at least 1$"),
         ({"length": 1, "inner": {"size": 1, "sice": 2}}, "inner.sice: unknown key; did you mean 'size'?"),
         ({"length": True}, "length: true: expected a number"),

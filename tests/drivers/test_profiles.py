@@ -26,7 +26,7 @@ def test_supplied_profiles_load_and_are_frozen(name: str) -> None:
 
 
 def test_missing_profile_lists_those_that_exist() -> None:
-    with pytest.raises(SetupError, match=r"'icpdas' does not exist .*icpdas_m7015"):
+    with pytest.raises(SetupError, match=r"'icpdas' is unknown .*icpdas_m7015"):
         load_profile("icpdas")
 
 
@@ -97,19 +97,19 @@ RTU = {"port": "/dev/null"}
 @pytest.mark.parametrize(
     ("kind", "options", "message"),
     [
-        ("modbus", {}, "bus b: kind 'modbus' does not exist (there are modbus_rtu, "),
+        ("modbus", {}, "bus b: kind 'modbus' is unknown (available: modbus_rtu, "),
         ("modbus_rtu", {}, "bus b: port: missing; it has no default"),
         ("modbus_rtu", RTU | {"bauds": 9600}, "bus b: bauds: unknown key; did you mean 'baud'?"),
         ("modbus_rtu", RTU | {"baud": "fast"}, "bus b: baud: 'fast': expected a whole number"),
         ("modbus_rtu", RTU | {"baud": "9600"}, "bus b: baud: '9600': expected a whole number"),
         ("modbus_rtu", RTU | {"baud": 299}, "bus b: baud: 299: expected at least 300"),
-        ("modbus_rtu", RTU | {"parity": "X"}, "bus b: parity: 'X' is not possible; possible: E, N, O"),
+        ("modbus_rtu", RTU | {"parity": "X"}, "bus b: parity: 'X' is invalid; possible: E, N, O"),
         ("modbus_tcp", {"host": "h", "port": 70000}, "bus b: port: 70000: expected at most 65535"),
         ("modbus_tcp", {"host": "h", "timeout_s": 0}, "bus b: timeout_s: 0: expected more than 0"),
         (
             "canopen",
             {"interface": "usb", "channel": "x"},
-            "bus b: interface: 'usb' is not possible; possible: slcan, ",
+            "bus b: interface: 'usb' is invalid; possible: slcan, ",
         ),
         ("canopen", {"interface": "slcan", "channel": "x", "bitrate": 1}, "bus b: bitrate: 1: expected 10000, 20000, "),
     ],
@@ -156,7 +156,7 @@ def test_options_that_are_no_finite_number_are_refused(zero_um: float) -> None:
 
 def test_unknown_vendor_lists_those_known() -> None:
     bus = make_bus("b", "canopen", {"interface": "virtual", "channel": "x"})
-    with pytest.raises(SetupError, match="there are jumo, axiomatic, esd"):
+    with pytest.raises(SetupError, match="it has jumo, axiomatic, esd"):
         make_device("d", bus, "cia404", 5, {"a": 0}, {"vendor": "acme"}, SystemClock())
 
 

@@ -22,7 +22,7 @@ from tests.benches.manual_clock import ManualClock
 from tests.simulators.test_emulate import PROFILES, options
 
 COMM, BROKEN, STALE = Quality.COMM_FAULT, Quality.SENSOR_FAULT, Quality.STALE
-NO_FRAME = "none of them a valid answer"
+NO_FRAME = "no valid answer"
 ROWS = [
     ("m7015", "silent = true", "silent = false", COMM, "did not answer within"),
     ("can_logger", "silent = true", "silent = false", COMM, "none of the frames 0x300"),
@@ -30,11 +30,11 @@ ROWS = [
     ("cia404", "delay_s = 0.4", "delay_s = 0", COMM, "node 1: no answer within"),
     ("me_rs485", "delay_s = 0.4", "delay_s = 0", COMM, "did not answer within"),
     ("m7015", "truncated = true", "truncated = false", COMM, NO_FRAME),
-    ("adam6015", "truncated = true", "truncated = false", COMM, "no whole Modbus TCP answer"),
+    ("adam6015", "truncated = true", "truncated = false", COMM, "not a complete Modbus TCP answer"),
     ("cia404", "truncated = true", "truncated = false", COMM, "node 1: no answer within"),
     ("can_logger", "truncated = true", "truncated = false", COMM, "frame of 4 bytes"),
     ("me_dt6120", "truncated = true", "truncated = false", COMM, NO_FRAME),
-    ("me_ethernet", "truncated = true", "truncated = false", COMM, "no whole block"),
+    ("me_ethernet", "truncated = true", "truncated = false", COMM, "no complete block"),
     ("m7015", "crc = true", "crc = false", COMM, NO_FRAME),
     ("me_rs485", "crc = true", "crc = false", COMM, NO_FRAME),
     *((device, "exception = 6", "exception = 0", COMM, "device busy") for device in ("pta8d08", "wago464")),

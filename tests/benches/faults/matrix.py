@@ -87,8 +87,8 @@ ABSENT = {
 SILENT = {
     "slcan": "node 1: no answer within",
     "multicast": "node 1: no answer within",
-    "sync": "did not come after SYNC",
-    "timer": "does not come by itself",
+    "sync": "did not arrive after SYNC",
+    "timer": "did not arrive on the node's timer",
     "dbc": "none of the frames 0x300 came within",
     "me_rs485": "sensor 0x7E did not answer within",
     "dt6120": "sensor 0x7E did not answer within",
@@ -143,7 +143,7 @@ MATRIX: Sequence[Case] = [
         ("rtu",),
         spoilt(now(lambda f: rtu(b"\x07" + f[1:-2]))),
         whole,
-        "none of them a valid answer",
+        "no valid answer",
     ),
     *cases("wrong device answers", ("tcp",), spoilt(now(lambda f: f[:6] + b"\x07" + f[7:])), whole, "unit 7 answered"),
     *cases("wrong device answers", ("slcan",), spoilt(now(lambda f: b"t587" + f[4:]), SDO), whole, "no answer within"),
@@ -152,19 +152,19 @@ MATRIX: Sequence[Case] = [
         ("sync",),
         spoilt(now(lambda f: b"t187" + f[4:]), TPDO),
         whole,
-        "0x181, 0x281 did not come after SYNC",
+        "0x181, 0x281 did not arrive after SYNC",
     ),
     *cases(
         "wrong device answers",
         ME_LINE,
         spoilt(now(lambda f: me(f[4:5] + b"\x11" + f[6:-2])), SENSOR),
         whole,
-        "none of them a valid answer",
+        "no valid answer",
     ),
     # An answer on RS-485 carries no number, nor does a TPDO: of a Micro-Epsilon sensor, or a node read by SYNC, that is
     # behind for ever nobody can tell it. They are late until they are let go.
     *(
-        Case("late answer", plant, behind((VICTIM,)), let_go, "unit 1 did not answer", then="none of them a valid")
+        Case("late answer", plant, behind((VICTIM,)), let_go, "unit 1 did not answer", then="no valid")
         for plant in ("pta", "analogue")  # the M-7015 refuses some of the requests between; no value, but other words
     ),
     *cases("late answer", ("tcp", "wago"), behind((VICTIM,)), let_go, "unit 1 did not answer"),
@@ -194,23 +194,23 @@ MATRIX: Sequence[Case] = [
     # After a failure a node is asked for its device type first, so that no late answer is one of the object asked for:
     # whether the bus would take it is seen in test_canopen_late.
     *cases("late answer", ("slcan", "multicast"), behind(SDO), let_go, "no answer within"),
-    *cases("late answer", ("sync",), behind((*SDO, *TPDO), before=()), let_go, "did not come after SYNC"),
+    *cases("late answer", ("sync",), behind((*SDO, *TPDO), before=()), let_go, "did not arrive after SYNC"),
     *cases(
         "checksum error",
         ("rtu",),
         spoilt(now(lambda f: f[:-1] + bytes((f[-1] ^ 1,)))),
         whole,
-        "none of them a valid answer",
+        "no valid answer",
     ),
     *cases(
         "checksum error",
         ME_LINE,
         spoilt(now(lambda f: f[:-2] + bytes((f[-2] ^ 1, f[-1]))), SENSOR),
         whole,
-        "none of them a valid answer",
+        "no valid answer",
     ),
-    *cases("truncated frame", ("rtu",), spoilt(now(lambda f: f[:-3])), whole, "none of them a valid answer"),
-    *cases("truncated frame", ("tcp",), spoilt(now(lambda f: f[:-3])), whole, "no whole Modbus TCP answer"),
+    *cases("truncated frame", ("rtu",), spoilt(now(lambda f: f[:-3])), whole, "no valid answer"),
+    *cases("truncated frame", ("tcp",), spoilt(now(lambda f: f[:-3])), whole, "not a complete Modbus TCP answer"),
     *cases(
         "truncated frame",
         ("slcan",),
@@ -241,14 +241,14 @@ MATRIX: Sequence[Case] = [
         whole,
         "frame of 3 bytes",
     ),
-    *cases("truncated frame", ME_LINE, spoilt(now(lambda f: f[:-3]), SENSOR), whole, "none of them a valid answer"),
-    *cases("truncated frame", ("me_ethernet",), spoilt(now(lambda f: f[:-3]), None), whole, "no whole block"),
+    *cases("truncated frame", ME_LINE, spoilt(now(lambda f: f[:-3]), SENSOR), whole, "no valid answer"),
+    *cases("truncated frame", ("me_ethernet",), spoilt(now(lambda f: f[:-3]), None), whole, "no complete block"),
     *cases(
         "overlong frame",
         ("rtu",),
         spoilt(now(lambda f: rtu(f[:2] + bytes((f[2] + 2,)) + f[3:-2] + b"\0\0"))),
         whole,
-        "none of them a valid answer",
+        "no valid answer",
     ),
     *cases(
         "overlong frame",
@@ -286,7 +286,7 @@ MATRIX: Sequence[Case] = [
         whole,
         "do not hold 1 values",
     ),
-    *cases("overlong frame", ("me_ethernet",), spoilt(now(lambda f: f + b"\0\0"), None), whole, "no whole block"),
+    *cases("overlong frame", ("me_ethernet",), spoilt(now(lambda f: f + b"\0\0"), None), whole, "no complete block"),
     *cases(
         "exception code", MODBUS_LINE, spoilt(now(lambda f: rtu(bytes((f[0], f[1] | 0x80, 6))))), whole, "device busy"
     ),

@@ -75,7 +75,7 @@ MEANING: Mapping[str, str] = {
         "The node lost its power and is back. The gateway checks it again (sensor types, units) and starts it (NMT)."
     ),
     "heartbeat lost": (
-        "The node answers although its heartbeat has stopped: its program may hang and repeat the last values."
+        "The node answers although its heartbeat has stopped: its firmware may hang and repeat the last values."
     ),
     "returns with another type": (
         "Another device, or another setting, has taken the place of the previous one. Its values are refused."

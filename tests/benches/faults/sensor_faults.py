@@ -15,7 +15,7 @@ SENSOR_FAULTS: Sequence[tuple[str, Fault, Sequence[tuple[Sequence[str], str, Qua
         Fault.OPEN,
         [
             (("rtu",), "the module reports this input broken", BROKEN),
-            (("pta",), "97.7 degC is what this device shows", BROKEN),
+            (("pta",), "97.7 degC is the reading of this device", BROKEN),
             (("analogue",), "0 µm is outside 5 to 500 µm", BEYOND),
             (("tcp",), "burnout: open circuit at this input", BROKEN),
             (("wago",), "broken wire", BROKEN),

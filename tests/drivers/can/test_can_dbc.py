@@ -210,7 +210,7 @@ def test_range_of_a_real_number_is_a_fault(tmp_path: Path) -> None:
         ("low = 5, high = 4", r"invalid\[0\].low: 5 is above high = 4"),
         ("low = 40000", r"invalid\[0\].low: 40000: expected -32768 to 32767"),
         ("high = -32769", r"invalid\[0\].high: -32769: expected -32768 to 32767"),
-        ("low = -32768", r"invalid\[0\].low: -32768 to 32767 are all the numbers there are"),
+        ("low = -32768", r"invalid\[0\].low: -32768 to 32767 covers every possible raw number"),
         ("low = 1.5", r"invalid\[0\].low: 1.5: expected a whole number"),
         ("low = 1, mask = 3", r"invalid\[0\].mask: unknown"),
         ("low = 1, equals = 3", r"invalid\[0\].equals: unknown"),
@@ -226,7 +226,7 @@ def test_ranges_that_cannot_be_are_named(tmp_path: Path, stated: str, says: str)
     [
         ("low = inf", r"low: inf: expected .* a finite number"),
         ("low = 2.5, high = 2.25", r"low: 2.5 is above high = 2.25"),
-        ("bit = 0", "mask: F is a real number and has no bits to look at; state low or high"),
+        ("bit = 0", "mask: F is a real number and has no bits to test; state low or high"),
     ],
 )
 def test_ranges_of_a_real_number_that_cannot_be_are_named(tmp_path: Path, stated: str, says: str) -> None:

@@ -96,10 +96,10 @@ def _denied(number: int) -> Callable[[CanKernel], None]:
 @pytest.mark.parametrize(
     ("fault", "what", "remedy"),
     [
-        (_missing, "No such device", "`ip link` shows which there are, and can0 is none: is the adapter plugged in"),
+        (_missing, "No such device", "can0 is not among those that `ip link` lists: is the adapter plugged in"),
         (_down, "Network is down", "ip link set can0 up type can bitrate 250000 restart-ms 100"),
-        (_denied(errno.EPERM), "Operation not permitted", "this user, service or container may not open CAN sockets"),
-        (_denied(errno.EACCES), "Permission denied", "this user, service or container may not open CAN sockets"),
+        (_denied(errno.EPERM), "Operation not permitted", "this user, service or container is not allowed to open"),
+        (_denied(errno.EACCES), "Permission denied", "this user, service or container is not allowed to open"),
         (_denied(errno.EAFNOSUPPORT), "Address family not supported by protocol", "modprobe can_raw"),
     ],
 )

@@ -71,9 +71,9 @@ async def test_sensor_type_is_checked_all_the_same(tmp_path: Path) -> None:
     ("index", "scaling", "says"),
     [
         ("7100", "", "value.scale: missing"),
-        ("7100", "scale = 0.0", "value.scale: 0 would make every value equal"),
+        ("7100", "scale = 0.0", "value.scale: 0 would make every value the same"),
         ("9100", "scale = inf", "value.scale: inf: expected a finite number"),
-        ("7110", COUNTS, "value.object: '7110' is not possible; did you mean '7130'?"),
+        ("7110", COUNTS, "value.object: '7110' is invalid; did you mean '7130'?"),
     ],
 )
 def test_field_value_without_a_scaling_is_refused(tmp_path: Path, index: str, scaling: str, says: str) -> None:
@@ -86,7 +86,7 @@ def test_field_value_without_a_scaling_is_refused(tmp_path: Path, index: str, sc
     [
         (
             SUPPLIED.replace('object = "9130"', f'object = "7100"\n{COUNTS}'),
-            "physical_unit: no object says the unit of a field value; leave this table out",
+            "physical_unit: no object states the unit of a field value; omit this table",
         ),
         (
             SUPPLIED.replace('object = "9130"', 'object = "9130"\nscale = 0.1'),

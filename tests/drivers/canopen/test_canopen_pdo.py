@@ -83,7 +83,7 @@ async def test_values_and_status_of_six_inputs() -> None:
 async def test_inputs_in_no_tpdo_are_refused() -> None:
     node = Cia404Node(5, lambda: [20.0] * 8, inputs=8)
     async with bench(node, 8) as (_, driver):
-        with pytest.raises(WrongDevice, match=r"9130:07 is in no TPDO \(map it, or use transfer = 'sdo'\)"):
+        with pytest.raises(WrongDevice, match=r"9130:07 is not mapped to any TPDO \(map it, or use transfer = 'sdo'\)"):
             await driver.connect()
 
 
@@ -101,7 +101,7 @@ async def test_node_that_starts_anew_between_two_reads_is_made_operational_again
         await driver.connect()
         await driver.read()
         node.on_frame(0, bytes((129, 5)))  # power cut: its boot-up frame is lost
-        with pytest.raises(NoAnswer, match="TPDO 0x185, 0x285, 0x385, 0x485 did not come after SYNC"):
+        with pytest.raises(NoAnswer, match="TPDO 0x185, 0x285, 0x385, 0x485 did not arrive after SYNC"):
             await driver.read()
         assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES)
 
@@ -146,7 +146,7 @@ async def test_timed_values_that_stop_are_no_answer_and_none_of_before_is_taken(
         await driver.read()
         node.faults.silent = True
         begun = time.monotonic()
-        with pytest.raises(NoAnswer, match="TPDO 0x185, 0x285 does not come by itself"):
+        with pytest.raises(NoAnswer, match="TPDO 0x185, 0x285 did not arrive on the node's timer"):
             await read_on(driver)
         assert time.monotonic() - begun >= 2 * 0.08  # three times the timer, less the frame that had just come
         with pytest.raises(NoAnswer, match="no answer"):
@@ -170,7 +170,7 @@ async def test_node_that_starts_anew_is_made_operational_before_its_values_are_d
     ("event_ms", "kind", "says"),
     [
         (0, 1, "TPDO 1 has transmission type 1, not 255"),
-        (0, 255, "TPDO 1 is sent never by time, but timeout_s = 0.2"),
+        (0, 255, "TPDO 1 is never sent on a timer, but timeout_s = 0.2"),
         (250, 255, r"every 0.25 s, but timeout_s = 0.2 \(set object 1800:05 to less"),
     ],
 )

@@ -130,7 +130,7 @@ async def test_line_stays_quiet_while_a_cancelled_request_is_answered() -> None:
 async def test_what_is_not_our_answer_is_told_and_not_used(answer: bytes) -> None:
     async with line() as (bus, peer):
         peer.reply = lambda _: answer
-        with pytest.raises(BadAnswer, match="none of them a valid answer of unit 1"):
+        with pytest.raises(BadAnswer, match="no valid answer of unit 1"):
             await bus.read("d", 1, TWO)
         peer.reply = honest
         assert await bus.read("d", 1, TWO) == (100, 101)

@@ -60,7 +60,7 @@ async def test_late_answer_is_not_taken_for_the_next() -> None:
 
 async def test_answer_in_pieces_and_two_at_once() -> None:
     async with host(lambda n: message(n, GOOD)[:4]) as bus:
-        with pytest.raises(BadAnswer, match="no whole Modbus TCP answer"):
+        with pytest.raises(BadAnswer, match="not a complete Modbus TCP answer"):
             await bus.read("d", 1, TWO)
     async with host(lambda n: message(n - 1, GOOD) + message(n, GOOD)) as bus:
         for _ in range(3):
@@ -75,8 +75,8 @@ async def test_answer_in_pieces_and_two_at_once() -> None:
         pytest.param(lambda n: message(n, GOOD[:-2]), BadAnswer, "does not fit", id="too short"),
         pytest.param(lambda n: message(n, GOOD + b"\0"), BadAnswer, "does not fit", id="too long"),
         pytest.param(lambda n: message(n, b"\x83\x0b"), NoAnswer, "gateway target", id="dead unit behind a gateway"),
-        pytest.param(lambda n: message(n, GOOD, protocol=5), BadAnswer, "no whole Modbus", id="another protocol"),
-        pytest.param(lambda _: b"HTTP/1.1 400 Bad Request\r\n", BadAnswer, "no whole Modbus", id="a web server"),
+        pytest.param(lambda n: message(n, GOOD, protocol=5), BadAnswer, "not a complete Modbus", id="another protocol"),
+        pytest.param(lambda _: b"HTTP/1.1 400 Bad Request\r\n", BadAnswer, "not a complete Modbus", id="a web server"),
     ],
 )
 async def test_what_is_not_our_answer_is_told(

@@ -116,7 +116,7 @@ async def test_every_fault_rule(tmp_path: Path) -> None:
         assert told(await driver.read()) == [
             ("out_of_range", "too hot"),
             ("sensor_fault", "short"),
-            ("sensor_fault", "status 0x5, which the profile does not explain"),
+            ("sensor_fault", "status 0x5, which the profile does not define"),
             ("good", ""),
         ]
         module.status, module.broken = [0] * 4, [1, 0, 0, 0]
@@ -236,5 +236,5 @@ async def test_value_too_large_to_be_computed_is_not_good(tmp_path: Path) -> Non
         module.raw[1] = -1e30
         (first, second, *_) = await driver.read()
     assert first.quality is Quality.GOOD
-    assert told([second]) == [("sensor_fault", "what was read gives -inf, which is not a finite number")]
+    assert told([second]) == [("sensor_fault", "the reading gives -inf, which is not a finite number")]
     assert isnan(second.value)

@@ -20,7 +20,7 @@ URL = "opc.tcp://127.0.0.1:4840"
         ({"url": "http://mill:4840"}, "url: 'http://mill:4840': expected opc.tcp://"),
         ({"url": "mill"}, "url: 'mill': expected opc.tcp://"),
         ({"timeout_s": 0.0}, "timeout_s: 0.0: expected more than 0"),
-        ({"security": "Basic128"}, "security: 'Basic128' is not possible"),
+        ({"security": "Basic128"}, "security: 'Basic128' is invalid"),
         ({"user": "gateway"}, "user and password_file"),
         ({"password_file": Path("secret")}, "user and password_file"),
         ({"security": "Basic256Sha256"}, "needs certificate and private_key"),

@@ -94,7 +94,9 @@ async def test_without_tables_each_axis_follows_its_own_position_only() -> None:
         await nc.write_linear(OWN_AXES)
         expected = [OWN_AXES.at(corner) for corner in itertools.product(*TRAVEL)]
         np.testing.assert_allclose(added(bench), expected, atol=1e-9)
-        with pytest.raises(ValueError, match="X has a slope over an axis that no table joins it to; nothing was sent"):
+        with pytest.raises(
+            ValueError, match="X has a slope over an axis without a table for that pair; nothing was sent"
+        ):
             await nc.write_linear(OFFSETS)
         np.testing.assert_allclose(added(bench), expected, atol=1e-9)
 
@@ -207,7 +209,7 @@ async def test_a_table_that_does_not_exist_is_named_when_connecting() -> None:
         ({"route": "k0_slope", "travel_mm": (TRAVEL[0], (5.0, 5.0), TRAVEL[2])}, r"travel_mm of Y = \(5.0, 5.0\)"),
         ({"route": "k0_slope", "travel_mm": TRAVEL, "tables": {"XX": 0}}, "tables.XX: expected one of XY, XZ"),
         ({"route": "k0_slope", "travel_mm": TRAVEL, "tables": {"XY": -1}}, "tables.XY = -1"),
-        ({"route": "k0_slope", "travel_mm": TRAVEL, "tables": {"XY": 0, "YX": 0}}, "another table for each pair"),
+        ({"route": "k0_slope", "travel_mm": TRAVEL, "tables": {"XY": 0, "YX": 0}}, "a different table for each pair"),
         ({"route": "k0_slope", "travel_mm": TRAVEL, "table_signs": (1, 1, 2)}, "table_signs"),
         ({"route": "k0_slope", "travel_mm": TRAVEL, "reference_mm": (0.0, math.nan, 0.0)}, "reference_mm"),
     ],

@@ -95,7 +95,7 @@ async def test_offsets_stand_still_also_while_somebody_else_has_the_control_prob
         assert (await other.probing_status(900)).state is ProbingState.DONE
         await other.close()
         assert "request 900 waits" in refused.reason
-        assert "cycle 900 is under way" in (await again).reason
+        assert "cycle 900 is in progress" in (await again).reason
         assert at.written_meanwhile() == []
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 25.0 if mode == "compensate" else 0.0], atol=1e-9)
 
@@ -162,7 +162,7 @@ async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_on
     assert late.measurement is None
     assert "did not end within 300 s" in late.reason
     assert found.measurement is not None
-    assert f"cycle {late.number} is under way" in refused.reason
+    assert f"cycle {late.number} is in progress" in refused.reason
     assert found.number == late.number + 2
     assert found.ended - found.asked > timedelta(seconds=100)
 

@@ -360,4 +360,4 @@ async def test_what_is_no_serial_port_is_called_so(what: tuple[str, ...], path: 
     done = await talc_gateway("scan", what[0], path, *what[1:])
     assert done.code == 3
     assert f"{path}: " in done.err
-    assert "(this is not a serial port; ls -l /dev/serial/by-id shows what there is)" in done.err
+    assert "(this is not a serial port; ls -l /dev/serial/by-id lists the ports)" in done.err

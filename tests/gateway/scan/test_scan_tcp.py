@@ -49,7 +49,7 @@ async def test_module_behind_another_analogue_one_is_doubtful() -> None:
     async with host({1: image}) as port:
         (device,) = (await scan(port)).found
     assert device.what.doubts == (
-        "address_offset: count the words of 750-467, which stand before the 750-464",
+        "address_offset: add up the words of 750-467, which precede the 750-464",
         "the coupler has 2 modules 750-464; this is the first",
     )
 
