@@ -110,9 +110,14 @@ class CanOpenBus:
         """
         return await self._in_thread(lambda: self._upload(device, node, objects, most_bytes))
 
-    async def start_node(self, device: str, node: int) -> None:
-        """Make the node operational (NMT), so that it sends PDOs. Raises ConnectError."""
-        await self._in_thread(lambda: self._send(device, 0, bytes((_NMT_START, node))))
+    async def start_node(self, device: str, node: int, identifiers: Sequence[int]) -> None:
+        """Make the node operational (NMT), and keep these TPDOs from the first one on. Raises ConnectError."""
+
+        def start() -> None:
+            self._listen(device, identifiers)
+            self._send(device, 0, bytes((_NMT_START, node)))
+
+        await self._in_thread(start)
 
     async def synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
         """Send SYNC and wait for these TPDOs of the node. Raises NoAnswer or ConnectError."""

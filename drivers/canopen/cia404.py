@@ -96,7 +96,7 @@ class Cia404Device:
         if self._transfer != "sdo":
             self._maps = await self._pdo_maps()
             self._started_s = monotonic()
-            await self._bus.start_node(self._device, self._node)
+            await self._bus.start_node(self._device, self._node, [pdo.identifier for pdo in self._maps])
         self._scales, self._boots = scales, boots
         self._heartbeat.begin(limit_s, monotonic())
 

@@ -47,6 +47,7 @@ constexpr long rest_ns = 30'000;             // real time between two looks of t
 std::atomic<bool> active{false};
 std::atomic<Nanoseconds> simulated{0}, wall_offset{0};
 std::atomic<uint64_t> waits{0};  // that began or ended
+std::atomic<int> for_the_lock{0};  // threads that wait for Python's interpreter lock
 
 Nanoseconds of(const timespec& at) { return at.tv_sec * second + at.tv_nsec; }
 timespec spec(Nanoseconds at) { return {static_cast<time_t>(at / second), static_cast<long>(at % second)}; }
@@ -218,12 +219,24 @@ int sem_timedwait_(sem_t* semaphore, const timespec* until) {
   return active ? sem_clockwait_(semaphore, CLOCK_REALTIME, until) : ::sem_timedwait(semaphore, until);
 }
 
-// Python waits so for its interpreter lock, in real time: who holds it works.
+// Python waits so for its interpreter lock, in real time. Such a thread has work to do, although it sleeps; so as long as
+// there is one, time stands still, even if the kernel happened to show every thread asleep while they took turns.
+struct LockWait {
+  LockWait() { ++for_the_lock, ++waits; }
+  ~LockWait() { --for_the_lock, ++waits; }
+};
+
 int pthread_cond_timedwait_(pthread_cond_t* condition, pthread_mutex_t* mutex, const timespec* until) {
+  const LockWait counted;
   if (!active) return ::pthread_cond_timedwait(condition, mutex, until);
   const Nanoseconds left = std::clamp<Nanoseconds>(of(*until) - simulated, 0, second / 100);
   const timespec at = spec(real(CLOCK_MONOTONIC) + left);
   return ::pthread_cond_timedwait(condition, mutex, &at);
+}
+
+int pthread_cond_wait_(pthread_cond_t* condition, pthread_mutex_t* mutex) {
+  const LockWait counted;
+  return ::pthread_cond_wait(condition, mutex);
 }
 
 int clock_nanosleep_(clockid_t clock, int flags, const timespec* wanted, timespec* left) {
@@ -336,6 +349,7 @@ const Redirection redirections[] = {
     {"sem_clockwait", reinterpret_cast<void*>(sem_clockwait_)},
     {"sem_timedwait", reinterpret_cast<void*>(sem_timedwait_)},
     {"pthread_cond_timedwait", reinterpret_cast<void*>(pthread_cond_timedwait_)},
+    {"pthread_cond_wait", reinterpret_cast<void*>(pthread_cond_wait_)},
     {"clock_nanosleep", reinterpret_cast<void*>(clock_nanosleep_)},
     {"poll", reinterpret_cast<void*>(poll_)},
     {"epoll_wait", reinterpret_cast<void*>(epoll_wait_)},
@@ -449,7 +463,7 @@ void* govern(void*) {
     if (!threads.all_sleep()) continue;
     if (!wires_are_quiet() || !threads.all_sleep()) continue;
     std::lock_guard lock(guard);
-    if (waits != before) continue;
+    if (waits != before || for_the_lock != 0) continue;
     Nanoseconds next = never;
     for (const auto* wait : waiting) {
       if (wait->expired) next = -1;

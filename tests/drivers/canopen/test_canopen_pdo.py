@@ -131,6 +131,16 @@ async def test_node_sends_by_its_timer_and_is_asked_for_nothing() -> None:
     assert asked == []
 
 
+async def test_first_read_takes_what_came_since_the_node_was_started() -> None:
+    """It does not wait for the next frames, which a node whose clock is slow sends too late."""
+    node = timed()
+    async with bench(node, 2, "timer") as (_, driver):
+        await driver.connect()
+        await asyncio.sleep(0.1)
+        node.stop()
+        assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES[:2])
+
+
 async def read_on(driver: Driver) -> None:
     """Read until an error comes; what came before the fault may still be fresh."""
     async with asyncio.timeout(2):
