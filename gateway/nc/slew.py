@@ -128,7 +128,9 @@ class Slew:
             wanted = _matrix(wanted_um)
         target = _within(wanted, self._bound)
         reach = self._rate * min(max(0.0, now_s - self._time), self._period)
-        self._now = self._now + _within(target - self._now, np.full(3, reach))
+        moved = self._now + _within(target - self._now, np.full(3, reach))
+        # Rounding must not lead past the target, which may be the bound.
+        self._now = np.clip(moved, np.minimum(self._now, target), np.maximum(self._now, target))
         self._time = now_s
         return self._step(target, source, np.abs(wanted).sum(axis=1) > self._bound, basis)
 

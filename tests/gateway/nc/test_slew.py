@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gateway.nc.slew import Slew, Source
@@ -64,19 +64,24 @@ any_number = st.floats(allow_nan=True, allow_infinity=True, width=32)
 
 @given(
     start=st.tuples(*[st.floats(-20, 20)] * 3),
-    asks=st.lists(st.tuples(st.floats(0, 10), st.tuples(any_number, any_number, any_number)), max_size=30),
+    period_s=st.sampled_from([1.0, 100.0]),
+    asks=st.lists(st.tuples(st.floats(0, 200), st.tuples(any_number, any_number, any_number)), max_size=30),
 )
+@example(start=(0.0, 0.0, 20.0), period_s=1.0, asks=[(1.0, (0.0, 0.0, 30.0))])
+@example(start=(0.0, 0.0, 0.0), period_s=100.0, asks=[(100.0, (80.0, -80.0, 80.0))])
+@example(start=(0.0, 0.0, 0.0), period_s=1.0, asks=[(100.0, (80.0, -80.0, 80.0))])
+@example(start=(0.0, 0.0, -12.30251473729734), period_s=100.0, asks=[(33.0, (0.0, 0.0, 20.0))])  # the sum rounds up
 def test_no_sequence_of_wishes_breaks_bound_or_rate(
-    start: tuple[float, float, float], asks: list[tuple[float, tuple[float, float, float]]]
+    start: tuple[float, float, float], period_s: float, asks: list[tuple[float, tuple[float, float, float]]]
 ) -> None:
-    s = slew(in_force_um=start)
+    s = slew(in_force_um=start, period_s=period_s)
     now, before = 0.0, np.array(start)
     for wait, wanted in asks:
         now += wait
         after = np.array(s.follow(now, np.array(wanted)).offsets_um)
         assert np.all(np.isfinite(after))
         assert np.all(np.abs(after) <= [50.0, 50.0, 20.0])
-        assert np.all(np.abs(after - before) <= min(wait, 2.0) + 1e-9)
+        assert np.all(np.abs(after - before) <= min(wait, period_s) + 1e-9)
         before = after
 
 
