@@ -24,7 +24,7 @@ from gateway.storage import History
 from simulators.clock import SharedClock
 from talc.frame import EventKind, Phase
 from tests.benches.faulty_machine import FAULT_EVERY_S
-from tests.gateway.control.test_trainer import children
+from tests.benches.processes import children
 from tests.system.test_demo import free_port
 
 EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)

@@ -25,6 +25,7 @@ from talc.frame import EventKind, Frame, Measurement, Phase, TrainingJob, Why
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 from talc.training import train
 from tests.benches.kept_events import KeptEvents
+from tests.benches.processes import children
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.thermal_series import series
 
@@ -34,14 +35,6 @@ JOB = TrainingJob(
 )
 MINUTES = replace(JOB, settings=TrainingSettings(selector="pso", max_na=5, max_nb=5, max_inputs=12))
 """Seconds at the least: long enough to be met while it computes."""
-
-
-def children(of: int) -> list[int]:
-    """Live child processes."""
-    found = []
-    for task in Path(f"/proc/{of}/task").iterdir():
-        found += [int(pid) for pid in (task / "children").read_text(encoding="ascii").split()]
-    return found
 
 
 async def until(condition: Callable[[], bool], within_s: float = 30.0) -> None:
