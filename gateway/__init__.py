@@ -1,1 +1,1 @@
-"""The service: configuration, acquisition, control loop, storage, telemetry, command line; all policy lives here."""
+"""The service: configuration, acquisition, control loop, storage, telemetry and command line. It holds all policy."""

@@ -15,10 +15,10 @@ class ServiceClock(Clock, Protocol):
         ...
 
     def hold(self) -> AbstractContextManager[None]:
-        """Work inside takes no simulated time.
+        """While inside, simulated time stands still.
 
-        A fast-forwarded clock would otherwise turn milliseconds of computing into minutes of machine time,
-        which no real gateway sees. On the real clock this does nothing.
+        Otherwise a fast-forwarded clock would turn milliseconds of computing into minutes of machine time, which no
+        real gateway sees. On the real clock this does nothing.
         """
         ...
 

@@ -14,16 +14,16 @@ from gateway.polling import Notify
 
 
 class Acquisition:
-    """One runner per bus, as an async context manager: inside, they run; at its end all are stopped and closed.
+    """One runner per bus, as an async context manager: they run inside it, and on exit all are stopped and closed.
 
-    A runner that ends by an error of its own ends the whole: the exceptions come out as a group.
+    An error that ends one runner ends them all; the exceptions are raised as a group.
 
     Parameters
     ----------
     lines: buses with their drivers; nothing is opened before the context is entered
     clock: real or simulated
-    publish: takes each device's readings
-    notify: takes problems as they begin and end
+    publish: receives each device's readings
+    notify: receives problems as they begin and end
     quiet: problems are not logged, as `notify` shows them
     """
 
@@ -39,11 +39,11 @@ class Acquisition:
 
     @property
     def runners(self) -> Mapping[str, Runner]:
-        """By the name of the bus."""
+        """The runners, by name of the bus."""
         return dict(self._runners)
 
     def number(self) -> int:
-        """A number for readings that another part makes: none occurs twice in a run."""
+        """A sequence number for readings that another part makes; none occurs twice in a run."""
         return self._sequence()
 
     async def __aenter__(self) -> Self:
@@ -60,7 +60,7 @@ class Acquisition:
         return await self._stack.__aexit__(kind, error, trace)
 
     async def exchange(self, stop: Collection[str], start: Sequence[Line]) -> None:
-        """While running: end the runners of some buses, close them, then begin others. The rest notices nothing.
+        """While running: end the runners of some buses, close these, then begin others. The rest is not affected.
 
         Stopping comes first, because a new bus may use the port of an old one.
         """

@@ -14,7 +14,7 @@ class Aged:
     """A reading and its present age."""
 
     reading: Reading
-    """It is `stale` and without a number when it was good and no newer one has come for three periods."""
+    """The reading; `stale` and without a number if it was good and no newer one has come for three periods."""
     age_s: float
 
 
@@ -30,10 +30,10 @@ class Board:
         self._periods = dict(periods_s)
         self._latest: dict[str, Reading] = {}
         self._expired: set[str] = set()
-        """Channels whose latest reading `expire` has given as stale."""
+        """Channels whose latest reading `expire` has reported as stale."""
 
     def put(self, readings: Iterable[Reading]) -> None:
-        """Take newer readings. KeyError: a channel that is not in the configuration."""
+        """Take newer readings. Raises KeyError for a channel that is not in the configuration."""
         for reading in readings:
             if reading.channel not in self._periods:
                 raise KeyError(f"channel {reading.channel!r} is not in the configuration")
@@ -47,9 +47,9 @@ class Board:
         self._expired &= self._latest.keys()
 
     def latest(self, channel: str, now_s: float) -> Aged | None:
-        """The channel as it stands at monotonic `now_s`; None before its first reading.
+        """The channel's state at monotonic `now_s`; None before its first reading.
 
-        KeyError: a channel that is not in the configuration.
+        Raises KeyError for a channel that is not in the configuration.
         """
         stale_after_s = STALE_AFTER_PERIODS * self._periods[channel]
         reading = self._latest.get(channel)
@@ -62,7 +62,7 @@ class Board:
     def expire(self, now_s: float) -> tuple[list[Reading], float]:
         """The channels that have gone stale since the last call, as readings, and when to call again at the latest, s.
 
-        What comes after this call cannot go stale before that moment.
+        Readings that arrive after this call cannot go stale before that moment.
         """
         gone: list[Reading] = []
         again_s = now_s + STALE_AFTER_PERIODS * min(self._periods.values(), default=1.0)

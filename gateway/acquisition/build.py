@@ -1,4 +1,4 @@
-"""Makes drivers from the configuration. Validates everything that drivers validate; never uses the network."""
+"""Builds drivers from the configuration. Validates everything that drivers validate; never uses the network."""
 
 from collections.abc import Callable, Collection
 

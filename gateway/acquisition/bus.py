@@ -1,4 +1,4 @@
-"""One bus as the acquisition knows it: opened when its turn has come, and closed whatever that raises."""
+"""The acquisition's view of one bus: opened when its turn has come, and closed even if that raises."""
 
 import asyncio
 import logging
@@ -23,11 +23,11 @@ class PolledBus:
 
     @property
     def subject(self) -> str:
-        """What reports call it."""
+        """Its name in reports."""
         return f"bus {self._bus.name}"
 
     async def open(self) -> None:
-        """Raises whatever the bus raises, or TimeoutError after the line's `read_limit_s`; then it is closed."""
+        """Open the bus. Raises its errors, or TimeoutError after the line's `read_limit_s`; the bus is then closed."""
         try:
             async with asyncio.timeout(self._limit_s):
                 await uncancelled(self._bus.connect())
@@ -37,13 +37,13 @@ class PolledBus:
         self.is_open = True
 
     async def close(self) -> None:
-        """Also what is closed already."""
+        """Close the bus, even if it is closed already."""
         self.is_open = False
         await close(self._bus)
 
 
 async def close(what: Bus | Driver) -> None:
-    """Close it; what fails in closing is not worth more than a line."""
+    """Close it; an error in closing is only logged."""
     try:
         async with asyncio.timeout(_CLOSE_LIMIT_S):
             await uncancelled(what.close())

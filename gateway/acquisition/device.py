@@ -1,4 +1,4 @@
-"""One device as the acquisition knows it: how it is read and judged, and what its channels show when it is silent."""
+"""The acquisition's view of one device: how it is read and judged, and what its channels show while it is silent."""
 
 import asyncio
 import math
@@ -26,15 +26,15 @@ class PolledDevice:
         self.driver = driver
         self.breaker = Breaker(line.period_s, line.period_s * line.retry_max_periods)
         self.cost_s = 0.0
-        """What its last failure took."""
+        """How long its last failure took."""
         self.answered_s: float | None = None
-        """What its last answer took, without connecting; None: it did not answer when it was last asked."""
+        """How long its last answer took, without connecting; None if it did not answer the last request."""
         self.wavered_s = -math.inf
-        """When it last failed to answer at once."""
+        """When it last failed to answer promptly."""
         self.error: Exception | None = None
-        """Why it did not answer when it was last asked."""
+        """The error of its last request; None if it answered."""
         self.detail = "not asked yet"
-        """The same in words; of a device that was not asked, what kept the gateway from asking."""
+        """The same in words; for a device that was not asked, why it was not."""
         self._line, self._clock = line, clock
         self._connected = False
         self._units = dict.fromkeys(driver.channels, "")
@@ -42,13 +42,13 @@ class PolledDevice:
 
     @property
     def subject(self) -> str:
-        """What reports call it."""
+        """Its name in reports."""
         return f"device {self.driver.device}"
 
     async def read(self) -> list[Reading]:
         """Its readings, each judged by the limits that the configuration states for its channel.
 
-        Raises whatever the driver raises, or TimeoutError after the line's `read_limit_s`.
+        Raises the driver's errors, or TimeoutError after the line's `read_limit_s`.
         """
         began_s = self._clock.monotonic()
         try:
@@ -67,8 +67,8 @@ class PolledDevice:
         return [self._judged(reading) for reading in readings]
 
     def _complete(self, readings: Sequence[Reading]) -> Sequence[Reading]:
-        """Raises AttributeError, TypeError, ValueError for what no driver may return and what would end the gateway
-        further on."""
+        """Raises AttributeError, TypeError or ValueError for a result that no driver may return, and that would
+        otherwise end the gateway later."""
         found = [reading.channel for reading in readings]
         if sorted(found) != sorted(self._units):
             raise ValueError(f"the driver returned {found}, expected one reading each of {list(self._units)}")
@@ -92,7 +92,7 @@ class PolledDevice:
         ]
 
     async def close(self) -> None:
-        """Let go of it; it is connected again before it is read again."""
+        """Close it; it is connected again before the next read."""
         if self._connected:
             self._connected = False
             await close(self.driver)

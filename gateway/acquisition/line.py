@@ -1,4 +1,4 @@
-"""One bus with the drivers on it, and how they are read."""
+"""One bus with its drivers, and how they are read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,4 +20,4 @@ class Line:
     plausible: Mapping[str, Plausible] = field(default_factory=dict)
     """Stated limits, by channel."""
     phase_s: float = 0.0
-    """The polls after the first one come this long after those of a line without."""
+    """Delay of the polls after the first, relative to a line without a delay."""

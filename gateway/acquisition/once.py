@@ -1,4 +1,4 @@
-"""A line's devices read once: what `probe` and `scan` show is what `run` would take."""
+"""Reads the devices of a line once: `probe` and `scan` show the values that `run` would take."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,21 +12,21 @@ from gateway.clock import ServiceClock
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What one device said."""
+    """The answer of one device."""
 
     device: str
     readings: tuple[Reading, ...]
-    """One per channel; comm_fault when it did not answer, and the detail says why."""
+    """One per channel; comm_fault if it did not answer, with the reason in the detail."""
     took_s: float | None
-    """Without connecting; None: no answer."""
+    """Answer time without connecting; None: no answer."""
     error: Exception | None
-    """Why it did not answer; None also when its bus could not be opened."""
+    """Why it did not answer; None also if its bus could not be opened."""
 
 
 async def read_once(line: Line, clock: ServiceClock, *, keep_open: bool = False) -> list[Answer]:
-    """Every device of the line, one after the other. Raises nothing that a bus or a device raises.
+    """Read every device of the line, one after the other. Errors of a bus or device are not raised.
 
-    keep_open: the bus was open and is to stay so, as far as the devices let it
+    keep_open: the bus was open and is to stay open, as far as the devices allow
     """
     readings: dict[str, Reading] = {}
 

@@ -1,17 +1,17 @@
-"""Detects a bus whose devices together take longer than its period. One small object, without clock or sleep."""
+"""Detects a bus whose devices together take longer than its period. A small object without clock or sleep."""
 
 from collections import deque
 from collections.abc import Mapping
 
 _POLLS = 10
 _TOO_MANY = 2
-"""Slow polls among the last ten: a single one may be due to a busy computer, or to devices being checked again."""
+"""Slow polls among the last ten: a single one may be due to a busy computer or to a device that is checked again."""
 
 
 class Pace:
-    """Counts the periods that were missed because answers took too long, and knows who took longest.
+    """Counts the periods missed because answers took too long, and finds the slowest device.
 
-    What silent devices cost does not count: they are reported elsewhere.
+    Time lost to silent devices does not count: those are reported elsewhere.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Pace:
         return self._slow
 
     def polled(self, answered_s: Mapping[str, float], missed: int) -> None:
-        """Note a poll: what each device that answered took, s, and how many periods passed meanwhile."""
+        """Record a poll: how long each device that answered took, s, and how many periods passed meanwhile."""
         total_s = sum(answered_s.values())
         is_slow = missed > 0 and total_s > self._period_s
         self._missed.append(missed if is_slow else 0)

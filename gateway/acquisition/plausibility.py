@@ -1,11 +1,11 @@
-"""Stated limits of one channel: range, spike, rate of change, frozen value. Nothing is judged that was not stated."""
+"""Stated limits of one channel: range, spike, rate of change, frozen value. Only stated limits are judged."""
 
 from dataclasses import dataclass, replace
 
 from drivers.base import Quality, Reading
 
 _WINDOW_S = 60.0
-"""A rate is judged over a minute or more: one step of a sensor's resolution in a second is no rate."""
+"""A rate is judged over a minute or more: one step of a sensor's resolution in a second is not a rate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,14 +28,14 @@ class Check:
         self._accepted: Reading | None = None
         """Last reading whose rate was plausible."""
         self._settled: float | None = None
-        """Last value that was no spike."""
+        """Last value that was not a spike."""
         self._suspected: float | None = None
-        """Value of the reading before, when it jumped; the next one tells whether it was a spike or a step."""
+        """Value of the previous reading, if it jumped; the next one shows whether it was a spike or a step."""
         self._changed: Reading | None = None
-        """First reading of the present number."""
+        """First reading with the present number."""
 
     def judge(self, reading: Reading) -> Reading:
-        """The reading, its quality lowered and `detail` set when a limit is broken. Bad readings pass unchanged."""
+        """The reading, with lowered quality and a `detail` when it breaks a limit. Bad readings pass unchanged."""
         if not reading.quality.usable:
             return reading
         stuck = self._stuck(reading)

@@ -1,4 +1,4 @@
-"""Reload: a new configuration for a running gateway, checked as a whole, applied by its differences or not at all."""
+"""Reload: applies a new configuration to a running gateway by its differences, or not at all."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,14 +35,14 @@ class BusChanges:
 
     stopped: tuple[str, ...]
     started: tuple[str, ...]
-    """Also in `stopped` when the bus was there before."""
+    """Also in `stopped` if the bus existed before."""
     kept: tuple[str, ...]
 
 
 def bus_changes(old: GatewayConfig, new: GatewayConfig) -> BusChanges:
-    """Which buses must be stopped and started. One is kept when it, its devices, profiles and limits are as before.
+    """Which buses must be stopped and started. A bus is kept if it, its devices, profiles and limits are unchanged.
 
-    Raises ReloadError when something else changed that only a restart can change.
+    Raises ReloadError when something changed that only a restart can apply.
     """
     changed = [f"[{name}]" for name in _NEEDS_RESTART if getattr(old, name) != getattr(new, name)]
     if old.prior != new.prior and "[talc]" not in changed:
@@ -73,11 +73,11 @@ async def apply(
 ) -> BusChanges:
     """Bring the running acquisition from `old` to `new`, both already checked by `load`.
 
-    Every new driver is made before the first bus is stopped; when the exchange fails, the buses of `old` run again, as
-    the lines that ran: its files may be gone.
+    Every new driver is built before the first bus is stopped. If the exchange fails, the buses of `old` run again, as
+    the lines that ran before, because their files may have changed.
     tap: returns the tap of the bus with that name, or None
 
-    Raises ReloadError or SetupError when nothing was changed, or what the exchange raised after it was taken back.
+    Raises ReloadError or SetupError when nothing was changed, or the error of an exchange that was undone.
     """
     change = bus_changes(old, new)
     lines = list(lines_of(new, clock, tap, only=change.started))

@@ -9,16 +9,16 @@ from gateway.polling import Problems
 
 
 class LineReports:
-    """The problems of one line in words."""
+    """The problems of one line, in words."""
 
     def __init__(self, line: Line, problems: Problems) -> None:
         self._bus, self._limit_s, self._problems = line.bus.name, line.read_limit_s, problems
         self._pace = Pace(line.period_s)
 
     def failed(self, subject: str, error: Exception, kind: str = "") -> str:
-        """A bus could not be opened, or a device not be read; returns why, in words.
+        """A bus could not be opened, or a device could not be read; returns why, in words.
 
-        kind: what counts as the same problem; by default the error's class
+        kind: identifies the same problem; by default the error's class
         """
         expected = isinstance(error, DriverError | TimeoutError)
         text = self._text(subject, error)
@@ -39,7 +39,7 @@ class LineReports:
         self._problems.clear(subject, f"{subject}: open again")
 
     def answered(self, subject: str, readings: Sequence[Reading]) -> None:
-        """A device answered; some of its channels may be bad all the same."""
+        """A device answered; some of its channels may still be bad."""
         self._problems.clear(subject, f"{subject}: answers again")
         for reading in readings:
             channel, quality = f"channel {reading.channel}", reading.quality.value
@@ -50,7 +50,7 @@ class LineReports:
                 self._problems.report(channel, quality, f"{channel}: {quality}{why}")
 
     def polled(self, answered_s: Mapping[str, float], missed: int) -> None:
-        """A period has passed: what each device that answered took, s, and how many periods were missed meanwhile."""
+        """A period has passed: how long each answering device took, s, and how many periods were missed meanwhile."""
         subject = f"period of bus {self._bus}"
         self._pace.polled(answered_s, missed)
         if self._pace.slow:

@@ -1,4 +1,4 @@
-"""Reads every device of one bus once per period. A silent device never takes its neighbours' time for long."""
+"""Reads every device of one bus once per period. A silent device never delays its neighbours for long."""
 
 import logging
 import math
@@ -16,17 +16,17 @@ from gateway.polling import Notify, Periodic, Problems
 log = logging.getLogger(__name__)
 
 Publish = Callable[[Sequence[Sample]], None]
-"""Takes the readings of one device; must return at once."""
+"""Receives the readings of one device; must return at once."""
 
 
 class Runner:
     """Polls the devices of one bus on a drift-free schedule.
 
     Healthy devices come first, in the order of the configuration; those that failed recently come after the steady
-    ones. A device that does not answer in the short time that the bus allows a usually quick one is asked once more,
-    after all others and with the full timeout, if that fits into the period: a single late answer is not a fault and
-    delays no other device. Of the failing devices at most one per period is asked in vain, last, when its breaker
-    allows it and its possible cost still fits; only after the longest wait is it asked in any case.
+    ones. A usually quick device that does not answer within the short time allowed is asked once more, after all others
+    and with the full timeout, if that fits into the period: a single late answer is not a fault and delays no other
+    device. At most one failing device per period is asked in vain: last, when its breaker allows it and its possible
+    cost still fits. After the longest wait it is asked in any case.
     """
 
     def __init__(
@@ -48,13 +48,13 @@ class Runner:
         self._reports = LineReports(line, problems)
         self._periodic = Periodic(clock, line.period_s, phase_s=line.phase_s)
         self._answered_s: dict[str, float] = {}
-        """What each device that answered in this period took."""
+        """How long each device that answered in this period took."""
         self._unsure: dict[PolledDevice, tuple[Exception, bool]] = {}
-        """Devices that did not answer in this period and may be asked again; whether each had been steady."""
+        """Devices that did not answer in this period and may be asked again, and whether each had been steady."""
 
     @property
     def missed(self) -> int:
-        """Periods that were skipped because the previous one took too long."""
+        """Periods skipped because the previous one took too long."""
         return self._periodic.missed
 
     async def run(self) -> None:
@@ -66,7 +66,7 @@ class Runner:
                 await self.close()
 
     async def once(self) -> None:
-        """Read every device once, each with all its time, whatever became of the one before. Closes nothing."""
+        """Read every device once, each with its full time, whatever happened to the previous one. Closes nothing."""
         due = self._clock.monotonic()
         for device in self.devices:
             if self._bus.is_open or await self._open_bus(due):
@@ -75,7 +75,7 @@ class Runner:
                 self._publish_fault(device)
 
     async def _poll(self, due: float) -> None:
-        """One period: read the healthy, try some of the failing, give the others' channels a fault reading."""
+        """One period: read healthy devices, try some failing ones, give the channels of the rest a fault reading."""
         healthy = sorted((d for d in self.devices if not d.breaker.failing), key=self._wavered_lately)
         self._answered_s, self._unsure = {}, {}
         asked = (healthy or self._waiting(due)) and (self._bus.is_open or await self._open_bus(due))
@@ -104,16 +104,16 @@ class Runner:
         return self._clock.monotonic() - device.wavered_s >= self._steady_s
 
     def _waiting(self, due: float) -> list[PolledDevice]:
-        """Failing devices whose turn it is, the longest waiting first."""
+        """Failing devices that are due, the longest waiting first."""
         waiting = [d for d in self.devices if d.breaker.failing and d.breaker.allows(due)]
         return sorted(waiting, key=lambda device: device.breaker.retry_at)
 
     async def _ask_again(self, due: float) -> None:
-        """Ask the devices that did not answer at once, while it fits into the period or their answers are only late.
+        """Ask again the devices that did not answer, while it fits into the period or their answers are only late.
 
-        The first of the steady ones is asked in any case: this is rare, and it must not fail because a busy computer
-        has used up the time. The order is backwards: late answers of earlier devices may have disturbed those of the
-        last.
+        The first steady device is asked in any case: this is rare, and it must not fail because a busy computer has
+        used up the time. They are asked in reverse order: late answers of earlier devices may have disturbed those of
+        the last.
         """
         late, first = False, True
         for device, (error, steady) in reversed(self._unsure.items()):
@@ -123,7 +123,7 @@ class Runner:
                 await self._failed(device, due, error)
 
     async def _try_failing(self, waiting: Sequence[PolledDevice], due: float) -> None:
-        """Those that fit into what is left of the period, until one does not answer."""
+        """Ask those that fit into the rest of the period, until one does not answer."""
         alone, vain = len(self.devices) == 1, False
         for device in waiting:
             fits = max(device.cost_s, self._may_cost_s()) <= self._left_s(due)
@@ -136,7 +136,7 @@ class Runner:
         return due + self.line.period_s - self._clock.monotonic()
 
     def _may_cost_s(self) -> float:
-        """What must be left of the period to ask one that may be silent. Where the timeout is long, half a period."""
+        """Time that must remain in the period to ask a possibly silent device; half a period if the timeout is long."""
         return min(self.line.bus.timeout_s, self.line.period_s / 2)
 
     async def _open_bus(self, due: float) -> bool:
@@ -156,9 +156,9 @@ class Runner:
         return True
 
     async def _ask(self, device: PolledDevice, due: float, *, again: bool = False) -> bool:
-        """Read one device, publish what it says. False: it failed, or will be asked again in this period.
+        """Read one device and publish the result. False: it failed, or will be asked again in this period.
 
-        again: it counts as failed when it does not answer now
+        again: a device that does not answer this time counts as failed
         """
         if not self._bus.is_open:  # closed after the previous device failed
             self._publish_fault(device)
@@ -167,7 +167,7 @@ class Runner:
             readings = await device.read()
         except MemoryError:
             raise
-        except Exception as error:  # noqa: BLE001 - nor this
+        except Exception as error:  # noqa: BLE001 - likewise
             steady, device.wavered_s = self._steady(device), self._clock.monotonic()
             if not again and self._may_be_late(error):
                 self._unsure[device] = error, steady
@@ -182,7 +182,7 @@ class Runner:
         return True
 
     def _may_be_late(self, error: Exception) -> bool:
-        """Whether an answer may only be late, or was disturbed by another's late one."""
+        """Whether an answer may only be late, or was disturbed by another device's late one."""
         return (isinstance(error, DriverError) and error.hurried) or (
             bool(self._unsure) and isinstance(error, BadAnswer)
         )
@@ -192,7 +192,7 @@ class Runner:
         device.detail = self._reports.failed(device.subject, error)
         self._publish_fault(device)
         await device.close()
-        if isinstance(error, ConnectError | OSError):  # the connection is lost, or a read hangs in it
+        if isinstance(error, ConnectError | OSError):  # the connection is lost, or a read hangs on it
             for other in self.devices:
                 other.detail = device.detail
             await self.close()

@@ -1,4 +1,4 @@
-"""Reports a channel as stale as soon as it is, even while a read hangs and its runner cannot report."""
+"""Reports a channel as soon as it goes stale, even while a read hangs and its runner cannot report it."""
 
 from collections.abc import Callable
 
@@ -9,14 +9,14 @@ from gateway.clock import ServiceClock
 
 
 class StaleWatch:
-    """One task for all channels; it wakes when the oldest value is due to go stale, or looks again before any can.
+    """One task for all channels. It wakes when the oldest value is due to go stale, or before any other can.
 
     Parameters
     ----------
-    board: has every channel's latest reading
-    clock: the one that the readings' monotonic seconds are of
-    number: gives the next read's number
-    publish: takes the stale readings, once each; time and age are those of the last value
+    board: holds every channel's latest reading
+    clock: the source of the readings' monotonic seconds
+    number: returns the sequence number of the next read
+    publish: receives each stale reading once; its time and age are those of the last value
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class StaleWatch:
         self._board, self._clock, self._number, self._publish = board, clock, number, publish
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Run until cancelled."""
         while True:
             gone, again_s = self._board.expire(self._clock.monotonic())
             if gone:

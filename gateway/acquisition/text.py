@@ -6,13 +6,13 @@ from drivers.base import Reading
 
 
 def number_text(value: float, decimals: int = 2) -> str:
-    """So many decimals, but never 0.00 for what is not 0: 2e-41 degC is a wrong byte order, not a cold day."""
+    """The value with these decimals, but 0.00 only for 0: 2e-41 degC is a wrong byte order, not a cold day."""
     plain = value == 0 or 10**-decimals <= abs(value) < 1e5
     return f"{value:.{decimals}f}" if plain else f"{value:.3g}"
 
 
 def reading_text(reading: Reading | None) -> str:
-    """The number, without its unit, when it can be used; otherwise its quality too. None: not read yet."""
+    """The number, without its unit, when it can be used; otherwise with its quality. None: not read yet."""
     if reading is None:
         return "-"
     if reading.quality.usable:

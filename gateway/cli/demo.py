@@ -1,4 +1,4 @@
-"""`talc-gateway demo`: an emulated machine in its own process, the gateway in this one, real protocols between them."""
+"""`talc-gateway demo`: an emulated machine in a second process and the gateway in this one, over real protocols."""
 
 import asyncio
 import json
@@ -48,7 +48,7 @@ def run_demo(demo: Demo) -> None:
     """Run it, then print the table and write the report."""
     if demo.calibration_hours >= demo.hours:
         raise click.UsageError(
-            f"--calibration-hours {demo.calibration_hours:g} leaves nothing of --hours {demo.hours:g}"
+            f"--calibration-hours {demo.calibration_hours:g} leaves no time in --hours {demo.hours:g}"
         )
     _check_port(demo.zenoh_port)
     demo.folder.mkdir(parents=True, exist_ok=True)
@@ -105,7 +105,7 @@ async def _machine(demo: Demo) -> AsyncIterator[dict[str, str | int]]:
             line = await asyncio.wait_for(process.stdout.readline(), _READY_LIMIT_S)
             addresses: dict[str, str | int] = json.loads(line)
         except (TimeoutError, json.JSONDecodeError):
-            raise DriverError("the emulated machine did not start; its own message is above") from None
+            raise DriverError("the emulated machine did not start; see its message above") from None
         yield addresses
     finally:
         process.stdin.close()
@@ -117,7 +117,7 @@ async def _machine(demo: Demo) -> AsyncIterator[dict[str, str | int]]:
 
 
 def _config(demo: Demo, addresses: dict[str, str | int]) -> GatewayConfig:
-    """Fill the bench's configuration in and load it as any other."""
+    """Fill the bench's addresses into the configuration, and load it like any other."""
     text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
     fillings: dict[str, str | int] = addresses | {
         "folder": str(demo.folder.resolve()),

@@ -1,6 +1,6 @@
 """`talc-gateway demo --nc linuxcnc`: the gateway's NC side against the real LinuxCNC, with a virtual sphere to probe.
 
-Real time: LinuxCNC cannot be sped up. The emulated machine's thermal time is: it works for hours between two cycles.
+Runs in real time, because LinuxCNC cannot be accelerated. The machine's thermal time can: hours pass between cycles.
 """
 
 import asyncio
@@ -31,7 +31,7 @@ from talc.frame import Decision, FloatArray, Measurement, Phase, Why
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 HOURS = 4.0
-"""The machine works so long between reference and measurement."""
+"""Thermal time of the machine between reference and measurement."""
 SILENCE_S, SLEW_UM_PER_S = 4.0, 100.0
 _IDLE_S = 12 * 3600.0
 _LOADS = MachineDrive(
@@ -55,7 +55,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What was seen."""
+    """What the demonstration showed."""
 
     true: FloatArray
     """(9,) errors of the emulated machine, µm and µm/m."""
@@ -64,13 +64,13 @@ class Shown:
     """(6, 3) deviation of the sphere at each pose since the reference, without compensation."""
     after_um: FloatArray
     """(6, 3) with compensation. The ball does not grow with the table: where it is touched on one side only, the growth
-    over its radius is left, ER0T * ball / radius."""
+    over its radius remains, ER0T * ball / radius."""
     silent_um: FloatArray
     """(n, 4) after the last heartbeat: seconds, offsets in force X, Y, Z."""
 
 
 def run_linuxcnc_demo(folder: Path) -> None:
-    """Run it and print what it showed. Raises DriverError when LinuxCNC cannot be had here."""
+    """Run it and print the result. Raises DriverError when LinuxCNC is not available here."""
     console = terminal()
     shown = asyncio.run(show(folder, lambda line: console.print(line, highlight=False)))
     table = Table("error", "unit", "true", "measured", "difference", title="nine errors after the machine's work")
@@ -86,7 +86,7 @@ def run_linuxcnc_demo(folder: Path) -> None:
 
 
 def silence(silent_um: FloatArray) -> tuple[float, float]:
-    """Seconds for which the offsets were held, and after which they were zero; see Shown.silent_um."""
+    """For how many seconds the offsets were held, and after how many they were zero; see Shown.silent_um."""
     times, offsets = silent_um[:, 0], silent_um[:, 1:]
     moved = np.any(np.abs(offsets - offsets[0]) > 0.01, axis=1)
     zero = np.all(np.abs(offsets) < 1e-6, axis=1)
@@ -94,7 +94,7 @@ def silence(silent_um: FloatArray) -> tuple[float, float]:
 
 
 async def show(folder: Path, say: Say) -> Shown:
-    """The whole scene. folder: emptied. Raises DriverError when LinuxCNC cannot be had here or a cycle fails."""
+    """The whole scene. folder: emptied. Raises DriverError when LinuxCNC is not available here or a cycle fails."""
     if (problem := missing()) is not None:
         raise DriverError(problem)
     shutil.rmtree(folder, ignore_errors=True)
@@ -102,7 +102,7 @@ async def show(folder: Path, say: Say) -> Shown:
     key = secrets.token_hex(32)
     (folder / "talc.key").write_text(key, encoding="ascii")
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        say("starting LinuxCNC, headless, in namespaces of its own")
+        say("starting LinuxCNC, headless, in separate namespaces")
         async with machine(folder / "machine", listener, key, sphere=True, settings=_MACHINE, tools=_TOOLS) as operator:
             await operator.ask("switch_on")
             await operator.ask("home")
@@ -129,10 +129,10 @@ async def _scene(operator: Machine, key_file: Path, port: int, say: Say) -> Show
             say("cycle 2, without compensation")
             outcome = _done(await link.measure(Why.INTERVAL))
             if reference is None or outcome.centres_mm is None or outcome.measurement is None:
-                raise DriverError("a cycle without centres")
+                raise DriverError("the cycle returned no centres")
             link.follow(_decision(outcome.measurement.errors))
-            # In a cycle of its own the gateway's offsets stand still.
-            say("the same by a part program, while the compensation follows the axes")
+            # During its own cycle the gateway holds the offsets still.
+            say("the same poses in a part program, while the compensation follows the axes")
             again = await _looked(operator, len(probing.poses_deg))
         say("the gateway falls silent")
         silent = await _silent(operator)
@@ -148,7 +148,7 @@ async def _scene(operator: Machine, key_file: Path, port: int, say: Say) -> Show
 
 
 async def _looked(operator: Machine, poses: int) -> FloatArray:
-    """(poses, 3) centres in mm that look.ngc finds."""
+    """(poses, 3) centres in mm that look.ngc measures."""
     await operator.ask("run", "look.ngc")
     async with asyncio.timeout(_CYCLE_LIMIT_S):
         while not await operator.number("getp", "motion.analog-out-19"):
@@ -160,7 +160,7 @@ async def _looked(operator: Machine, poses: int) -> FloatArray:
 
 
 def _work() -> FloatArray:
-    """(9,) errors after HOURS of work, since the idle machine of the reference."""
+    """(9,) errors after HOURS of work, relative to the idle machine of the reference."""
     plant = Plant(load(), Environment(), seed=1)
     plant.advance(_IDLE_S, MachineDrive())
     plant.zero()
@@ -170,7 +170,7 @@ def _work() -> FloatArray:
 
 @asynccontextmanager
 async def _running(link: NcLink) -> AsyncIterator[None]:
-    """The link at work; at the end it is gone without a word, as if the power had failed."""
+    """The link at work; on exit it disappears without closing, as in a power failure."""
     task = asyncio.create_task(link.run())
     try:
         yield
@@ -193,14 +193,14 @@ async def _silent(operator: Machine) -> FloatArray:
 
 
 def _done(outcome: Outcome) -> Outcome:
-    """Raises DriverError with the reason when there is no result."""
+    """The result. Raises DriverError with the reason when there is none."""
     if outcome.measurement is None:
         raise DriverError(f"cycle {outcome.number}: {outcome.reason}")
     return outcome
 
 
 def _decision(errors: FloatArray) -> Decision:
-    """As if the models said exactly what was measured."""
+    """A decision as if the models predicted exactly what was measured."""
     nan = np.full(len(THERMAL_ERRORS), math.nan)
     return Decision(0, Phase.COMPENSATION, errors, errors, nan, nan, None, None, ())
 

@@ -63,12 +63,12 @@ def main(verbose: int) -> None:
     """
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-    for name in ("asyncua", "pymodbus", "can", "canopen"):  # their problems arrive as exceptions
+    for name in ("asyncua", "pymodbus", "can", "canopen"):  # their errors arrive as exceptions
         logging.getLogger(name).setLevel(logging.CRITICAL if verbose < 2 else logging.INFO)
 
 
 def read_config(path: Path) -> GatewayConfig:
-    """The checked configuration; its cautions go to standard error."""
+    """The checked configuration; its warnings go to standard error."""
     config = load(path)
     for caution in cautions(config):
         click.echo(f"warning: {path}: {caution}", err=True)
@@ -91,17 +91,17 @@ def check(config: Path) -> None:
 
 @main.command()
 @ConfigPath
-@click.option("--watch", "watched", is_flag=True, help="Keep reading: value, age, rate, jitter and errors. Not the NC.")
+@click.option("--watch", "watched", is_flag=True, help="Keep reading: value, age, rate, jitter and errors; not the NC.")
 @click.option(
     "--seconds", type=click.FloatRange(min=0.1), help="With --watch: stop after this time. Default: at Ctrl-C."
 )
-@click.option("--every", type=click.FloatRange(min=0.1), help="With --watch: seconds between two displays.")
+@click.option("--every", type=click.FloatRange(min=0.1), help="With --watch: seconds between updates.")
 def probe(config: Path, watched: bool, seconds: float | None, every: float | None) -> None:
     """Read every device of CONFIG once and show each channel. Writes and publishes nothing.
 
     \b
-    --watch keeps reading at the periods of CONFIG. On a terminal it shows a table: rate and jitter of a device are of
-    its last 60 answers, lost counts periods without an answer, age is the age of the last good value. Elsewhere it
+    --watch keeps reading at the periods of CONFIG. On a terminal it shows a table: rate and jitter of a device over its
+    last 60 answers, lost is the number of periods without an answer, age is that of the last good value. Elsewhere it
     prints lines: one per device every 10 s, and one for each problem when it begins or ends.
     """
     if watched:
@@ -122,16 +122,17 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
 @click.option("--seconds", type=click.FloatRange(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
 @click.option("--most-mb", type=click.FloatRange(min=0.01), default=200.0, show_default=True, help="Stop at this size.")
 def record(config: Path, output: Path, seconds: float | None, most_mb: float) -> None:
-    """Read the devices of CONFIG as `run` does and record what passes their wires, for `play`.
+    """Read the devices of CONFIG as `run` does, and record what passes on their wires for `play`.
 
     \b
-    The file holds time, bus, direction and bytes or CAN frame of each message (docs/wire-log.md), and the buses and
-    devices of CONFIG, so that it can be played elsewhere. The NC is not recorded. Nothing is written to any device.
+    The file holds time, bus, direction and bytes or CAN frame of each message (docs/wire-log.md). It also holds the
+    buses and devices of CONFIG, so that it can be played elsewhere. The NC is not recorded. Nothing is written to any
+    device.
     """
     from gateway.cli.record import record as write_down
 
     if output.exists():
-        raise click.UsageError(f"{output} exists; recordings are not overwritten, give another name with -o")
+        raise click.UsageError(f"{output} already exists; recordings are not overwritten, so give another name with -o")
     write_down(read_config(config), output, seconds, most_mb)
 
 
@@ -139,16 +140,16 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="Default: FILE with .play added.")
 @click.option("--seconds", type=click.FloatRange(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
-@click.option("--multicast", metavar="GROUP:PORT", help="CAN on this UDP group of the computer, such as "
+@click.option("--multicast", metavar="GROUP:PORT", help="Put CAN on this UDP group of the computer, such as "
               "239.74.163.2:43113, instead of an adapter; any number of programs may read it.")  # fmt: skip
 def play(file: Path, folder: Path | None, seconds: float | None, multicast: str | None) -> None:
     """Play the devices of a recording: FILE of `record`, or a CAN log (candump .log, .asc, .blf, .trc, .csv).
 
     \b
-    Serial lines and CAN adapters become pseudo-terminals, linked in the folder by the bus's name; TCP becomes a free
+    Serial lines and CAN adapters become pseudo-terminals, linked in the folder under the bus's name; TCP becomes a free
     loopback port. The folder's gateway.toml reads them: use it with probe, run and tests. Each request gets its
-    recorded answers in turn with their recorded delays, also late, broken and missing ones. After the last answer
-    the first one comes again.
+    recorded answers in turn with their recorded delays, including late, broken and missing ones. After the last answer
+    the sequence starts again.
     """
     from gateway.cli.play import play as be_devices
 
@@ -164,9 +165,9 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
 @main.command()
 @ConfigPath
 @click.option("--record", "wires", type=click.Path(dir_okay=False, path_type=Path),
-              help="Record what passes the wires here, for `play`; the previous file gets .1 added.")  # fmt: skip
+              help="Record what passes on the wires, for `play`; the previous file gets .1 added.")  # fmt: skip
 @click.option("--record-mb", type=click.FloatRange(min=0.01), default=100.0, show_default=True,
-              help="With --record: begin a new file at this size.")  # fmt: skip
+              help="With --record: start a new file at this size.")  # fmt: skip
 def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.cli.run import run_service
@@ -182,13 +183,13 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
     type=click.FloatRange(1, 20000),
     default=6000.0,
     show_default=True,
-    help="Speed of the simulated clock, at most.",
+    help="Highest speed of the simulated clock.",
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of weather, loads and sensor noise.")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default=Path("out/demo"), show_default=True)
-@click.option("--zenoh-port", type=int, default=7447, show_default=True, help="Port at which `watch` finds the run.")
+@click.option("--zenoh-port", type=int, default=7447, show_default=True, help="Port on which `watch` finds the run.")
 @click.option("--connect", multiple=True, help="Zenoh endpoint of a listener to publish to from the first frame on.")
-@click.option("--plain", is_flag=True, help="One line per event, also on a terminal.")
+@click.option("--plain", is_flag=True, help="One line per event, even on a terminal.")
 @click.option(
     "--nc",
     type=click.Choice(["sinumerik", "linuxcnc"]),
@@ -238,9 +239,9 @@ def watch(connect: tuple[str, ...], prefix: str, machine: str) -> None:
     "--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with [grid] and [talc]."
 )
 @click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
-@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Thermal error in this column.")
+@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Column of a thermal error.")
 @click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is not an input.")
-@click.option("--every-measurement", is_flag=True, help="Use all of them, not only those that the controller asks for.")
+@click.option("--every-measurement", is_flag=True, help="Use all measurements, not only the requested ones.")
 def replay(
     file: Path,
     output: Path | None,
@@ -254,9 +255,9 @@ def replay(
 
     FILE is a gateway's database: its frames go to a fresh controller, and every decision is compared.
 
-    Or FILE is a recording of your own, CSV or Parquet: a column `time` (ISO 8601, or seconds), columns of thermal
-    errors with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), every other column an input. The controller runs on it
-    as if it were live, and writes the report. The options are for recordings.
+    Or FILE is your own recording, CSV or Parquet: a column `time` (ISO 8601, or seconds), columns of thermal errors
+    with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), and every other column is an input. The controller runs on it
+    as if it were live and writes the report. The options are for recordings.
     """
     from gateway.recordings import Columns, is_database
 
@@ -287,7 +288,7 @@ def _named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
 
 
 def _page(wanted: Path | None, source: Path, *others: Path | None) -> Path:
-    """Where a page is written: never over a file that it is made from."""
+    """Path of the page to write; never one of the files that it is made from."""
     page = wanted or source.with_suffix(".html")
     for used in (source, *others):
         if used is not None and page.exists() and page.samefile(used):
@@ -297,7 +298,7 @@ def _page(wanted: Path | None, source: Path, *others: Path | None) -> Path:
 
 @main.group()
 def prior() -> None:
-    """What machines have learnt, for the next one of their kind."""
+    """Make a prior from what machines have learnt, for the next machine of the same kind."""
 
 
 @prior.command("make")
@@ -307,8 +308,8 @@ def prior() -> None:
 def make_prior(databases: tuple[Path, ...], output: Path) -> None:
     """Write what the gateways of DATABASE... have learnt to one file, for `[talc] prior` of another machine.
 
-    One database a machine. Each machine's learner is rebuilt from its frames and measurements, whatever method ran, and
-    without the prior that it began with itself. Inputs of different machines belong together when they have one name.
+    Give one database per machine. Each machine's learner is rebuilt from its frames and measurements, whatever method
+    it used, and without the prior that it started with. Inputs of different machines are matched by name.
     """
     from gateway.cli.prior import make
 

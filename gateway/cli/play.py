@@ -21,7 +21,7 @@ from simulators.devices.playback import PlayedAdapter, PlayedGroup, PlayedHost, 
 from simulators.devices.script import EXTENDED, Passed, Script, can_script, stream_script, unnumbered
 
 _CAN_LOGS = (".asc", ".blf", ".csv", ".log", ".trc")
-"""Files of other programs that python-can reads; .log is candump's."""
+"""Formats of other programs that python-can reads; .log is candump's."""
 
 
 class _Stop(Protocol):
@@ -35,7 +35,7 @@ class Played:
     bus: str
     kind: str
     place: dict[str, object]
-    """Fields of its `[[bus]]` that say where it is now."""
+    """Fields of its `[[bus]]` that say where it can be reached now."""
     script: Script
     stops: _Stop
 
@@ -76,7 +76,7 @@ async def play_bus(
 
 
 def _passed(events: Iterable[WireEvent], kind: str) -> Iterable[Passed]:
-    """In the player's terms. What the gateway itself did to the connection is left out."""
+    """The events in the player's terms. The gateway's own actions on the connection are omitted."""
     for event in events:
         if event.passed == "note":
             if kind in ("modbus_tcp", "me_ethernet") and event.note.startswith("lost"):
@@ -95,9 +95,9 @@ def _link(link: Path, target: str) -> str:
 
 
 def play(path: Path, folder: Path, seconds: float | None, group: tuple[str, int] | None = None) -> None:
-    """Until Ctrl-C, or for so many seconds. Raises WireLogError or ConfigError.
+    """Play until Ctrl-C or for the given seconds. Raises WireLogError or ConfigError.
 
-    group: multicast group and port for CAN; a second CAN bus has the port above
+    group: multicast group and port for CAN; a second CAN bus uses the next port
     """
     config, events = read_wire_recording(path, folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -120,9 +120,7 @@ async def _play(
         for bus, kind in kinds.items():
             of_bus = [event for event in events if event.bus == bus]
             if not of_bus:
-                console.print(
-                    f"{bus} ({kind}): never opened when it was recorded, so it is absent now", highlight=False
-                )
+                console.print(f"{bus} ({kind}): did not open while recording, so it is absent now", highlight=False)
                 continue
             one = await play_bus(bus, kind, of_bus, folder, group)
             if group is not None and kind in ("canopen", "can"):
@@ -140,24 +138,24 @@ async def _play(
             async with asyncio.timeout(seconds):
                 await stop.wait()
     for one in played:
-        (folder / one.bus).unlink(missing_ok=True)  # of serial lines and adapters
+        (folder / one.bus).unlink(missing_ok=True)  # links of serial lines and adapters
         if one.script.unknown:
             console.print(f"{one.bus}: {one.script.unknown} requests were not in the recording", style="yellow")
 
 
 def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path) -> str:
-    """Writes the configuration and says how to go on."""
+    """Writes the configuration, and returns how to continue."""
     if config is None:
         sections = ["[[bus]]", *(f"{k} = {toml_value(v)}" for one in played for k, v in _fields(one).items())]
         return "to read it:\n" + "\n".join(sections)
     file = folder / "gateway.toml"
     places = {bus.name: _nowhere(bus, folder) for bus in config.buses} | {one.bus: one.place for one in played}
     file.write_text(wires_toml(config, places), encoding="utf-8")
-    return f"ready: talc-gateway probe {file}; Ctrl-C ends"
+    return f"ready: talc-gateway probe {file}; Ctrl-C stops"
 
 
 def _nowhere(bus: Bus, folder: Path) -> dict[str, object]:
-    """Where a bus that never opened cannot be opened either."""
+    """An address at which a bus that never opened cannot be opened either."""
     absent = str(folder / bus.name)
     match bus:
         case ModbusTcpSection() | MeEthernetSection():
@@ -173,9 +171,9 @@ def _fields(one: Played) -> dict[str, object]:
 
 
 def read_wire_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None, Sequence[WireEvent]]:
-    """The configuration, which a file of another program has not (None), and what passed.
+    """The configuration (None for another program's file, which has none), and the recorded events.
 
-    folder: the user's own profiles in the recording are written into its sub-folder `profiles`
+    folder: user profiles in the recording are written to its sub-folder `profiles`
 
     Raises WireLogError, ConfigError, or OSError.
     """
@@ -200,7 +198,7 @@ def _event(message: can.Message) -> WireEvent:
 
 
 def _kinds(config: GatewayConfig | None, events: Sequence[WireEvent]) -> dict[str, str]:
-    """Bus to its kind. A CAN log of another program counts as CANopen when somebody asked a node in it."""
+    """Bus to its kind. A CAN log of another program counts as CANopen if it contains an SDO request."""
     if config is not None:
         return {bus.name: bus.kind for bus in config.buses}
     asked = any(event.passed == "sent" for event in events)

@@ -19,7 +19,7 @@ _Learnt = tuple[tuple[str, ...], LearnerState]
 
 
 def make(databases: Sequence[Path], output: Path) -> None:
-    """Rebuild each learner, say what it knows, and write the file. StoreError: a database without anything learnt."""
+    """Rebuild each learner, print what it knows, and write the file. Raises StoreError if nothing was learnt."""
     _check_files(databases, output)
     learnt, machines = [], dict[str, Path]()
     for database in databases:

@@ -27,7 +27,7 @@ class _Row:
 
 
 def show(config: GatewayConfig) -> bool:
-    """Print a table of all channels; True when every one is good. Nothing is written, stored or published."""
+    """Print a table of all channels; True if every one is good. Nothing is written, stored or published."""
     rows = asyncio.run(_rows(config))
     table = Table("bus", "device", "channel", "value", "quality", "latency", title=config.machine.name)
     for row in rows:
@@ -57,7 +57,7 @@ async def _rows(config: GatewayConfig) -> list[_Row]:
 
 
 async def _line(line: Line) -> list[_Row]:
-    """The devices of one bus, one after the other; buses run beside each other."""
+    """The devices of one bus, one after the other; buses are read concurrently."""
     rows: list[_Row] = []
     for answer in await read_once(line, RealClock()):
         latency = None if answer.took_s is None else answer.took_s * 1e3
@@ -87,7 +87,7 @@ async def _nc(config: GatewayConfig) -> list[_Row]:
         rows = [_Row("nc", config.nc.kind, n, text, Quality.GOOD, latency) for n, text in texts.items()]
         gone = Quality.COMM_FAULT
         return rows + [
-            _Row("nc", config.nc.kind, n, "", gone, latency, "the NC reports no such state") for n in missing
+            _Row("nc", config.nc.kind, n, "", gone, latency, "the NC does not report this state") for n in missing
         ]
     except DriverError as error:
         return [_Row("nc", config.nc.kind, "snapshot", "", Quality.COMM_FAULT, None, str(error))]

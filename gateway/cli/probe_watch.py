@@ -22,10 +22,10 @@ from gateway.config import GatewayConfig
 from gateway.polling import Notice
 
 _WINDOW = 60
-"""Reads over which rate and jitter are taken."""
+"""Number of reads over which rate and jitter are computed."""
 _TABLE_EVERY_S, _LINES_EVERY_S = 0.5, 10.0
 _CELL = 17 + 1 + 14 + 1 + 6
-"""Width of one channel: two stand beside each other on 80 columns."""
+"""Width of one channel, so that two fit side by side on 80 columns."""
 
 
 @dataclass(slots=True)
@@ -36,16 +36,16 @@ class DeviceFigures:
     bus: str
     channels: tuple[str, ...]
     answers: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW))
-    """Monotonic seconds of the last reads that were answered; not of the very first read, which is made at once,
+    """Monotonic seconds of the last reads that were answered, except the very first read, which is made immediately,
     outside the bus's schedule, and opens the connection."""
     answered_at: float | None = None
-    """Monotonic seconds of the last one, the first read included."""
+    """Monotonic seconds of the last one, including the first read."""
     periods: int = 0
-    """Since the start."""
+    """Number since the start."""
     lost: int = 0
     """Periods without an answer since the start."""
     error: str = ""
-    """The last one's text."""
+    """Text of the last error."""
     error_at: float = 0.0
     latest: dict[str, Reading] = field(default_factory=dict)
     good_at: dict[str, float] = field(default_factory=dict)
@@ -82,14 +82,14 @@ class DeviceFigures:
 
     @property
     def rate_hz(self) -> float | None:
-        """Answers in a second, over the last reads; None before there are two."""
+        """Answers per second over the last reads; None until there are two."""
         if len(self.answers) < 2:
             return None
         return (len(self.answers) - 1) / (self.answers[-1] - self.answers[0])
 
     @property
     def jitter_s(self) -> float | None:
-        """How far the worst interval between two answers is from the usual one."""
+        """How far the worst interval between two answers deviates from the usual one."""
         times = list(self.answers)
         intervals = [after - before for before, after in pairwise(times)]
         if not intervals:
@@ -99,7 +99,7 @@ class DeviceFigures:
 
 
 class ProbeView:
-    """Everything that is shown, and how. Knows no terminal."""
+    """What is shown, and how. Independent of the terminal."""
 
     def __init__(self, machine: str, lines: Sequence[Line], now_s: float) -> None:
         self._machine, self._began = machine, now_s
@@ -118,7 +118,7 @@ class ProbeView:
         return all(device.complete for device in self.devices)
 
     def table(self, now_s: float, width: int, height: int) -> Text:
-        """For a terminal of this size. Channels that are not good come first when not all have room."""
+        """Table for a terminal of this size. Channels that are not good come first when there is no room for all."""
         good, channels = sum(d.good for d in self.devices), len(self._of_channel)
         head = f"{self._machine}  {good} of {channels} good  {_seconds(now_s - self._began)}  Ctrl-C ends"
         titles = _columns("device", "bus", "good", "rate", "jitter", "lost", "age")
@@ -131,7 +131,7 @@ class ProbeView:
         return Text("\n").join([*top, Text(""), *self._rows(now_s, width, max(1, height - len(top) - 2))])
 
     def lines(self, now_s: float) -> Iterator[str]:
-        """One line for each device: what a log or a pipe gets."""
+        """One line per device, for a log or a pipe."""
         for device in self.devices:
             values = " ".join(f"{channel}={reading_text(device.latest.get(channel))}" for channel in device.channels)
             rate, jitter = _rate(device.rate_hz), _milliseconds(device.jitter_s)
@@ -168,7 +168,7 @@ _PLAIN = Console(width=80)
 
 
 def _fitted(name: str, width: int) -> str:
-    """A long name without its middle: names of one machine differ at their ends."""
+    """A long name without its middle, because names on one machine differ at their ends."""
     return name if len(name) <= width else f"{name[: width // 2]}…{name[width // 2 + 1 - width :]}"
 
 
@@ -195,9 +195,9 @@ def _seconds(seconds: float) -> str:
 
 
 def watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
-    """Show until Ctrl-C, or for so many seconds; True when every channel was good at the end.
+    """Show until Ctrl-C or for the given seconds; True if every channel was good at the end.
 
-    every_s: how often it is shown; None: twice a second on a terminal, each 10 s elsewhere
+    every_s: interval between updates; None: twice a second on a terminal, every 10 s elsewhere
     """
     return asyncio.run(_watch(config, seconds, every_s))
 

@@ -1,4 +1,4 @@
-"""`talc-gateway record`: reads the devices as `run` does, and records everything that passes the wires."""
+"""`talc-gateway record`: reads the devices as `run` does, and records everything that passes on the wires."""
 
 import asyncio
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from gateway.polling import Notice
 from gateway.recordings import WireLogWriter
 
 _LOOK_EVERY_S = 1.0
-"""How often it is looked whether the file is full."""
+"""How often the size of the file is checked."""
 
 
 def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> None:
-    """Until Ctrl-C, or for so many seconds, or until the file has that size. Raises OSError when it cannot be made."""
+    """Record until Ctrl-C, for the given seconds, or up to the given size. Raises OSError if it cannot be made."""
     asyncio.run(_record(config, path, seconds, most_mb))
 
 
@@ -43,7 +43,7 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
     most_bytes = round(most_mb * 1e6)
     with WireLogWriter(path, packed_toml(config), clock.utc(), most_bytes=most_bytes) as log:
         lines = lines_of(config, clock, log.tap)
-        console.print(f"recording {len(lines)} buses to {path}; Ctrl-C ends", highlight=False, soft_wrap=True)
+        console.print(f"recording {len(lines)} buses to {path}; Ctrl-C stops", highlight=False, soft_wrap=True)
         async with Acquisition(lines, clock, take, noticed, quiet=True):
             async for _ in until(stop, _LOOK_EVERY_S, seconds):
                 if log.ended:

@@ -21,7 +21,7 @@ _DAY_H = 24.0
 
 
 def show(database: Path) -> bool:
-    """Replay with a progress bar and say what was found; True when everything was identical."""
+    """Replay with a progress bar and print the result; True if everything was identical."""
     console = terminal()
     with (
         History(database) as history,
@@ -38,7 +38,7 @@ def show(database: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A recording, and what was asked of it."""
+    """A recording, and what was requested of it."""
 
     file: Path
     columns: Columns
@@ -47,7 +47,7 @@ class Request:
     every_measurement: bool
 
     def command(self) -> str:
-        """What to type to make the page again."""
+        """The command that makes the page again."""
         words = ["talc-gateway", "replay", str(self.file)]
         words += [] if self.page == self.file.with_suffix(".html") else ["-o", str(self.page)]
         words += [] if self.config is None else ["--config", str(self.config)]
@@ -105,7 +105,7 @@ def run_recording(request: Request) -> None:
 
 
 def _prior(sections: TalcOnly, recording: Recording, config: Path | None) -> PriorFile | None:
-    """What `[talc] prior` of the file names. Raises ConfigError."""
+    """The prior that `[talc] prior` of the file names. Raises ConfigError."""
     try:
         return prior_for(sections.talc, recording.input_names)
     except PriorError as error:
@@ -113,7 +113,7 @@ def _prior(sections: TalcOnly, recording: Recording, config: Path | None) -> Pri
 
 
 def _calibration(recording: Recording, sections: TalcOnly) -> tuple[str, str]:
-    """How long it takes; and when that is longer than one may think, why."""
+    """How long calibration takes; and the reason, when that is longer than expected."""
     if sections.talc.method == "learner":
         return "no time", ""
     control, step_s = sections.talc.control, recording.step_s
@@ -134,10 +134,10 @@ def _calibration(recording: Recording, sections: TalcOnly) -> tuple[str, str]:
 def _made(
     request: Request, recording: Recording, sections: TalcOnly, calibration: str, prior: PriorFile | None
 ) -> tuple[tuple[str, str], ...]:
-    """What it takes to make the page again."""
+    """What is needed to make the page again."""
     file, config = request.file, request.config
     errors = (name if name == column else f"{name} = {column}" for name, column in recording.error_columns.items())
-    used = "each one" if request.every_measurement else "those that the controller asked for"
+    used = "each one" if request.every_measurement else "those that the controller requested"
     talc = asdict(sections.talc)
     own = {name: value for name, value in talc.items() if not isinstance(value, dict)}
     tables = [("", own), *((f".{name}", value) for name, value in talc.items() if isinstance(value, dict))]

@@ -1,4 +1,4 @@
-"""`talc-gateway report`: makes a table and an HTML page from a database, and in a simulation from the truth."""
+"""`talc-gateway report`: makes a table and an HTML page from a database and, for a simulation, from the truth."""
 
 import csv
 from pathlib import Path
@@ -12,11 +12,11 @@ from gateway.storage import History, StoreError
 from talc.frame import FloatArray
 
 _TRUTH_COLUMNS = 17
-"""Time, nine errors, tool deviation without and with compensation, probing; a last line may be cut."""
+"""Time, nine errors, tool deviation without and with compensation, probing; the last line may be truncated."""
 
 
 def write(database: Path, output: Path, truth: Path | None = None) -> None:
-    """Print the table and write the page. StoreError: nothing is stored yet."""
+    """Print the table and write the page. Raises StoreError when nothing is stored yet."""
     data = collect(database, truth)
     console = terminal()
     console.print(table(summary(data)))

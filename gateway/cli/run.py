@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 def run_service(config: GatewayConfig, path: Path, record: Path | None = None, record_mb: float = 100.0) -> None:
     """Run the gateway until SIGINT or SIGTERM. SIGHUP reads `path` again and applies what changed, or nothing.
 
-    record: what passes the wires goes there, at most `record_mb` in this file and as much in the one before
+    record: the traffic on the wires goes to this file, up to `record_mb`, and as much to the one before it
     """
 
     async def main() -> None:
@@ -63,7 +63,7 @@ def _wire_log(config: GatewayConfig, path: Path | None, most_mb: float) -> Itera
 
 
 async def _reload(service: Service, path: Path, asked: asyncio.Event) -> None:
-    """Whenever asked, until cancelled. A configuration that cannot be applied changes nothing."""
+    """Reload on request, until cancelled. A configuration that cannot be applied changes nothing."""
     while True:
         await asked.wait()
         asked.clear()

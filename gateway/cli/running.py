@@ -1,4 +1,4 @@
-"""What `run` and `demo` share: store, telemetry and service for one configuration, until a signal."""
+"""The common part of `run` and `demo`: store, telemetry and service of one configuration, until a signal."""
 
 import asyncio
 import logging
@@ -33,7 +33,7 @@ async def serve(
 ) -> None:
     """Run the service of a configuration until `stop`; everything is stored before it is published.
 
-    wire_log: writes down everything that passes the wires
+    wire_log: records everything that passes on the wires
 
     Raises DriverError, StoreError, TelemetryError, or an exception group of them.
     """
@@ -60,8 +60,8 @@ async def serve(
             )
         if past.other_prior:
             log.warning(
-                "[talc] prior: %s; the learner begins anew with it and learns from the whole record",
-                "there is none any more" if config.prior is None else f"{config.talc.prior} is not the former one",
+                "[talc] prior: %s; the learner starts again with it and learns from the whole record",
+                "none is set now" if config.prior is None else f"{config.talc.prior} differs from the former one",
             )
         prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
@@ -83,7 +83,7 @@ async def serve(
 
 
 def _reconfiguring(wire_log: WireLogWriter, recorded: str) -> Sink:
-    """A sink that begins another wire log when other buses or devices run than those recorded."""
+    """A sink that starts another wire log when the buses or devices differ from those recorded."""
 
     def take(event: GatewayEvent) -> None:
         nonlocal recorded

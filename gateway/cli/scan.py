@@ -1,4 +1,4 @@
-"""`talc-gateway scan`: finds the devices on a wire; prints a table and writes a configuration."""
+"""`talc-gateway scan`: finds the devices on a wire, prints a table and writes a configuration."""
 
 import asyncio
 import sys
@@ -37,7 +37,7 @@ from gateway.scan import (
 from gateway.scan import Progress as Told
 
 Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
-"""Also takes whether a report's question was answered with yes."""
+"""A scan; the argument says whether a report's question was answered with yes."""
 
 _BAUDS = (9600, 19200, 38400, 57600, 115200)
 _ME_BAUDS = (230_400, 256_000)
@@ -107,7 +107,7 @@ def scan() -> None:
 
 @scan.command("ports")
 def ports_command() -> None:
-    """Say which serial ports and CAN interfaces this computer has. Opens none of them."""
+    """List this computer's serial ports and CAN interfaces. Opens none of them."""
     found = find_ports()
     for port in found:
         click.echo(f"scan {port.command} {port.name}    ({port.remark})")
@@ -167,7 +167,7 @@ def tcp_command(
     """Find Modbus TCP units behind HOSTS (host or host:port), and Micro-Epsilon controllers. Asks only these hosts.
 
     Without a port, 502 (Modbus) and 10001 (a controller's data) are tried. Behind a gateway to a serial line each
-    device has a unit id of its own: --units 1-16.
+    device has its own unit id: --units 1-16.
     """
     what = TcpScan(hosts, units, timeout_s)
     listed = ", ".join(host if port is None else f"{host}:{port}" for host, port in hosts)
@@ -200,14 +200,12 @@ def can_command(
     On slcan the scan first only listens at every rate (the adapter sends nothing, not even acknowledgements).
     """
     if len(bitrates) > 1 and interface != "slcan":
-        raise click.UsageError(f"--bitrate: the rate of {interface} cannot be switched here; give one, or none")
+        raise click.UsageError(f"--bitrate: the rate of {interface} cannot be changed here; give one rate, or none")
     rates = bitrates or (_BITRATES if interface == "slcan" else (125_000,))
     place: dict[str, object] = {"interface": interface, "channel": channel, "bitrate": rates[0], "port": udp_port}
     settings = read_settings(CanOpenSettings, place)
     what = CanScan(settings, rates, nodes, listen_s, timeout_s)
-    rate = (
-        "bit rate as the system has set it" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"
-    )
+    rate = "bit rate set by the system" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"
     intro = f"{interface} {channel}: listening, then asking {len(nodes)} nodes ({rate})"
 
     def run(tell: Told, stopped: Stopped, anyway: bool) -> Awaitable[Report]:
@@ -217,7 +215,7 @@ def can_command(
 
 
 def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path | None, yes: bool, run: Run) -> None:
-    """Check the file, say how long it may take, scan with a progress bar, print the table, write the configuration."""
+    """Check the file, print the longest duration, scan with a progress bar, print the table, write the file."""
     _existing(toml)
     said = terminal(stderr=True)
     said.print(f"{intro}; at most {_duration(longest_s)} if nothing answers", soft_wrap=True, highlight=False)
@@ -234,7 +232,7 @@ def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path |
         if any(device.what.profile for device in report.found):
             _write(toml, report, yes)
         else:
-            click.echo(f"nothing was recognised: {toml} is not written", err=True)
+            click.echo(f"nothing was recognised; {toml} was not written", err=True)
     sys.exit(0 if report.found else _EXIT_NOTHING)
 
 
@@ -252,7 +250,7 @@ def _existing(toml: Path | None) -> None:
 async def _run(
     said: Console, total: int, limit_s: float, run: Callable[[Told, Stopped], Awaitable[Report]]
 ) -> tuple[Report, str]:
-    """The report, and why the scan ended early."""
+    """The report, and the reason if the scan ended early."""
     stop = asyncio.Event()
     stop_on_signals(stop)
     loop = asyncio.get_running_loop()
@@ -301,9 +299,9 @@ def _write(path: Path, report: Report, yes: bool) -> None:
     existing = read(path) if path.exists() else ""
     text = merged(existing, report.places, path)
     if text == existing:
-        click.echo(f"{path} already has everything", err=True)
+        click.echo(f"{path} already contains everything", err=True)
         return
-    if existing and not yes and not click.confirm(f"{path} exists. Add what is missing in it?", err=True):
+    if existing and not yes and not click.confirm(f"{path} exists. Add what is missing?", err=True):
         return
     path.write_text(text, encoding="utf-8")
     click.echo(

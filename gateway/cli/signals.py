@@ -20,7 +20,7 @@ def stop_on_signals(stop: asyncio.Event) -> None:
 
 
 async def until(stop: asyncio.Event, every_s: float, seconds: float | None) -> AsyncIterator[None]:
-    """Yields every `every_s`, and a last time when `stop` is set or so many seconds have passed; None: no such end."""
+    """Yields every `every_s`, and a last time when `stop` is set or the given seconds have passed (None: unlimited)."""
     end_s = None if seconds is None else monotonic() + seconds
     while not stop.is_set() and (end_s is None or monotonic() < end_s):
         left_s = every_s if end_s is None else min(every_s, max(0.0, end_s - monotonic()))

@@ -60,7 +60,7 @@ class ViewState:
 
     machine: str
     progress_until_s: float | None = None
-    """Length of the run, if it has an end."""
+    """Length of the run, if it ends by itself."""
     time: datetime | None = None
     began: datetime | None = None
     simulated: bool = False
@@ -80,9 +80,9 @@ class ViewState:
     mode: str = ""
     source: str = ""
     probing: str = ""
-    """Why a wanted measurement waits."""
+    """Why a wanted measurement is waiting."""
     sensors: list[str] = field(default_factory=list)
-    """What does not agree with the other sensors."""
+    """Sensors that disagree with the others."""
     measurements: int = 0
     rejected: int = 0
     state_updates: int = 0
@@ -92,7 +92,7 @@ class ViewState:
     _last_models_k: int | None = None
 
     def apply(self, message: Published) -> None:
-        """Take one message."""
+        """Update the state with one message."""
         now = datetime.fromisoformat(message.time)
         self.time = now if self.time is None else max(self.time, now)
         self.began = self.began or now
@@ -133,12 +133,12 @@ class ViewState:
 
     @property
     def elapsed_s(self) -> float:
-        """Since the first message."""
+        """Time since the first message."""
         return 0.0 if self.time is None or self.began is None else (self.time - self.began).total_seconds()
 
 
 def render(state: ViewState) -> RenderableType:
-    """The whole picture; 80 columns are enough."""
+    """The whole screen; 80 columns are enough."""
     return Group(_header(state), _errors(state), _footer(state), _events(state))
 
 
@@ -149,7 +149,7 @@ def _header(s: ViewState) -> RenderableType:
     text.append(" (simulated)  " if s.simulated else "  ", style="dim")
     text.append(s.phase.replace("_", " ") or "starting", style=f"bold {_PHASE_STYLE.get(s.phase, 'white')}")
     if not s.alive:
-        text.append("  the gateway is gone", style="bold red")
+        text.append("  gateway offline", style="bold red")
     parts: list[RenderableType] = [text]
     if s.progress_until_s:
         grid = Table.grid(padding=(0, 1), expand=True)
@@ -217,7 +217,7 @@ def _age(seconds: float) -> str:
 
 
 def feeding(state: ViewState, input_names: Sequence[str], clock: Clock, *, simulated: bool) -> Sink:
-    """A sink that feeds a state in this process with what telemetry would carry."""
+    """A sink that feeds a state in this process with the same messages as telemetry."""
     composer = Composer("", input_names, clock, simulated=simulated)
 
     def take(event: GatewayEvent) -> None:
@@ -232,8 +232,8 @@ class LiveView:
 
     Parameters
     ----------
-    plain: lines also on a terminal
-    console: where to; None: standard output
+    plain: print lines even on a terminal
+    console: where to print; None: standard output
     """
 
     def __init__(self, state: ViewState, *, plain: bool = False, console: Console | None = None) -> None:

@@ -55,7 +55,7 @@ def _follow(session: zenoh.Session, root: str, machine: str) -> int:
 
     alive = f"{root}/{keys.ALIVE}"
     if not list(session.liveliness().get(alive, timeout=_ANSWER_LIMIT_S)):
-        click.echo(f"error: no gateway is alive under {root}", err=True)
+        click.echo(f"error: no running gateway found under {root}", err=True)
         return EXIT_WORLD
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())

@@ -1,6 +1,6 @@
-"""`[[bus]]`: where devices are, and how the gateway treats them. One section per kind of wire.
+"""`[[bus]]`: where devices are, and how the gateway reads them. There is one section per kind of wire.
 
-Where a bus is and what its fields may hold is the drivers' settings; here stands what the gateway adds.
+The drivers' settings define where a bus is and what its fields may hold; the gateway's own fields are added here.
 """
 
 from typing import Annotated, Literal
@@ -19,13 +19,13 @@ class Polled(Section):
     """How the gateway polls a bus."""
 
     name: Name
-    """Name that devices refer to and messages use."""
+    """Name by which devices and messages refer to the bus."""
     period_s: Positive = 1.0
     """Every device of the bus is read once in each period."""
     read_limit_s: Positive = 10.0
-    """How long one device may take for a whole read; after that the bus is closed and opened again."""
+    """How long one whole read of a device may take; after that the bus is closed and opened again."""
     retry_max_periods: int = Field(default=60, ge=1, le=3600)
-    """A silent device, or a bus that does not open, is tried again after 1, 2, 4 ... periods, at most this many."""
+    """A silent device, or a bus that does not open, is tried again after 1, 2, 4 ... periods, up to this number."""
 
 
 class ModbusRtuSection(ModbusRtuSettings, Polled):
@@ -43,7 +43,7 @@ class MeRs485Section(MeRs485Settings, Polled):
 
 
 class ModbusTcpSection(ModbusTcpSettings, Polled):
-    """Modbus TCP: one host, itself a device or a gateway to several units."""
+    """Modbus TCP to one host, which is a device itself or a gateway to several units."""
 
     kind: Literal["modbus_tcp"]
     """`modbus_tcp`."""
@@ -64,7 +64,7 @@ class CanOpenSection(CanOpenSettings, Polled):
 
 
 class CanSection(CanSettings, Polled):
-    """Devices on a CAN bus that send by themselves, named by a DBC file. `timeout_s`: how old a frame may be."""
+    """Devices on a CAN bus that send without being asked, named by a DBC file. `timeout_s`: how old a frame may be."""
 
     kind: Literal["can"]
     """`can`."""

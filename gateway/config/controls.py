@@ -23,18 +23,18 @@ _SOON = timedelta(days=30)
 
 
 class SinumerikNc(SinumerikControl):
-    """A SINUMERIK control over OPC UA; docs/nc.md says what each of these means on the control."""
+    """A SINUMERIK control over OPC UA; docs/nc.md explains what these fields mean on the control."""
 
     kind: Literal["sinumerik"]
     """`sinumerik`."""
     period_s: Positive = 1.0
-    """How often positions and states are read, and compensation is written."""
+    """Interval at which positions and states are read and compensation is written."""
     states: Mapping[Name, StateNode] = Field(default_factory=dict)
 
     def settings(self, poses: int, states: Iterable[str]) -> SinumerikSettings:
-        """What the driver takes, for a probing cycle of `poses` poses.
+        """The driver's settings for a probing cycle of `poses` poses.
 
-        states: those of `known_states` that models use; only these are read, for a bit that nobody has wired must not
+        states: those of `known_states` that models use. Only these are read, so that a bit that is not wired does not
         keep the gateway from connecting. Raises SetupError naming the field and the value; no network.
         """
         known = self.known_states()
@@ -48,7 +48,7 @@ class SinumerikNc(SinumerikControl):
 
     def other_states(self, name: str) -> str:
         """Hint for an unknown state."""
-        return f', or say where it is: [nc.states.{name}] path = "/Plc/..."'
+        return f', or give its address: [nc.states.{name}] path = "/Plc/..."'
 
     largest_is: ClassVar[str] = "[nc.compensation] largest_um"
 
@@ -58,7 +58,7 @@ class SinumerikNc(SinumerikControl):
         return self.compensation.largest_um
 
     def cautions(self) -> Iterator[tuple[str, str]]:
-        """Field, and what about it works today and may not tomorrow, or is less safe than it could be. Reads files."""
+        """Field, and why it may fail later or is less safe than it could be. Reads files."""
         if self.security == "none":
             if not _on_this_computer(self.url):
                 yield "security", "'none' sends password and offsets unencrypted; use Basic256Sha256"
@@ -81,10 +81,10 @@ class LinuxCncNc(LinuxCncAgent):
     kind: Literal["linuxcnc"]
     """`linuxcnc`."""
     period_s: Positive = 1.0
-    """How often positions and states are read, and compensation is written."""
+    """Interval at which positions and states are read and compensation is written."""
 
-    def settings(self, poses: int, states: Iterable[str]) -> LinuxCncSettings:  # noqa: ARG002 - it tells all of them
-        """What the driver takes, for a probing cycle of `poses` poses. Raises SetupError; no network."""
+    def settings(self, poses: int, states: Iterable[str]) -> LinuxCncSettings:  # noqa: ARG002 - it reports all of them
+        """The driver's settings for a probing cycle of `poses` poses. Raises SetupError; no network."""
         given: dict[str, object] = {name: getattr(self, name) for name in LinuxCncAgent.model_fields}
         return settings_of(LinuxCncSettings, given | {"poses": poses})
 
@@ -93,7 +93,7 @@ class LinuxCncNc(LinuxCncAgent):
         return LINUXCNC_STATES
 
     def other_states(self, name: str) -> str:  # noqa: ARG002
-        """There is no hint for an unknown state."""
+        """An unknown state has no hint."""
         return ""
 
     largest_is: ClassVar[str] = "the driver's largest_um"
@@ -104,9 +104,12 @@ class LinuxCncNc(LinuxCncAgent):
         return LARGEST_UM
 
     def cautions(self) -> Iterator[tuple[str, str]]:
-        """Field, and what about it may not work, or is less safe than it could be. Reads files."""
+        """Field, and why it may fail or is less safe than it could be. Reads files."""
         if not _is_loopback(self.host):
-            yield "host", f"'{self.host}' is beyond this computer: use a tunnel, the lines are signed but not encrypted"
+            yield (
+                "host",
+                f"'{self.host}' is another computer: use a tunnel, lines are signed but not encrypted",
+            )
         yield from (("key_file", text) for text in _secret_cautions(self.key_file))
 
 

@@ -19,4 +19,4 @@ ProfileName = Annotated[str, AfterValidator(_profile_beside_the_file)]
 """A profile's name, or the path of a user's own profile."""
 
 Name = Annotated[str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "a letter, then letters, digits and _, at most 64")]
-"""Becomes a part of the key space, so no slash, star, dot or blank."""
+"""Becomes part of a key, so slash, star, dot and blank are not allowed."""

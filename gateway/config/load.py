@@ -14,7 +14,7 @@ from talc.presets import completed
 
 
 def load(path: Path) -> GatewayConfig:
-    """The checked configuration of a file. No network.
+    """The checked configuration of a file. Uses no network.
 
     Raises ConfigError with every problem found.
     """
@@ -42,7 +42,7 @@ def parse(text: str, path: Path) -> GatewayConfig:
 
 
 def draft(text: str, path: Path) -> GatewayConfig:
-    """What a text holds so far: every field is right by itself, but they need not fit together. Raises ConfigError."""
+    """The content of a text so far: each field is valid, but they need not fit together. Raises ConfigError."""
     return _validated(data_of(text, path), path)
 
 
@@ -59,12 +59,12 @@ def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
     config = config.with_prior(prior)
     try:
         return config.with_profiles({d.profile: user_profile(d.profile) for d in config.devices if is_users(d.profile)})
-    except SetupError as error:  # gone since it was checked
+    except SetupError as error:  # deleted since it was checked
         raise ConfigError(path, [Problem("", str(error))]) from None
 
 
 def data_of(text: str, path: Path) -> dict[str, object]:
-    """What the text says, with all that a preset of `[talc]` says; not checked yet. Raises ConfigError."""
+    """The data of the text, with those of the `[talc]` preset added; not checked yet. Raises ConfigError."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

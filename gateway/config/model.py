@@ -32,7 +32,7 @@ from talc.settings import SensorCheckSettings, TalcSettings
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One channel of the configuration, with what belongs to it."""
+    """One channel of the configuration, with everything that belongs to it."""
 
     name: str
     device: str
@@ -58,27 +58,27 @@ class GatewayConfig(Section):
     talc: Talc = TalcSettings()
     sensor_check: SensorCheckSettings = SensorCheckSettings()
     _profiles: Mapping[str, UserProfile] = PrivateAttr(default_factory=dict)
-    """Not a key of the file, nor in `canonical()`: an earlier program must still read what the database holds."""
+    """Not a key of the file, nor in `canonical()`, because earlier programs must still read the database."""
     _prior: PriorFile | None = PrivateAttr(default=None)
 
     @property
     def profiles(self) -> Mapping[str, UserProfile]:
-        """What the user's own profiles held when this configuration was loaded, by `profile` of a device."""
+        """The content of the user's own profiles when this configuration was loaded, by `profile` of a device."""
         return self._profiles
 
     def with_profiles(self, profiles: Mapping[str, UserProfile]) -> Self:
-        """The same with these user's own profiles."""
+        """A copy with these user profiles."""
         config = self.model_copy()
         config._profiles = dict(profiles)
         return config
 
     @property
     def prior(self) -> PriorFile | None:
-        """What the file of `[talc] prior` held when this configuration was loaded, or what the database holds of it."""
+        """The content of the `[talc] prior` file when this configuration was loaded, or the database's copy of it."""
         return self._prior
 
     def with_prior(self, prior: PriorFile | None) -> Self:
-        """The same with this prior."""
+        """A copy with this prior."""
         config = self.model_copy()
         config._prior = prior
         return config
@@ -106,14 +106,14 @@ class GatewayConfig(Section):
     def canonical(self) -> str:
         """The configuration with every default written out, as JSON: the same text for the same behaviour.
 
-        As far as the file says it; what a user's own profiles and a prior hold is in the fingerprint only.
+        It contains what the file says; the content of user profiles and of a prior is in the fingerprint only.
         """
         return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=False, separators=(",", ":"))
 
     def fingerprint(self) -> str:
-        """SHA-256, hexadecimal, of `canonical()` and the hashes of the user's own profiles and of a prior, if any.
+        """SHA-256, hexadecimal, of `canonical()` and of the hashes of the user's own profiles and of the prior, if any.
 
-        It tells what runs, not how its file is laid out.
+        It identifies what runs, not how its file is laid out.
         """
         others = [f"\n{name} {self._profiles[name].content_hash}" for name in sorted(self._profiles)]
         if self._prior is not None:
@@ -131,13 +131,13 @@ def validate(data: Mapping[str, object] | str, folder: Path | None = None) -> Ga
 
 
 def _of_any_program(canonical: str) -> Mapping[str, object]:
-    """All defaults are written out: a text without a method is of a program that had only the models."""
+    """All defaults are written out, so a text without a method is from a program that had only the models."""
     whole: dict[str, object] = json.loads(canonical)
     talc = whole.get("talc")
     return {**whole, "talc": {"method": "models", **talc}} if isinstance(talc, dict) else whole
 
 
 def with_database(data: Mapping[str, object]) -> Mapping[str, object]:
-    """The database's default path written out: like any path of the file it then starts at the file's folder."""
+    """Writes out the database's default path: like any path of the file, it then starts at the file's folder."""
     storage = data.get("storage", {})
     return {**data, "storage": {"path": DEFAULT_DATABASE, **storage}} if isinstance(storage, Mapping) else data

@@ -1,6 +1,6 @@
 """Packs the wires of a configuration with the user's own profiles, so that a recording can be played elsewhere.
 
-It is TOML as `wires_toml` gives it, and a table `[files]`: name of a file to its text. Profiles are named by these.
+It is the TOML of `wires_toml`, plus a table `[files]` with the text of each file by name. Profiles refer to these.
 """
 
 import re
@@ -38,9 +38,9 @@ def packed_toml(config: GatewayConfig) -> str:
 
 
 def unpacked(text: str, path: Path, folder: Path) -> GatewayConfig:
-    """The checked configuration of what `packed_toml` gave; its files are written into `folder`/profiles.
+    """The checked configuration from the text of `packed_toml`; its files are written into `folder`/profiles.
 
-    path: named in messages, and where other relative paths start
+    path: name in messages, and where other relative paths start
 
     Raises ConfigError, or OSError when the files cannot be written.
     """
@@ -59,14 +59,14 @@ def unpacked(text: str, path: Path, folder: Path) -> GatewayConfig:
 
 
 def _files(name: str, profile: UserProfile) -> dict[str, str]:
-    """The profile, and the DBC file beside it wherever it was."""
+    """The profile, with the DBC file in the same folder wherever it was."""
     if profile.dbc is None:
         return {f"{name}.toml": profile.text}
     return {f"{name}.toml": _naming(profile.text, f"{name}.dbc"), f"{name}.dbc": profile.dbc}
 
 
 def _naming(text: str, dbc: str) -> str:
-    """The profile's text with another DBC file; what else looks like that key, inside a longer text, stays."""
+    """The profile's text with another DBC file; a similar key inside a longer text stays."""
     wanted = tomllib.loads(text) | {"dbc": dbc}
     for found in _DBC_LINE.finditer(text):
         changed = f"{text[: found.start()]}dbc = {toml_value(dbc)}{text[found.end() :]}"
@@ -79,7 +79,7 @@ def _naming(text: str, dbc: str) -> str:
 
 
 def _text(text: str) -> str:
-    """As lines where TOML can say it so."""
+    """As separate lines where TOML can express it."""
     lines = f"'''\n{text}'''"
     try:
         if tomllib.loads(f"text = {lines}") == {"text": text}:
@@ -96,7 +96,7 @@ def _table(files: object, path: Path) -> Mapping[str, object]:
 
 
 def _content(name: str, text: object, path: Path) -> bytes:
-    """The bytes of one file. A recording comes from elsewhere: its files stay in their folder."""
+    """The bytes of one file. A recording is from elsewhere, so its files must stay in their folder."""
     where = f"[{_FILES}] {name}"
     encoding = _ENCODINGS.get(Path(name).suffix)
     if encoding is None or Path(name).name != name:

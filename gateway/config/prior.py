@@ -30,7 +30,7 @@ class PriorFile:
 
 
 def prior_for(talc: TalcSettings, names: Sequence[str]) -> PriorFile | None:
-    """What `[talc] prior` names, for a machine with these inputs; None when it names nothing. Raises PriorError."""
+    """The prior that `[talc] prior` names, for a machine with these inputs; None without one. Raises PriorError."""
     if talc.prior is None:
         return None
     try:
@@ -42,14 +42,14 @@ def prior_for(talc: TalcSettings, names: Sequence[str]) -> PriorFile | None:
     if not found.prior.known(names):
         theirs = ", ".join(found.prior.inputs[:3])
         raise PriorError(
-            f"'{talc.prior}': none of its inputs ({theirs}, ...) has the name of one here; inputs are matched by name: "
-            f"name them alike on machines of a kind, or remove this line"
+            f"'{talc.prior}': none of its inputs ({theirs}, ...) is named like one here; inputs are matched by name: "
+            f"use the same names on machines of one kind, or remove this line"
         )
     return found
 
 
 def parse_prior(text: str) -> PriorFile:
-    """What a file's text says. ValueError: names the field, its value and what was expected."""
+    """The prior in a file's text. Raises ValueError naming the field, its value and what was expected."""
     try:
         plain = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -60,11 +60,11 @@ def parse_prior(text: str) -> PriorFile:
 
 
 def described(found: PriorFile, names: Sequence[str]) -> str:
-    """For people: how much of a prior a machine with these inputs can use."""
+    """How much of a prior a machine with these inputs can use, for people."""
     known = len(found.prior.known(names))
     machines = int(found.prior.machines.max())
     errors = int((found.prior.machines > 0).sum())
     return (
         f"prior of {machines} machine{'s' if machines != 1 else ''}, {errors} thermal errors; it knows {known} of the "
-        f"{len(names)} inputs here, {len(found.prior.inputs) - known} of its inputs are not here"
+        f"{len(names)} inputs here; {len(found.prior.inputs) - known} of its inputs do not exist here"
     )

@@ -1,4 +1,4 @@
-"""Problems of a configuration, one line each: the file's name, and the place in the file's words."""
+"""Problems of a configuration, one per line, with the file's name and the place in the file's words."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -34,7 +34,7 @@ def read_sections(kind: type[M], data: Mapping[str, object], path: Path) -> M:
 
 
 def place(location: Location, data: Mapping[str, object]) -> str:
-    """`bus 'rtu1', baud` from ("bus", 0, "baud"). Entries of a list of tables go by their name, if they have one."""
+    """`bus 'rtu1', baud` from ("bus", 0, "baud"). Entries of a list of tables go by name, if they have one."""
     parts = list(location)
     if len(parts) >= 2 and isinstance(parts[0], str) and isinstance(parts[1], int):
         section, index = parts[0], parts[1]

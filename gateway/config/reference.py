@@ -1,4 +1,4 @@
-"""The reference of every key, made from the sections: `python -m gateway.config.reference` prints it."""
+"""The reference of all keys, made from the sections: `python -m gateway.config.reference` prints it."""
 
 import json
 import sys
@@ -67,7 +67,7 @@ def _tables(path: str, table: Mapping[str, object], definitions: Mapping[str, Ma
 def _members(
     field: Mapping[str, object], definitions: Mapping[str, Mapping[str, object]]
 ) -> Iterator[Mapping[str, object]]:
-    """The sections a field can hold."""
+    """The sections that a field can hold."""
     for holder in (field, field.get("items"), field.get("additionalProperties")):
         if not isinstance(holder, dict):
             continue

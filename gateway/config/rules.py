@@ -1,4 +1,4 @@
-"""Checks across fields: names used twice, addresses shared, references to nothing."""
+"""Checks across fields: duplicate names, shared addresses, references to missing sections."""
 
 import re
 from collections import Counter
@@ -36,7 +36,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
 
 
 def cautions(config: GatewayConfig) -> list[Problem]:
-    """Cautions: what works today and may fail later."""
+    """Warnings: settings that work now and may fail later."""
     found = []
     for bus in config.buses:
         field, port = _serial_port(bus)
@@ -44,7 +44,7 @@ def cautions(config: GatewayConfig) -> list[Problem]:
             found.append(
                 Problem(
                     f"bus '{bus.name}', {field}",
-                    f"'{port}' may name another adapter after a reboot; use its name in /dev/serial/by-id",
+                    f"'{port}' may be another adapter after a reboot; use its name in /dev/serial/by-id",
                 )
             )
         asks = not isinstance(bus, CanSection | MeEthernetSection)  # these only listen
@@ -53,8 +53,8 @@ def cautions(config: GatewayConfig) -> list[Problem]:
             found.append(
                 Problem(
                     f"bus '{bus.name}', timeout_s",
-                    f"{bus.timeout_s:g} is longer than period_s = {bus.period_s:g}: one device that falls silent costs "
-                    "the others a period; best is half of it or less",
+                    f"{bus.timeout_s:g} is longer than period_s = {bus.period_s:g}: one silent device costs "
+                    "the others a period; use half of it or less",
                 )
             )
     if config.prior is not None and config.talc.method != "learner":
@@ -94,11 +94,11 @@ def _inputs(config: GatewayConfig) -> Iterator[Problem]:
         for name in device.channels:
             where = f"device '{device.name}', channels.{name}"
             if name in first:
-                yield Problem(where, f"duplicate channel; {first[name]} has this name already")
+                yield Problem(where, f"duplicate channel; {first[name]} already has this name")
             first.setdefault(name, f"device '{device.name}'")
     for state in config.states:
         if state.name in first:
-            yield Problem(f"state '{state.name}'", f"duplicate input; {first[state.name]} has this name already")
+            yield Problem(f"state '{state.name}'", f"duplicate input; {first[state.name]} already has this name")
         first.setdefault(state.name, "another state")
     if config.states and config.nc is None:
         yield Problem("[nc]", f"missing; states ({config.states[0].name}, ...) are read from it")
@@ -109,7 +109,7 @@ def _places(config: GatewayConfig) -> Iterator[Problem]:
     for bus in config.buses:
         if bus.place in first:
             yield Problem(
-                f"bus '{bus.name}'", f"{bus.place} is already bus '{first[bus.place]}'; put the devices there"
+                f"bus '{bus.name}'", f"{bus.place} is already bus '{first[bus.place]}'; put its devices there"
             )
         first.setdefault(bus.place, bus.name)
 
@@ -151,7 +151,7 @@ def _limits(config: GatewayConfig) -> Iterator[Problem]:
 
 def _control(config: GatewayConfig) -> Iterator[Problem]:
     if config.nc is None and config.probing.armed:
-        yield Problem("[probing] armed", "true, but there is no [nc] to ask")
+        yield Problem("[probing] armed", "true, but there is no [nc] to send requests to")
     if config.nc is None and config.compensation.mode == "compensate":
         yield Problem("[compensation] mode", "'compensate', but there is no [nc] to write to")
     step_s = config.grid.step_s
@@ -166,7 +166,7 @@ def _control(config: GatewayConfig) -> Iterator[Problem]:
         yield Problem(
             "[compensation] stale_after_s",
             f"{config.compensation.stale_after_s:g}: expected more than the grid step, {step_s:g}, "
-            "or every prediction is stale before the next one",
+            "otherwise every prediction is stale before the next one",
         )
     for bus in config.buses:
         if bus.period_s > step_s:
@@ -176,7 +176,7 @@ def _control(config: GatewayConfig) -> Iterator[Problem]:
 
 
 def _poses(config: GatewayConfig) -> Iterator[Problem]:
-    """Deficient pose sets leave some errors undetermined: A = 0 alone finds 7 of 9."""
+    """A pose set may leave some errors undetermined: A = 0 alone finds 7 of 9."""
     probing = config.probing
     poses = np.deg2rad(np.asarray(probing.poses_deg, dtype=float))
     try:
@@ -186,7 +186,7 @@ def _poses(config: GatewayConfig) -> Iterator[Problem]:
 
 
 def _devices(config: GatewayConfig) -> Iterator[Problem]:
-    """What the drivers would refuse: profiles, units, channel numbers, options. None is made, and no network used."""
+    """What the drivers would reject: profiles, units, channel numbers, options. Builds no driver, no network."""
     names = Counter(bus.name for bus in config.buses)
     for bus in config.buses:
         if names[bus.name] > 1:
@@ -206,7 +206,7 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
 
 
 def _nc(config: GatewayConfig) -> Iterator[Problem]:
-    """What the control's driver itself finds, without network."""
+    """What the control's driver itself rejects. Uses no network."""
     if config.nc is None:
         return
     known = config.nc.known_states()

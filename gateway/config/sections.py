@@ -16,7 +16,7 @@ class Machine(Section):
     """The machine tool that this gateway serves."""
 
     name: Name
-    """Name of the machine; second part of every key it publishes under."""
+    """Name of the machine; the second part of every published key."""
 
 
 class Grid(Section):
@@ -30,7 +30,7 @@ DEFAULT_DATABASE = "gateway.sqlite"
 
 
 class Storage(Section):
-    """What is kept on the computer."""
+    """What is stored on the computer."""
 
     path: FilePath = Path(DEFAULT_DATABASE)
     """SQLite database; a relative path starts at the configuration's folder."""
@@ -47,9 +47,9 @@ class Telemetry(Section):
     enabled: bool = True
     """False: publish nothing and open no session."""
     prefix: Annotated[
-        str, matching(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", "letters, digits, _ and -, parts set off by /")
+        str, matching(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", "letters, digits, _ and -, parts separated by /")
     ] = "talc"
-    """First part of every key; the machine's name follows."""
+    """First part of every published key; the machine's name follows."""
     mode: Literal["peer", "client"] = "peer"
     """`peer` meets others directly, `client` goes through a router."""
     listen: tuple[str, ...] = ()
@@ -64,15 +64,15 @@ class Device(Section):
     """One device on a bus."""
 
     name: Name
-    """Name that messages use."""
+    """Name of the device in messages."""
     bus: str
-    """Name of the bus it is on."""
+    """Name of its bus."""
     profile: ProfileName
-    """Profile that says where its values are: one of drivers/profiles, or the path of a .toml file."""
+    """Profile with the addresses of its values: one of drivers/profiles, or the path of a .toml file."""
     unit: int = Field(default=1, ge=0, le=0xFFFF)
     """Address on its bus: Modbus unit 1 to 247, CANopen node 1 to 127."""
     options: Mapping[str, str | int | float | bool] = Field(default_factory=dict)
-    """What its profile leaves open, such as the vendor or the range."""
+    """Options that its profile leaves open, such as the vendor or the range."""
     channels: Mapping[Name, int] = Field(min_length=1)
     """Model input = the device's channel, counted from 0. The order in the file is the order of the inputs."""
 
@@ -85,15 +85,15 @@ class State(Section):
 
 
 class Limits(Section):
-    """Plausible values of one channel. A value that is not plausible keeps its number and loses its quality."""
+    """Plausible values of one channel. An implausible value keeps its number and loses its quality."""
 
     min: float | None = None
-    """Smallest plausible value, in the channel's unit; below, the quality is `out_of_range`."""
+    """Smallest plausible value, in the channel's unit; below it the quality is `out_of_range`."""
     max: float | None = None
-    """Largest plausible value, in the channel's unit; above, the quality is `out_of_range`."""
+    """Largest plausible value, in the channel's unit; above it the quality is `out_of_range`."""
     max_jump: Positive | None = None
-    """Largest plausible difference between one reading and the next, in the channel's unit. Beyond, the quality is
-    `out_of_range` for that reading; when the next one agrees with it, it was a step and not a spike, and is taken."""
+    """Largest plausible difference between one reading and the next, in the channel's unit. Beyond it the quality of
+    that reading is `out_of_range`; if the next one agrees with it, it was a step and not a spike, and is used."""
     max_rate_per_min: Positive | None = None
     """Largest plausible change within a minute, in the channel's unit. After a larger one (a spike, a step) the quality
     is `out_of_range` until enough time has passed since the last plausible value for the change to be plausible."""
@@ -121,39 +121,39 @@ class Probing(Section):
     sphere_height_mm: float = 80.0
     """Height of the sphere's centre above the A axis at A = 0."""
     sigma_um: Positive = 1.0
-    """Standard uncertainty of one coordinate of a probed centre."""
+    """Standard uncertainty of one coordinate of a measured centre."""
     max_repeat_um: Positive = 10.0
     """A cycle in which repeated touches of one point differ by more than this is rejected; so is a reference whose
     cycles differ by more."""
     max_residual_um: Positive = 5.0
     """A cycle whose centres differ from the best fit by more than this (RMS) is rejected."""
     outlier_sigmas: Positive = 6.0
-    """A cycle with a coordinate that differs from what the others predict by more standard deviations is rejected."""
+    """A cycle is rejected if a coordinate differs from the others' prediction by more standard deviations."""
     surprise_sigmas: Positive = 6.0
     """A result that differs from the prediction by more than this many standard uncertainties of both, and by more than
     the action control limit, is used only when the next cycle gives the same result."""
     max_surprise_um: Positive = 50.0
-    """A result that differs by more than this, at the sphere, is never used, unless the prediction is that
-    uncertain."""
+    """A result that differs by more than this, at the sphere, is never used, except where the prediction is itself so
+    uncertain that this is plausible."""
     reference_cycles: Annotated[int, Field(ge=1, le=20)] = 5
-    """Cycles whose mean is the reference of every later deviation, run one after the other at the first measurement.
-    One cycle's noise would stay in every error as a constant; the mean of n leaves 1/√n of it."""
+    """Number of cycles whose mean is the reference of every later deviation; they run one after the other at the first
+    measurement. One cycle's noise would stay in every error as a constant; the mean of n cycles leaves 1/√n of it."""
     lead_s: NotNegative = 180.0
-    """The cycle is requested this long before the end of the grid step that shall contain the result."""
+    """How long before the end of the grid step the cycle is requested, so that the step contains its result."""
     timeout_s: Positive = 900.0
-    """A cycle that has not ended after this long is withdrawn."""
+    """A cycle that has not ended after this time is withdrawn."""
     poll_s: Positive = 2.0
     """How often the NC's state is read while a cycle runs, or while a measurement waits for a better moment."""
     prefer_idle_s: NotNegative = 600.0
     """A routine measurement waits this long for an idle machine or the end of a program; after that a tool change is
     enough. Measurements in calibration, in `no_good` and repeats do not wait."""
     insist_after_s: NotNegative = 1800.0
-    """After that the cycle is requested whatever the machine does, and the operator is informed. The control still
-    probes at a safe point only."""
+    """After this time the cycle is requested whatever the machine is doing, and the operator is informed. The control
+    still probes at a safe point only."""
     retries: Annotated[int, Field(ge=0, le=20)] = 3
     """A rejected measurement is requested again at most this many times in a row; then the operator is informed."""
     pause_s: NotNegative = 3600.0
-    """After that nothing is requested for this long."""
+    """Pause after that, in which nothing is requested."""
 
 
 Bound = Annotated[float, Field(gt=0, le=LARGEST_BOUND_UM)]
@@ -173,13 +173,13 @@ class Compensation(Section):
     inputs_stale_after_s: Positive = 1800.0
     """How long an input of a live model may be without a good value; meanwhile its last good value is used."""
     measurement_stale_after_s: Positive = 57600.0
-    """How long an error without a model is corrected by its last measurement; after that the error counts as unknown,
-    and `when_stale` decides. By default twice the longest interval between measurements."""
+    """How long an error without a model is corrected by its last measurement; after that the error is unknown, and
+    `when_stale` decides. By default twice the longest interval between measurements."""
     when_stale: Literal["zero", "hold"] = "zero"
     """Without a usable prediction: ramp the offsets to zero, or hold the last ones."""
     frozen_after_s: Positive = 120.0
-    """An axis that reports a speed and has not moved for this long shows that the control's values are frozen: they are
-    no longer used, as if stale. Needs the speeds as `[[state]]` and a [nc] period_s of at most a quarter of this."""
+    """An axis that reports a speed but has not moved for this long shows that the control's values are frozen: they are
+    then treated as stale. Needs the speeds as `[[state]]` and a [nc] period_s of at most a quarter of this."""
     watchdog_s: Positive = 10.0
     """When the control has received no heartbeat for this long, it does by itself what `when_stale` says. At least four
     times [nc] period_s."""

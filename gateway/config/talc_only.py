@@ -1,4 +1,4 @@
-"""The sections `[grid]` and `[talc]` for a recording, from a gateway's configuration or a file of their own."""
+"""Reads the sections `[grid]` and `[talc]` for a recording, from a gateway's configuration or a separate file."""
 
 from pathlib import Path
 

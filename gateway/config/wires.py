@@ -1,4 +1,4 @@
-"""The wires of a configuration as TOML: buses, devices, limits of channels."""
+"""The wires of a configuration as TOML: buses, devices, and limits of channels."""
 
 import json
 from collections.abc import Mapping
@@ -13,8 +13,8 @@ def wires_toml(
 ) -> str:
     """A complete small configuration without NC, storage and control.
 
-    places: bus to fields that are to be different, such as another port
-    profiles: profile to what is to be said instead, such as another path
+    places: bus to fields to replace, such as another port
+    profiles: profile to its replacement, such as another path
     """
     places, profiles = places or {}, profiles or {}
     parts = [f"[machine]\nname = {toml_value(config.machine.name)}"]
@@ -38,5 +38,5 @@ def _pairs(fields: Mapping[str, object]) -> str:
 
 
 def toml_value(value: object) -> str:
-    """A text, number or truth value; JSON's form of these is TOML's too, but for one character."""
+    """A text, number or truth value; JSON's form of these is also TOML's, except for one character."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -218,7 +218,7 @@ def covariance(plain: dict[str, Any], value: object) -> None:
         (lambda p: covariance(p, float("nan")), "errors.EX0C.covariance[0] = nan: expected a number"),
         (lambda p: covariance(p, 1e300), "errors.EX0C.covariance[0] = 1e+300: expected a number, at most 1e+12"),
         (lambda p: covariance(p, -50.0), "errors.EX0C.covariance: has a variance of -50"),
-        (lambda p: p.update(inputs=[f"u{i}" for i in range(12)]), "none of its inputs (u0, u1, u2, ...) has the name"),
+        (lambda p: p.update(inputs=[f"u{i}" for i in range(12)]), "none of its inputs (u0, u1, u2, ...) is named like"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_told(here: Path, change: Callable[[dict[str, Any]], object], said: str) -> None:

@@ -179,7 +179,7 @@ channels.roof = 0
 """
     (caution,) = cautions(parse(slow.replace("[[state]]", f"{second}\n[[state]]"), path))
     assert caution.where == "bus 'tcp1', timeout_s"
-    assert caution.what.startswith("2 is longer than period_s = 1: one device that falls silent costs the others")
+    assert caution.what.startswith("2 is longer than period_s = 1: one silent device costs the others")
     listening = 'name = "can1"\nkind = "can"\nchannel = "can0"\ntimeout_s = 2.0\n'
     assert cautions(parse(f"{text}\n[[bus]]\n{listening}", path)) == []
 

@@ -211,7 +211,7 @@ def test_linuxcnc_gets_its_settings_and_its_cautions(tmp_path: Path) -> None:
     settings = made.nc.settings(6, ["speed_C"])
     assert (settings.host, settings.port, settings.key()) == ("192.168.0.20", 7700, b"k" * 64)
     told = [str(problem) for problem in cautions(made)]
-    assert any("beyond this computer" in line for line in told)
+    assert any("is another computer" in line for line in told)
     assert any("can be read by other users" in line for line in told)
     with pytest.raises(ConfigError, match="state 'door': not every control provides it; possible: coolant, speed_A, "):
         config('[[state]]\nname = "door"\n' + text, tmp_path)

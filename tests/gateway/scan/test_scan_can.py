@@ -217,7 +217,7 @@ async def test_ctrl_c_closes_the_adapter_and_shows_what_was_found() -> None:
 async def test_several_bit_rates_are_refused_where_the_system_sets_it() -> None:
     done = await talc_gateway("scan", "can", "can0", "--bitrate", "125000", "--bitrate", "250000")
     assert done.code == 2
-    assert "cannot be switched" in done.err
+    assert "cannot be changed" in done.err
 
 
 @pytest.mark.parametrize(

@@ -263,7 +263,7 @@ async def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> 
         (1, "icpdas_m7015", 6),
         (7, "eletechsup_pta8d08", 8),
     ]
-    assert "already has everything" in again.err
+    assert "already contains everything" in again.err
     assert (probed.code, probed.out.splitlines()[-1]) == (3, "13 of 14 good")  # unit 7: 99.96 degC is not plausible
 
 
