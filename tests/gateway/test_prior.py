@@ -174,7 +174,7 @@ def test_check_counts_the_inputs_that_match(here: Path) -> None:
     channels = ("other", *CHANNELS[1:])
     answer = talc_gateway("check", written(here, "mill", "kind.json", channels))
     assert answer.exit_code == 0
-    assert "prior of 3 machines, 9 thermal errors; it knows 11 of the 12 inputs here, 1 of its" in answer.output
+    assert "prior of 3 machines, 9 thermal errors; it knows 11 of the 12 inputs here; 1 of its" in answer.output
 
 
 def test_the_fingerprint_is_that_of_the_content(here: Path) -> None:
