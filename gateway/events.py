@@ -98,6 +98,29 @@ class SensorsJudged:
     """Grid index of the last frame of the window."""
 
 
+@dataclass(frozen=True, slots=True)
+class StoreHealth:
+    """How storing goes."""
+
+    problem: str = ""
+    """Why rows wait in memory or were refused; empty: all is well."""
+    failing_s: float = 0.0
+    """For how long nothing could be stored, real seconds."""
+    waiting: int = 0
+    """Rows that wait in memory."""
+    dropped: int = 0
+    """Rows that had to go because too many waited: raw readings, steps of the compensation, events; never more."""
+    free_mb: float | None = None
+    """Free space on the disk; None: unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class StorageChanged:
+    """Storing has begun to fail, works again, or the disk's free space has passed its limit."""
+
+    health: StoreHealth
+
+
 GatewayEvent = (
     ConfigurationApplied
     | ReadingsTaken
@@ -110,6 +133,7 @@ GatewayEvent = (
     | CompensationStepped
     | OutlookChanged
     | SensorsJudged
+    | StorageChanged
 )
 
 Sink = Callable[[GatewayEvent], None]

@@ -33,17 +33,23 @@ from gateway.events import (
     ProbingRequested,
     ReadingsTaken,
     Sink,
+    StoreHealth,
 )
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
 from gateway.polling import Notice
-from gateway.probing import ProbingSchedule
+from gateway.probing import NotBegun, ProbingSchedule
+from gateway.storage import StoreError
+from gateway.store_watch import StoreWatch
 from talc.frame import Event, EventKind
 
 log = logging.getLogger(__name__)
 
 _FIRST_NUMBER_BELOW = 1_000_000
 """Request numbers are sent in R-parameters (64-bit reals) and read by people."""
+
+_LOOKS_PER_STEP, _SHORTEST_LOOK_S = 60, 1.0
+"""How often the store's health is looked at: each 5 s with a grid of 5 min."""
 
 _TEMPERATURE = "degC"
 _MACHINE_ID = Path("/etc/machine-id")
@@ -59,6 +65,7 @@ class Service:
     sink: takes every event
     past: the controller and what else an earlier run left
     tap: returns the tap of the bus with that name, or None
+    health: of the store that the sink writes to
     """
 
     def __init__(
@@ -68,9 +75,10 @@ class Service:
         sink: Sink,
         past: Past,
         tap: Callable[[str], Tap] | None = None,
+        health: Callable[[], StoreHealth] = StoreHealth,
     ) -> None:
         self._config, self._clock, self._sink, self._past = config, clock, sink, past
-        self._tap = tap
+        self._tap, self._health = tap, health
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
         self._schedule = Schedule(config.grid.step_s, past.last_k)
         self._channels = {channel.name for channel in config.channels}
@@ -125,6 +133,7 @@ class Service:
                     tasks.create_task(self._loop().run(), name="grid"),
                     tasks.create_task(self._sensors.run(), name="sensors"),
                     tasks.create_task(stale.run(), name="stale"),
+                    tasks.create_task(self._store_watch().run(), name="storage"),
                 ]
                 if self.link is not None:
                     running.append(tasks.create_task(self.link.run(), name="nc"))
@@ -177,9 +186,25 @@ class Service:
                 states=self._sampler.add_states,
                 written=lambda write: self._sink(CompensationStepped(write)),
                 notify=self._noticed,
-                requested=lambda number: self._sink(ProbingRequested(number)),
+                requested=self._request,
             ),
+            stored=self._stored,
         )
+
+    def _store_watch(self) -> StoreWatch:
+        period_s = max(_SHORTEST_LOOK_S, self._config.grid.step_s / _LOOKS_PER_STEP)
+        return StoreWatch(self._health, self._config.storage, self._clock, period_s, self._noticed, self._sink)
+
+    def _stored(self) -> bool:
+        """Whether the compensation may go on as far as the store is concerned."""
+        storage = self._config.storage
+        return storage.compensate_unstored or self._health().failing_s <= storage.unstored_after_s
+
+    def _request(self, number: int) -> None:
+        try:
+            self._sink(ProbingRequested(number))
+        except StoreError as error:  # after a restart the number would be used again
+            raise NotBegun(f"its number cannot be stored: {error}") from error
 
     def _monotonic_of(self, k: int) -> float:
         """When grid index k was, on this run's monotonic clock."""

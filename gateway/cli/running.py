@@ -75,7 +75,7 @@ async def serve(
         if wire_log is not None:
             sinks.append(_reconfiguring(wire_log, packed_toml(config)))
         tap = None if wire_log is None else wire_log.tap
-        service = Service(config, clock, in_order([*sinks, *more]), past, tap)
+        service = Service(config, clock, in_order([*sinks, *more]), past, tap, lambda: store.health)
         if telemetry is not None:
             telemetry.count_missed(lambda: service.periods_missed)
         started(service)

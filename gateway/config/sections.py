@@ -39,6 +39,13 @@ class Storage(Section):
     and decisions (0.2 MB a day), measurements, models and events are kept."""
     commit_s: Positive = 1.0
     """Readings are committed at least this often (real time): a power cut loses no more."""
+    compensate_unstored: bool = False
+    """What the compensation does while nothing can be stored, such as on a full disk. False: it goes to its declared
+    state, [compensation] when_stale, until rows are stored again. True: it goes on, and its steps wait in memory."""
+    unstored_after_s: Positive = 60.0
+    """So long (real time) nothing may be stored before that counts; until then rows wait in memory."""
+    warn_free_mb: NotNegative = 500.0
+    """Less free space on the database's disk is reported as a problem."""
 
 
 class Telemetry(Section):

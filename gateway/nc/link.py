@@ -41,10 +41,17 @@ class NcLink:
     settings: how it is read, written and probed
     earlier: what an earlier run left
     listeners: what it calls
+    stored: whether what it does can be stored; if not, the offsets go to their declared state
     """
 
     def __init__(
-        self, nc: NumericalControl, clock: ServiceClock, settings: LinkSettings, earlier: Earlier, listeners: Listeners
+        self,
+        nc: NumericalControl,
+        clock: ServiceClock,
+        settings: LinkSettings,
+        earlier: Earlier,
+        listeners: Listeners,
+        stored: Callable[[], bool] = lambda: True,
     ) -> None:
         self._clock, self._listeners = clock, listeners
         self._period, self._probing, compensation = settings.period_s, settings.probing, settings.compensation
@@ -75,7 +82,7 @@ class NcLink:
         )
         measured = earlier.measured_s if earlier.measured_s is not None else [clock.monotonic()] * len(THERMAL_ERRORS)
         self._target = Target(
-            compensation, LastMeasured(compensation.measurement_stale_after_s, measured), earlier.missing_s
+            compensation, LastMeasured(compensation.measurement_stale_after_s, measured), earlier.missing_s, stored
         )
 
     @property
@@ -210,7 +217,7 @@ class NcLink:
         except Exception:
             if self._state is not LinkState.STOPPING:
                 raise
-            # A full disk ends the gateway; it shall not leave the offsets where they are.
+            # What ended the gateway shall not leave the offsets where they are.
             log.exception("a step of the compensation was not stored while stopping")
 
     # The end ---------------------------------------------------------------------------------------------------------

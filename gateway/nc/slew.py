@@ -27,6 +27,8 @@ class Source(StrEnum):
     NOT_READY = "not_ready"
     """Emergency stop, drives off, axes not referenced."""
     STOPPED = "stopped"
+    NOT_STORED = "not_stored"
+    """Nothing could be stored for too long."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """The target: which thermal errors to cancel now, and whether their basis is recent enough. Pure."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -19,10 +19,17 @@ class Target:
     settings: stale_after_s, inputs_stale_after_s and when_stale are used
     last_measured: of errors without a model
     missing_s: inputs of live models without a good value, and since when, as an earlier run left it
+    stored: whether what is done can be stored
     """
 
-    def __init__(self, settings: Compensation, last_measured: LastMeasured, missing_s: Mapping[str, float]) -> None:
-        self._settings, self._last_measured = settings, last_measured
+    def __init__(
+        self,
+        settings: Compensation,
+        last_measured: LastMeasured,
+        missing_s: Mapping[str, float],
+        stored: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self._settings, self._last_measured, self._stored = settings, last_measured, stored
         self._missing = dict(missing_s)
         self._decision: Decision | None = None
         self._decided_s = 0.0
@@ -55,6 +62,8 @@ class Target:
             return None, Source.NO_MODEL
         if now_s - self._decided_s > settings.stale_after_s or quality is not Quality.GOOD:
             return None, Source.STALE
+        if not self._stored():
+            return None, Source.NOT_STORED
         if any(now_s - since > settings.inputs_stale_after_s for since in self._missing.values()):
             return None, Source.INPUTS_STALE
         corrected = decision.corrected

@@ -77,13 +77,13 @@ class FileLock:
         self._file.close()
 
 
-def connect(path: Path) -> sqlite3.Connection:
-    """A connection for writing.
+def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
+    """A connection for writing, which waits so long for another program's lock.
 
     In WAL mode, `synchronous = NORMAL` syncs only at checkpoints: a power cut then costs minutes of commits. FULL
     syncs the log at each commit, about one write per `commit_s`, and costs at most what was not committed.
     """
-    connection = sqlite3.connect(path, timeout=10.0)
+    connection = sqlite3.connect(path, timeout=patience_s)
     try:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")

@@ -25,12 +25,17 @@ from gateway.events import (
     ProbingRequested,
     ReadingsTaken,
     SensorsJudged,
+    StorageChanged,
+    StoreHealth,
 )
 from gateway.storage import rows
 from gateway.storage.schema import FileLock, StoreError, connect, make_schema
+from gateway.storage.waiting import Kind
 from gateway.storage.writer import DatabaseWriter
 
 _SECONDS_PER_DAY = 86400.0
+_NUMBER_WITHIN_S = 2.0
+"""How long the event loop waits until the number of a probing request is on the disk."""
 
 
 class Store:
@@ -43,12 +48,20 @@ class Store:
     clock: for the time of events
     commit_s: readings are committed at least so often, real seconds
     keep_samples_days: older readings and compensation steps are deleted
+    retry_s: after a failure it is tried again so often, real seconds
 
     Raises StoreError: not a database of ours, of a newer version, locked by another gateway, or not writable.
     """
 
     def __init__(
-        self, path: Path, boot: str, clock: Clock, *, commit_s: float = 1.0, keep_samples_days: float = 7.0
+        self,
+        path: Path,
+        boot: str,
+        clock: Clock,
+        *,
+        commit_s: float = 1.0,
+        keep_samples_days: float = 7.0,
+        retry_s: float = 5.0,
     ) -> None:
         self._boot, self._clock, self._keep_s = boot, clock, keep_samples_days * _SECONDS_PER_DAY
         try:
@@ -62,7 +75,7 @@ class Store:
         except BaseException:
             self._lock.release()
             raise
-        self._writer = DatabaseWriter(path, commit_s, self._prune)
+        self._writer = DatabaseWriter(path, commit_s, self._prune, retry_s)
 
     def __enter__(self) -> Self:
         self._writer.start()
@@ -73,8 +86,13 @@ class Store:
         self._lock.release()
         self._writer.check()
 
+    @property
+    def health(self) -> StoreHealth:
+        """How storing goes; also from another thread."""
+        return self._writer.health
+
     def flush(self) -> None:
-        """Return when everything handed in so far is committed."""
+        """Return when everything handed in so far is committed. Raises StoreError."""
         self._writer.flush()
 
     def begin(self, config: str, fingerprint: str, versions: str, prior: tuple[str, str] | None = None) -> None:
@@ -89,7 +107,10 @@ class Store:
         )
 
     def record(self, event: GatewayEvent) -> None:
-        """A gateway.events.Sink. Returns at once; of ProbingRequested, when it is on the disk. Raises StoreError."""
+        """A gateway.events.Sink. Returns at once; of ProbingRequested, when it is on the disk.
+
+        Raises StoreError for a ProbingRequested that could not be stored, and for nothing else: the rest waits.
+        """
         put = self._writer.put
         match event:
             case ConfigurationApplied(config):
@@ -99,6 +120,7 @@ class Store:
                 put(
                     "INSERT OR IGNORE INTO sample VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
                     rows.of_readings(self._number, readings),
+                    kind=Kind.READINGS,
                 )
             case FrameMade(frame):
                 put("INSERT INTO frame VALUES (?, ?, ?, ?, ?, ?)", [rows.of_frame(self._boot, frame)])
@@ -109,7 +131,7 @@ class Store:
             case ProbingRequested(number):
                 put("DELETE FROM request", [()])  # the last one is all that matters
                 put("INSERT INTO request VALUES (?, ?)", [(number, self._clock.utc().isoformat())])
-                self.flush()
+                self._writer.flush((Kind.KEPT,), _NUMBER_WITHIN_S)
             case MeasurementEnded(outcome):
                 row = rows.of_outcome(outcome)
                 put("INSERT INTO measurement VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row], commit=True)
@@ -117,10 +139,11 @@ class Store:
                 put("INSERT INTO model VALUES (NULL, ?, ?, ?)", [rows.of_models(models, after_k)], commit=True)
             case EventReported(reported, k):
                 row = rows.of_event(reported, k, self._clock.utc())
-                put("INSERT INTO event VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", [row])
+                put("INSERT INTO event VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", [row], kind=Kind.EVENTS)
             case CompensationStepped(write):
-                put("INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [rows.of_write(write)])
-            case OutlookChanged() | SensorsJudged():
+                row = rows.of_write(write)
+                put("INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row], kind=Kind.STEPS)
+            case OutlookChanged() | SensorsJudged() | StorageChanged():
                 pass  # what an operator should know of them is an EventReported too
             case _:
                 assert_never(event)

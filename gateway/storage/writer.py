@@ -1,21 +1,33 @@
-"""The thread that writes to the database: statements in order, committed in groups."""
+"""The thread that writes to the database: statements in order, committed in groups, and tried again while that fails.
 
-import queue
+A full disk, a file that another program has locked, an error of the disk: none of them ends the gateway. The rows wait
+in memory (gateway.storage.waiting says which of them for how long), and the thread opens the file again every few
+seconds until they are stored.
+"""
+
+import logging
+import math
+import shutil
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Collection
+from contextlib import closing
 from pathlib import Path
 
+from gateway.events import StoreHealth
 from gateway.storage.schema import StoreError, connect
+from gateway.storage.waiting import Item, Kind, Rows, Waiting
+
+log = logging.getLogger(__name__)
 
 _PRUNE_EVERY_S = 600.0
-_DRAIN_S = 0.1
-_QUEUE = 20_000
-"""Statements that may wait for the disk; beyond, the oldest readings would have to go, so writing waits instead."""
-
-Rows = Sequence[Sequence[object]]
+_LOOK_EVERY_S = 10.0
+"""How often the free space of the disk is read."""
+_YIELD_S = 0.05
+"""How long who writes more than the thread can store waits for it, as in a simulation that outruns the disk."""
+_REFUSED = (sqlite3.IntegrityError, sqlite3.DataError, sqlite3.InterfaceError, sqlite3.ProgrammingError, OverflowError)
+"""What the database raises for rows that it would never take: the gateway's own mistake."""
 
 
 class DatabaseWriter:
@@ -25,75 +37,177 @@ class DatabaseWriter:
     ----------
     path: the database; its tables exist
     commit_s: committed at least so often, real seconds
-    prune: deletes what is too old; called in the thread, at its start and each ten minutes
+    prune: deletes what is too old; called in the thread, when it opens the file and each ten minutes
+    retry_s: how long another program's lock is waited for, and how long between two attempts, real seconds
     """
 
-    def __init__(self, path: Path, commit_s: float, prune: Callable[[sqlite3.Connection], None]) -> None:
-        self._path, self._commit_s, self._prune = path, commit_s, prune
-        self._queue: queue.Queue[tuple[str, Rows, bool] | None] = queue.Queue(_QUEUE)
-        self._failure: BaseException | None = None
-        self._closing = False
+    def __init__(
+        self, path: Path, commit_s: float, prune: Callable[[sqlite3.Connection], None], retry_s: float = 5.0
+    ) -> None:
+        self._path, self._commit_s, self._prune, self._retry_s = path, commit_s, prune, retry_s
+        self._changed = threading.Condition()
+        self._waiting = Waiting()
+        self._open: list[Item] = []
+        """Executed and not committed."""
+        self._last = 0
+        self._closing = self._ended = False
+        self._problem, self._failing_since = "", 0.0
+        self._refused, self._refusal = 0, ""
+        self._committed_s = 0.0
+        self._free_mb: float | None = None
+        self._looked_s = 0.0
         self._thread = threading.Thread(target=self._run, name=f"store {path.name}", daemon=True)
+
+    @property
+    def health(self) -> StoreHealth:
+        """How storing goes; also from another thread."""
+        with self._changed:
+            return StoreHealth(
+                problem=self._problem or self._refusal,
+                failing_s=time.monotonic() - self._failing_since if self._problem else 0.0,
+                waiting=self._waiting.rows,
+                dropped=sum(self._waiting.dropped.values()),
+                free_mb=self._free_mb,
+            )
 
     def start(self) -> None:
         """Begin; statements may already wait."""
+        self._look()
         self._thread.start()
 
     def close(self) -> None:
-        """Return when everything is committed, or the thread has failed."""
-        self._closing = True
-        self._queue.put(None)
+        """Return when everything is committed, or a last attempt has failed."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
         self._thread.join()
 
     def check(self) -> None:
-        """Raises StoreError when a statement has failed: nothing is written any more."""
-        if self._failure is not None:
-            raise StoreError(f"{self._path}: {self._failure}") from self._failure
+        """After `close`. Raises StoreError when rows were not stored."""
+        lost, dropped = self._waiting.rows, sum(self._waiting.dropped.values())
+        if lost or dropped or self._refused:
+            raise StoreError(
+                f"{self._path}: {lost + dropped + self._refused} rows were not stored: "
+                f"{self._problem or self._refusal or 'they waited too long'}"
+            )
 
-    def put(self, statement: str, rows: Rows, *, commit: bool = False) -> None:
-        """Execute the statement for each row; commit: at once, as soon as nothing else waits. Raises StoreError."""
-        self.check()
-        self._queue.put((statement, rows, commit))
+    def put(self, statement: str, rows: Rows, *, kind: Kind = Kind.KEPT, commit: bool = False) -> None:
+        """Execute the statement for each row; commit: at once, as soon as nothing else waits. Never raises."""
+        with self._changed:
+            if self._waiting.full(kind) and not self._problem and self._makes_progress():
+                self._changed.wait_for(lambda: not self._waiting.full(kind) or self._problem, _YIELD_S)
+            self._last += 1
+            self._waiting.put(Item(self._last, statement, rows, kind, commit))
+            self._changed.notify_all()
 
-    def flush(self) -> None:
-        """Return when everything put so far is committed."""
+    def flush(self, kinds: Collection[Kind] = tuple(Kind), limit_s: float | None = None) -> None:
+        """Return when all of some kinds put so far are committed. Raises StoreError when that fails or lasts longer."""
         self.put("", (), commit=True)
-        self._queue.join()
+        with self._changed:
+            number = self._last
+            self._changed.wait_for(lambda: self._oldest(kinds) > number or self._problem or self._ended, limit_s)
+            if self._oldest(kinds) <= number:
+                raise StoreError(f"{self._path}: {self._problem or f'nothing was stored within {limit_s} s'}")
+
+    def _oldest(self, kinds: Collection[Kind]) -> float:
+        """The smallest number of what is not committed."""
+        executed = (item.number for item in self._open if item.kind in kinds)
+        return min(self._waiting.oldest(kinds), min(executed, default=math.inf))
+
+    def _makes_progress(self) -> bool:
+        return time.monotonic() - self._committed_s < _LOOK_EVERY_S
+
+    # In the thread ---------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         try:
-            with closing(connect(self._path)) as connection:
-                self._write_to(connection)
-        except BaseException as error:  # noqa: BLE001 - handed to the caller by the next call
-            self._failure = error
-            while not (self._closing and self._queue.empty()):  # no producer may wait for a writer that has ended
-                with suppress(queue.Empty):
-                    self._queue.get(timeout=_DRAIN_S)
-                    self._queue.task_done()
+            self._attempt()
+        finally:
+            with self._changed:
+                self._ended = True
+                self._changed.notify_all()
+
+    def _attempt(self) -> None:
+        """Write until it is closed, again and again."""
+        while True:
+            last = self._closing
+            try:
+                with closing(connect(self._path, self._retry_s)) as connection:
+                    self._write_to(connection)
+                return
+            except Exception as error:  # noqa: BLE001 - whatever it is, the gateway goes on without its store
+                self._failed(error)
+            if last:
+                return
+            with self._changed:
+                self._changed.wait_for(lambda: self._closing, self._retry_s)
+            self._look()
+
+    def _failed(self, error: Exception) -> None:
+        with self._changed:
+            self._waiting.put_back(self._open)
+            self._open.clear()
+            first, self._problem = not self._problem, str(error)
+            if first:
+                self._failing_since = time.monotonic()
+            self._changed.notify_all()
+        if first:
+            expected = isinstance(error, sqlite3.Error | OSError)
+            log.log(logging.INFO if expected else logging.ERROR, "%s: %s", self._path, error, exc_info=not expected)
 
     def _write_to(self, connection: sqlite3.Connection) -> None:
+        """Until the writer is closed and nothing waits any more. Raises what the database raises."""
         self._prune(connection)
-        connection.commit()
+        self._commit(connection)
         committed = pruned = time.monotonic()
         while True:
-            try:
-                item = self._queue.get(timeout=self._commit_s)
-            except queue.Empty:
-                connection.commit()
-                continue
-            try:
-                if item is None:
-                    connection.commit()
+            item = self._next()
+            if item is None:
+                self._commit(connection)
+                if self._closing and not len(self._waiting):
                     return
-                statement, rows, commit = item
-                if statement:
-                    connection.executemany(statement, rows)
-                now = time.monotonic()
-                if now - pruned >= _PRUNE_EVERY_S:
-                    self._prune(connection)
-                    pruned = now
-                if (commit and self._queue.empty()) or now - committed >= self._commit_s:
-                    connection.commit()
-                    committed = now
-            finally:
-                self._queue.task_done()  # also of a statement that failed: `flush` waits for it
+            elif item.statement:
+                self._execute(connection, item)
+            now = time.monotonic()
+            if now - pruned >= _PRUNE_EVERY_S:
+                self._prune(connection)
+                pruned = now
+            if (item is not None and item.commit and not len(self._waiting)) or now - committed >= self._commit_s:
+                self._commit(connection)
+                committed = now
+            if now - self._looked_s >= _LOOK_EVERY_S:
+                self._look()
+
+    def _next(self) -> Item | None:
+        with self._changed:
+            self._changed.wait_for(lambda: len(self._waiting) or self._closing, self._commit_s)
+            item = self._waiting.take()
+            if item is not None:
+                self._open.append(item)
+            return item
+
+    def _execute(self, connection: sqlite3.Connection, item: Item) -> None:
+        try:
+            connection.executemany(item.statement, item.rows)
+        except _REFUSED as error:
+            if not self._refused:
+                log.exception("%s: refuses %s", self._path, item.statement)
+            with self._changed:
+                self._refused += len(item.rows)
+                self._refusal = f"the database refuses rows: {error}"
+
+    def _commit(self, connection: sqlite3.Connection) -> None:
+        connection.commit()
+        with self._changed:
+            works = self._open or not len(self._waiting)  # or the disk may be full for anything but nothing
+            self._open.clear()
+            self._committed_s = time.monotonic()
+            self._problem = "" if works else self._problem
+            self._changed.notify_all()
+
+    def _look(self) -> None:
+        self._looked_s = time.monotonic()
+        try:
+            self._free_mb = shutil.disk_usage(self._path.parent).free / 1e6
+        except OSError:
+            self._free_mb = None

@@ -18,6 +18,7 @@ from gateway.telemetry.messages import (
     SensorFinding,
     SensorsMessage,
     StatusMessage,
+    StorageStanding,
     decode,
     encode,
 )
@@ -39,6 +40,7 @@ __all__ = [
     "SensorFinding",
     "SensorsMessage",
     "StatusMessage",
+    "StorageStanding",
     "TelemetryError",
     "TelemetryPublisher",
     "decode",

@@ -21,6 +21,8 @@ from gateway.events import (
     ProbingRequested,
     ReadingsTaken,
     SensorsJudged,
+    StorageChanged,
+    StoreHealth,
 )
 from gateway.nc import Write
 from gateway.probing import Outcome, Outlook
@@ -39,6 +41,7 @@ from gateway.telemetry.messages import (
     SensorFinding,
     SensorsMessage,
     StatusMessage,
+    StorageStanding,
 )
 from talc.frame import Decision, Event, FloatArray, Frame
 from talc.models import ErrorModel
@@ -84,8 +87,8 @@ class Composer:
                 return [(keys.FRAME, _frame(self._stamp(), frame, self._names))]
             case DecisionMade(decision):
                 return [(keys.DECISION, _decision(self._stamp(), decision))]
-            case ConfigurationApplied() | ProbingRequested():
-                return []  # the first is in the status
+            case ConfigurationApplied() | ProbingRequested() | StorageChanged():
+                return []  # the first and the last are in the status
             case MeasurementEnded(outcome):
                 return [(keys.MEASUREMENT, _measurement(self._stamp(), outcome))]
             case ModelsAdopted(models, after_k):
@@ -109,8 +112,9 @@ class Composer:
         periods_missed: Mapping[str, int],
         config: str | None,
         outlook: Outlook | None,
+        storage: StoreHealth | None = None,
     ) -> Keyed:
-        """The latest decision, the fingerprint of the configuration that really runs, how probing stands.
+        """The latest decision, the fingerprint of the configuration that really runs, how probing and storing stand.
 
         periods_missed: by bus
         """
@@ -122,6 +126,7 @@ class Composer:
             periods_missed=dict(periods_missed),
             config=config,
             probing=None if outlook is None else _probing_state(outlook),
+            storage=None if storage is None else _storage(storage),
         )
         return keys.STATUS, message
 
@@ -242,6 +247,11 @@ def _probing(stamp: _Stamp, o: Outlook) -> ProbingMessage:
 def _probing_state(o: Outlook) -> ProbingStanding:
     why = None if o.why is None else o.why.value
     return ProbingStanding(o.standing.value, why, o.reason, o.rejected, o.operator)
+
+
+def _storage(h: StoreHealth) -> StorageStanding:
+    free_mb = None if h.free_mb is None else round(h.free_mb)
+    return StorageStanding(h.problem, h.waiting, h.dropped, free_mb)
 
 
 def _sensors(stamp: _Stamp, j: Judgement, k: int) -> SensorsMessage:

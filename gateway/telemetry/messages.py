@@ -178,6 +178,15 @@ class SensorsMessage(Message, frozen=True):
     ]
 
 
+class StorageStanding(Struct, frozen=True):
+    """How storing goes."""
+
+    problem: Annotated[str, Meta(description="Why rows wait in memory; empty: all is stored")]
+    waiting: Annotated[int, Meta(description="Rows that wait in memory")]
+    dropped: Annotated[int, Meta(description="Rows that had to go: raw readings, steps, events; never decisions")]
+    free_mb: Annotated[Number, Meta(description="Free space on the disk, MB")]
+
+
 class StatusMessage(Message, frozen=True):
     """`status`: the latest decision and how the gateway runs. Null before the first decision."""
 
@@ -189,6 +198,7 @@ class StatusMessage(Message, frozen=True):
     ]
     config: Annotated[str | None, Meta(description="SHA-256 of the configuration that runs")]
     probing: ProbingStanding | None
+    storage: StorageStanding | None = None
 
 
 Published = (

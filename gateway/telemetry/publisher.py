@@ -19,6 +19,8 @@ from gateway.events import (
     GatewayEvent,
     OutlookChanged,
     ReadingsTaken,
+    StorageChanged,
+    StoreHealth,
 )
 from gateway.probing import Outlook
 from gateway.telemetry import keys
@@ -88,6 +90,7 @@ class TelemetryPublisher:
         self._composer = Composer(boot, input_names, clock, simulated=simulated)
         self._queue: queue.Queue[tuple[str, bytes] | None] = queue.Queue()
         self._outlook: Outlook | None = None
+        self._storage: StoreHealth | None = None
         self._dropped = 0
         self._decision: Decision | None = None
         self._config: str | None = None
@@ -141,11 +144,13 @@ class TelemetryPublisher:
                 self._decision = decision
             case OutlookChanged(outlook):
                 self._outlook = outlook
+            case StorageChanged(health):
+                self._storage = health
             case _:
                 pass
         for keyed in self._composer.messages(event):
             self._put(keyed)
-        if isinstance(event, ConfigurationApplied | DecisionMade | OutlookChanged):
+        if isinstance(event, ConfigurationApplied | DecisionMade | OutlookChanged | StorageChanged):
             self._put_status()
 
     def count_missed(self, periods_missed: Callable[[], Mapping[str, int]]) -> None:
@@ -154,7 +159,9 @@ class TelemetryPublisher:
 
     def _put_status(self) -> None:
         missed = self._periods_missed()
-        self._put(self._composer.status(self._decision, self._dropped, missed, self._config, self._outlook))
+        self._put(
+            self._composer.status(self._decision, self._dropped, missed, self._config, self._outlook, self._storage)
+        )
 
     def _put(self, keyed: Keyed) -> None:
         suffix, message = keyed

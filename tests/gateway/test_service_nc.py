@@ -1,16 +1,18 @@
 """What the service makes of its NC link: its owner's number, what a restart takes up, and how it lets go."""
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+import sqlite3
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager, closing
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import pytest
 
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
-from gateway.events import MeasurementEnded
+from gateway.events import MeasurementEnded, StoreHealth
 from gateway.nc import NcLink
 from gateway.past import Past, past_of
 from gateway.probing import End, Outcome
@@ -24,11 +26,11 @@ from tests.benches.nc_link_bench import decision
 from tests.benches.wire_bench import WireBench, wire_bench
 
 
-def config(bench: WireBench, store: str) -> GatewayConfig:
+def config(bench: WireBench, store: str, storage: Mapping[str, object]) -> GatewayConfig:
     return validate(
         {
             "machine": {"name": "mill"},
-            "storage": {"path": str(bench.folder / store)},
+            "storage": {"path": str(bench.folder / store), **storage},
             "nc": {"kind": "sinumerik", "url": bench.url, "security": "none", "timeout_s": 30.0},
             "grid": {"step_s": 86400.0},  # no step, so no decision but the test's
             "probing": {"armed": True, "lead_s": 10.0},
@@ -45,9 +47,16 @@ class Gateway(NamedTuple):
 
 
 @asynccontextmanager
-async def serving(bench: WireBench, name: str = "a.sqlite", *, killed: bool = False) -> AsyncIterator[Gateway]:
+async def serving(
+    bench: WireBench,
+    name: str = "a.sqlite",
+    *,
+    killed: bool = False,
+    health: Callable[[], StoreHealth] = StoreHealth,
+    storage: Mapping[str, object] = MappingProxyType({}),
+) -> AsyncIterator[Gateway]:
     """A gateway with a database, which goes on from what an earlier one left there; stopped, or killed, at the end."""
-    settings = config(bench, name)
+    settings = config(bench, name, storage)
     past = Past(Controller(settings.input_names, settings.talc))
     if settings.storage.path.exists():
         with History(settings.storage.path) as history:
@@ -55,7 +64,7 @@ async def serving(bench: WireBench, name: str = "a.sqlite", *, killed: bool = Fa
     stop = asyncio.Event()
     with Store(settings.storage.path, f"{name} {bench.clock.monotonic()}", bench.clock) as store:
         store.begin(settings.canonical(), settings.fingerprint(), "")
-        service = Service(settings, bench.clock, store.record, past)
+        service = Service(settings, bench.clock, store.record, past, health=health)
         assert service.link is not None
         if killed:
             service.link.stop = service.link.disconnect  # type: ignore[method-assign]
@@ -144,3 +153,39 @@ async def test_killed_in_the_middle_of_a_cycle_its_number_is_used_up_and_taken_b
             found = await measured(bench, gateway)
         assert found.end is End.MEASURED, found.reason
         assert found.number == lost + 5
+
+
+@pytest.mark.parametrize(("storage", "left"), [({}, 0.0), ({"compensate_unstored": True}, 6.0)])
+async def test_while_nothing_can_be_stored_the_offsets_go_where_it_is_configured(
+    storage: dict[str, object], left: float, tmp_path: Path
+) -> None:
+    health = StoreHealth()
+    async with (
+        wire_bench(tmp_path) as bench,
+        serving(bench, health=lambda: health, storage=storage) as gateway,
+    ):
+        await bench.clock.run_until(2.0)
+        gateway.link.follow(decision(6.0))
+        await bench.clock.run_until(15.0)
+        health = StoreHealth("database or disk is full", failing_s=59.0)
+        await bench.clock.run_until(25.0)
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 6.0)), "not at once"
+        health = StoreHealth("database or disk is full", failing_s=61.0)
+        await bench.clock.run_until(40.0)
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, left))
+        health = StoreHealth()
+        await bench.clock.run_until(60.0)
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 6.0))
+        bench.assert_never_stepped()
+
+
+async def test_without_a_stored_number_no_cycle_is_requested(tmp_path: Path) -> None:
+    async with wire_bench(tmp_path) as bench, serving(bench) as gateway:
+        await bench.clock.run_until(2.0)
+        with closing(sqlite3.connect(bench.folder / "a.sqlite", isolation_level=None)) as other:
+            other.execute("BEGIN IMMEDIATE")
+            outcome = await measured(bench, gateway)
+            other.execute("ROLLBACK")
+        assert outcome.end is End.REFUSED
+        assert "its number cannot be stored" in outcome.reason
+        assert bench.control.nck.cycle.answer.number == 0

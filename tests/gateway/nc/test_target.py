@@ -80,3 +80,12 @@ def test_an_unknown_error_is_left_alone_and_a_measured_one_counts_only_so_long()
     errors, _ = at.errors(Quality.GOOD, 203.0)
     assert errors is not None
     assert errors[1] == 4.0
+
+
+def test_what_cannot_be_stored_is_nothing_to_rest_on() -> None:
+    stored = True
+    at = Target(Compensation(), LastMeasured(200.0, [0.0] * 9), {}, lambda: stored)
+    at.follow(decision(4.0), 0.0)
+    assert at.errors(Quality.GOOD, 5.0)[1] is Source.PREDICTION
+    stored = False
+    assert at.errors(Quality.GOOD, 5.0) == (None, Source.NOT_STORED)

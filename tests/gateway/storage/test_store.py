@@ -253,7 +253,7 @@ def test_files_that_are_not_ours_are_refused_and_left_alone(tmp_path: Path) -> N
     assert not list(tmp_path.glob("*.lock"))
 
 
-def test_a_failing_disk_is_told_to_the_next_who_writes_and_nobody_waits(tmp_path: Path) -> None:
+def test_a_row_that_the_database_refuses_is_reported_and_the_others_are_stored(tmp_path: Path) -> None:
     store = store_at(tmp_path / "g.sqlite")
 
     def write() -> None:
@@ -265,6 +265,8 @@ def test_a_failing_disk_is_told_to_the_next_who_writes_and_nobody_waits(tmp_path
 
     with pytest.raises(StoreError, match="UNIQUE constraint failed"):
         write()
+    assert "UNIQUE" in store.health.problem
+    assert rows(tmp_path / "g.sqlite", "SELECT k FROM frame") == [(1,), (2,)]
     with store_at(tmp_path / "g.sqlite"):
         pass
 

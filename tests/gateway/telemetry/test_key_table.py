@@ -17,6 +17,8 @@ from gateway.events import (
     OutlookChanged,
     ReadingsTaken,
     SensorsJudged,
+    StorageChanged,
+    StoreHealth,
 )
 from gateway.nc import Source, Step, Write
 from gateway.probing import Outcome, Outlook, Standing
@@ -56,6 +58,7 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
         t.publish(CompensationStepped(Write(NOW, "advise", step, 7, {"X": 1.0}, False, None)))
         t.publish(SensorsJudged(Judgement(), 7))
         t.publish(OutlookChanged(Outlook(Standing.DUE, Why.INTERVAL, "", 0, "")))
+        t.publish(StorageChanged(StoreHealth("database is locked", 5.0, 40, 0, 900.0)))
         t.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
         found = last_values(port)
     common = {"boot", "seq", "time", "clock"}

@@ -1,0 +1,147 @@
+"""A store in a process of its own, on a disk that the test lets fail.
+
+As a program it is that process: it takes a command a line and answers each with a line of JSON.
+"""
+
+import ctypes
+import errno
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from drivers.base import Quality, SystemClock
+from gateway.acquisition import Sample
+from gateway.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.storage import Store, StoreError
+from tests.benches.store_writer import step
+
+ROOT = Path(__file__).parents[2]
+_SOURCE = Path(__file__).with_suffix(".cc")
+HANGS = -1
+FAULTS = {"ok": 0, "ENOSPC": errno.ENOSPC, "EIO": errno.EIO, "EROFS": errno.EROFS, "hangs": HANGS}
+
+
+@cache
+def _library() -> Path:
+    """Compiled once for each user and version of the source. Raises subprocess.CalledProcessError."""
+    mark = hashlib.sha256(_SOURCE.read_bytes()).hexdigest()[:16]
+    path = Path(tempfile.gettempdir()) / f"talc-gateway-failing-disk-{os.getuid()}-{mark}.so"
+    if not path.exists():
+        with tempfile.TemporaryDirectory() as folder:
+            made = Path(folder) / path.name
+            compiler = ["g++", "-std=c++17", "-O1", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror"]
+            subprocess.run([*compiler, "-o", made, _SOURCE, "-ldl"], check=True)
+            made.replace(path)  # at once, as other workers may look
+    return path
+
+
+class StoreProcess:
+    """The store's process."""
+
+    def __init__(self, process: "subprocess.Popen[str]") -> None:
+        self._process = process
+
+    def ask(self, command: str) -> Any:
+        """Its answer: to `fault NAME`, `step K`, `health`, `flush` or `close`."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(command + "\n")
+        self._process.stdin.flush()
+        line = self._process.stdout.readline()
+        assert line, "the process with the store has ended"
+        return json.loads(line)
+
+    def until(self, failing: bool, limit_s: float = 30.0) -> Any:
+        """The health when storing fails, or works again with nothing waiting."""
+        end = time.monotonic() + limit_s
+        while time.monotonic() < end:
+            health = self.ask("health")
+            if bool(health["problem"]) is failing and (failing or not health["waiting"]):
+                return health
+            time.sleep(0.02)
+        raise AssertionError(f"after {limit_s} s: {health}")
+
+
+@contextmanager
+def store_process(path: Path) -> Iterator[StoreProcess]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.benches.failing_disk", str(path)],
+        cwd=ROOT,
+        env={
+            **os.environ,
+            "OPENBLAS_NUM_THREADS": "1",
+            "LD_PRELOAD": str(_library()),
+            "FAILING_DISK": str(path.parent.resolve()),
+        },
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        try:
+            yield StoreProcess(process)
+        finally:
+            process.kill()
+
+
+def _answer(store: Store, disk: ctypes.CDLL, command: str) -> object:
+    match command.split():
+        case ["fault", name]:
+            disk.set_disk_fault(FAULTS[name])
+            return None
+        case ["step", k]:
+            began = time.monotonic()
+            frame, decision = step(int(k))
+            now = SystemClock().utc()
+            store.record(ReadingsTaken([Sample("a", 20.0, "degC", Quality.GOOD, now, 0.0, sequence=int(k))]))
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(decision))
+            return time.monotonic() - began
+        case ["health"]:
+            return asdict(store.health) | {"faults": disk.disk_faults()}
+        case ["flush"]:
+            try:
+                store.flush()
+            except StoreError as error:
+                return str(error)
+            return ""
+        case _:
+            raise ValueError(command)
+
+
+def main(path: Path) -> None:
+    disk = ctypes.CDLL(None)
+    store = Store(path, "boot", SystemClock(), commit_s=0.01, retry_s=0.1)
+    ended: object = ""
+    with suppress_to(store) as outcome:
+        for line in sys.stdin:
+            if line.strip() == "close":
+                break
+            print(json.dumps(_answer(store, disk, line)), flush=True)
+    ended = outcome[0] if outcome else ""
+    print(json.dumps(ended), flush=True)
+
+
+@contextmanager
+def suppress_to(store: Store) -> Iterator[list[str]]:
+    """The store's context; what its end raises becomes a text."""
+    outcome: list[str] = []
+    try:
+        with store:
+            yield outcome
+    except StoreError as error:
+        outcome.append(str(error))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,18 @@
+"""Tasks that run for as long as a test looks at them."""
+
+import asyncio
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import asynccontextmanager
+
+
+@asynccontextmanager
+async def running(work: Coroutine[object, object, None]) -> AsyncIterator[None]:
+    """It runs inside, and is cancelled at the end; raises what it raised."""
+    task = asyncio.create_task(work)
+    try:
+        yield
+    finally:
+        died = task.done()
+        task.cancel()
+        [error] = await asyncio.gather(task, return_exceptions=True)
+    assert not died, error
