@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from benchmarks.rows import Row
+from benchmarks.rows import BenchRow
 
 _SUBJECTS = (
     "acquisition",
@@ -26,7 +26,7 @@ def main(wanted: list[str]) -> None:
         raise SystemExit(f"no such subject: {', '.join(sorted(unknown))}; there are {', '.join(_SUBJECTS)}")
     for subject in wanted or _SUBJECTS:
         module = importlib.import_module(f"benchmarks.{subject}")
-        rows: list[Row] = module.rows()
+        rows: list[BenchRow] = module.rows()
         lines = ["| work | here | beside it | goal |", "|---|---|---|---|"]
         lines += [f"| {row.work} | {row.ours} | {row.peer} | {row.goal} |" for row in rows]
         table = "\n".join(lines) + "\n"

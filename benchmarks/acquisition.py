@@ -26,7 +26,7 @@ import numpy as np
 import zenoh
 
 from benchmarks.emulators import CHANNELS, UNITS
-from benchmarks.rows import Row
+from benchmarks.rows import BenchRow
 from drivers.base import Quality, SystemClock
 from gateway.config import GatewayConfig, load
 from gateway.events import DecisionMade, FrameMade
@@ -266,9 +266,9 @@ def want_training(config: GatewayConfig) -> None:
             store.record(DecisionMade(controller.step(frame)))
 
 
-def _row(work: str, cost: Cost, goal: str) -> Row:
+def _row(work: str, cost: Cost, goal: str) -> BenchRow:
     ours = f"{cost.share:.1%} of a core, {cost.resident_mb:.0f} MB resident"
-    return Row(work, ours, f"{cost.heard} messages came to a subscriber", goal)
+    return BenchRow(work, ours, f"{cost.heard} messages came to a subscriber", goal)
 
 
 def _jitter(cost: Cost) -> str:
@@ -279,7 +279,7 @@ def _starved(cost: Cost) -> str:
     return f"its event loop waited {cost.waited:.1%} of the time for a core that other programs had"
 
 
-def _bench_rows() -> list[Row]:
+def _bench_rows() -> list[BenchRow]:
     table = []
     for nc in (False, True):
         with TemporaryDirectory() as name, _bench(Path(name)) as addresses:
@@ -289,11 +289,11 @@ def _bench_rows() -> list[Row]:
         else:
             table.append(_row("service: 30 channels at 1 Hz, growth at 10 Hz", cost, "≤ 4 %, ≤ 120 MB"))
             first = "from its start until a subscriber had a good value of every channel"
-            table.append(Row(first, f"{cost.first_s:.1f} s", "", "≤ 3 s"))
+            table.append(BenchRow(first, f"{cost.first_s:.1f} s", "", "≤ 3 s"))
     return table
 
 
-def _buses_rows() -> list[Row]:
+def _buses_rows() -> list[BenchRow]:
     with _process("benchmarks.emulators") as addresses, TemporaryDirectory() as name:
         quiet = measured(buses_config(Path(name), addresses))
         path = buses_config(Path(name), addresses, _LONG_TRAINING)
@@ -310,16 +310,16 @@ def _buses_rows() -> list[Row]:
     periods = f"periods of the 500 channels, median of {_WINDOWS} windows of {_WINDOW_S:.0f} s"
     return [
         _row("service: 500 channels on 20 Modbus buses at 1 Hz", quiet, "≤ 30 %"),
-        Row(
+        BenchRow(
             "a bare loop of pymodbus clients on them: nothing checked, stored or published",
             f"{share / quiet.share:.2f} × ours",
             f"{share:.1%} of a core",
         ),
-        Row(periods, _jitter(quiet), f"{_starved(quiet)}; {bare}", "≤ 20 ms"),
-        Row("the same while a training runs", _jitter(busy), _starved(busy), "≤ 20 ms"),
+        BenchRow(periods, _jitter(quiet), f"{_starved(quiet)}; {bare}", "≤ 20 ms"),
+        BenchRow("the same while a training runs", _jitter(busy), _starved(busy), "≤ 20 ms"),
     ]
 
 
-def rows() -> list[Row]:
+def rows() -> list[BenchRow]:
     """A machine's usual size, then 500 channels, alone and with a training beside."""
     return [*_bench_rows(), *_buses_rows()]

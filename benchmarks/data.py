@@ -5,20 +5,17 @@ from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simulators.cases import SEASONS, random_axes
 from simulators.nc import LoadCase
-from simulators.plant import MACHINES, MachineDrive, Parameters, Plant, load, record
+from simulators.plant import MACHINES, MachineDrive, Plant, PlantParameters, load, record
 from simulators.plant.parameters import assemble, reduced, tables
 from studies.loop import Days, days
-
-Array = NDArray[np.float64]
 
 _IDLE_S = 12 * 3600.0
 
 
-def varied(seed: int) -> Parameters:
+def varied(seed: int) -> PlantParameters:
     """One machine of the kind. Seeds 0-3: the plant and its variants as they are; later ones: the same in turn, with
     conduction, films, masses, losses, expansion and lags scattered by 20-35 % (lognormal)."""
     name = MACHINES[seed % len(MACHINES)]

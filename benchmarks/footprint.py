@@ -4,7 +4,7 @@ import statistics
 import subprocess
 import sys
 
-from benchmarks.rows import Row
+from benchmarks.rows import BenchRow
 
 # Not getrusage: a child's peak there begins with what its parent had at the fork.
 _PEAK = "print([int(x.split()[1]) / 1024 for x in open('/proc/self/status') if x.startswith('VmHWM')][0])"
@@ -28,7 +28,7 @@ def _printed(code: str) -> float:
     return float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
 
 
-def rows() -> list[Row]:
+def rows() -> list[BenchRow]:
     """Peak memory above an interpreter that has imported NumPy, and the time to import talc."""
     plain = _printed(f"import numpy\n{_PEAK}")
     table = []
@@ -39,8 +39,8 @@ def rows() -> list[Row]:
         ("`pso` 40 × 60, 24 h, guarded", 288, "pso", 5, 5, "guarded"),
     ):
         code = _TRAIN.format(rows=rows_, selector=selector, na=na, nb=nb, estimator=estimator) + _PEAK
-        table.append(Row(f"peak memory of {text} above NumPy", f"{_printed(code) - plain:.0f} MB", goal="≤ 45 MB"))
+        table.append(BenchRow(f"peak memory of {text} above NumPy", f"{_printed(code) - plain:.0f} MB", goal="≤ 45 MB"))
     after_numpy = statistics.median(_printed(f"import numpy; {_IMPORT}") for _ in range(5))
     whole = statistics.median(_printed(_IMPORT) for _ in range(5))
-    table.append(Row("import of talc", f"{whole:.2f} s", f"{after_numpy:.2f} s after NumPy", "≤ 0.3 s"))
+    table.append(BenchRow("import of talc", f"{whole:.2f} s", f"{after_numpy:.2f} s after NumPy", "≤ 0.3 s"))
     return table

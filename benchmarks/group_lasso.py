@@ -10,21 +10,20 @@ import celer
 import clarabel
 import numpy as np
 import skglm
-from numpy.typing import NDArray
 from scipy import sparse
 
 from benchmarks.data import machine
-from benchmarks.rows import Row, median_s
+from benchmarks.rows import BenchRow, median_s
 from talc.admm import admm
+from talc.frame import FloatArray
 from talc.group_lasso import GroupLasso
 
-Array = NDArray[np.float64]
 _LAGS, _INPUTS = 6, 30
 _TIGHT = 1e-11
 _SHARES = np.geomspace(0.5, 1e-4, 12)
 
 
-def _problems() -> list[tuple[Array, Array, float]]:
+def _problems() -> list[tuple[FloatArray, FloatArray, float]]:
     """Raw designs with intercept and y[k-1] projected out, outputs, penalties."""
     m = machine("day", 3, 24)
     u = m.inputs[:, m.inputs.std(axis=0) > 1e-6][:, :_INPUTS]
@@ -41,7 +40,7 @@ def _problems() -> list[tuple[Array, Array, float]]:
     return problems
 
 
-def _gap(x: Array, y: Array, penalty: float, theta: Array) -> float:
+def _gap(x: FloatArray, y: FloatArray, penalty: float, theta: FloatArray) -> float:
     """True relative duality gap, from the raw design."""
     residual = y - x @ theta
     norms = np.linalg.norm(theta.reshape(_INPUTS, _LAGS), axis=1)
@@ -51,25 +50,25 @@ def _gap(x: Array, y: Array, penalty: float, theta: Array) -> float:
     return (primal - float(2.0 * point @ y - point @ point)) / primal
 
 
-def _ours(x: Array, y: Array, penalty: float, tolerance: float = 1e-8) -> Array:
+def _ours(x: FloatArray, y: FloatArray, penalty: float, tolerance: float = 1e-8) -> FloatArray:
     solver = GroupLasso(x.T @ x, [_LAGS] * _INPUTS)
     solution = solver.solve(x.T @ y, float(y @ y), penalty, tolerance=tolerance)
     return np.concatenate(solution.coefficients)
 
 
-def _celer(x: Array, y: Array, penalty: float) -> Array:
+def _celer(x: FloatArray, y: FloatArray, penalty: float) -> FloatArray:
     alpha = penalty * np.sqrt(_LAGS) / (2 * len(y))
     model = celer.GroupLasso(groups=_LAGS, alpha=alpha, fit_intercept=False, tol=1e-10, max_iter=100, max_epochs=5_000)
     return np.asarray(model.fit(x, y).coef_)
 
 
-def _skglm(x: Array, y: Array, penalty: float) -> Array:
+def _skglm(x: FloatArray, y: FloatArray, penalty: float) -> FloatArray:
     alpha = penalty * np.sqrt(_LAGS) / (2 * len(y))
     model = skglm.GroupLasso(groups=_LAGS, alpha=alpha, fit_intercept=False, tol=1e-10, max_iter=100, max_epochs=5_000)
     return np.asarray(model.fit(x, y).coef_)
 
 
-def _clarabel(x: Array, y: Array, penalty: float) -> Array:
+def _clarabel(x: FloatArray, y: FloatArray, penalty: float) -> FloatArray:
     """The cone program on the raw design: variables t, residual, one bound per group."""
     n, p, g = len(y), _INPUTS * _LAGS, _INPUTS
     quadratic = sparse.block_diag([sparse.csc_matrix((p, p)), 2.0 * sparse.eye(n), sparse.csc_matrix((g, g))])
@@ -93,7 +92,7 @@ def _clarabel(x: Array, y: Array, penalty: float) -> Array:
     return np.array(answer.x[:p])
 
 
-def rows() -> list[Row]:
+def rows() -> list[BenchRow]:
     """Times and true gaps of all solvers on the same problems, and our distance from the interior-point solution."""
     problems = _problems()
     some = problems[1::3]
@@ -110,15 +109,15 @@ def rows() -> list[Row]:
     same = statistics.mean(solve_s[1::3])
     slow = statistics.mean(rounds)
     table = [
-        Row(
+        BenchRow(
             "Group-LASSO solve, 30 inputs, nb = 5, mean of 36 problems",
             f"{1e3 * statistics.mean(solve_s):.2f} ms, true gap at most {gap:.0e}",
             goal="≤ 1 ms, gap ≤ 1e-8",
         ),
-        Row("ADMM in NumPy, stopped at that gap", f"{slow / same:.0f} × ours", f"{1e3 * slow:.0f} ms", "≥ 10 ×"),
+        BenchRow("ADMM in NumPy, stopped at that gap", f"{slow / same:.0f} × ours", f"{1e3 * slow:.0f} ms", "≥ 10 ×"),
     ]
     whole = statistics.mean(median_s(partial(_ours, *problem), 5) for problem in some)
-    peers: dict[str, Callable[[Array, Array, float], Array]] = {"celer": _celer, "skglm": _skglm}
+    peers: dict[str, Callable[[FloatArray, FloatArray, float], FloatArray]] = {"celer": _celer, "skglm": _skglm}
     for name, peer in peers.items():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -132,7 +131,7 @@ def rows() -> list[Row]:
         mean = statistics.mean(taken)
         text = f"{1e3 * mean:.0f} ms, gap {statistics.median(gaps):.0e}, at most {max(gaps):.0e}"
         table.append(
-            Row(f"{name}, from the design (ours with the Gram)", f"{mean / whole:.0f} × ours", text, "≥ 100 ×")
+            BenchRow(f"{name}, from the design (ours with the Gram)", f"{mean / whole:.0f} × ours", text, "≥ 100 ×")
         )
     # On such designs a gap of 1e-8 leaves more of a coefficient open than 1e-5.
     exact = [_clarabel(*problem) for problem in some]
@@ -141,7 +140,7 @@ def rows() -> list[Row]:
         for tolerance in (1e-8, _TIGHT)
     )
     table.append(
-        Row(
+        BenchRow(
             f"coefficients against Clarabel, solved to {_TIGHT:.0e}",
             f"{tight:.0e} apart at most",
             f"{loose:.0e} when solved to 1e-8",

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.data import Array, machine
-from benchmarks.rows import Row
+from benchmarks.data import machine
+from benchmarks.rows import BenchRow
 from studies.loop import Days, held
 from talc.control import Controller
-from talc.frame import BoolArray, Frame, Measurement
+from talc.frame import BoolArray, FloatArray, Frame, Measurement
 from talc.indicators import rms
 from talc.learner.learner import LearnerState
 from talc.learner.prior import Prior, make
@@ -30,17 +30,17 @@ _STRETCHES = ((0, 2), (2, 6), (6, 24), (24, _HOURS))
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class LearnerOutcome:
     """One machine's four days; per thermal error."""
 
-    left: Array
+    left: FloatArray
     """(T, 9) truth less estimate."""
-    inside: Array
+    inside: FloatArray
     """(9,) share of the unmeasured rows in which the 95 % interval held the truth, after the first day."""
     state: LearnerState | None
 
 
-def run(m: Days, used: BoolArray, prior: Prior | None = None, keep: bool = False) -> Outcome:
+def run(m: Days, used: BoolArray, prior: Prior | None = None, keep: bool = False) -> LearnerOutcome:
     """Measured in the given rows, and in no others."""
     controller = Controller(m.names, _SETTINGS, prior=prior)
     valid = np.ones(len(m.names), dtype=np.bool_)
@@ -53,7 +53,7 @@ def run(m: Days, used: BoolArray, prior: Prior | None = None, keep: bool = False
     shown[:_DAY] = False
     inside = (np.abs(m.truth - corrected) <= 1.96 * sigma)[shown].mean(axis=0)
     course = controller.state().course if keep else None
-    return Outcome(m.truth - predicted, inside, None if course is None else course.learner)
+    return LearnerOutcome(m.truth - predicted, inside, None if course is None else course.learner)
 
 
 def moments(every: int, then: int, rows: int) -> BoolArray:
@@ -64,7 +64,7 @@ def moments(every: int, then: int, rows: int) -> BoolArray:
     return used
 
 
-def _over_hold(kind: str, seed: int, every: int) -> tuple[Array, Array, Array]:
+def _over_hold(kind: str, seed: int, every: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """E_RMS over measure-and-hold and over none, and the coverage, after the first day."""
     m = machine(kind, seed, _HOURS)
     used = moments(every, 2 * _HOUR, len(m.inputs))
@@ -73,7 +73,7 @@ def _over_hold(kind: str, seed: int, every: int) -> tuple[Array, Array, Array]:
     return figures[0] / figures[1], figures[0] / figures[2], found.inside
 
 
-def _curve(kind: str, seed: int, every: int, prior: Prior | None) -> Array:
+def _curve(kind: str, seed: int, every: int, prior: Prior | None) -> FloatArray:
     """(4, 6) E_RMS over none in each stretch, position errors."""
     m = machine(kind, seed, _HOURS)
     used = np.arange(len(m.inputs)) % every == 0
@@ -94,14 +94,14 @@ def _learnt(seed: int) -> tuple[tuple[str, ...], LearnerState]:
     return m.names, state
 
 
-def _curve_row(name: str, curves: list[Array], goal: str = "", peer: list[Array] | None = None) -> Row:
-    def text(several: list[Array]) -> str:
+def _curve_row(name: str, curves: list[FloatArray], goal: str = "", peer: list[FloatArray] | None = None) -> BenchRow:
+    def text(several: list[FloatArray]) -> str:
         return ", ".join(f"{v:.2f}" for v in np.exp(np.log(np.array(several)).mean(axis=(0, 2))))
 
-    return Row(f"E_RMS over none, {name}; 0–2, 2–6, 6–24, 24–96 h", text(curves), text(peer) if peer else "", goal)
+    return BenchRow(f"E_RMS over none, {name}; 0–2, 2–6, 6–24, 24–96 h", text(curves), text(peer) if peer else "", goal)
 
 
-def _cost() -> list[Row]:
+def _cost() -> list[BenchRow]:
     m = machine("axes", 3, 340)
     times: dict[bool, list[float]] = {True: [], False: []}
     valid, used = np.ones(len(m.names), dtype=np.bool_), moments(1, 24, len(m.inputs))
@@ -122,14 +122,14 @@ def _cost() -> list[Row]:
         return f"{np.percentile(values, 50) * 1e3:.2f} ms, p99 {np.percentile(values, 99) * 1e3:.2f} ms"
 
     return [
-        Row("a step with a measurement, nine errors, 36 inputs", p(times[True]), goal="p99 ≤ 5 ms"),
-        Row("a step without one", p(times[False]), goal="p99 ≤ 0.2 ms"),
-        Row("replay of 340 h, learning included", f"{sum(map(sum, times.values())):.1f} s", goal="≤ 2 s"),
-        Row("memory of a controller that learns", f"{peak / 1e6:.0f} MB", goal="≤ 45 MB"),
+        BenchRow("a step with a measurement, nine errors, 36 inputs", p(times[True]), goal="p99 ≤ 5 ms"),
+        BenchRow("a step without one", p(times[False]), goal="p99 ≤ 0.2 ms"),
+        BenchRow("replay of 340 h, learning included", f"{sum(map(sum, times.values())):.1f} s", goal="≤ 2 s"),
+        BenchRow("memory of a controller that learns", f"{peak / 1e6:.0f} MB", goal="≤ 45 MB"),
     ]
 
 
-def rows() -> list[Row]:
+def rows() -> list[BenchRow]:
     """All of it; a few minutes."""
     table = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
@@ -139,7 +139,7 @@ def rows() -> list[Row]:
             found = list(pool.map(_over_hold, *zip(*jobs, strict=True)))
             ratio, none, inside = (np.array([f[i] for f in found]) for i in range(3))
             table.append(
-                Row(
+                BenchRow(
                     f"E_RMS, a day measured each {name}, then each 2 h, 16 machines",
                     f"{np.exp(np.log(ratio).mean()):.2f} of measure-and-hold, worst {ratio.max():.2f}",
                     f"worst {none.max():.2f} of none; 95 % intervals hold {inside.mean():.0%}",
@@ -154,7 +154,7 @@ def rows() -> list[Row]:
         exchanged = replace(prior, inputs=tuple(prior.inputs[i] for i in order))
         places = [("day", 7), ("axes", 7)]
 
-        def curves(every: int, told: Prior | None) -> list[Array]:
+        def curves(every: int, told: Prior | None) -> list[FloatArray]:
             return list(pool.map(_curve, *zip(*((*place, every, told) for place in places), strict=True)))
 
         for every, goal in ((4 * _HOUR, "≤ 0.55, 0.40, 0.22, 0.13"), (_HOUR, "")):

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from benchmarks.data import machine
-from benchmarks.rows import Row, median_s
+from benchmarks.rows import BenchRow, median_s
 from studies.loop import Days
 from talc.admm import admm
 from talc.arx import Regression
@@ -72,7 +72,7 @@ def _replayed(m: Days, models: ModelSet) -> float:
     return time.perf_counter() - start
 
 
-def rows() -> list[Row]:
+def rows() -> list[BenchRow]:
     """Selections, the swarm's ratio to the textbook, and the replay."""
     day, weeks = machine("day", 3, 24), machine("axes", 3, 340)
     search, swarm = TrainingSettings(), TrainingSettings(selector="pso", max_na=5, max_nb=5)
@@ -94,15 +94,17 @@ def rows() -> list[Row]:
         textbook[loop] = (time.perf_counter() - start) / _TRIALS
     replayed = sorted(_replayed(weeks, train(_job(day, search))) for _ in range(3))[1]
     return [
-        Row("`search`, nine errors, 24 h", f"{short:.2f} s", goal="≤ 2 s"),
-        Row("`search`, nine errors, 340 h", f"{long:.2f} s", goal="≤ 5 s"),
-        Row("`pso` 40 × 60, nine errors, 24 h", f"{pso:.2f} s", goal="≤ 3 s"),
-        Row(
+        BenchRow("`search`, nine errors, 24 h", f"{short:.2f} s", goal="≤ 2 s"),
+        BenchRow("`search`, nine errors, 340 h", f"{long:.2f} s", goal="≤ 5 s"),
+        BenchRow("`pso` 40 × 60, nine errors, 24 h", f"{pso:.2f} s", goal="≤ 3 s"),
+        BenchRow(
             "a random candidate of such a swarm by ADMM and a Python loop",
             f"{textbook[True] / ours:.0f} × ours",
             f"{textbook[True] * 1e3:.0f} ms, mean of {_TRIALS}; ours {ours * 1e3:.2f} ms",
             "≥ 100 ×",
         ),
-        Row("the same by ADMM and lfilter", f"{textbook[False] / ours:.0f} × ours", f"{textbook[False] * 1e3:.0f} ms"),
-        Row("replay of 340 h without training", f"{replayed:.2f} s", goal="≤ 0.5 s"),
+        BenchRow(
+            "the same by ADMM and lfilter", f"{textbook[False] / ours:.0f} × ours", f"{textbook[False] * 1e3:.0f} ms"
+        ),
+        BenchRow("replay of 340 h without training", f"{replayed:.2f} s", goal="≤ 0.5 s"),
     ]

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.data import Array, machine
-from benchmarks.rows import Row
+from benchmarks.data import machine
+from benchmarks.rows import BenchRow
 from gateway.clock import RealClock
 from gateway.control.sensor_watch import SensorWatch
 from gateway.events import EventReported, GatewayEvent
@@ -34,7 +34,7 @@ _SENSORS = 29
 
 
 @dataclass(slots=True)
-class Outcome:
+class SensorOutcome:
     """One machine."""
 
     told: list[str] = field(default_factory=list)
@@ -48,7 +48,7 @@ class Outcome:
 
 
 class _Ear:
-    def __init__(self, outcome: Outcome) -> None:
+    def __init__(self, outcome: SensorOutcome) -> None:
         self._outcome = outcome
 
     def __call__(self, event: GatewayEvent) -> None:
@@ -62,7 +62,7 @@ async def _learn(
     return learn(names, inputs, valid, settings)
 
 
-async def _watch(names: tuple[str, ...], x: Array, outcome: Outcome) -> None:
+async def _watch(names: tuple[str, ...], x: FloatArray, outcome: SensorOutcome) -> None:
     watching = SensorWatch(names, _SETTINGS, lambda _: True, _Ear(outcome), RealClock(), None, _learn)
     valid = np.ones(len(names), np.bool_)
     for k, row in enumerate(x):
@@ -72,7 +72,7 @@ async def _watch(names: tuple[str, ...], x: Array, outcome: Outcome) -> None:
     outcome.watched_days = len(x) / _DAY - 1.0
 
 
-def _detect(names: tuple[str, ...], x: Array, seed: int, outcome: Outcome) -> None:
+def _detect(names: tuple[str, ...], x: FloatArray, seed: int, outcome: SensorOutcome) -> None:
     draw, n = np.random.default_rng([seed, 31]), _SETTINGS.window_steps + CHANGE_STEPS
     good = np.ones((len(x), len(names)), np.bool_)
     for days in _LEARNT:
@@ -102,10 +102,10 @@ def _detect(names: tuple[str, ...], x: Array, seed: int, outcome: Outcome) -> No
             outcome.found[days, 0.0] = outcome.found.get((days, 0.0), 0) + hit
 
 
-def run(kind: str, seed: int) -> Outcome:
+def run(kind: str, seed: int) -> SensorOutcome:
     """One machine's twelve days; `off`: a shop's day switched off for eight hours of the night and at the weekend."""
     m = machine("day" if kind == "off" else kind, seed, 24 * _DAYS, off=_is_off if kind == "off" else None)
-    names, x, outcome = m.names[:_SENSORS], m.inputs[:, :_SENSORS], Outcome()
+    names, x, outcome = m.names[:_SENSORS], m.inputs[:, :_SENSORS], SensorOutcome()
     asyncio.run(_watch(names, x, outcome))
     if kind != "off":
         _detect(names, x, seed, outcome)
@@ -117,7 +117,7 @@ def _is_off(k: int) -> bool:
     return k % _DAY >= 16 * 12 or k // _DAY % 7 >= 5
 
 
-def rows() -> list[Row]:
+def rows() -> list[BenchRow]:
     """False alarms, detection after so many days of learning, and the pairs that look alike."""
     jobs = [(kind, seed) for kind in ("day", "axes", "off") for seed in _SEEDS]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
@@ -128,7 +128,9 @@ def rows() -> list[Row]:
     for text, some in (("", outcomes), (", switched off at night and, as not learnt, at the weekend", off)):
         told = [text for o in some for text in o.told]
         years = sum(o.watched_days for o in some) / 365.25
-        table.append(Row(f"false alarms in {years:.2f} machine-years{text}", f"{len(told)}", "; ".join(told), goal))
+        table.append(
+            BenchRow(f"false alarms in {years:.2f} machine-years{text}", f"{len(told)}", "; ".join(told), goal)
+        )
     for days in _LEARNT:
         shares = {
             size: sum(o.found[days, size] for o in outcomes) / (_DRAWS * len(outcomes)) for size in (0.0, *_OFFSETS_K)
@@ -136,7 +138,7 @@ def rows() -> list[Row]:
         smallest = np.percentile([v for o in outcomes for v in o.smallest[days]], [10, 50, 90])
         offsets = ", ".join(f"{size:g} K {shares[size]:.0%}" for size in _OFFSETS_K)
         table.append(
-            Row(
+            BenchRow(
                 f"found and named after {days} {'day' if days == 1 else 'days'} of learning",
                 f"exchanges {shares[0.0]:.0%}; offsets of {offsets}",
                 f"claims to see {smallest[0]:.1f}, {smallest[1]:.1f}, {smallest[2]:.1f} K (10, 50, 90 % of inputs)",
@@ -146,5 +148,5 @@ def rows() -> list[Row]:
     pairs = [pair for o in outcomes for pair in o.alike]
     often = sorted(((pairs.count(pair) / windows, pair) for pair in set(pairs)), reverse=True)[:6]
     text = "; ".join(f"{a}, {b} {share:.0%}" for share, (a, b) in often)
-    table.append(Row("pairs that a window of 8 h most often cannot tell apart", text, "after 8 days of learning"))
+    table.append(BenchRow("pairs that a window of 8 h most often cannot tell apart", text, "after 8 days of learning"))
     return table

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.data import Array, machine
-from benchmarks.rows import Row
+from benchmarks.data import machine
+from benchmarks.rows import BenchRow
 from studies.loop import control, held
-from talc.frame import BoolArray
+from talc.frame import BoolArray, FloatArray
 from talc.indicators import peak_to_peak, rms
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 
@@ -26,14 +26,14 @@ _REPEATS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class UnseenOutcome:
     """One machine's four days; per thermal error."""
 
-    rms: Array
-    hold: Array
-    inside: Array
+    rms: FloatArray
+    hold: FloatArray
+    inside: FloatArray
     """Share of the truth inside the 95 % interval."""
-    swing: Array
+    swing: FloatArray
     """E_PV, µm and µm/m."""
     measurements: int
     """After the first day."""
@@ -85,7 +85,7 @@ WAYS = (
 )
 
 
-def run(way: Way, kind: str, seed: int, noise_seed: int | None = None) -> Outcome:
+def run(way: Way, kind: str, seed: int, noise_seed: int | None = None) -> UnseenOutcome:
     """One machine through calibration and three days."""
     m = machine(kind, seed, _HOURS, noise_seed=noise_seed)
     course = control(m, way.settings, measured=way.measured(len(m.truth)))
@@ -99,7 +99,7 @@ def run(way: Way, kind: str, seed: int, noise_seed: int | None = None) -> Outcom
             if (known := np.isfinite(s)).any()
         ]
     )
-    return Outcome(
+    return UnseenOutcome(
         np.array([rms(e) for e in left[after].T]),
         np.array([rms(e) for e in hold[after].T]),
         inside,
@@ -116,12 +116,12 @@ _GOALS = {
 }
 
 
-def _line(way: Way, outcomes: list[Outcome], default: list[Outcome]) -> Row:
+def _line(way: Way, outcomes: list[UnseenOutcome], default: list[UnseenOutcome]) -> BenchRow:
     """default: of the first way; its peer's moments are one yardstick for ways that measure more and less often."""
     ratio = np.array([o.rms / o.hold for o in outcomes])
     common = np.array([o.rms / d.hold for o, d in zip(outcomes, default, strict=True)])
     inside = np.concatenate([o.inside for o in outcomes])
-    return Row(
+    return BenchRow(
         f"E_RMS of {way.name}, geometric mean of {ratio.size} series",
         f"{np.exp(np.log(ratio).mean()):.2f} of measure-and-hold, worst {ratio.max():.2f}, "
         f"{np.mean(ratio > 0.6):.0%} above 0.6",
@@ -132,16 +132,16 @@ def _line(way: Way, outcomes: list[Outcome], default: list[Outcome]) -> Row:
     )
 
 
-def _spread(way: Way, outcomes: list[Outcome]) -> Row:
+def _spread(way: Way, outcomes: list[UnseenOutcome]) -> BenchRow:
     swing = np.array([o.swing for o in outcomes])
-    return Row(
+    return BenchRow(
         f"E_PV of {way.name} under {_REPEATS} draws of noise",
         f"mean {swing[:, :6].mean():.1f} µm, standard deviation {swing[:, :6].std(axis=0, ddof=1).mean():.2f} µm",
         f"{np.mean([o.updates for o in outcomes]):.1f} updates",
     )
 
 
-def rows() -> list[Row]:
+def rows() -> list[BenchRow]:
     """All ways on all machines, then the spread over fresh sensor noise on the same physics."""
     table = []
     spread_ways = (
@@ -151,7 +151,7 @@ def rows() -> list[Row]:
         Way("`tck`, least squares", TrainingSettings(selector="tck", max_na=1, max_nb=1, estimator="least_squares")),
     )
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        default: list[Outcome] = []
+        default: list[UnseenOutcome] = []
         for way in WAYS:
             jobs = [(way, kind, seed) for kind in ("day", "axes") for seed in _SEEDS]
             outcomes = list(pool.map(run, *zip(*jobs, strict=True)))

@@ -33,16 +33,16 @@ from drivers.profiles import Profile, load_profile
 from drivers.section import Section
 from drivers.tap import Tap
 
-__all__ = ["BUS_KINDS", "BusSettings", "bus_from_settings", "check_device", "make_bus", "make_device"]
+__all__ = ["BUS_KINDS", "AnyBusSettings", "bus_from_settings", "check_device", "make_bus", "make_device"]
 
 _LAST_ADDRESS = 65535
 
 
-BusSettings = (
+AnyBusSettings = (
     ModbusRtuSettings | ModbusTcpSettings | CanOpenSettings | CanSettings | MeRs485Settings | MeEthernetSettings
 )
 
-BUS_KINDS: Mapping[str, type[BusSettings]] = {
+BUS_KINDS: Mapping[str, type[AnyBusSettings]] = {
     "modbus_rtu": ModbusRtuSettings,
     "modbus_tcp": ModbusTcpSettings,
     "canopen": CanOpenSettings,
@@ -72,7 +72,7 @@ def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | Non
     return bus_from_settings(name, read_settings(BUS_KINDS[kind], options, bus=name), tap)
 
 
-def bus_from_settings(name: str, settings: BusSettings, tap: Tap | None = None) -> Bus:
+def bus_from_settings(name: str, settings: AnyBusSettings, tap: Tap | None = None) -> Bus:
     """The bus that these settings describe."""
     match settings:
         case ModbusRtuSettings():
@@ -89,7 +89,7 @@ def bus_from_settings(name: str, settings: BusSettings, tap: Tap | None = None) 
             return MeEthernetBus(name, settings, tap)
 
 
-def _bus_class(settings: BusSettings) -> type[_AnyBus]:
+def _bus_class(settings: AnyBusSettings) -> type[_AnyBus]:
     match settings:
         case ModbusRtuSettings():
             return ModbusRtuBus
@@ -108,7 +108,7 @@ def _bus_class(settings: BusSettings) -> type[_AnyBus]:
 def check_device(
     device_name: str,
     bus_name: str,
-    settings: BusSettings,
+    settings: AnyBusSettings,
     profile: str | Profile,
     unit: int,
     channels: Mapping[str, int],

@@ -81,7 +81,7 @@ class NcSnapshot:
 
 
 @dataclass(frozen=True, slots=True)
-class ProbingStatus:
+class RequestStatus:
     """State of the cycle of request `number`."""
 
     number: int
@@ -153,7 +153,7 @@ class NumericalControl(Protocol):
         """
         ...
 
-    async def probing_status(self, number: int) -> ProbingStatus: ...
+    async def probing_status(self, number: int) -> RequestStatus: ...
 
     async def withdraw_probing(self, number: int) -> None: ...
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from simulators.cases import long_term
-from simulators.plant import MachineDrive, Plant, Recording, load, record
+from simulators.plant import MachineDrive, Plant, PlantRecording, load, record
 from studies.adaptive_inputs_report import report
-from studies.frame import Parameters, Study
+from studies.frame import RunParameters, Study
 from studies.loop import TEMPERATURES, Course, Days, control, days, held, regressed
 from talc import indicators
 from talc.frame import BoolArray, FloatArray
@@ -47,12 +47,12 @@ SELECTORS: dict[str, tuple[TrainingSettings, ControlSettings]] = {
 """pso: Z22's Group-LASSO and swarm with its largest orders. tck: the earlier sequential way. search: the default."""
 
 
-def runs(seed: int, small: bool) -> list[Parameters]:
+def runs(seed: int, small: bool) -> list[RunParameters]:
     """The physics depend on the seed alone; a repetition draws sensor and probing noise and the selector's seed.
 
     The small version has each selector and the learner once with adaptive inputs, and `search` with static ones.
     """
-    ways: list[Parameters] = [
+    ways: list[RunParameters] = [
         {"seed": seed, "repetition": r, "selector": selector, "inputs": inputs, "small": small}
         for r in range(1 if small else REPETITIONS)
         for selector in SELECTORS
@@ -77,7 +77,7 @@ def plainly_measured(here: Days) -> BoolArray:
 
 def series(seed: int, repetition: int, small: bool) -> Days:
     """The three seasons one after the other; errors count from the begin of the first."""
-    parts: list[Recording] = []
+    parts: list[PlantRecording] = []
     parameters, first = load(), None
     for n, stretch in enumerate(long_term(seed, step_s=STEP_S)[: 1 if small else None]):
         plant = Plant(parameters, stretch.environment, 10 * seed + n)
@@ -91,11 +91,11 @@ def series(seed: int, repetition: int, small: bool) -> Days:
     size[:TEMPERATURES], size[TEMPERATURES] = SENSOR_NOISE_K, GROWTH_NOISE_UM
     noisy = inputs + size * draw.normal(size=inputs.shape)
     begins = np.cumsum([0, *(len(p.inputs) for p in parts[:-1])])
-    made = days(Recording(parts[0].input_names, noisy, truth), 1000 * seed + repetition)
+    made = days(PlantRecording(parts[0].input_names, noisy, truth), 1000 * seed + repetition)
     return replace(made, begins=tuple(int(b) for b in begins))
 
 
-def run(parameters: Parameters) -> Mapping[str, Any]:
+def run(parameters: RunParameters) -> Mapping[str, Any]:
     """E_PV and E_RMS of the nine errors after calibration, updates, chosen inputs; of repetition 0 a drawn series."""
     here = series(parameters["seed"], parameters["repetition"], parameters["small"])
     training, settings = SELECTORS.get(parameters["selector"], SELECTORS["search"])

@@ -7,7 +7,7 @@ import numpy as np
 
 from simulators.cases import LONG_TERM_H
 from studies.frame import Run
-from studies.page import Claim, Picture, Report, Row, Section, Table, figure, number, style, svg
+from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, number, style, svg
 from studies.paired import paired
 from talc.frame import FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -42,7 +42,7 @@ with the measurements that search (adaptive) made. learner: all inputs weighed a
 2 h and none for model updates."""
 
 _MISSING, _NOT_ASKED = "not at hand", "not in it"
-Way = tuple[str, str]
+Pairing = tuple[str, str]
 
 
 def report(runs: list[Run]) -> Report:
@@ -50,20 +50,20 @@ def report(runs: list[Run]) -> Report:
     groups = {way: [r for r in runs if (r.parameters["selector"], r.parameters["inputs"]) == way] for way in WAYS}
     groups = {way: found for way, found in groups.items() if found}
     sections = [
-        Section("E_PV (the paper's Table 3)", (_per_error(groups, "E_PV"), _bars(groups, "E_PV"))),
-        Section("E_RMS", (_per_error(groups, "E_RMS"), _bars(groups, "E_RMS"))),
-        Section("Reduction by adaptive inputs (the paper's Table 4)", (_reductions(groups),)),
-        Section("Model updates and measurements", (_updates(groups),)),
+        PageSection("E_PV (the paper's Table 3)", (_per_error(groups, "E_PV"), _bars(groups, "E_PV"))),
+        PageSection("E_RMS", (_per_error(groups, "E_RMS"), _bars(groups, "E_RMS"))),
+        PageSection("Reduction by adaptive inputs (the paper's Table 4)", (_reductions(groups),)),
+        PageSection("Model updates and measurements", (_updates(groups),)),
     ]
     for way, found in groups.items():
         drawn = next((r for r in found if "drawn" in r.result), None)
         if drawn is not None and way[1] == "adaptive":
             blocks = (_course(drawn), _chosen(drawn)) if drawn.result["inputs"] else (_course(drawn),)
-            sections.append(Section(f"Over time: {_name(way)}, first repetition", blocks))
+            sections.append(PageSection(f"Over time: {_name(way)}, first repetition", blocks))
     return Report(_ASKED, _summary(groups), _claims(groups), tuple(sections), _figures(runs))
 
 
-def _name(way: Way) -> str:
+def _name(way: Pairing) -> str:
     return f"{way[0]}, {way[1]}"
 
 
@@ -85,18 +85,18 @@ def _spread(values: FloatArray) -> str:
     return f"{number(middle)} ± {number(2 * float(values.std(ddof=1)), 2)}"
 
 
-def _regression(groups: Mapping[Way, list[Run]]) -> list[Run]:
+def _regression(groups: Mapping[Pairing, list[Run]]) -> list[Run]:
     return [run for run in groups.get(("search", "adaptive"), []) if "regression" in run.result]
 
 
-def _per_error(groups: Mapping[Way, list[Run]], name: str) -> Table:
+def _per_error(groups: Mapping[Pairing, list[Run]], name: str) -> Table:
     everyone = [run for found in groups.values() for run in found]
     lines = [("none", _values(everyone, "none", name)), ("hold", _values(everyone, "hold", name))]
     if plain := _regression(groups):
         lines.append(("regression", _values(plain, "regression", name)))
     lines += [(_name(way), _values(found, "models", name)) for way, found in groups.items()]
     rows = [
-        Row((title, *(_spread(v) for v in values.T), _spread(values[:, TRANSLATIONAL].mean(axis=1))))
+        TableRow((title, *(_spread(v) for v in values.T), _spread(values[:, TRANSLATIONAL].mean(axis=1))))
         for title, values in lines
     ]
     if name == "E_PV":
@@ -105,16 +105,16 @@ def _per_error(groups: Mapping[Way, list[Run]], name: str) -> Table:
             cells = list(blank)
             cells[_EX0C] = f"{PAPER_EX0C[place]:g}"
             mean = f"{PAPER_MEAN_E_PV['pso', 'adaptive']:g}" if place else _MISSING
-            rows.append(Row((title, *cells, mean), paper=True))
-        rows.append(Row(("paper: TCK", *blank, f"{PAPER_MEAN_E_PV['tck', 'adaptive']:g}"), paper=True))
-        rows.append(Row(("paper: static inputs", *blank, f"{PAPER_MEAN_E_PV['pso', 'static']:g}"), paper=True))
+            rows.append(TableRow((title, *cells, mean), paper=True))
+        rows.append(TableRow(("paper: TCK", *blank, f"{PAPER_MEAN_E_PV['tck', 'adaptive']:g}"), paper=True))
+        rows.append(TableRow(("paper: static inputs", *blank, f"{PAPER_MEAN_E_PV['pso', 'static']:g}"), paper=True))
     else:
-        rows.append(Row(("paper", *[_MISSING] * (len(THERMAL_ERRORS) + 1)), paper=True))
+        rows.append(TableRow(("paper", *[_MISSING] * (len(THERMAL_ERRORS) + 1)), paper=True))
     head = (f"{name}, mean ± k = 2", *(f"{e}, {ERROR_UNITS[e]}" for e in THERMAL_ERRORS), "mean of six, µm")
     return Table(head, tuple(rows))
 
 
-def _reductions(groups: Mapping[Way, list[Run]]) -> Table:
+def _reductions(groups: Mapping[Pairing, list[Run]]) -> Table:
     rows = []
     for selector in ("pso", "tck", "search"):
         static, adaptive = groups.get((selector, "static")), groups.get((selector, "adaptive"))
@@ -124,30 +124,34 @@ def _reductions(groups: Mapping[Way, list[Run]]) -> Table:
                 after = _values(adaptive, "models", name).mean(axis=0)
                 share = 100.0 * (1.0 - after / before)
                 rows.append(
-                    Row((f"{selector}: {name}", *(f"{v:.0f}" for v in share), f"{share[TRANSLATIONAL].mean():.0f}"))
+                    TableRow(
+                        (f"{selector}: {name}", *(f"{v:.0f}" for v in share), f"{share[TRANSLATIONAL].mean():.0f}")
+                    )
                 )
-    rows.append(Row(("paper", *[_MISSING] * (len(THERMAL_ERRORS) + 1)), paper=True))
+    rows.append(TableRow(("paper", *[_MISSING] * (len(THERMAL_ERRORS) + 1)), paper=True))
     head = ("adaptive against static, % less", *THERMAL_ERRORS, "mean of six")
     return Table(head, tuple(rows))
 
 
-def _updates(groups: Mapping[Way, list[Run]]) -> Table:
+def _updates(groups: Mapping[Pairing, list[Run]]) -> Table:
     rows = []
     for way, found in groups.items():
         updates = np.array([len(run.result["updates"]) for run in found], dtype=np.float64)
         made = np.array([run.result["measurements"] for run in found], dtype=np.float64)
-        rows.append(Row((_name(way), _spread(updates), _spread(made), str(len(found)))))
-    rows.append(Row(("paper: Group-LASSO, adaptive", "{} ± {}".format(*PAPER_UPDATES), _MISSING, "25"), paper=True))
+        rows.append(TableRow((_name(way), _spread(updates), _spread(made), str(len(found)))))
+    rows.append(
+        TableRow(("paper: Group-LASSO, adaptive", "{} ± {}".format(*PAPER_UPDATES), _MISSING, "25"), paper=True)
+    )
     return Table(("mean ± k = 2", "model updates", "measurements after calibration", "repetitions"), tuple(rows))
 
 
-def _summary(groups: Mapping[Way, list[Run]]) -> Table:
+def _summary(groups: Mapping[Pairing, list[Run]]) -> Table:
     everyone = [run for found in groups.values() for run in found]
     lines = [("none", everyone, "none", _MISSING, ""), ("hold", everyone, "hold", _NOT_ASKED, "")]
     if plain := _regression(groups):
         lines.append(("regression", plain, "regression", _NOT_ASKED, ""))
     rows = [
-        Row((title, _spread(_mean_pv(found, what)), _spread(_mean_pv(found, what, "E_RMS")), paper, updates))
+        TableRow((title, _spread(_mean_pv(found, what)), _spread(_mean_pv(found, what, "E_RMS")), paper, updates))
         for title, found, what, paper, updates in lines
     ]
     for way, found in groups.items():
@@ -155,12 +159,12 @@ def _summary(groups: Mapping[Way, list[Run]]) -> Table:
         missing = _NOT_ASKED if way[0] == "search" else _MISSING
         paper = f"{PAPER_MEAN_E_PV[way]:g}" if way in PAPER_MEAN_E_PV else missing
         figures = (_spread(_mean_pv(found)), _spread(_mean_pv(found, name="E_RMS")))
-        rows.append(Row((_name(way), *figures, paper, updates)))
+        rows.append(TableRow((_name(way), *figures, paper, updates)))
     head = ("mean of six translational errors, µm, ± k = 2", "E_PV", "E_RMS", "the paper's E_PV", "model updates")
     return Table(head, tuple(rows))
 
 
-def _claims(groups: Mapping[Way, list[Run]]) -> tuple[Claim, ...]:
+def _claims(groups: Mapping[Pairing, list[Run]]) -> tuple[Claim, ...]:
     mean = {way: float(_mean_pv(found).mean()) for way, found in groups.items()}
     found: list[Claim] = []
     for selector in ("pso", "tck", "search"):
@@ -218,7 +222,7 @@ def _by_repetition(
     return [_mean_pv([runs[r] for r in common], w, name) for runs, w in zip(by, what, strict=True)]
 
 
-def _beside_regression(way: Way, runs: list[Run], plain: list[Run]) -> Claim:
+def _beside_regression(way: Pairing, runs: list[Run], plain: list[Run]) -> Claim:
     peak, rms = (
         paired(*_by_repetition(plain, runs, what=("regression", "models"), name=name)) for name in ("E_PV", "E_RMS")
     )
@@ -237,7 +241,7 @@ def _beside_regression(way: Way, runs: list[Run], plain: list[Run]) -> Claim:
     )
 
 
-def _small_errors(way: Way, runs: list[Run]) -> Claim:
+def _small_errors(way: Pairing, runs: list[Run]) -> Claim:
     before, after = _values(runs, "none", "E_PV"), _values(runs, "models", "E_PV")
     kept = [e for e, a, b in zip(THERMAL_ERRORS, after.T, before.T, strict=True) if not paired(b, a).sure]
     return Claim(
@@ -250,7 +254,7 @@ def _small_errors(way: Way, runs: list[Run]) -> Claim:
     )
 
 
-def _bars(groups: Mapping[Way, list[Run]], name: str) -> Picture:
+def _bars(groups: Mapping[Pairing, list[Run]], name: str) -> Picture:
     with style():
         made = figure(12, 4)
         ax = made.subplots()

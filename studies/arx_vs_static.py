@@ -10,7 +10,7 @@ import numpy as np
 
 from simulators.three_body import DRIFTS, SENSORS, SOURCES, load
 from studies.arx_vs_static_report import report
-from studies.frame import Parameters, Study
+from studies.frame import RunParameters, Study
 from talc import indicators
 from talc.arx import Regression, guarded_fit, least_squares_fit, refine, simulate
 from talc.control import Controller
@@ -18,8 +18,7 @@ from talc.frame import BoolArray, FloatArray, Frame, Measurement, TrainingJob, W
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings, TrainingSettings
 from talc.training import train
-from talc.window import Parameters as Coefficients
-from talc.window import Structure, Window
+from talc.window import Coefficients, Structure, Window
 
 PAIRS = 30
 STEPS = 576
@@ -39,7 +38,7 @@ MEASURE_EACH = 24
 """Steps between the measurements of measure-and-hold: 2 h."""
 
 
-def runs(seed: int, small: bool) -> list[Parameters]:
+def runs(seed: int, small: bool) -> list[RunParameters]:
     """Two load pairs in the small version."""
     return [
         {"seed": seed, "pair": pair, "sensors": place, "noise": noise}
@@ -61,7 +60,7 @@ def heat(rng: np.random.Generator) -> FloatArray:
     return loads
 
 
-def recordings(parameters: Parameters) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+def recordings(parameters: RunParameters) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """To learn from, and to be judged on: sensors (STEPS, 2) degC as read, true drift and measured drift (STEPS, 3) µm.
 
     The loads depend on seed and pair only: near and far, clean and noisy are the same days.
@@ -81,7 +80,7 @@ def recordings(parameters: Parameters) -> list[tuple[FloatArray, FloatArray, Flo
     return made
 
 
-def run(parameters: Parameters) -> Mapping[str, Any]:
+def run(parameters: RunParameters) -> Mapping[str, Any]:
     """Indicators by direction and model; None where an estimator gave no model."""
     (u, _, y), (new_u, truth, new_y) = recordings(parameters)
     result: dict[str, Any] = {}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from studies.frame import Run
-from studies.page import Claim, Picture, Report, Row, Section, Table, figure, number, style, svg
+from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, number, style, svg
 from talc.frame import FloatArray
 
 MODELS = ("none", "hold", "static", "FIR", "ARX", "ARX guarded", "ARX refined", "output error", "learner")
@@ -63,9 +63,9 @@ def report(runs: list[Run]) -> Report:
             "Where they lose: load pairs in which the better of static and FIR was better, or there was no model.",
             _losses(here),
         )
-        sections.append(Section(f"{_title(sensors, noise)}: {len(here)} load pairs", blocks))
+        sections.append(PageSection(f"{_title(sensors, noise)}: {len(here)} load pairs", blocks))
     claims.append(_default_way(runs, conditions))
-    sections.append(Section("RMSE over all load pairs", (_picture(runs, conditions),)))
+    sections.append(PageSection("RMSE over all load pairs", (_picture(runs, conditions),)))
     return Report(_ASKED, _summary(runs, conditions), tuple(claims), tuple(sections), _all(runs))
 
 
@@ -142,7 +142,7 @@ def _summary(runs: list[Run], conditions: list[tuple[str, bool]]) -> Table:
     for model in MODELS:
         cells = [number(_median(_at(runs, s, n), d, model, "RMSE")) for d, s, n in columns]
         paper = ", ".join(f"{PAPER[d][model]['RMSE']:g}" for d in PAPER) if model in PAPER["Y"] else ""
-        rows.append(Row((model, *cells, paper)))
+        rows.append(TableRow((model, *cells, paper)))
     return Table(head, tuple(rows))
 
 
@@ -152,9 +152,9 @@ def _table(runs: list[Run]) -> Table:
     for model in MODELS:
         without = max(int(np.isnan(values(runs, d, model, n)).sum()) for d, n in _EIGHT)
         title = model if not without else f"{model} (no model in {without})"
-        rows.append(Row((title, *(number(_median(runs, d, model, n)) for d, n in _EIGHT))))
+        rows.append(TableRow((title, *(number(_median(runs, d, model, n)) for d, n in _EIGHT))))
         if model in PAPER["Y"]:
-            rows.append(Row((f"paper: {model}", *(f"{PAPER[d][model][n]:g}" for d, n in _EIGHT)), paper=True))
+            rows.append(TableRow((f"paper: {model}", *(f"{PAPER[d][model][n]:g}" for d, n in _EIGHT)), paper=True))
     return Table(head, tuple(rows))
 
 
@@ -169,7 +169,7 @@ def _losses(runs: list[Run]) -> Table:
             ]
         )
         whole = f"{int((~lost.any(axis=0)).sum())} of {len(runs)}"
-        rows.append(Row((model, *(str(int(n)) for n in lost.sum(axis=1)), whole)))
+        rows.append(TableRow((model, *(str(int(n)) for n in lost.sum(axis=1)), whole)))
     return Table(("model", *(f"{n} {d}" for d, n in _EIGHT), "better in all eight"), tuple(rows))
 
 

@@ -22,7 +22,7 @@ import talc
 from studies.page import Origin, Report, write
 from talc import _kernel
 
-Parameters = Mapping[str, Any]
+RunParameters = Mapping[str, Any]
 """JSON-able; says all that a run depends on, its seed included."""
 _PHYSICS = ("plant", "cases", "three_body")
 """Packages of the simulators that studies rest on."""
@@ -32,7 +32,7 @@ _PHYSICS = ("plant", "cases", "three_body")
 class Run:
     """One finished run."""
 
-    parameters: Parameters
+    parameters: RunParameters
     result: Mapping[str, Any]
     """JSON-able; None stands for a figure that does not exist."""
     seconds: float | None = None
@@ -46,12 +46,12 @@ class Study:
     name: str
     summary: str
     """One line."""
-    runs: Callable[[int, bool], list[Parameters]]
+    runs: Callable[[int, bool], list[RunParameters]]
     """From a seed, and whether the small version is wanted."""
-    run: Callable[[Parameters], Mapping[str, Any]]
+    run: Callable[[RunParameters], Mapping[str, Any]]
     """A function of a module, so that other processes find it; the same parameters give the same result."""
     report: Callable[[list[Run]], Report]
-    then: Callable[[list[Run]], list[Parameters]] | None = None
+    then: Callable[[list[Run]], list[RunParameters]] | None = None
     """Runs that rest on what the first ones gave, such as other seeds for what was chosen among them."""
     goal_min: float | None = None
     """How long all of it may take on two cores."""
@@ -78,7 +78,7 @@ def code_fingerprint(module: str) -> str:
     return digest.hexdigest()
 
 
-def key(study: Study, parameters: Parameters) -> str:
+def key(study: Study, parameters: RunParameters) -> str:
     """Name of a run's file: another study, parameter or version of the code is another run."""
     code = code_fingerprint(study.run.__module__)
     canonical = json.dumps([study.name, code, parameters], sort_keys=True, allow_nan=False)
@@ -101,7 +101,7 @@ def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) 
 
 
 def _do(
-    study: Study, kept: Path, wanted: list[Parameters], workers: int, before: int
+    study: Study, kept: Path, wanted: list[RunParameters], workers: int, before: int
 ) -> Generator[tuple[int, int], None, list[Run]]:
     """Runs that `kept` does not have yet, in parallel; `before` runs were done already. Returns all that is wanted."""
     files = [kept / f"{key(study, parameters)}.json" for parameters in wanted]
@@ -125,7 +125,7 @@ def _do(
     return [runs[file] for file in files]
 
 
-def _timed(run: Callable[[Parameters], Mapping[str, Any]], parameters: Parameters) -> Run:
+def _timed(run: Callable[[RunParameters], Mapping[str, Any]], parameters: RunParameters) -> Run:
     begin = time.perf_counter()
     result = run(parameters)
     return Run(parameters, result, round(time.perf_counter() - begin, 2))

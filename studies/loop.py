@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.plant import Recording
+from simulators.plant import PlantRecording
 from talc.control import Controller
 from talc.frame import BoolArray, FloatArray, Frame, Measurement, Phase, TrainingJob
 from talc.models import ModelSet
@@ -61,7 +61,7 @@ class Course:
     """Row after which models were adopted, and what the training gave; the first ones end the calibration."""
 
 
-def days(recording: Recording, seed: int) -> Days:
+def days(recording: PlantRecording, seed: int) -> Days:
     """With probing noise (1 µm a touch) and the steps of the temperature modules."""
     design = design_matrix(POSES, RADIUS_M, HEIGHT_M)
     covariance = np.linalg.inv(design.T @ design) * TOUCH_UM**2

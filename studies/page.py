@@ -27,7 +27,7 @@ _STYLE: dict[Any, Any] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TableRow:
     """A line of a table."""
 
     cells: tuple[str, ...]
@@ -40,7 +40,7 @@ class Table:
     """A heading for each column, and lines."""
 
     head: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[TableRow, ...]
 
     def markdown(self) -> str:
         """The paper's lines in italics."""
@@ -60,7 +60,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PageSection:
     """Paragraphs, tables and pictures under one title."""
 
     title: str
@@ -87,7 +87,7 @@ class Report:
     summary: Table
     """The figures that also stand in the README."""
     claims: tuple[Claim, ...]
-    sections: tuple[Section, ...]
+    sections: tuple[PageSection, ...]
     figures: Sequence[Sequence[object]] = field(default_factory=list)
     """Every figure of every run, a heading first: figures.csv."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from simulators.cases import table_and_fluid
 from simulators.cases.table_and_fluid import Letter
 from simulators.plant import MACHINES, MachineDrive, Plant, load, record
-from studies.frame import Parameters, Run, Study
+from studies.frame import Run, RunParameters, Study
 from studies.loop import Course, Days, control, days, fitted_in_hindsight, held, regressed
 from studies.parameters_points import chosen_sets, name_of
 from studies.parameters_report import report
@@ -61,7 +61,7 @@ _LEARNER_WAYS = (
 POSITIONS = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS])
 
 
-def runs(seed: int, small: bool) -> list[Parameters]:
+def runs(seed: int, small: bool) -> list[RunParameters]:
     """One for each load case and calibration length; the small version has two with a few combinations.
 
     And one for each load case of the regression, with as many intervals and calibrations as the models have.
@@ -76,7 +76,7 @@ def runs(seed: int, small: bool) -> list[Parameters]:
     return [*grid, *({"seed": seed, "case": case, "peer": peer, "small": small} for case in cases for peer in peers)]
 
 
-def then(first: list[Run]) -> list[Parameters]:
+def then(first: list[Run]) -> list[RunParameters]:
     """The sets chosen on one seed and machine: there beside closer peers, on other seeds, on other machines."""
     seed, small = first[0].parameters["seed"], first[0].parameters["small"]
     seeds, machines = (1, ("warm",)) if small else (OTHER_SEEDS, MACHINES[1:])
@@ -98,7 +98,7 @@ def series(case: Letter, seed: int, machine: str = "base") -> Days:
     return days(record(plant, stretch.drives, STEP_S), seed)
 
 
-def run(parameters: Parameters) -> Mapping[str, Any]:
+def run(parameters: RunParameters) -> Mapping[str, Any]:
     """One calibration length, the regression's sets, or the chosen sets somewhere."""
     if "sets" in parameters:
         return _chosen(parameters)
@@ -111,7 +111,7 @@ def run(parameters: Parameters) -> Mapping[str, Any]:
             return _grid(parameters)
 
 
-def _grid(parameters: Parameters) -> Mapping[str, Any]:
+def _grid(parameters: RunParameters) -> Mapping[str, Any]:
     """For one calibration length every interval and no-good length (`fixed`), every policy (`adaptive`), the same after
     calibrations measured less often (`sparse_fixed`, `sparse_adaptive`), and `none`."""
     here = series(parameters["case"], parameters["seed"])
@@ -160,7 +160,7 @@ def _grid(parameters: Parameters) -> Mapping[str, Any]:
     }
 
 
-def _regression(parameters: Parameters) -> Mapping[str, Any]:
+def _regression(parameters: RunParameters) -> Mapping[str, Any]:
     """Every fixed interval after every calibration, dense and sparse; and `hindsight`: a fit to all after 4 h."""
     here = series(parameters["case"], parameters["seed"])
     found: dict[str, list[dict[str, Any]]] = {"regression": [], "sparse_regression": []}
@@ -174,7 +174,7 @@ def _regression(parameters: Parameters) -> Mapping[str, Any]:
     return {**found, "hindsight": best}
 
 
-def _learner(parameters: Parameters) -> Mapping[str, Any]:
+def _learner(parameters: RunParameters) -> Mapping[str, Any]:
     """The learner, measured each hour at first and then at a fixed interval or when it asks."""
     here = series(parameters["case"], parameters["seed"])
     lengths, found = (12.0,) if parameters["small"] else LEARNT_H, []
@@ -205,7 +205,7 @@ def _learnt(here: Days, length_h: float, name: str) -> Course:
     return control(here, TalcSettings(method="learner", learner=settings), measured=first, step_s=STEP_S)
 
 
-def _chosen(parameters: Parameters) -> Mapping[str, Any]:
+def _chosen(parameters: RunParameters) -> Mapping[str, Any]:
     """`sets`: each chosen set's figures on this series, and for the models' ones peers with the same measurements."""
     here = series(parameters["case"], parameters["seed"], parameters["machine"])
     found = []

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from studies.page import Claim
-from studies.parameters_elsewhere import Elsewhere, Place
+from studies.parameters_elsewhere import Elsewhere, SeedMachine
 from studies.parameters_points import (
     BEST,
     TARGET_UM,
@@ -217,7 +217,7 @@ def _chosen_elsewhere(chosen: Elsewhere) -> list[Claim]:
     return found
 
 
-def _kept(chosen: Elsewhere, places: list[Place], key: Key) -> int:
+def _kept(chosen: Elsewhere, places: list[SeedMachine], key: Key) -> int:
     return sum(p["P99"] < TARGET_UM for place in places for p in chosen.at(place, key))
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from studies.frame import Run
-from studies.page import Row, Table, number
-from studies.parameters_points import TARGET_UM, Key, Point, name_of
+from studies.page import Table, TableRow, number
+from studies.parameters_points import TARGET_UM, Key, StudyPoint, name_of
 
 _PEERS = {
     "models": "P99",
@@ -16,7 +16,7 @@ _PEERS = {
     "the same, gains renewed with the models": "regression at updates P99",
     "models, inputs chosen again": "inputs again P99",
 }
-Place = tuple[int, str]
+SeedMachine = tuple[int, str]
 """Seed and machine."""
 
 
@@ -25,7 +25,7 @@ class Elsewhere:
     """By place and load case, the points of the chosen sets by name."""
 
     sets: tuple[Key, ...]
-    points: Mapping[tuple[Place, str], Mapping[str, Point]]
+    points: Mapping[tuple[SeedMachine, str], Mapping[str, StudyPoint]]
 
     @property
     def models(self) -> tuple[Key, ...]:
@@ -34,11 +34,11 @@ class Elsewhere:
         return tuple(key for key in self.sets if "hold P99" in found[name_of(key)])
 
     @property
-    def places(self) -> list[Place]:
+    def places(self) -> list[SeedMachine]:
         """First the one on which the sets were chosen."""
         return list(dict.fromkeys(place for place, _ in self.points))
 
-    def at(self, place: Place, key: Key) -> list[Point]:
+    def at(self, place: SeedMachine, key: Key) -> list[StudyPoint]:
         """Of every load case."""
         return [points[name_of(key)] for (where, _), points in self.points.items() if where == place]
 
@@ -46,11 +46,11 @@ class Elsewhere:
         """A figure by load case where the set was chosen."""
         return [float(self.points[self.places[0], case][name_of(key)][name]) for case in cases]
 
-    def seeds(self) -> list[Place]:
+    def seeds(self) -> list[SeedMachine]:
         """Other seeds."""
         return [place for place in self.places[1:] if place[0] != self.places[0][0]]
 
-    def machines(self) -> list[Place]:
+    def machines(self) -> list[SeedMachine]:
         """Other machines, same seed."""
         return [place for place in self.places[1:] if place[0] == self.places[0][0]]
 
@@ -64,7 +64,7 @@ class Elsewhere:
 
 def elsewhere(runs: list[Run]) -> Elsewhere:
     """From the runs of chosen sets; empty without any."""
-    found: dict[tuple[Place, str], Mapping[str, Point]] = {}
+    found: dict[tuple[SeedMachine, str], Mapping[str, StudyPoint]] = {}
     sets: tuple[Key, ...] = ()
     for run in runs:
         p = run.parameters
@@ -76,14 +76,14 @@ def elsewhere(runs: list[Run]) -> Elsewhere:
 
 def near_table(chosen: Elsewhere, cases: list[str], key: Key) -> Table:
     """Peers with a set's own measurements."""
-    rows = [Row((title, *map(number, chosen.here(cases, key, name)))) for title, name in _PEERS.items()]
+    rows = [TableRow((title, *map(number, chosen.here(cases, key, name)))) for title, name in _PEERS.items()]
     made, updates, again = (
         [f"{n:.0f}" for n in chosen.here(cases, key, name)]
         for name in ("measurements", "updates", "inputs again measurements")
     )
-    rows.append(Row(("measurements", *made)))
-    rows.append(Row(("model updates", *updates)))
-    rows.append(Row(("measurements with inputs chosen again", *again)))
+    rows.append(TableRow(("measurements", *made)))
+    rows.append(TableRow(("model updates", *updates)))
+    rows.append(TableRow(("measurements with inputs chosen again", *again)))
     return Table((f"P99, µm, at {name_of(key)}", *cases), tuple(rows))
 
 
@@ -97,6 +97,6 @@ def elsewhere_table(chosen: Elsewhere) -> Table:
             largest, kept = max(p["P99"] for p in points), sum(p["P99"] < TARGET_UM for p in points)
             made = float(np.mean([p["measurements"] for p in points]))
             cells.append(f"{number(largest)} ({kept} of {len(points)}), {made:.0f}")
-        rows.append(Row((name_of(key), *cells)))
+        rows.append(TableRow((name_of(key), *cells)))
     head = [f"seed {seed}" if machine == "base" else f"{machine}, seed {seed}" for seed, machine in chosen.places]
     return Table(("P99, µm (load cases below 5 µm), measurements", *head), tuple(rows))

@@ -7,8 +7,8 @@ import numpy as np
 
 from studies.frame import Run
 
-Point = Mapping[str, Any]
-ByCase = Mapping[str, list[Point]]
+StudyPoint = Mapping[str, Any]
+ByCase = Mapping[str, list[StudyPoint]]
 Key = tuple[Any, ...]
 """Calibration h, interval h, no-good measurements; or calibration h and policy."""
 
@@ -37,8 +37,8 @@ def fronts_of(runs: list[Run]) -> dict[str, ByCase]:
     return {kind: {case: points_of(tried, case, kind) for case in cases} for kind in FRONTS}
 
 
-def points_of(runs: list[Run], case: str, kind: str) -> list[Point]:
-    found: list[Point] = []
+def points_of(runs: list[Run], case: str, kind: str) -> list[StudyPoint]:
+    found: list[StudyPoint] = []
     for run in runs:
         if run.parameters["case"] == case:
             at = {"calibration_h": run.parameters.get("calibration_h")}
@@ -52,7 +52,7 @@ def chosen_sets(runs: list[Run]) -> list[Key]:
     return list(dict.fromkeys([BEST, *(key for key in common if key is not None)]))
 
 
-def key_of(point: Point) -> Key:
+def key_of(point: StudyPoint) -> Key:
     if "policy" in point:
         return point["calibration_h"], point["policy"]
     return point["calibration_h"], point["interval_h"], point["no_good"]
@@ -64,11 +64,11 @@ def name_of(key: Key) -> str:
     return f"{key[0]:g} h, then {key[1]:g} h, no good {key[2]} × 10 min"
 
 
-def point_at(points: list[Point], key: Key) -> Point | None:
+def point_at(points: list[StudyPoint], key: Key) -> StudyPoint | None:
     return next((p for p in points if key_of(p) == key), None)
 
 
-def fewest_for(points: list[Point], p99: float) -> Point | None:
+def fewest_for(points: list[StudyPoint], p99: float) -> StudyPoint | None:
     """The least measurements with a P99 of at most `p99`."""
     good = [p for p in points if p["P99"] <= p99]
     return min(good, key=lambda p: (p["measurements"], p["P99"])) if good else None
@@ -76,7 +76,7 @@ def fewest_for(points: list[Point], p99: float) -> Point | None:
 
 def best_common(fixed: ByCase) -> Key | None:
     """Largest mean Pd of the sets whose P99 is below the target on every load case."""
-    by_key: dict[Key, list[Point]] = {}
+    by_key: dict[Key, list[StudyPoint]] = {}
     for points in fixed.values():
         for point in points:
             by_key.setdefault(key_of(point), []).append(point)
@@ -92,7 +92,9 @@ def mean_made(points: ByCase, key: Key | None) -> float:
     return float(np.mean([p["measurements"] for p in found if p is not None])) if found else float("nan")
 
 
-def rivals(fixed: list[Point], adaptive: list[Point]) -> list[tuple[str, float, Point | None, Point | None]]:
+def rivals(
+    fixed: list[StudyPoint], adaptive: list[StudyPoint]
+) -> list[tuple[str, float, StudyPoint | None, StudyPoint | None]]:
     """At the target, and at what the paper's best set reaches: fewest measurements by a fixed interval, by a policy."""
     targets = [("P99 of at most 5 µm", TARGET_UM)]
     best = point_at(fixed, BEST)
@@ -101,7 +103,7 @@ def rivals(fixed: list[Point], adaptive: list[Point]) -> list[tuple[str, float, 
     return [(title, value, fewest_for(fixed, value), fewest_for(adaptive, value)) for title, value in targets]
 
 
-def after_equal_calibrations(fixed: list[Point], adaptive: list[Point]) -> list[tuple[float, int, int]]:
+def after_equal_calibrations(fixed: list[StudyPoint], adaptive: list[StudyPoint]) -> list[tuple[float, int, int]]:
     """Per calibration length: fewest measurements after it for the target, by a fixed interval and by a policy."""
     found = []
     for length in sorted({float(p["calibration_h"]) for p in fixed}):

@@ -1,7 +1,7 @@
 """Report of the study parameters: the paper's figures and tables, with the policies and the regression."""
 
 from studies.frame import Run
-from studies.page import Report, Row, Section, Table, number
+from studies.page import PageSection, Report, Table, TableRow, number
 from studies.parameters_claims import claims
 from studies.parameters_elsewhere import elsewhere, elsewhere_table, near_table
 from studies.parameters_pictures import PAPER, front, over
@@ -10,7 +10,7 @@ from studies.parameters_points import (
     FRONTS,
     TARGET_UM,
     ByCase,
-    Point,
+    StudyPoint,
     after_equal_calibrations,
     best_common,
     fewest_for,
@@ -55,11 +55,11 @@ def report(runs: list[Run]) -> Report:
     count = sum(len(points) for kind in fronts.values() for points in kind.values())
     chosen = elsewhere(runs)
     sections = (
-        Section(
+        PageSection(
             "Best sets (the paper's Tables 2 and 3)",
             (f"{count:,} simulations.", _best_table(cases, fixed), _common_table(cases, fronts)),
         ),
-        Section(
+        PageSection(
             "Peers with the same measurements",
             (
                 "In the series on which the sets were chosen. The regression renews its gains at each measurement; "
@@ -70,7 +70,7 @@ def report(runs: list[Run]) -> Report:
                 _bounds(runs, cases),
             ),
         ),
-        Section(
+        PageSection(
             "The chosen sets on other seeds and other machines",
             (
                 "P99 of a set, largest of the load cases, and on how many of them it is below 5 µm; measurements are "
@@ -78,7 +78,7 @@ def report(runs: list[Run]) -> Report:
                 elsewhere_table(chosen),
             ),
         ),
-        Section(
+        PageSection(
             "The paper's figures",
             (
                 "The paper's own curves are not at hand; the star is its best common set.",
@@ -87,7 +87,7 @@ def report(runs: list[Run]) -> Report:
                 over(fixed, "interval_h", "RMSE", "RMSE of six position errors, µm", "interval, h"),
             ),
         ),
-        Section(
+        PageSection(
             "Measuring when it is needed",
             (
                 _policy_table(cases, fixed, adaptive),
@@ -105,27 +105,27 @@ def _best_table(cases: list[str], fixed: ByCase) -> Table:
     for case in cases:
         best = fewest_for(fixed[case], TARGET_UM)
         if best is None:
-            rows.append(Row((case, "none below 5 µm", "", "", "", "")))
+            rows.append(TableRow((case, "none below 5 µm", "", "", "", "")))
             continue
         cells = (number(best["P99"]), f"{best['Pd']:.2f}", str(best["measurements"]), str(best["updates"]))
-        rows.append(Row((case, name_of(key_of(best)), *cells)))
-    rows.append(Row(("paper", "each load case's own: not at hand", "", "", "", ""), paper=True))
+        rows.append(TableRow((case, name_of(key_of(best)), *cells)))
+    rows.append(TableRow(("paper", "each load case's own: not at hand", "", "", "", ""), paper=True))
     return Table(("load case", "best set of its own", "P99, µm", "Pd, %", "measurements", "updates"), tuple(rows))
 
 
 def _common_table(cases: list[str], fronts: dict[str, ByCase]) -> Table:
     rows = [
-        Row(("paper: its best common set", *(f"{PAPER[c][0]:g} / {PAPER[c][1]:g}" for c in cases)), paper=True),
-        Row((f"the same set here: {name_of(BEST)}", *(_pair(point_at(fronts["fixed"][c], BEST)) for c in cases))),
+        TableRow(("paper: its best common set", *(f"{PAPER[c][0]:g} / {PAPER[c][1]:g}" for c in cases)), paper=True),
+        TableRow((f"the same set here: {name_of(BEST)}", *(_pair(point_at(fronts["fixed"][c], BEST)) for c in cases))),
     ]
     for kind, title in FRONTS.items():
         if (common := best_common(fronts[kind])) is not None:
             cells = (_pair(point_at(fronts[kind][c], common)) for c in cases)
-            rows.append(Row((f"best common {title} here: {name_of(common)}", *cells)))
+            rows.append(TableRow((f"best common {title} here: {name_of(common)}", *cells)))
     return Table(("P99, µm / Pd, %", *cases), tuple(rows))
 
 
-def _pair(point: Point | None) -> str:
+def _pair(point: StudyPoint | None) -> str:
     return "–" if point is None else f"{point['P99']:.2f} / {point['Pd']:.2f}"
 
 
@@ -136,8 +136,8 @@ def _bounds(runs: list[Run], cases: list[str]) -> Table:
     }
     best = {str(r.parameters["case"]): r.result["hindsight"]["P99"] for r in runs if "hindsight" in r.result}
 
-    def line(title: str, values: dict[str, float]) -> Row:
-        return Row((title, *(number(values.get(c, float("nan"))) for c in cases)))
+    def line(title: str, values: dict[str, float]) -> TableRow:
+        return TableRow((title, *(number(values.get(c, float("nan"))) for c in cases)))
 
     rows = (
         line("no compensation", none),
@@ -155,7 +155,7 @@ def _policy_table(cases: list[str], fixed: ByCase, adaptive: ByCase) -> Table:
                 "–" if own is None else f"{own['measurements']}: {own['calibration_h']:g} h, {own['policy']}",
             ]
             share = "–" if plain is None or own is None else f"{own['measurements'] / plain['measurements']:.2f}"
-            rows.append(Row((f"{case}: {title}", *cells, share)))
+            rows.append(TableRow((f"{case}: {title}", *cells, share)))
     head = ("fewest measurements for", "fixed interval, best of all sets", "by policy, best of all", "ratio")
     return Table(head, tuple(rows))
 
@@ -166,12 +166,12 @@ def _after_table(cases: list[str], fixed: ByCase, adaptive: ByCase) -> Table:
     rows = []
     for length in lengths:
         cells = [next((f"{own} / {plain}" for x, plain, own in pairs[c] if x == length), "–") for c in cases]
-        rows.append(Row((f"{length:g} h", *cells)))
-    rows.append(Row(("median ratio", *(number(median_share(pairs[c]), 2) for c in cases))))
+        rows.append(TableRow((f"{length:g} h", *cells)))
+    rows.append(TableRow(("median ratio", *(number(median_share(pairs[c]), 2) for c in cases))))
     return Table(("fewest after the calibration for P99 ≤ 5 µm, policy / fixed", *cases), tuple(rows))
 
 
-def _fixed(point: Point | None) -> str:
+def _fixed(point: StudyPoint | None) -> str:
     return "–" if point is None else f"{point['measurements']}: {name_of(key_of(point))}"
 
 
@@ -183,30 +183,30 @@ def _best_policies(cases: list[str], adaptive: ByCase) -> Table:
         found = [
             next((p for p in adaptive[c] if p["policy"] == name and p["calibration_h"] == BEST[0]), None) for c in cases
         ]
-        rows.append(Row((name, *("–" if p is None else f"{p['P99']:.2f} / {p['measurements']}" for p in found))))
+        rows.append(TableRow((name, *("–" if p is None else f"{p['P99']:.2f} / {p['measurements']}" for p in found))))
     return Table(("6.5 h of calibration: P99, µm / measurements", *cases), tuple(rows))
 
 
 def _summary(runs: list[Run], cases: list[str], fronts: dict[str, ByCase]) -> Table:
     common, chosen = _common_table(cases, fronts), elsewhere(runs)
-    rows = [*common.rows, Row(("P99: no compensation", *_bounds(runs, cases).rows[0].cells[1:]))]
+    rows = [*common.rows, TableRow(("P99: no compensation", *_bounds(runs, cases).rows[0].cells[1:]))]
     for title, key in (("the paper's set", BEST), ("the best common fixed interval", best_common(fronts["fixed"]))):
         if key in chosen.models:
             held, plain = (chosen.here(cases, key, name) for name in ("hold P99", "regression P99"))
-            rows.append(Row((f"P99 at {title}'s measurements: the last one held", *map(number, held))))
-            rows.append(Row((f"P99 at {title}'s measurements: regression on all inputs", *map(number, plain))))
+            rows.append(TableRow((f"P99 at {title}'s measurements: the last one held", *map(number, held))))
+            rows.append(TableRow((f"P99 at {title}'s measurements: regression on all inputs", *map(number, plain))))
     for kind, title in FRONTS.items():
         fewest = [fewest_for(fronts[kind][c], TARGET_UM) for c in cases]
         cells = ("–" if p is None else str(p["measurements"]) for p in fewest)
-        rows.append(Row((f"fewest measurements for P99 ≤ 5 µm: {title}", *cells)))
+        rows.append(TableRow((f"fewest measurements for P99 ≤ 5 µm: {title}", *cells)))
     for kind, title in FRONTS.items():
         if (key := best_common(fronts[kind])) is not None:
             cells = (" / ".join(number(chosen.worst(case, key, there)) for there in (True, False)) for case in cases)
-            rows.append(Row((f"largest P99 on other seeds / machines: best common {title}", *cells)))
+            rows.append(TableRow((f"largest P99 on other seeds / machines: best common {title}", *cells)))
     shares = [
         number(median_share(after_equal_calibrations(fronts["fixed"][c], fronts["adaptive"][c])), 2) for c in cases
     ]
-    rows.append(Row(("after equal calibrations, policy to fixed, median ratio", *shares)))
+    rows.append(TableRow(("after equal calibrations, policy to fixed, median ratio", *shares)))
     return Table(common.head, tuple(rows))
 
 

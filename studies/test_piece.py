@@ -12,8 +12,8 @@ import numpy as np
 
 from simulators.cases import SEASONS, Axis, table_and_fluid, warm_up_and_cool_down
 from simulators.plant import MACHINES, Failure, MachineDrive, Plant, load, record
-from simulators.plant.ageing import Kind
-from studies.frame import Parameters, Study
+from simulators.plant.ageing import FailureKind
+from studies.frame import RunParameters, Study
 from studies.loop import RADIUS_M, Days, control, days, filled, held, regressed
 from studies.test_piece_report import METHODS, report
 from talc.frame import FloatArray
@@ -48,7 +48,7 @@ TO_TABLE_S, TO_AIR_S = 1800.0, 7200.0
 """Time constants of the workpiece's mean temperature towards table and working space (choice)."""
 
 
-def runs(seed: int, small: bool) -> list[Parameters]:
+def runs(seed: int, small: bool) -> list[RunParameters]:
     """Each repetition has its own weather, calibration loads and noise.
 
     Beside B19's test on the base machine: on its variants, with another axis warmed up, and with failing sensors.
@@ -72,11 +72,11 @@ def failures(channels: Sequence[str], seed: int) -> list[Failure]:
     begin, end = IDLE_H + CALIBRATION_H, IDLE_H + CALIBRATION_H + REST_H + WARM_H + COOL_H
     return [
         Failure(channel=channels[int(c)], kind=kind, from_s=float(draw.uniform(begin, end)) * 3600.0)
-        for c, kind in zip(draw.choice(len(channels), len(Kind), replace=False), Kind, strict=True)
+        for c, kind in zip(draw.choice(len(channels), len(FailureKind), replace=False), FailureKind, strict=True)
     ]
 
 
-def run(parameters: Parameters) -> Mapping[str, Any]:
+def run(parameters: RunParameters) -> Mapping[str, Any]:
     """By method, without and with the workpiece's growth: (sets, features) µm against the first set."""
     seed = 1000 * parameters["seed"] + parameters["repetition"]
     rest, machine = MachineDrive(), load(parameters["machine"])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from studies.frame import Run
-from studies.page import Claim, Picture, Report, Row, Section, Table, figure, number, style, svg
+from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, number, style, svg
 from studies.paired import paired
 from talc.frame import FloatArray
 
@@ -39,13 +39,13 @@ measurements."""
 _BASE = ("base", "speed_c", False)
 _TERMS = ("", " + growth")
 _EQUAL = 1.05
-Where = tuple[str, str, bool]
+CaseKey = tuple[str, str, bool]
 """Machine, axis, failing sensors."""
 
 
 def report(every: list[Run]) -> Report:
     """Ranges over the nine sets, and every feature over the hours; then the variations."""
-    places: dict[Where, list[Run]] = {}
+    places: dict[CaseKey, list[Run]] = {}
     for run in every:
         p = run.parameters
         places.setdefault((p["machine"], p["axis"], p["failing"]), []).append(run)
@@ -56,8 +56,8 @@ def report(every: list[Run]) -> Report:
     means = {where: _means(found) for where, found in places.items()}
     mean = means[_BASE]
     head = ("range over the sets, µm, median", *features, "mean")
-    rows = tuple(Row((n, *(number(v, 2) for v in median[n]), number(mean[n], 2))) for n in _ALL)
-    rows += (Row(("paper: not at hand", *([""] * (len(head) - 1))), paper=True),)
+    rows = tuple(TableRow((n, *(number(v, 2) for v in median[n]), number(mean[n], 2))) for n in _ALL)
+    rows += (TableRow(("paper: not at hand", *([""] * (len(head) - 1))), paper=True),)
     losses = [f for f, a, b in zip(features, median["TALC + growth"], median["none"], strict=True) if a >= b]
     claims = (
         Claim(
@@ -87,9 +87,9 @@ def report(every: list[Run]) -> Report:
         f"{np.median(swing):.1f} K."
     )
     sections = (
-        Section("Every feature", (notes, Table(head, rows), _picture(runs))),
-        Section("Largest deviation of any feature", (_largest(runs),)),
-        Section(
+        PageSection("Every feature", (notes, Table(head, rows), _picture(runs))),
+        PageSection("Largest deviation of any feature", (_largest(runs),)),
+        PageSection(
             "Other machines, other axes, failing sensors",
             (
                 f"Means over the six features of the median of {min(map(len, places.values()))} or more repetitions.",
@@ -132,7 +132,7 @@ def _beside_peers(
     )
 
 
-def _learner(means: dict[Where, dict[str, float]], term: str) -> Claim:
+def _learner(means: dict[CaseKey, dict[str, float]], term: str) -> Claim:
     own, plain = f"learner{term}", f"regression{term}"
     ratio = {where: mean[own] / mean[plain] for where, mean in means.items()}
     lost = [_title(where) for where, value in ratio.items() if value > _EQUAL]
@@ -150,7 +150,7 @@ def _best_peer(mean: dict[str, float], term: str) -> str:
     return min((f"hold{term}", f"regression{term}"), key=lambda name: mean[name])
 
 
-def _elsewhere(means: dict[Where, dict[str, float]]) -> list[Claim]:
+def _elsewhere(means: dict[CaseKey, dict[str, float]]) -> list[Claim]:
     found = []
     for term in _TERMS:
         others = {where: mean for where, mean in means.items() if where != _BASE}
@@ -171,23 +171,23 @@ def _elsewhere(means: dict[Where, dict[str, float]]) -> list[Claim]:
     return found if len(means) > 1 else []
 
 
-def _title(where: Where) -> str:
+def _title(where: CaseKey) -> str:
     machine, axis, failing = where
     parts = [machine if machine != "base" else "", "" if axis == "speed_c" else _AXES[axis]]
     return " and ".join(p for p in (*parts, "failing sensors" if failing else "") if p) or "C axis, base machine"
 
 
-def _elsewhere_table(means: dict[Where, dict[str, float]], term: str) -> Table:
-    rows = [Row((_title(w), *(number(mean[f"{m}{term}"], 3) for m in METHODS))) for w, mean in means.items()]
+def _elsewhere_table(means: dict[CaseKey, dict[str, float]], term: str) -> Table:
+    rows = [TableRow((_title(w), *(number(mean[f"{m}{term}"], 3) for m in METHODS))) for w, mean in means.items()]
     return Table((f"mean range, µm, with{'' if term else 'out'} growth term", *METHODS), tuple(rows))
 
 
-def _short(means: dict[Where, dict[str, float]]) -> Table:
+def _short(means: dict[CaseKey, dict[str, float]]) -> Table:
     rows = [
-        Row((_title(where), *(f"{number(mean[m], 3)} / {number(mean[f'{m} + growth'], 3)}" for m in METHODS)))
+        TableRow((_title(where), *(f"{number(mean[m], 3)} / {number(mean[f'{m} + growth'], 3)}" for m in METHODS)))
         for where, mean in means.items()
     ]
-    rows.append(Row(("paper: not at hand", *("" for _ in METHODS)), paper=True))
+    rows.append(TableRow(("paper: not at hand", *("" for _ in METHODS)), paper=True))
     return Table(("mean range of six features, µm, without / with growth term", *METHODS), tuple(rows))
 
 
@@ -195,7 +195,7 @@ def _largest(runs: list[Run]) -> Table:
     rows = []
     for name in _ALL:
         largest = np.array([np.abs(run.result[name]).max() for run in runs])
-        rows.append(Row((name, number(float(np.median(largest)), 3), number(float(largest.max()), 3))))
+        rows.append(TableRow((name, number(float(np.median(largest)), 3), number(float(largest.max()), 3))))
     return Table(("|deviation| from the first set, µm", "median over the repetitions", "worst"), tuple(rows))
 
 

@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from talc.frame import BoolArray, FloatArray
-from talc.window import Parameters, Structure, Window
+from talc.window import Coefficients, Structure, Window
 
 _FAR = 1e6
 
@@ -24,7 +24,7 @@ _FAR = 1e6
 class LeastSquares:
     """Coefficients with their uncertainty, in scaled units."""
 
-    parameters: Parameters
+    parameters: Coefficients
     std: FloatArray
     """(1 + na + sum of nb_s + 1,) standard errors: intercept, a, b input by input; NaN where rows do not tell."""
     freedom: int
@@ -96,7 +96,7 @@ def least_squares_fit(regression: Regression, structure: Structure) -> LeastSqua
 
 def guarded_fit(
     regression: Regression, structure: Structure, *, max_pole: float = 0.98, max_gain: float = 10.0
-) -> Parameters:
+) -> Coefficients:
     """Least squares under linear constraints that keep the model stable and its static gains plausible (OSQP).
 
     sum |phi_i| <= max_pole is sufficient for all poles inside that radius; |sum_j b_sj| <= max_gain (1 - sum phi_i)
@@ -154,7 +154,7 @@ def guarded_fit(
     return _parameters(theta, structure)
 
 
-def refine(window: Window, structure: Structure, start: Parameters, *, max_pole: float = 0.999) -> Parameters:
+def refine(window: Window, structure: Structure, start: Coefficients, *, max_pole: float = 0.999) -> Coefficients:
     """The free run fitted from `start` on (simulation error, Levenberg-Marquardt with filtered regressors as gradient).
 
     Every measured row counts, whatever came before it. Answers `start` when the result is not better or has a pole of
@@ -198,7 +198,7 @@ def refine(window: Window, structure: Structure, start: Parameters, *, max_pole:
     return _parameters(reordered, structure)
 
 
-def simulate(window: Window, structure: Structure, parameters: Parameters) -> FloatArray:
+def simulate(window: Window, structure: Structure, parameters: Coefficients) -> FloatArray:
     """(T,) free run in scaled units from the first measured outputs; NaN in the rows before the largest order."""
     begin, drive, a = _driven(window, structure, parameters)
     known = window.past[np.isfinite(window.past)]
@@ -211,7 +211,7 @@ def simulate(window: Window, structure: Structure, parameters: Parameters) -> Fl
     return run
 
 
-def followed(window: Window, structure: Structure, parameters: Parameters) -> FloatArray:
+def followed(window: Window, structure: Structure, parameters: Coefficients) -> FloatArray:
     """(T,) the output as a running control knows it: measured, else the model's own estimate then (Z22 eq. 2).
 
     A measurement moves the model's whole output history by its residual. NaN before the first measurement and in the
@@ -230,7 +230,7 @@ def followed(window: Window, structure: Structure, parameters: Parameters) -> Fl
     return known
 
 
-def _driven(window: Window, structure: Structure, parameters: Parameters) -> tuple[int, list[float], list[float]]:
+def _driven(window: Window, structure: Structure, parameters: Coefficients) -> tuple[int, list[float], list[float]]:
     """First row that has all its inputs, what intercept and inputs add in each row, and the AR coefficients."""
     begin = max(structure.na, max(structure.nb, default=0))
     steps = np.arange(begin, len(window.y))
@@ -255,7 +255,7 @@ def _enough(x: FloatArray) -> FloatArray:
     return x
 
 
-def _parameters(theta: FloatArray, structure: Structure) -> Parameters:
+def _parameters(theta: FloatArray, structure: Structure) -> Coefficients:
     parts = np.split(theta[1 + structure.na :], np.cumsum([nb + 1 for nb in structure.nb])[:-1])
     b = tuple(parts) if structure.inputs else ()
-    return Parameters(-theta[1 : 1 + structure.na], b, float(theta[0]))
+    return Coefficients(-theta[1 : 1 + structure.na], b, float(theta[0]))

@@ -18,7 +18,7 @@ from talc.frame import (
     TrainingJob,
     Why,
 )
-from talc.free_running import FreeRunningModel, State
+from talc.free_running import FreeRunningModel, ModelState
 from talc.learner.course import CourseState, LearningCourse
 from talc.learner.learner import Explanation
 from talc.learner.prior import Prior
@@ -46,7 +46,7 @@ class ControllerState:
     measured: FloatArray
     last_k: int | None
     phase: Phase
-    models: tuple[tuple[ErrorModel, State] | None, ...]
+    models: tuple[tuple[ErrorModel, ModelState] | None, ...]
     held: FloatArray
     """(9,) last measurement of each error."""
     learning: bool

@@ -10,11 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from talc.frame import FloatArray
-
-IntArray = NDArray[np.int64]
+from talc.frame import FloatArray, IntArray
 
 _POLES: Final = (0.9, 0.97, 0.99, 0.997, 0.9995)
 """Time constants at 5 min: 47 min to 7 days."""

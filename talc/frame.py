@@ -14,6 +14,7 @@ from talc.settings import TrainingSettings
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 LARGEST_INPUT: Final = 1e12
 """Magnitude of an input, in whatever unit. A larger number is not a value: its squares and sums would overflow."""

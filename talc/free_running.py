@@ -10,11 +10,11 @@ from talc.models import ErrorModel
 _WARM_UP_STEPS = 288
 """Rows from which a new model's history is built: a day, longer than most of what a model remembers."""
 
-State = list[list[float]]
+ModelState = list[list[float]]
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class ErrorEstimate:
     """One error at one step; µm or µm/m."""
 
     predicted: float
@@ -56,15 +56,15 @@ class FreeRunningModel:
         # The fit has seen these measurements: they build the state, but say nothing of the disturbance.
         self._runner.run(rows, np.ascontiguousarray(measured[first:]), False, np.empty(len(rows)))
 
-    def step(self, inputs: FloatArray, measured: float) -> Estimate:
+    def step(self, inputs: FloatArray, measured: float) -> ErrorEstimate:
         """Go one step on. inputs: (n,) this step's row; measured: NaN without a measurement."""
-        return Estimate(*self._runner.step(self._filled(inputs), measured, True))
+        return ErrorEstimate(*self._runner.step(self._filled(inputs), measured, True))
 
-    def state(self) -> State:
+    def state(self) -> ModelState:
         """What `restore` takes."""
         return self._runner.state()
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: ModelState) -> None:
         """Go on from a state of the same model. ValueError: not one."""
         self._runner.restore(state)
 

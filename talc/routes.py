@@ -15,7 +15,7 @@ from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.output_error import Design, fit
 from talc.search import BLOCKS, RIDGE, Candidates
 from talc.settings import TrainingSettings
-from talc.window import Parameters, Structure, Window
+from talc.window import Coefficients, Structure, Window
 
 _FIRST_ITERATIONS = 10
 """Of the swarm that finds a first model."""
@@ -27,7 +27,7 @@ class Fitted:
 
     inputs: tuple[int, ...]
     """Positions among the offered inputs."""
-    parameters: Parameters
+    parameters: Coefficients
     residual: FloatArray
     """Of the free run, over the measured rows it reaches."""
     unseen: FloatArray
@@ -80,7 +80,7 @@ def by_search(
     denominator = np.atleast_1d(np.poly(best.poles))
     return Fitted(
         inputs=inputs,
-        parameters=Parameters(denominator[1:], fitted.b, fitted.constant * float(denominator.sum())),
+        parameters=Coefficients(denominator[1:], fitted.b, fitted.constant * float(denominator.sum())),
         residual=fitted.residual,
         unseen=fitted.unseen,
         criterion=best.criterion,

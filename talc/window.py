@@ -53,7 +53,7 @@ class Structure:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parameters:
+class Coefficients:
     """Coefficients in scaled units: y[k] = intercept - sum a_i y[k-i] + sum_s sum_j b_sj u_s[k-j]."""
 
     a: FloatArray

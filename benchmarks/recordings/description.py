@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from drivers.problems import problems_of
+from drivers.section import NotNegative, Positive
 from gateway.config.problems import ConfigError, Problem, place
 
 Unit = Literal["nm", "um", "µm", "mm", "m", "um/m", "µm/m", "urad", "µrad", "mrad", "rad", "arcsec", "deg"]
@@ -25,14 +26,12 @@ ANGLE: Mapping[str, float] = {
     "deg": 17453.292519943295,
 }
 """µm/m in one of each."""
-Kind = Literal["temperature", "speed", "power", "length", "state", "other"]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+ColumnKind = Literal["temperature", "speed", "power", "length", "state", "other"]
 _TABLES = (".csv", ".parquet")
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class ErrorColumn(_Section):
@@ -46,7 +45,7 @@ class ErrorColumn(_Section):
 class InputColumn(_Section):
     """One input, or all that a pattern matches."""
 
-    kind: Kind | None = None
+    kind: ColumnKind | None = None
     span: Positive | None = None
     """What the input typically moves by, in its own unit."""
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.recordings.methods import Course, Given, Method, given_of
+from benchmarks.recordings.methods import Given, Method, MethodCourse, given_of
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
 
@@ -61,7 +61,7 @@ def steps_of(interval_min: float, step_s: float) -> int:
 
 def carry_out(
     method: Method, series: Series, used: BoolArray, seed: int, dense_h: float, interval_min: float
-) -> Course | None:
+) -> MethodCourse | None:
     """The method's course; of several the one that leaves least. None: it cannot start from this."""
     dense_steps = round(dense_h * 3600.0 / series.step_s)
     given = given_of(series, used, seed, dense_steps, steps_of(interval_min, series.step_s))
@@ -69,7 +69,7 @@ def carry_out(
     return min(courses, key=lambda course: _left(series, course, dense_h)) if courses else None
 
 
-def _left(series: Series, course: Course, dense_h: float) -> float:
+def _left(series: Series, course: MethodCourse, dense_h: float) -> float:
     """RMS in units of each error's own swing, so that µm and µm/m count alike."""
     after = series.on_h >= dense_h
     left = residual(series, course)[after]
@@ -96,12 +96,12 @@ def check_causal(method: Method, given: Given, seed: int = 0) -> None:
             raise Peeked(f"{method.name}: an estimate up to row {row} changes with the measurement of row {row}")
 
 
-def residual(series: Series, course: Course) -> FloatArray:
+def residual(series: Series, course: MethodCourse) -> FloatArray:
     """(T, m) what is left; an estimate that does not exist corrects nothing."""
     return series.truth - np.where(np.isfinite(course.estimate), course.estimate, 0.0)
 
 
-def judge(series: Series, course: Course, dense_h: float, errors: Sequence[int]) -> Figures:
+def judge(series: Series, course: MethodCourse, dense_h: float, errors: Sequence[int]) -> Figures:
     """Figures of some errors over all rows after the dense beginning in which they were recorded."""
     chosen = list(errors)
     after = series.on_h >= dense_h

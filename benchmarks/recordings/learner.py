@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from benchmarks.recordings.methods import Course, Given
+from benchmarks.recordings.methods import Given, MethodCourse
 from benchmarks.recordings.models import slots
 from talc.control import Controller
 from talc.frame import BoolArray, Frame, Measurement
@@ -22,17 +22,17 @@ class Learning:
     name: str = "learner"
     settings: LearnerSettings = field(default_factory=LearnerSettings)
 
-    def courses(self, given: Given) -> Sequence[Course]:
+    def courses(self, given: Given) -> Sequence[MethodCourse]:
         return [_run(given, self.settings, given.used)[0]]
 
-    def decide(self, given: Given, limit: float) -> tuple[Course, BoolArray]:
+    def decide(self, given: Given, limit: float) -> tuple[MethodCourse, BoolArray]:
         """Measured through the dense beginning, and then whenever the learner asks. limit: µm; µm/m in proportion."""
         share = self.settings.limit_um_per_m / self.settings.limit_um
         settings = replace(self.settings, policy="uncertainty", limit_um=limit, limit_um_per_m=share * limit)
         return _run(given, settings, None)
 
 
-def _run(given: Given, settings: LearnerSettings, used: BoolArray | None) -> tuple[Course, BoolArray]:
+def _run(given: Given, settings: LearnerSettings, used: BoolArray | None) -> tuple[MethodCourse, BoolArray]:
     """A controller for each nine errors, measured together: in the used rows, or when any of them asks (None)."""
     groups = [(list(group), list(group.values())) for group in slots(given.angle)]
     controllers = [
@@ -56,4 +56,4 @@ def _run(given: Given, settings: LearnerSettings, used: BoolArray | None) -> tup
             if not made[row]:  # afterwards it is the uncertainty with the measurement
                 stated[row, errors] = decision.sigma[places]
             asked = asked or decision.measure is not None
-    return Course(estimate, stated), made
+    return MethodCourse(estimate, stated), made

@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from benchmarks.recordings.description import InputColumn
-from benchmarks.recordings.series import IntArray, Series, steps_on
-from talc.frame import BoolArray, FloatArray
+from benchmarks.recordings.series import Series, steps_on
+from talc.frame import BoolArray, FloatArray, IntArray
 
 _STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0, 1000.0)
 """Of the ridge, in rows' worth of a standardised input."""
@@ -51,7 +51,7 @@ class Given:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class MethodCourse:
     """What a method answers."""
 
     estimate: FloatArray
@@ -66,7 +66,7 @@ class Method(Protocol):
     @property
     def name(self) -> str: ...
 
-    def courses(self, given: Given) -> Sequence[Course]:
+    def courses(self, given: Given) -> Sequence[MethodCourse]:
         """One; several when the best is to be chosen in hindsight; none when the method cannot start from this."""
         ...
 
@@ -96,24 +96,24 @@ class Nothing:
 
     name: str = "none"
 
-    def courses(self, given: Given) -> Sequence[Course]:
-        return [Course(np.zeros(given.measured.shape), np.full(given.measured.shape, np.nan))]
+    def courses(self, given: Given) -> Sequence[MethodCourse]:
+        return [MethodCourse(np.zeros(given.measured.shape), np.full(given.measured.shape, np.nan))]
 
 
 @dataclass(frozen=True, slots=True)
-class Hold:
+class HoldLast:
     """The last measurement of each error."""
 
     name: str = "hold"
 
-    def courses(self, given: Given) -> Sequence[Course]:
+    def courses(self, given: Given) -> Sequence[MethodCourse]:
         estimate = np.full(given.measured.shape, np.nan)
         for e, measured in enumerate(given.measured.T):
             rows = np.arange(len(measured))
             last = np.maximum.accumulate(np.where(np.isfinite(measured), rows, -1))
             before = np.concatenate([[-1], last[:-1]])
             estimate[:, e] = np.where(before >= 0, measured[before], np.nan)
-        return [Course(estimate, np.full(estimate.shape, np.nan))]
+        return [MethodCourse(estimate, np.full(estimate.shape, np.nan))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +126,7 @@ class Ridge:
 
     name: str = "ridge, best in hindsight"
 
-    def courses(self, given: Given) -> Sequence[Course]:
+    def courses(self, given: Given) -> Sequence[MethodCourse]:
         x = filled(given.inputs)
         spread = x.std(axis=0)
         x = (x - x.mean(axis=0))[:, spread > _LEAST_SPREAD] / spread[spread > _LEAST_SPREAD]
@@ -137,7 +137,7 @@ class Ridge:
         for errors in by_rows.values():
             estimate[..., errors] = _fits(x, given.measured[:, errors])
         unknown = np.full(given.measured.shape, np.nan)
-        return [Course(way, unknown) for level in estimate for way in level]
+        return [MethodCourse(way, unknown) for level in estimate for way in level]
 
 
 def _fits(x: FloatArray, measured: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from benchmarks.recordings.methods import Course, Given
+from benchmarks.recordings.methods import Given, MethodCourse
 from talc.control import Controller
 from talc.frame import BoolArray, Frame, Measurement
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -43,7 +43,7 @@ class Models:
     most_trainings: int = 8
     """The first models and so many updates less one: weeks of measurements each hour would take a swarm hours."""
 
-    def courses(self, given: Given) -> Sequence[Course]:
+    def courses(self, given: Given) -> Sequence[MethodCourse]:
         if not self.gaps:
             given = replace(given, k=np.arange(len(given.k)))
         settings = self._settings(given)
@@ -54,7 +54,7 @@ class Models:
             places, errors = list(group), list(group.values())
             found = _controlled(given, places, errors, settings, self.most_trainings)
             estimate[:, errors], sigma[:, errors] = found.estimate[:, places], found.sigma[:, places]
-        return [Course(estimate, sigma)]
+        return [MethodCourse(estimate, sigma)]
 
     def _settings(self, given: Given) -> TalcSettings | None:
         """None: this selector needs a calibration that is measured at each step."""
@@ -72,7 +72,7 @@ class Models:
 
 def _controlled(
     given: Given, places: list[int], errors: list[int], settings: TalcSettings, most_trainings: int
-) -> Course:
+) -> MethodCourse:
     """(T, 9) of one controller that is measured when the others are; a training ends within its step."""
     controller = Controller(given.input_names, settings)
     rows = len(given.k)
@@ -95,7 +95,7 @@ def _controlled(
         if decision.training is not None and most_trainings > 0:
             most_trainings -= 1
             controller.adopt(train(decision.training))
-    return Course(estimate, stated)
+    return MethodCourse(estimate, stated)
 
 
 _WEEK_STEPS = 2016

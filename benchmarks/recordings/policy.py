@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from benchmarks.recordings.judge import Figures, Peeked, carry_out, judge, moments
-from benchmarks.recordings.methods import Course, Given, Method, given_of
+from benchmarks.recordings.methods import Given, Method, MethodCourse, given_of
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
 
@@ -20,7 +20,7 @@ FIXED_MIN = (20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0, 72
 class Deciding(Method, Protocol):
     """A method that says itself when to measure."""
 
-    def decide(self, given: Given, limit: float) -> tuple[Course, BoolArray]:
+    def decide(self, given: Given, limit: float) -> tuple[MethodCourse, BoolArray]:
         """Its course and the rows in which it measured, from a record of measurements in all rows.
 
         limit: what its 95 % interval may reach, µm or µm/m.
@@ -51,7 +51,7 @@ class Saving:
 
 
 def point_of(
-    what: str, series: Series, course: Course, used: BoolArray, dense_h: float, errors: Sequence[int]
+    what: str, series: Series, course: MethodCourse, used: BoolArray, dense_h: float, errors: Sequence[int]
 ) -> Point:
     """What a way came to, after the beginning."""
     found: Figures = judge(series, course, dense_h, errors)
@@ -70,7 +70,7 @@ class Sweep:
         """One for the errors in µm, and one for those in µm/m, where there are such."""
         what = f"{self.limit} µm"
         used: BoolArray = np.asarray(np.isfinite(series.truth).any(axis=1))
-        course: Course | None
+        course: MethodCourse | None
         if self.interval_min is not None:
             what = f"{self.interval_min:g} min"
             used = moments(series, self.dense_h, self.interval_min, measure_first)

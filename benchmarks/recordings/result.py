@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.recordings.judge import FIRST_HOURS, Figures
 from benchmarks.recordings.policy import Saving
 from benchmarks.recordings.series import Series
-from benchmarks.rows import Row
+from benchmarks.rows import BenchRow
 
 UNITS = ("µm", "µm/m")
 
@@ -60,7 +60,7 @@ class Result:
         return list(dict.fromkeys((c.dense_h, c.interval_min) for c in self.cells))
 
 
-def table_rows(result: Result, method: str, goals: Mapping[tuple[float, float], str]) -> list[Row]:
+def table_rows(result: Result, method: str, goals: Mapping[tuple[float, float], str]) -> list[BenchRow]:
     """A row for each beginning and interval: the method, all others beside it, and the goal, where there is one."""
     found = []
     for unit in result.units:
@@ -77,7 +77,7 @@ def table_rows(result: Result, method: str, goals: Mapping[tuple[float, float], 
                 if name != method and (there := _figures(result, name, dense_h, interval_min, unit)) is not None
             ]
             found.append(
-                Row(
+                BenchRow(
                     f"{result.series.name}, {_beginning(dense_h)}, then each {interval_min:g} min "
                     f"({ours.measurements} measurements): RMSE {unit} of {method}",
                     f"{f.rms:.2f}: {over}P99 {f.p99:.1f}, largest {f.largest:.1f}; "

@@ -8,14 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.recordings.description import Description, InputColumn, describe
 from gateway.config.problems import ConfigError, Problem, shown, suggestion
-from gateway.recordings import FileProblems, RecordingError, Table, open_table, second_of
-from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray
-
-IntArray = NDArray[np.int64]
+from gateway.recordings import FileProblems, FileTable, RecordingError, open_table, second_of
+from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, IntArray
 
 _UNIT_S = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "days": 86400.0}
 _NOTHING = frozenset({"", "nan", "na", "n/a", "none", "null", "-", "?"})
@@ -171,7 +168,7 @@ def _roles(head: Sequence[str], said: Description, description: Path) -> list[st
     return [name for name in head if name not in used and not said.ignores(name) and said.input_of(name) is not None]
 
 
-def _plain(table: Table, names: Sequence[str], time: str, path: Path) -> tuple[list[str], list[str]]:
+def _plain(table: FileTable, names: Sequence[str], time: str, path: Path) -> tuple[list[str], list[str]]:
     """Columns whose type can be read as numbers, and those that cannot (Parquet has types, CSV has none)."""
     if table.word != "row":
         return list(names), []
@@ -188,7 +185,9 @@ def _plain(table: Table, names: Sequence[str], time: str, path: Path) -> tuple[l
     return plain, others
 
 
-def _cells(table: Table, wanted: Sequence[str], problems: FileProblems) -> tuple[dict[str, list[object]], list[int]]:
+def _cells(
+    table: FileTable, wanted: Sequence[str], problems: FileProblems
+) -> tuple[dict[str, list[object]], list[int]]:
     """Cells by column, and the line or row of each."""
     time, *others = wanted
     columns: dict[str, list[object]] = {name: [] for name in wanted}
@@ -289,7 +288,7 @@ def _values(
     name: str,
     scale: float,
     largest: float,
-    table: Table,
+    table: FileTable,
     places: Sequence[int],
     problems: FileProblems,
 ) -> FloatArray:

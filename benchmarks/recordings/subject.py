@@ -13,12 +13,12 @@ import numpy as np
 from benchmarks.recordings.description import Description, recordings_in
 from benchmarks.recordings.judge import carry_out, judge, moments
 from benchmarks.recordings.learner import Learning
-from benchmarks.recordings.methods import Hold, Method, Nothing, Ridge
+from benchmarks.recordings.methods import HoldLast, Method, Nothing, Ridge
 from benchmarks.recordings.models import papers
 from benchmarks.recordings.policy import FIXED_MIN, LIMITS_UM, Saving, Sweep, savings
 from benchmarks.recordings.result import UNITS, Cell, Result, table_rows, write
 from benchmarks.recordings.series import Series, read_series
-from benchmarks.rows import Row
+from benchmarks.rows import BenchRow
 from gateway.config.problems import ConfigError
 from gateway.recordings import RecordingError
 
@@ -46,7 +46,7 @@ def is_shipped() -> bool:
 def methods(series: Series) -> list[Method]:
     """All, or those that METHODS of the environment names, set off by commas. SystemExit: an unknown one."""
     gaps = bool(np.diff(series.k).max() > 1)
-    known: list[Method] = [Nothing(), Hold(), Ridge(), *papers(gaps=gaps), Learning()]
+    known: list[Method] = [Nothing(), HoldLast(), Ridge(), *papers(gaps=gaps), Learning()]
     wanted = [name.strip() for name in os.environ.get("METHODS", "").split(",") if name.strip()]
     words = [method.name.split(",")[0].strip("`") for method in known]
     unknown = [name for name in wanted if name not in words]
@@ -55,7 +55,7 @@ def methods(series: Series) -> list[Method]:
     return [method for method, word in zip(known, words, strict=True) if not wanted or word in wanted]
 
 
-def rows() -> list[Row]:
+def rows() -> list[BenchRow]:
     """Every recording; one that cannot be used is reported and passed over. SystemExit: none could be used."""
     found, wrong = [], []
     try:

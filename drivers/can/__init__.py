@@ -5,7 +5,7 @@ from drivers.can.dbc import DBC_ENCODING, CanDbcDevice, CanDbcProfile
 from drivers.can.interface import failed, open_interface, shut
 from drivers.can.receiver import Receiver
 from drivers.can.settings import CAN_BITRATES, CAN_INTERFACES, CanInterfaceSettings, CanSettings, is_multicast_group
-from drivers.can.survey import CanSurvey, Heard
+from drivers.can.survey import CanSurvey, Heard, Stopped
 
 __all__ = [
     "CAN_BITRATES",
@@ -19,6 +19,7 @@ __all__ = [
     "CanSurvey",
     "Heard",
     "Receiver",
+    "Stopped",
     "failed",
     "is_multicast_group",
     "open_interface",

@@ -27,6 +27,7 @@ _FRAME_BITS = 130
 _STATES = {0x00: "boot-up", 0x04: "stopped", 0x05: "operational", 0x7F: "pre-operational"}
 
 Stopped = Callable[[], bool]
+"""Called between two requests: True ends the survey or scan."""
 
 
 @dataclass(slots=True)

@@ -14,8 +14,8 @@ from drivers.nc import (
     NcSnapshot,
     OperatingMode,
     ProbingState,
-    ProbingStatus,
     ProgramState,
+    RequestStatus,
     WatchdogTerms,
     check_number,
     check_offsets,
@@ -82,7 +82,7 @@ class LinuxCnc:
         check_number(number, "request number")
         await self._line.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s)
 
-    async def probing_status(self, number: int) -> ProbingStatus:
+    async def probing_status(self, number: int) -> RequestStatus:
         """State of request `number`; idle when the control has since received another one, or has received none."""
         check_number(number, "request number")
         told = self._table(await self._line.ask("probing", number=number), "probing")
@@ -90,11 +90,11 @@ class LinuxCnc:
         if state is None:
             raise self._bad(f"probing state {told.get('state')!r} is unknown")
         if state is not ProbingState.DONE:
-            return ProbingStatus(number, state, reason=str(told.get("reason", "")))
+            return RequestStatus(number, state, reason=str(told.get("reason", "")))
         centres = told.get("centres")
         if not isinstance(centres, list) or len(centres) != self._settings.poses:
             raise self._bad(f"cycle {number} is done without {self._settings.poses} centres")
-        return ProbingStatus(
+        return RequestStatus(
             number,
             state,
             centres_mm=tuple(self._three(centre, "centre") for centre in centres),

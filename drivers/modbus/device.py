@@ -13,7 +13,7 @@ from drivers.readings import ReadingMaker
 
 _MOST_BITS = 2000
 
-Place = tuple[int, int, int]
+AddressRange = tuple[int, int, int]
 """Function, address, width."""
 
 
@@ -157,7 +157,7 @@ class ModbusDevice:
             return Fault(Quality.OUT_OF_RANGE, text)
         return _implausible(profile.plausibility, value, profile.unit) or value
 
-    def _apart(self) -> list[Place]:
+    def _apart(self) -> list[AddressRange]:
         """What must be read again after the values, so that a sensor that recovers in between is noticed.
 
         This applies where bits or status are read in another request than the value and the value cannot show it.
@@ -189,7 +189,7 @@ def last_address(profile: ModbusProfile, channels: Mapping[str, int], offset: in
     return max(address + width - 1 for _, address, width in places)
 
 
-def _places_of_values(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> list[Place]:
+def _places_of_values(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> list[AddressRange]:
     """Values with the bits or status that tell their faults."""
     return [
         place
@@ -198,13 +198,13 @@ def _places_of_values(profile: ModbusProfile, channels: Mapping[str, int], offse
     ]
 
 
-def _value_place(profile: ModbusProfile, index: int, offset: int) -> Place:
+def _value_place(profile: ModbusProfile, index: int, offset: int) -> AddressRange:
     values = profile.values
     return values.function, values.address + offset + index * values.stride, values.format.registers
 
 
-def _fault_places(profile: ModbusProfile, index: int, offset: int) -> list[Place]:
-    places: list[Place] = []
+def _fault_places(profile: ModbusProfile, index: int, offset: int) -> list[AddressRange]:
+    places: list[AddressRange] = []
     if (bits := profile.fault_bits) is not None:
         places.append((bits.function, bits.address + offset + index, 1))
     if (status := profile.status) is not None:
@@ -212,23 +212,23 @@ def _fault_places(profile: ModbusProfile, index: int, offset: int) -> list[Place
     return places
 
 
-def _places_of_type_codes(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> list[Place]:
+def _places_of_type_codes(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> list[AddressRange]:
     codes = profile.type_codes
     if codes is None:
         return []
     return [(codes.function, codes.address + offset + index, 1) for index in channels.values()]
 
 
-def _places_of_settings(profile: ModbusProfile, offset: int) -> list[Place]:
+def _places_of_settings(profile: ModbusProfile, offset: int) -> list[AddressRange]:
     return [(setting.function, setting.address + offset, 1) for setting in profile.settings]
 
 
-def _holds(block: Block, place: Place) -> bool:
+def _holds(block: Block, place: AddressRange) -> bool:
     function, address, width = place
     return block.function == function and block.address <= address and address + width <= block.address + block.count
 
 
-def plan_blocks(places: Iterable[Place], max_registers: int, max_gap: int) -> tuple[Block, ...]:
+def plan_blocks(places: Iterable[AddressRange], max_registers: int, max_gap: int) -> tuple[Block, ...]:
     """The read requests that cover all places (function, address, width): as few as the device's limit allows.
 
     Neighbours are joined over a gap of up to max_gap addresses: one request costs about as much as 8 registers.

@@ -24,7 +24,7 @@ logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
 SECURE = "set security = 'Basic256Sha256' and the certificates"
 T = TypeVar("T")
-Number = float | int | bool
+OpcUaNumber = float | int | bool
 
 DENIED = frozenset(
     {
@@ -138,7 +138,7 @@ class OpcUaSession:
         with suppress(Exception):  # also what the library raises if the answer to the close request is malformed
             await client.disconnect()
 
-    async def read(self, paths: tuple[str, ...]) -> list[Number | None]:
+    async def read(self, paths: tuple[str, ...]) -> list[OpcUaNumber | None]:
         """Values of several nodes in one request; None where the control has no good value at present.
 
         Raises WrongDevice for a node that does not exist, Refused for a missing right.
@@ -157,7 +157,7 @@ class OpcUaSession:
         self._subscriptions[paths] = subscription if started else None
         return started
 
-    async def latest(self, paths: tuple[str, ...]) -> list[Number | None]:
+    async def latest(self, paths: tuple[str, ...]) -> list[OpcUaNumber | None]:
         """Like `read`, but without a request while a subscription to the same nodes is alive."""
         subscription = self._subscriptions.get(paths)
         values = subscription.latest() if subscription is not None else None
@@ -220,7 +220,7 @@ class OpcUaSession:
                 await self.close()
             raise self._translated(error, what) from error
 
-    def _value(self, path: str, value: DataValue) -> Number | None:
+    def _value(self, path: str, value: DataValue) -> OpcUaNumber | None:
         status = value.StatusCode
         if status is not None and not status.is_good():
             if status.value in UNKNOWN or status.value in DENIED:

@@ -10,14 +10,14 @@ from drivers.nc import (
     NcSnapshot,
     OperatingMode,
     ProbingState,
-    ProbingStatus,
     ProgramState,
+    RequestStatus,
     Triple,
     WatchdogTerms,
     check_number,
     check_offsets,
 )
-from drivers.opcua.session import Number, OpcUaSession
+from drivers.opcua.session import OpcUaNumber, OpcUaSession
 from drivers.sinumerik.settings import SinumerikSettings
 
 AXES = LINEAR_AXES + ROTARY_AXES
@@ -177,22 +177,22 @@ class Sinumerik:
         await self._session.write({self._settings.r(hand.valid_for): hand.request_valid_for_s})
         await self._session.write({self._settings.r(hand.request): float(number)})
 
-    async def probing_status(self, number: int) -> ProbingStatus:
+    async def probing_status(self, number: int) -> RequestStatus:
         """State of request `number`; idle when the control holds another request and has not answered this one."""
         check_number(number, "request number")
         request, answers, state, reason = self._numbers(self._status, await self._session.read(self._status))
         if answers != number or not state:
-            return ProbingStatus(number, ProbingState.REQUESTED if request == number else ProbingState.IDLE)
+            return RequestStatus(number, ProbingState.REQUESTED if request == number else ProbingState.IDLE)
         known = self._state(state)
         if known not in FINAL:
-            return ProbingStatus(number, known)
+            return RequestStatus(number, known)
         # The four parameters may be from different moments. A final state no longer changes: read it with the results.
         again = self._given(self._result, await self._session.read(self._result))
         _, answers_again, state_again, reason, result_of, *values, spread = again
         if answers_again != answers or state_again != state:
-            return ProbingStatus(number, ProbingState.REQUESTED)
+            return RequestStatus(number, ProbingState.REQUESTED)
         if known is not ProbingState.DONE:
-            return ProbingStatus(number, known, reason=REASONS.get(_code(reason), f"reason {reason:g}"))
+            return RequestStatus(number, known, reason=REASONS.get(_code(reason), f"reason {reason:g}"))
         if result_of != number:
             raise BadAnswer(
                 f"the control reports cycle {number} as done, but its results belong to cycle {result_of:g}",
@@ -200,7 +200,7 @@ class Sinumerik:
                 hint="the NC program must write the results and their number before the state",
             )
         centres = tuple(self._from_origin(*values[i : i + 3]) for i in range(0, len(values), 3))
-        return ProbingStatus(number, known, centres_mm=centres, spread_mm=spread)
+        return RequestStatus(number, known, centres_mm=centres, spread_mm=spread)
 
     async def withdraw_probing(self, number: int) -> None:
         """Withdraw the request; a running cycle is stopped as soon as the control can."""
@@ -282,14 +282,14 @@ class Sinumerik:
             raise BadAnswer(f"probing state {value:g} is none of 0 to 5", device=self._settings.device)
         return state
 
-    def _numbers(self, paths: tuple[str, ...], values: list[Number | None]) -> list[float]:
+    def _numbers(self, paths: tuple[str, ...], values: list[OpcUaNumber | None]) -> list[float]:
         numbers = self._given(paths, values)
         for path, value in zip(paths, numbers, strict=True):
             if not math.isfinite(value):
                 raise BadAnswer(f"{path} = {value:g}: not a finite number", device=self._settings.device)
         return numbers
 
-    def _given(self, paths: tuple[str, ...], values: list[Number | None]) -> list[float]:
+    def _given(self, paths: tuple[str, ...], values: list[OpcUaNumber | None]) -> list[float]:
         """The values may be non-finite: the caller checks the results of a cycle."""
         for path, value in zip(paths, values, strict=True):
             if value is None:
@@ -302,20 +302,20 @@ def _next_beat(beat: float) -> float:
     return float((_code(beat) + 1) % 1_000_000)
 
 
-def _may_be_stopped(shown: list[Number | None]) -> bool:
+def _may_be_stopped(shown: list[OpcUaNumber | None]) -> bool:
     """The list begins with the oldest: if no place is free, or one has no value, further alarms may be hidden."""
     return bool(shown) and (EMERGENCY_STOP in map(_code, shown) or None in shown or all(shown))
 
 
-def _drives(named: dict[str, Number | None]) -> bool:
+def _drives(named: dict[str, OpcUaNumber | None]) -> bool:
     return "drives_on" not in named or bool(named["drives_on"])  # a missing value counts as false
 
 
-def _is_odd(value: Number | None) -> bool:
+def _is_odd(value: OpcUaNumber | None) -> bool:
     code = _code(value)
     return code > 0 and code % 2 == 1  # a missing value counts as false
 
 
-def _code(value: Number | None) -> int:
+def _code(value: OpcUaNumber | None) -> int:
     """An R-parameter is a floating-point number even where it holds a code; -1 for none."""
     return -1 if value is None or not math.isfinite(value) else round(value)

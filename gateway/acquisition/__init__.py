@@ -4,7 +4,7 @@ from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Aged, Board
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
-from gateway.acquisition.once import Answer, read_once
+from gateway.acquisition.once import DeviceAnswer, read_once
 from gateway.acquisition.plausibility import Check, Plausible
 from gateway.acquisition.reload import BusChanges, ReloadError, apply
 from gateway.acquisition.runner import Publish
@@ -15,10 +15,10 @@ from gateway.acquisition.text import number_text, reading_text
 __all__ = [
     "Acquisition",
     "Aged",
-    "Answer",
     "Board",
     "BusChanges",
     "Check",
+    "DeviceAnswer",
     "Line",
     "Plausible",
     "Publish",

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Self
 
 from gateway.acquisition.line import Line
-from gateway.acquisition.runner import Publish, Runner
+from gateway.acquisition.runner import BusRunner, Publish
 from gateway.clock import ServiceClock
 from gateway.polling import Notify
 
@@ -38,7 +38,7 @@ class Acquisition:
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
     @property
-    def runners(self) -> Mapping[str, Runner]:
+    def runners(self) -> Mapping[str, BusRunner]:
         """The runners, by name of the bus."""
         return dict(self._runners)
 
@@ -75,10 +75,10 @@ class Acquisition:
             self._runners[line.bus.name] = self._runner(line)
             self._start(self._runners[line.bus.name])
 
-    def _runner(self, line: Line) -> Runner:
-        return Runner(line, self._clock, self._publish, self._notify, self._sequence, quiet=self._quiet)
+    def _runner(self, line: Line) -> BusRunner:
+        return BusRunner(line, self._clock, self._publish, self._notify, self._sequence, quiet=self._quiet)
 
-    def _start(self, runner: Runner) -> None:
+    def _start(self, runner: BusRunner) -> None:
         if self._group is None:
             raise RuntimeError("the acquisition is not running: enter its context first")
         name = runner.line.bus.name

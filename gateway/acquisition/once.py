@@ -6,12 +6,12 @@ from itertools import count
 
 from drivers.base import Reading
 from gateway.acquisition.line import Line
-from gateway.acquisition.runner import Runner
+from gateway.acquisition.runner import BusRunner
 from gateway.clock import ServiceClock
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class DeviceAnswer:
     """The answer of one device."""
 
     device: str
@@ -23,7 +23,7 @@ class Answer:
     """Why it did not answer; None also if its bus could not be opened."""
 
 
-async def read_once(line: Line, clock: ServiceClock, *, keep_open: bool = False) -> list[Answer]:
+async def read_once(line: Line, clock: ServiceClock, *, keep_open: bool = False) -> list[DeviceAnswer]:
     """Read every device of the line, one after the other. Errors of a bus or device are not raised.
 
     keep_open: the bus was open and is to stay open, as far as the devices allow
@@ -33,7 +33,7 @@ async def read_once(line: Line, clock: ServiceClock, *, keep_open: bool = False)
     def take(some: Sequence[Reading]) -> None:
         readings.update((reading.channel, reading) for reading in some)
 
-    runner = Runner(line, clock, take, lambda _: None, count(1).__next__, quiet=True)
+    runner = BusRunner(line, clock, take, lambda _: None, count(1).__next__, quiet=True)
     try:
         await runner.once()
     finally:
@@ -42,7 +42,7 @@ async def read_once(line: Line, clock: ServiceClock, *, keep_open: bool = False)
         else:
             await runner.close()
     return [
-        Answer(
+        DeviceAnswer(
             device.driver.device,
             tuple(readings[channel] for channel in device.driver.channels),
             device.answered_s,

@@ -19,7 +19,7 @@ Publish = Callable[[Sequence[Sample]], None]
 """Receives the readings of one device; must return at once."""
 
 
-class Runner:
+class BusRunner:
     """Polls the devices of one bus on a drift-free schedule.
 
     Healthy devices come first, in the order of the configuration; those that failed recently come after the steady

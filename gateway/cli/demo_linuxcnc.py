@@ -25,7 +25,7 @@ from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
 from gateway.probing import Outcome
-from simulators.linuxcnc.machine import HURRY, Machine, machine, missing
+from simulators.linuxcnc.machine import HURRY, LinuxCncMachine, machine, missing
 from simulators.plant import Environment, MachineDrive, Plant, load
 from talc.frame import Decision, FloatArray, Measurement, Phase, Why
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
@@ -50,7 +50,7 @@ _MACHINE = {
 }
 _TOOLS = "T99 P99 Z40 D6 ;touch probe\n"
 
-Say = Callable[[str], None]
+Announce = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def silence(silent_um: FloatArray) -> tuple[float, float]:
     return float(times[~moved][-1]), float(times[zero][0]) if zero.any() else math.inf
 
 
-async def show(folder: Path, say: Say) -> Shown:
+async def show(folder: Path, say: Announce) -> Shown:
     """The whole scene. folder: emptied. Raises DriverError when LinuxCNC is not available here or a cycle fails."""
     if (problem := missing()) is not None:
         raise DriverError(problem)
@@ -110,7 +110,7 @@ async def show(folder: Path, say: Say) -> Shown:
             return await _scene(operator, folder / "talc.key", listener.getsockname()[1], say)
 
 
-async def _scene(operator: Machine, key_file: Path, port: int, say: Say) -> Shown:
+async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Announce) -> Shown:
     clock = RealClock()
     nc = LinuxCnc(LinuxCncSettings(key_file=key_file, port=port, timeout_s=5.0), clock)
     config = _config(key_file, port)
@@ -147,7 +147,7 @@ async def _scene(operator: Machine, key_file: Path, port: int, say: Say) -> Show
     )
 
 
-async def _looked(operator: Machine, poses: int) -> FloatArray:
+async def _looked(operator: LinuxCncMachine, poses: int) -> FloatArray:
     """(poses, 3) centres in mm that look.ngc measures."""
     await operator.ask("run", "look.ngc")
     async with asyncio.timeout(_CYCLE_LIMIT_S):
@@ -180,7 +180,7 @@ async def _running(link: NcLink) -> AsyncIterator[None]:
             await task
 
 
-async def _silent(operator: Machine) -> FloatArray:
+async def _silent(operator: LinuxCncMachine) -> FloatArray:
     began = time.monotonic()
     rows: list[list[float]] = []
     while not rows or any(rows[-1][1:]):

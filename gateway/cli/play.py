@@ -12,7 +12,7 @@ import can
 
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
-from gateway.config.buses import Bus, CanOpenSection, CanSection, MeEthernetSection, ModbusTcpSection
+from gateway.config.buses import BusSection, CanOpenSection, CanSection, MeEthernetSection, ModbusTcpSection
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import unpacked
 from gateway.config.wires import toml_value, wires_toml
@@ -154,7 +154,7 @@ def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path)
     return f"ready: talc-gateway probe {file}; Ctrl-C stops"
 
 
-def _nowhere(bus: Bus, folder: Path) -> dict[str, object]:
+def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
     """An address at which a bus that never opened cannot be opened either."""
     absent = str(folder / bus.name)
     match bus:

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD, Parity
-from drivers.can import CAN_BITRATES, CAN_INTERFACES
+from drivers.can import CAN_BITRATES, CAN_INTERFACES, Stopped
 from drivers.canopen import CanOpenSettings
 from drivers.problems import read_settings
 from drivers.recognition import describe
@@ -23,8 +23,7 @@ from gateway.config import ConfigError, Problem
 from gateway.config.load import read
 from gateway.scan import (
     CanScan,
-    Report,
-    Stopped,
+    ScanReport,
     TcpScan,
     check,
     find_ports,
@@ -36,7 +35,7 @@ from gateway.scan import (
 )
 from gateway.scan import Progress as Told
 
-Run = Callable[[Told, Stopped, bool], Awaitable[Report]]
+ScanRun = Callable[[Told, Stopped, bool], Awaitable[ScanReport]]
 """A scan; the argument says whether a report's question was answered with yes."""
 
 _BAUDS = (9600, 19200, 38400, 57600, 115200)
@@ -208,13 +207,13 @@ def can_command(
     rate = "bit rate set by the system" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"
     intro = f"{interface} {channel}: listening, then asking {len(nodes)} nodes ({rate})"
 
-    def run(tell: Told, stopped: Stopped, anyway: bool) -> Awaitable[Report]:
+    def run(tell: Told, stopped: Stopped, anyway: bool) -> Awaitable[ScanReport]:
         return scan_can(replace(what, anyway=anyway), tell, stopped)
 
     _scan(intro, 2 * len(rates), what.longest_s, limit, toml, yes, run)
 
 
-def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path | None, yes: bool, run: Run) -> None:
+def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path | None, yes: bool, run: ScanRun) -> None:
     """Check the file, print the longest duration, scan with a progress bar, print the table, write the file."""
     _existing(toml)
     said = terminal(stderr=True)
@@ -248,8 +247,8 @@ def _existing(toml: Path | None) -> None:
 
 
 async def _run(
-    said: Console, total: int, limit_s: float, run: Callable[[Told, Stopped], Awaitable[Report]]
-) -> tuple[Report, str]:
+    said: Console, total: int, limit_s: float, run: Callable[[Told, Stopped], Awaitable[ScanReport]]
+) -> tuple[ScanReport, str]:
     """The report, and the reason if the scan ended early."""
     stop = asyncio.Event()
     stop_on_signals(stop)
@@ -274,7 +273,7 @@ async def _run(
     return report, f"stopped after {_duration(limit_s)}" if loop.time() > deadline else ""
 
 
-def _print(console: Console, report: Report) -> None:
+def _print(console: Console, report: ScanReport) -> None:
     for place in report.places:
         table = Table(
             "unit", "profile", "inputs", "evidence, and what they read", title=place.title, title_justify="left"
@@ -292,7 +291,7 @@ def _print(console: Console, report: Report) -> None:
     console.print(f"{len(report.found)} answered, {known} recognised")
 
 
-def _write(path: Path, report: Report, yes: bool) -> None:
+def _write(path: Path, report: ScanReport, yes: bool) -> None:
     if str(path) == "-":
         click.echo(merged("", report.places, Path("found.toml")), nl=False)
         return

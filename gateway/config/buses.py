@@ -70,7 +70,7 @@ class CanSection(CanSettings, Polled):
     """`can`."""
 
 
-Bus = Annotated[
+BusSection = Annotated[
     ModbusRtuSection | ModbusTcpSection | CanOpenSection | CanSection | MeRs485Section | MeEthernetSection,
     Field(discriminator="kind"),
 ]

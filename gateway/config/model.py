@@ -11,7 +11,7 @@ from pydantic import Field, PrivateAttr
 
 from drivers.profiles import UserProfile
 from drivers.section import Section, strictly
-from gateway.config.buses import Bus
+from gateway.config.buses import BusSection
 from gateway.config.controls import Nc
 from gateway.config.prior import PriorFile
 from gateway.config.sections import (
@@ -48,7 +48,7 @@ class GatewayConfig(Section):
     grid: Grid = Grid()
     storage: Storage = Storage()
     telemetry: Telemetry = Telemetry()
-    buses: tuple[Bus, ...] = Field(default=(), alias="bus")
+    buses: tuple[BusSection, ...] = Field(default=(), alias="bus")
     devices: tuple[Device, ...] = Field(default=(), alias="device")
     states: tuple[State, ...] = Field(default=(), alias="state")
     limits: Mapping[str, Limits] = Field(default_factory=dict)

@@ -9,7 +9,14 @@ import numpy as np
 from drivers.base import SetupError
 from drivers.build import check_device
 from drivers.profiles import profile_names
-from gateway.config.buses import Bus, CanOpenSection, CanSection, MeEthernetSection, MeRs485Section, ModbusRtuSection
+from gateway.config.buses import (
+    BusSection,
+    CanOpenSection,
+    CanSection,
+    MeEthernetSection,
+    MeRs485Section,
+    ModbusRtuSection,
+)
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem, suggestion
 from talc.probing import check_poses
@@ -64,7 +71,7 @@ def cautions(config: GatewayConfig) -> list[Problem]:
     return found
 
 
-def _serial_port(bus: Bus) -> tuple[str, str | None]:
+def _serial_port(bus: BusSection) -> tuple[str, str | None]:
     if isinstance(bus, ModbusRtuSection | MeRs485Section):
         return "port", bus.port
     if isinstance(bus, CanOpenSection | CanSection) and bus.interface == "slcan":

@@ -15,8 +15,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import ParamSpec, TypeVar
 
-Given = ParamSpec("Given")
-Result = TypeVar("Result")
+Arguments = ParamSpec("Arguments")
+Returned = TypeVar("Returned")
 
 _LIMIT_S = 3600.0
 """Real seconds; the papers' particle swarm over weeks of data takes minutes on a small computer."""
@@ -28,7 +28,7 @@ class WorkError(Exception):
     """The process ended without an answer; the message says how."""
 
 
-async def apart(work: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
+async def apart(work: Callable[Arguments, Returned], *given: Arguments.args, **named: Arguments.kwargs) -> Returned:
     """What `work`, a module's function, gives for these arguments. Cancelling ends the process.
 
     Raises WorkError: no process could be started, or the work raised, was killed, or took longer than an hour.
@@ -64,7 +64,7 @@ async def apart(work: Callable[Given, Result], *given: Given.args, **named: Give
     if status > 0:
         lines = complaint.decode(errors="replace").strip().splitlines() or ["it left no message"]
         raise WorkError(f"{lines[-1]} (exit status {status})")
-    found: Result = pickle.loads(answer)
+    found: Returned = pickle.loads(answer)
     return found
 
 

@@ -16,7 +16,7 @@ from drivers.nc import (
     NotSendable,
     NumericalControl,
     ProbingState,
-    ProbingStatus,
+    RequestStatus,
     Triple,
     WatchdogTerms,
 )
@@ -65,7 +65,7 @@ class _Contained:
     async def request_probing(self, number: int) -> None:
         await self._call("request_probing", self._nc.request_probing(number))
 
-    async def probing_status(self, number: int) -> ProbingStatus:
+    async def probing_status(self, number: int) -> RequestStatus:
         status = await self._call("probing_status", self._nc.probing_status(number))
         try:
             ProbingState(status.state)

@@ -10,7 +10,7 @@ from typing import Protocol, assert_never
 import numpy as np
 
 from drivers.base import Refused
-from drivers.nc import NumericalControl, ProbingState, ProbingStatus, Triple
+from drivers.nc import NumericalControl, ProbingState, RequestStatus, Triple
 from gateway.clock import ServiceClock
 from gateway.config.sections import Probing
 from gateway.probing.uninterrupted import to_its_end
@@ -117,7 +117,7 @@ class Rejected(Exception):
 
 async def run_cycle(
     nc: NumericalControl, number: int, clock: ServiceClock, *, poll_s: float, timeout_s: float
-) -> ProbingStatus:
+) -> RequestStatus:
     """Ask for cycle `number` and wait for its end.
 
     Raises NotBegun when it is refused or has not begun within `timeout_s` (the request is then withdrawn), Rejected
@@ -154,7 +154,7 @@ async def run_cycle(
             raise Rejected(text) if begun else NotBegun(text)
 
 
-def centres(status: ProbingStatus, poses: int) -> FloatArray:
+def centres(status: RequestStatus, poses: int) -> FloatArray:
     """(poses, 3) mm. Raises Rejected when the count or a number is wrong."""
     try:
         values = np.asarray(status.centres_mm if status.centres_mm is not None else [], dtype=float)

@@ -2,7 +2,7 @@
 
 from gateway.recordings.cells import second_of
 from gateway.recordings.columns import Columns
-from gateway.recordings.files import Table, is_database, open_table
+from gateway.recordings.files import FileTable, is_database, open_table
 from gateway.recordings.grid import Recording, read_recording
 from gateway.recordings.problems import FileProblems, RecordingError
 from gateway.recordings.wire_log import (
@@ -19,9 +19,9 @@ __all__ = [
     "BusTap",
     "Columns",
     "FileProblems",
+    "FileTable",
     "Recording",
     "RecordingError",
-    "Table",
     "WireEvent",
     "WireLog",
     "WireLogError",

@@ -29,7 +29,7 @@ class Chunk:
     columns: Sequence[Sequence[object]]
 
 
-class Table(Protocol):
+class FileTable(Protocol):
     """A file with a heading."""
 
     head: list[str]
@@ -47,7 +47,7 @@ def is_database(path: Path) -> bool:
         return file.read(len(_SQLITE)) == _SQLITE
 
 
-def open_table(path: Path) -> Table:
+def open_table(path: Path) -> FileTable:
     """What the file is, by its content. RecordingError: neither."""
     with path.open("rb") as file:
         parquet = file.read(len(_PARQUET)) == _PARQUET

@@ -11,12 +11,10 @@ import numpy as np
 from gateway.config.problems import Problem
 from gateway.recordings.cells import Times, numbers
 from gateway.recordings.columns import Columns, Roles, roles_of
-from gateway.recordings.files import Chunk, Table, open_table
+from gateway.recordings.files import Chunk, FileTable, open_table
 from gateway.recordings.problems import FileProblems, RecordingError
-from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
+from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray, IntArray
 from talc.names import THERMAL_ERRORS
-
-IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 _LEAST_STEPS = 12
 _ABOUT = 0.9
@@ -94,7 +92,7 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
     )
 
 
-def _read(table: Table, roles: Roles, problems: FileProblems) -> tuple[FloatArray, FloatArray]:
+def _read(table: FileTable, roles: Roles, problems: FileProblems) -> tuple[FloatArray, FloatArray]:
     """(rows,) s, and (rows, inputs and errors)."""
     names = (*roles.inputs, *roles.errors.values())
     largest = [LARGEST_INPUT] * len(roles.inputs) + [LARGEST_ERROR] * len(roles.errors)

@@ -25,7 +25,7 @@ _MOST_WAITING = 10_000
 """Lines that may wait for the disk; some seconds of a busy machine."""
 _LINE = re.compile(r"\((\d+\.\d+)\) (\w+) (?:([<>]) ([0-9a-f]*)|! (.+)|([0-9A-F]{3}|[0-9A-F]{8})#([0-9A-F]*) ([RT]))")
 
-Passed = Literal["sent", "received", "note"]
+PassedKind = Literal["sent", "received", "note"]
 
 
 class WireLogError(ValueError):
@@ -39,7 +39,7 @@ class WireEvent:
     at_s: float
     """UTC, seconds since 1970."""
     bus: str
-    passed: Passed
+    passed: PassedKind
     data: bytes = b""
     identifier: int | None = None
     """Of a CAN frame; None: bytes of a stream."""
@@ -243,7 +243,7 @@ def _event(line: str) -> WireEvent | None:
     digits = frame if identifier else stream
     if len(digits) % 2:
         return None
-    passed: Passed = "sent" if arrow == ">" or direction == "T" else "received"
+    passed: PassedKind = "sent" if arrow == ">" or direction == "T" else "received"
     if identifier is None:
         return WireEvent(float(at), bus, passed, bytes.fromhex(digits))
     return WireEvent(float(at), bus, passed, bytes.fromhex(digits), int(identifier, 16), len(identifier) == 8)

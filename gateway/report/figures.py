@@ -15,7 +15,7 @@ CYCLE_S = 120.0
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class SummaryRow:
     """One error or direction, after the end of calibration."""
 
     name: str
@@ -41,8 +41,8 @@ class Summary:
     """All figures of a run."""
 
     basis: str
-    rows: tuple[Row, ...]
-    tool: tuple[Row, ...]
+    rows: tuple[SummaryRow, ...]
+    tool: tuple[SummaryRow, ...]
     """Tool to workpiece through the control, X Y Z; only where the truth is known."""
     hours: float
     calibration_hours: float
@@ -53,7 +53,7 @@ class Summary:
     state_updates: int
     model_updates: int
     rejected_cycles: int
-    held: tuple[Row, ...] = ()
+    held: tuple[SummaryRow, ...] = ()
     """The peer: the same measurements, the last one held; only beside a recording."""
 
 
@@ -92,7 +92,7 @@ def summary(data: ReportData) -> Summary:
     )
 
 
-def _recorded(errors: FloatArray, estimate: FloatArray) -> tuple[Row, ...]:
+def _recorded(errors: FloatArray, estimate: FloatArray) -> tuple[SummaryRow, ...]:
     """Of the errors that were recorded after calibration."""
     return tuple(row for row in _rows(errors, errors - estimate) if np.isfinite(row.e_pv))
 
@@ -108,20 +108,20 @@ def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatA
     return errors[use], errors[use] - data.corrected[in_force]
 
 
-def _rows(before: FloatArray, after: FloatArray) -> tuple[Row, ...]:
+def _rows(before: FloatArray, after: FloatArray) -> tuple[SummaryRow, ...]:
     return tuple(
-        Row(n, ERROR_UNITS[n], peak_to_peak(b), rms(b), peak_to_peak(a), rms(a))
+        SummaryRow(n, ERROR_UNITS[n], peak_to_peak(b), rms(b), peak_to_peak(a), rms(a))
         for n, b, a in zip(THERMAL_ERRORS, before.T, after.T, strict=True)
     )
 
 
-def _tool(data: ReportData, begin_s: float) -> tuple[Row, ...]:
+def _tool(data: ReportData, begin_s: float) -> tuple[SummaryRow, ...]:
     truth = data.truth
     if truth is None:
         return ()
     use = (truth.time_s >= begin_s) & ~truth.probing
     return tuple(
-        Row(f"tool {axis}", MICROMETRE, peak_to_peak(b), rms(b), peak_to_peak(a), rms(a))
+        SummaryRow(f"tool {axis}", MICROMETRE, peak_to_peak(b), rms(b), peak_to_peak(a), rms(a))
         for axis, b, a in zip("XYZ", truth.uncompensated_um[use].T, truth.compensated_um[use].T, strict=True)
     )
 

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from drivers.base import BadAnswer, NoAnswer
-from drivers.can import CanSurvey, Heard
+from drivers.can import CanSurvey, Heard, Stopped
 from drivers.canopen import CanOpenBus, CanOpenSettings
 from drivers.recognition import Recognition, recognise_canopen
-from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
+from gateway.scan.found import Found, Place, Progress, ScanReport, read_inputs
 
 _MOST_FRAMES = 8
 """Identifiers of plain CAN that are listed."""
@@ -39,13 +39,13 @@ class CanScan:
         return len(self.bitrates) * (self.listen_s + self.asking_s)
 
 
-async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> Report:
+async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> ScanReport:
     """Listen at each bit rate, then ask the nodes at the one where something was heard.
 
     When nothing was heard and there are several rates, the report holds a question and nobody was asked: a wrong rate
     disturbs nodes that talk at another. Raises ConnectError.
     """
-    report = Report(total=2 * len(scan.bitrates))
+    report = ScanReport(total=2 * len(scan.bitrates))
     heard = {rate: Heard() for rate in scan.bitrates}
     for rate in scan.bitrates:
         if stopped():
@@ -94,7 +94,9 @@ def _ask(scan: CanScan, rate: int, heard: Heard, stopped: Stopped) -> None:
         survey.ask(scan.nodes, scan.wait_s, heard, stopped)
 
 
-async def _look(scan: CanScan, rate: int, heard: Heard, report: Report, progress: Progress, stopped: Stopped) -> None:
+async def _look(
+    scan: CanScan, rate: int, heard: Heard, report: ScanReport, progress: Progress, stopped: Stopped
+) -> None:
     """The identity of each node that answered."""
     settings = _at(scan, rate)
     bus = CanOpenBus("scan", settings.model_copy(update={"timeout_s": max(scan.wait_s, 0.1)}))
@@ -126,7 +128,7 @@ async def _look(scan: CanScan, rate: int, heard: Heard, report: Report, progress
         report.places.append(Place("canopen", options, tuple(found)))
 
 
-async def _recognise(bus: CanOpenBus, node: int, heard: Heard, report: Report) -> Recognition | None:
+async def _recognise(bus: CanOpenBus, node: int, heard: Heard, report: ScanReport) -> Recognition | None:
     state = heard.states.get(node)
     if node not in heard.device_types:
         report.remarks.append(
@@ -143,7 +145,7 @@ async def _recognise(bus: CanOpenBus, node: int, heard: Heard, report: Report) -
     return what
 
 
-def _note_others(heard: Heard, report: Report) -> None:
+def _note_others(heard: Heard, report: ScanReport) -> None:
     others = heard.unexplained()
     for (identifier, extended), count in list(others.items())[:_MOST_FRAMES]:
         kind = "29 bits" if extended else "11 bits"
@@ -154,7 +156,7 @@ def _note_others(heard: Heard, report: Report) -> None:
         report.remarks.append(f"and {len(others) - _MOST_FRAMES} more identifiers")
 
 
-def _note_silence(scan: CanScan, heard: dict[int, Heard], report: Report) -> None:
+def _note_silence(scan: CanScan, heard: dict[int, Heard], report: ScanReport) -> None:
     errors = sum(h.error_frames for h in heard.values())
     listed = ", ".join(map(str, scan.bitrates))
     report.remarks.append(

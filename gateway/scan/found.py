@@ -10,8 +10,6 @@ from drivers.recognition import Recognition
 from gateway.acquisition import Line, read_once, reading_text
 from gateway.clock import RealClock
 
-Stopped = Callable[[], bool]
-"""Called between two requests: True ends the scan."""
 Progress = Callable[[int, str], None]
 """Receives the number of requests done, and the next one."""
 
@@ -43,7 +41,7 @@ class Place:
 
 
 @dataclass(slots=True)
-class Report:
+class ScanReport:
     """The report of a scan."""
 
     places: list[Place] = field(default_factory=list)

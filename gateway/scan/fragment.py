@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drivers.profiles import load_profile
 from gateway.config import GatewayConfig, parse
-from gateway.config.buses import Bus
+from gateway.config.buses import BusSection
 from gateway.config.load import draft
 from gateway.config.wires import toml_value
 from gateway.scan.found import Found, Place
@@ -93,13 +93,13 @@ def _sections(group: list[Place], config: GatewayConfig, names: _Names, said: Co
     return sections + [_device(bus, device, names) for device in usable if not _has(config, bus, device)]
 
 
-def _existing_bus(config: GatewayConfig, place: Place) -> Bus | None:
+def _existing_bus(config: GatewayConfig, place: Place) -> BusSection | None:
     """The one on the same wire, whatever its protocol and speed."""
     where = {key: value for key, value in place.options.items() if key in ("port", "host", "channel")}
     return next((bus for bus in config.buses if _as_place(bus, place).options.items() >= where.items()), None)
 
 
-def _fits(bus: Bus, place: Place) -> bool:
+def _fits(bus: BusSection, place: Place) -> bool:
     """Whether what answers at the place would answer to the bus too."""
     there = dict(_as_place(bus, place).options)
     if there.get("interface") == "socketcan":  # the system sets the bit rate, not the file
@@ -107,7 +107,7 @@ def _fits(bus: Bus, place: Place) -> bool:
     return bus.kind == place.kind and there == dict(place.options)
 
 
-def _as_place(bus: Bus, place: Place) -> Place:
+def _as_place(bus: BusSection, place: Place) -> Place:
     """The bus, by the fields that a scan knows of the place."""
     options = bus.model_dump()
     return Place(bus.kind, {key: options[key] for key in place.options if key in options})

@@ -10,7 +10,7 @@ _WITHOUT_ID = ("ttyUSB*", "ttyACM*", "ttyAMA*")
 
 
 @dataclass(frozen=True, slots=True)
-class Port:
+class ScanPort:
     """One place for `scan`."""
 
     command: str
@@ -19,19 +19,19 @@ class Port:
     remark: str
 
 
-def find_ports(dev: Path = Path("/dev"), net: Path = Path("/sys/class/net")) -> list[Port]:
+def find_ports(dev: Path = Path("/dev"), net: Path = Path("/sys/class/net")) -> list[ScanPort]:
     """Serial ports, those with a permanent name first, then CAN interfaces."""
     by_id = dev / "serial" / "by-id"
     links = sorted(by_id.iterdir()) if by_id.is_dir() else []
     named = {link.resolve() for link in links}
-    found = [Port("serial", str(link), f"{link.resolve().name}{_allowed(link)}") for link in links]
+    found = [ScanPort("serial", str(link), f"{link.resolve().name}{_allowed(link)}") for link in links]
     others = [
         device for pattern in _WITHOUT_ID for device in sorted(dev.glob(pattern)) if device.resolve() not in named
     ]
-    found += [Port("serial", str(d), f"may have another name after a reboot{_allowed(d)}") for d in others]
+    found += [ScanPort("serial", str(d), f"may have another name after a reboot{_allowed(d)}") for d in others]
     interfaces = sorted(net.iterdir()) if net.is_dir() else []
     can = [interface for interface in interfaces if _read(interface / "type") == _CAN]
-    found += [Port("can", interface.name, _read(interface / "operstate") or "unknown") for interface in can]
+    found += [ScanPort("can", interface.name, _read(interface / "operstate") or "unknown") for interface in can]
     return found
 
 

@@ -7,10 +7,11 @@ from typing import Literal
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
 from drivers.bus_settings import Parity
+from drivers.can import Stopped
 from drivers.micro_epsilon import MeRs485Bus, MeRs485Settings
 from drivers.modbus import Block, ModbusRtuBus, ModbusRtuSettings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
-from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
+from gateway.scan.found import Found, Place, Progress, ScanReport, read_inputs
 
 Protocol = Literal["modbus_rtu", "me_rs485"]
 
@@ -67,12 +68,12 @@ def plan(
     return SerialScan(port, (*modbus, *me), timeout_s, function)
 
 
-async def scan_line(scan: SerialScan, progress: Progress, stopped: Stopped) -> Report:
+async def scan_line(scan: SerialScan, progress: Progress, stopped: Stopped) -> ScanReport:
     """Ask, until done or stopped; a request that is under way is finished first, so no unit is left answering.
 
     Raises ConnectError when the port cannot be opened at all.
     """
-    report = Report(total=scan.requests)
+    report = ScanReport(total=scan.requests)
     refused: dict[str, list[str]] = {}
     first_refusal: ConnectError | None = None
     for attempt in scan.tries:
@@ -93,7 +94,7 @@ async def scan_line(scan: SerialScan, progress: Progress, stopped: Stopped) -> R
     return report
 
 
-async def _try(scan: SerialScan, attempt: LineTry, report: Report, progress: Progress, stopped: Stopped) -> Place:
+async def _try(scan: SerialScan, attempt: LineTry, report: ScanReport, progress: Progress, stopped: Stopped) -> Place:
     line = {"port": scan.port, "baud": attempt.baud, "parity": attempt.parity}
     bus: ModbusRtuBus | MeRs485Bus
     if attempt.protocol == "modbus_rtu":

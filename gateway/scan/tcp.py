@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
+from drivers.can import Stopped
 from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
 from drivers.modbus import ModbusTcpBus, ModbusTcpSettings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
-from gateway.scan.found import Found, Place, Progress, Report, Stopped, read_inputs
+from gateway.scan.found import Found, Place, Progress, ScanReport, read_inputs
 from gateway.scan.serial import ANY_REGISTER
 
 _MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
@@ -37,9 +38,9 @@ class TcpScan:
         return self.requests * self.timeout_s
 
 
-async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> Report:
+async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> ScanReport:
     """Ask until done or stopped. A host that does not answer is a remark, not an error."""
-    report = Report(total=scan.requests)
+    report = ScanReport(total=scan.requests)
     for number, (host, port) in enumerate(scan.hosts, start=1):
         before, remarks = len(report.places), len(report.remarks)
         await _modbus(scan, host, port or _MODBUS_PORT, report, progress, stopped)
@@ -54,7 +55,9 @@ async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> Rep
     return report
 
 
-async def _modbus(scan: TcpScan, host: str, port: int, report: Report, progress: Progress, stopped: Stopped) -> None:
+async def _modbus(
+    scan: TcpScan, host: str, port: int, report: ScanReport, progress: Progress, stopped: Stopped
+) -> None:
     bus = ModbusTcpBus("scan", ModbusTcpSettings(host=host, port=port, timeout_s=scan.timeout_s))
     found: list[Found] = []
     odd: list[str] = []
@@ -110,7 +113,7 @@ def _said(error: DriverError) -> str:
     return f"{error.what} ({error.hint})" if error.hint else error.what
 
 
-async def _controller(host: str, port: int, timeout_s: float, report: Report) -> None:
+async def _controller(host: str, port: int, timeout_s: float, report: ScanReport) -> None:
     bus = MeEthernetBus("scan", MeEthernetSettings(host=host, port=port, timeout_s=timeout_s))
     try:
         await bus.connect()

@@ -28,7 +28,7 @@ def _texts(texts: type[StrEnum] | tuple[str, ...], description: str = "") -> Met
 Number = float | None
 ByError = Annotated[dict[str, Number], Meta(description="By thermal error; µm, and µm/m for EA0C, EB0C and EC0C")]
 Utc = Annotated[str, Meta(description="UTC, ISO 8601", extra_json_schema={"format": "date-time"})]
-Step = Annotated[int, Meta(description="Grid index: UTC seconds // grid step")]
+GridIndex = Annotated[int, Meta(description="Grid index: UTC seconds // grid step")]
 Offsets = Annotated[tuple[float, float, float], Meta(description="X, Y, Z at the tool centre point, µm")]
 Reason = Annotated[str, _texts(Why)]
 
@@ -58,7 +58,7 @@ class ReadingMessage(Message, frozen=True):
 class FrameMessage(Message, frozen=True):
     """`frame`: the inputs of one grid step."""
 
-    k: Step
+    k: GridIndex
     inputs: Annotated[dict[str, Number], Meta(description="By name; null without a good value")]
     measured: ByError | None
 
@@ -66,7 +66,7 @@ class FrameMessage(Message, frozen=True):
 class DecisionMessage(Message, frozen=True):
     """`decision`: what the controller made of one frame."""
 
-    k: Step
+    k: GridIndex
     phase: Annotated[str, _texts(Phase)]
     predicted: ByError
     corrected: ByError
@@ -99,7 +99,7 @@ class ModelMessage(Message, frozen=True):
     """`model/<error>`: what predicts this error from the step after `after_k` on."""
 
     error: str
-    after_k: Step
+    after_k: GridIndex
     inputs: tuple[str, ...]
     poles: Annotated[list[Number], Meta(description="Magnitudes")]
     static_gain: Annotated[list[Number], Meta(description="By input")]
@@ -111,7 +111,7 @@ class ModelMessage(Message, frozen=True):
 class EventMessage(Message, frozen=True):
     """`event`: the controller or the service reports something in words."""
 
-    k: Step | None
+    k: GridIndex | None
     kind: Annotated[str, _texts(EventKind)]
     text: str
     error: Annotated[str | None, Meta(description="Thermal error that it concerns")]
@@ -122,7 +122,7 @@ class EventMessage(Message, frozen=True):
 class CompensationMessage(Message, frozen=True):
     """`compensation`: one step of the compensation; not published in mode monitor."""
 
-    k: Annotated[Step | None, Meta(description="Grid index of the decision that was used")]
+    k: Annotated[GridIndex | None, Meta(description="Grid index of the decision that was used")]
     mode: Annotated[str, _texts(("advise", "compensate"))]
     source: Annotated[str, _texts(Source)]
     target_um: Offsets
@@ -168,7 +168,7 @@ class SensorFinding(Struct, frozen=True):
 class SensorsMessage(Message, frozen=True):
     """`sensors`: how the sensors agree with each other, each hour."""
 
-    k: Step
+    k: GridIndex
     findings: tuple[SensorFinding, ...]
     smallest_offset_K: Annotated[  # noqa: N815
         dict[str, Number], Meta(description="By input: the offset that this window would have shown")
@@ -191,7 +191,7 @@ class StatusMessage(Message, frozen=True):
     """`status`: the latest decision and how the gateway runs. Null before the first decision."""
 
     phase: Annotated[str | None, _texts(Phase)]
-    k: Step | None
+    k: GridIndex | None
     readings_dropped: Annotated[int, Meta(description="Not published, as the network was too slow")]
     periods_missed: Annotated[
         dict[str, int], Meta(description="By bus: nothing was read, as the read before took long")

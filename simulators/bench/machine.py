@@ -7,7 +7,7 @@ from pathlib import Path
 
 from simulators.clock import SharedClock
 from simulators.devices.source import ValueSource
-from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.plant import Environment, MachineDrive, Plant, load
 from simulators.plant.plant import RADIUS_MM, STEP_S
 from talc.names import THERMAL_ERRORS
@@ -106,8 +106,8 @@ class BenchMachine:
 def _day(seed: int, hours: float, start_hour: float) -> LoadCase:
     """The load case, after a rest in which the reference of all later measurements is taken."""
     later = LoadCase.random(seed, (hours + 24.0) * 3600.0, start_hour=start_hour + REST_S / 3600.0)
-    rest = Block(0.0, REST_S, Kind.PAUSE, Loads())
-    shifted = (Block(b.start_s + REST_S, b.end_s + REST_S, b.kind, b.loads) for b in later.blocks)
+    rest = DayPart(0.0, REST_S, Activity.PAUSE, MeanLoads())
+    shifted = (DayPart(b.start_s + REST_S, b.end_s + REST_S, b.kind, b.loads) for b in later.blocks)
     return LoadCase([rest, *shifted])
 
 

@@ -34,7 +34,7 @@ RANGE_UM = 500.0
 _HOST = "127.0.0.1"
 
 
-class RealClock:
+class ComputerClock:
     """Seconds of this computer."""
 
     def monotonic(self) -> float:
@@ -118,7 +118,7 @@ async def _controller(source: ValueSource, _: int, stack: AsyncExitStack) -> Sta
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class EmulatedDevice:
     """What can be emulated."""
 
     start: Start
@@ -133,17 +133,17 @@ class Device:
             raise ValueError(f"`values` has {scenario.channels} entries, but {name} has {possible} inputs")
 
 
-DEVICES: Mapping[str, Device] = {
-    "m7015": Device(_modbus(M7015), m7015.INPUTS, m7015.INPUTS),
-    "pta8d08": Device(_modbus(Pta8d08), pta8d08.INPUTS, pta8d08.INPUTS),
-    "voltage_input": Device(_modbus(lambda source: VoltageInput(source, range_um=RANGE_UM)), 1, 8),
-    "adam6015": Device(_modbus(Adam6015, tcp=True), adam6015.INPUTS, adam6015.INPUTS),
-    "wago464": Device(_modbus(Wago464, tcp=True), wago464.INPUTS, wago464.INPUTS),
-    "cia404": Device(_node, 1, 8),
-    "can_logger": Device(_logger, 1, 64),
-    "me_rs485": Device(_sensor(counted=False), 1, 1),
-    "me_dt6120": Device(_sensor(counted=True), 1, 1),
-    "me_ethernet": Device(_controller, 1, 32),
+DEVICES: Mapping[str, EmulatedDevice] = {
+    "m7015": EmulatedDevice(_modbus(M7015), m7015.INPUTS, m7015.INPUTS),
+    "pta8d08": EmulatedDevice(_modbus(Pta8d08), pta8d08.INPUTS, pta8d08.INPUTS),
+    "voltage_input": EmulatedDevice(_modbus(lambda source: VoltageInput(source, range_um=RANGE_UM)), 1, 8),
+    "adam6015": EmulatedDevice(_modbus(Adam6015, tcp=True), adam6015.INPUTS, adam6015.INPUTS),
+    "wago464": EmulatedDevice(_modbus(Wago464, tcp=True), wago464.INPUTS, wago464.INPUTS),
+    "cia404": EmulatedDevice(_node, 1, 8),
+    "can_logger": EmulatedDevice(_logger, 1, 64),
+    "me_rs485": EmulatedDevice(_sensor(counted=False), 1, 1),
+    "me_dt6120": EmulatedDevice(_sensor(counted=True), 1, 1),
+    "me_ethernet": EmulatedDevice(_controller, 1, 32),
 }
 
 
@@ -162,7 +162,7 @@ async def emulate(
     Raises ValueError for too many or too few values, NotOfThisDeviceError for something that cannot happen to it.
     """
     DEVICES[device].check(device, scenario)
-    clock = clock or RealClock()
+    clock = clock or ComputerClock()
     async with AsyncExitStack() as stack:
         settings, actions = await DEVICES[device].start(scenario.source(clock), unit, stack)
         scenario.check(device, actions)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from simulators.devices.source import Fault, Faults, ValueSource, clamp
+from simulators.devices.source import Faults, SensorFault, ValueSource, clamp
 
 INPUTS = 7
 PT100_150 = 0x03A4
@@ -38,14 +38,14 @@ class Adam6015:
             values = {i: self._register(i, value) for i, value in enumerate(self._source())}
             return values | {200 + i: code for i, code in enumerate(self._type_codes)}
         if function == 1:
-            return {120 + i: int(self.faults.by_channel.get(i) is Fault.OPEN) for i in range(INPUTS)}
+            return {120 + i: int(self.faults.by_channel.get(i) is SensorFault.OPEN) for i in range(INPUTS)}
         return {}
 
     def _register(self, channel: int, value: float) -> int:
         match self.faults.by_channel.get(channel):
-            case Fault.OPEN | Fault.OVER:
+            case SensorFault.OPEN | SensorFault.OVER:
                 return _FULL_SCALE
-            case Fault.SHORT | Fault.UNDER:
+            case SensorFault.SHORT | SensorFault.UNDER:
                 return 0
             case None:
                 low, high = _RANGES.get(self._type_codes[channel], _RANGES[PT100_150])

@@ -4,23 +4,28 @@ import asyncio
 import struct
 from collections.abc import Callable, Sequence
 
-from simulators.devices.slcan_adapter import Frame
-from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.slcan_adapter import CanFrame
+from simulators.devices.source import Faults, SensorFault, ValueSource
 
-_SENT = {Fault.OPEN: 0x7FFF, Fault.SHORT: -0x8000, Fault.OVER: 9000, Fault.UNDER: -2500}
+_SENT = {SensorFault.OPEN: 0x7FFF, SensorFault.SHORT: -0x8000, SensorFault.OVER: 9000, SensorFault.UNDER: -2500}
 
 
 class CanLogger:
     """Sends to `send` every `cycle_s` (real time), identifiers `first`, `first + 1`, ..., between start and stop."""
 
     def __init__(
-        self, source: ValueSource, send: Callable[[Sequence[Frame]], None], *, first: int = 0x300, cycle_s: float = 0.02
+        self,
+        source: ValueSource,
+        send: Callable[[Sequence[CanFrame]], None],
+        *,
+        first: int = 0x300,
+        cycle_s: float = 0.02,
     ) -> None:
         self._source, self._send, self._first, self._cycle_s = source, send, first, cycle_s
         self._timer: asyncio.TimerHandle | None = None
         self.faults = Faults()
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:  # noqa: ARG002 - it does not listen
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:  # noqa: ARG002 - it does not listen
         return ()
 
     def start(self) -> None:
@@ -36,7 +41,7 @@ class CanLogger:
         if not self.faults.silent:
             self._send(self.frames())
 
-    def frames(self) -> list[Frame]:
+    def frames(self) -> list[CanFrame]:
         """What one cycle sends."""
         counts = [
             _SENT[fault] if (fault := self.faults.by_channel.get(i)) is not None else round(value * 10)

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 
-from simulators.devices.slcan_adapter import Frame
-from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.slcan_adapter import CanFrame
+from simulators.devices.source import Faults, SensorFault, ValueSource
 
 PT100 = 30
 DEGREE_CELSIUS = 0x002D0000
@@ -28,9 +28,9 @@ _VENDOR_IDS = {"axiomatic": 0x55, "esd": 0x17}
 _PRODUCT, _REVISION, _SERIAL = 404, 0x0001_0002, 4711
 
 _STATUS_BITS = {
-    "jumo": {Fault.OPEN: 0x01, Fault.SHORT: 0x01, Fault.OVER: 0x02, Fault.UNDER: 0x04},
-    "axiomatic": {Fault.OPEN: 0x03, Fault.SHORT: 0x10, Fault.OVER: 0x20, Fault.UNDER: 0x10},
-    "esd": {Fault.OPEN: 0x01, Fault.SHORT: 0x01, Fault.OVER: 0x02, Fault.UNDER: 0x04},
+    "jumo": {SensorFault.OPEN: 0x01, SensorFault.SHORT: 0x01, SensorFault.OVER: 0x02, SensorFault.UNDER: 0x04},
+    "axiomatic": {SensorFault.OPEN: 0x03, SensorFault.SHORT: 0x10, SensorFault.OVER: 0x20, SensorFault.UNDER: 0x10},
+    "esd": {SensorFault.OPEN: 0x01, SensorFault.SHORT: 0x01, SensorFault.OVER: 0x02, SensorFault.UNDER: 0x04},
 }
 
 
@@ -83,7 +83,7 @@ class Cia404Node:
         """The program that sends the heartbeat hangs; the SDO server does not."""
         self.faults = Faults()
 
-    def start(self, send: Callable[[Sequence[Frame]], None]) -> None:
+    def start(self, send: Callable[[Sequence[CanFrame]], None]) -> None:
         """Send by itself from now on."""
         self._every(self._heartbeat_ms, self._beat, send)
         self._every(self._event_ms, self._event, send)
@@ -95,7 +95,7 @@ class Cia404Node:
         self._timers.clear()
 
     def _every(
-        self, interval_ms: int, frames: Callable[[], Sequence[Frame]], send: Callable[[Sequence[Frame]], None]
+        self, interval_ms: int, frames: Callable[[], Sequence[CanFrame]], send: Callable[[Sequence[CanFrame]], None]
     ) -> None:
         def tick() -> None:
             self._every(interval_ms, frames, send)
@@ -105,10 +105,10 @@ class Cia404Node:
         if interval_ms:
             self._timers[frames.__name__] = asyncio.get_running_loop().call_later(interval_ms / 1000, tick)
 
-    def _beat(self) -> Sequence[Frame]:
+    def _beat(self) -> Sequence[CanFrame]:
         return () if self.heartbeat_stopped else ((0x700 + self._node_id, bytes((_HEARTBEAT_STATE[self._state],))),)
 
-    def _event(self) -> Sequence[Frame]:
+    def _event(self) -> Sequence[CanFrame]:
         return self._tpdos() if self._state == Nmt.START else ()
 
     def set_sensor_type(self, channel: int, code: int) -> None:
@@ -119,17 +119,17 @@ class Cia404Node:
         """When all TPDOs are sent: 1 after each SYNC, 254 and 255 on events (here the timer's only)."""
         self._transmission_type = kind
 
-    def reboot(self) -> Sequence[Frame]:
+    def reboot(self) -> Sequence[CanFrame]:
         """It was without power and is back: it says so, and waits for somebody to start it."""
         self.faults.silent = False
         return self._network_management(Nmt.RESET_NODE)
 
-    def emergency(self, code: int) -> Sequence[Frame]:
+    def emergency(self, code: int) -> Sequence[CanFrame]:
         """What it sends when an error of its own begins; codes 00xx take it back (CiA 301)."""
         register = 1 if code & 0xFF00 else 0
         return ((0x80 + self._node_id, code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0))),)
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         if self.faults.silent:
             return ()
         if identifier == 0x600 + self._node_id and len(data) == 8 and self._state != Nmt.STOP:
@@ -141,7 +141,7 @@ class Cia404Node:
             return self._tpdos()
         return ()
 
-    def _network_management(self, command: int) -> Sequence[Frame]:
+    def _network_management(self, command: int) -> Sequence[CanFrame]:
         if command in (Nmt.START, Nmt.STOP, Nmt.PRE_OPERATIONAL):
             self._state = Nmt(command)
         if command in (Nmt.RESET_NODE, Nmt.RESET_COMMUNICATION):
@@ -215,10 +215,10 @@ class Cia404Node:
         pairs = [[(value, i, size) for i in subindices[start : start + 2]] for start in range(0, len(subindices), 2)]
         return [*pairs, [(0x6150, i, 1) for i in subindices]]
 
-    def _tpdos(self) -> Sequence[Frame]:
+    def _tpdos(self) -> Sequence[CanFrame]:
         return tuple(self._tpdo(number) for number in range(len(self._mapping())))
 
-    def _tpdo(self, number: int) -> Frame:
+    def _tpdo(self, number: int) -> CanFrame:
         parts = (self._object(index, subindex) for index, subindex, _ in self._mapping()[number])
         data = b"".join(part for part in parts if isinstance(part, bytes))
         return 0x180 + 0x100 * number + self._node_id, data
@@ -245,15 +245,15 @@ class Cia404Node:
         fault = self.faults.by_channel.get(channel)
         if fault is None:
             value = self._source()[channel]
-            fault = Fault.OVER if value > _HIGH else Fault.UNDER if value < _LOW else None
+            fault = SensorFault.OVER if value > _HIGH else SensorFault.UNDER if value < _LOW else None
         return 0 if fault is None else self._status_bits[fault]
 
     def _shown(self, channel: int) -> float:
         """The temperature; a broken input shows an end of the range."""
         match self.faults.by_channel.get(channel):
-            case Fault.OPEN | Fault.OVER:
+            case SensorFault.OPEN | SensorFault.OVER:
                 return _HIGH
-            case Fault.SHORT | Fault.UNDER:
+            case SensorFault.SHORT | SensorFault.UNDER:
                 return _LOW
             case None:
                 return min(max(self._source()[channel], _LOW), _HIGH)

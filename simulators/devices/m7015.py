@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.source import Faults, SensorFault, ValueSource
 
 INPUTS = 6
 PT100_200 = 0x2E
@@ -49,9 +49,9 @@ class M7015:
     def _register(self, channel: int, value: float) -> int:
         low, high = _RANGES.get(self._type_codes[channel], (-200.0, 200.0))
         match self.faults.by_channel.get(channel):
-            case Fault.OPEN | Fault.OVER:
+            case SensorFault.OPEN | SensorFault.OVER:
                 return _OVER
-            case Fault.SHORT | Fault.UNDER:
+            case SensorFault.SHORT | SensorFault.UNDER:
                 return _UNDER
             case None:
                 if value > high:

@@ -4,7 +4,7 @@ import asyncio
 import struct
 
 from simulators.devices.loopback import Connection, LoopbackServer
-from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.source import Faults, SensorFault, ValueSource
 from simulators.devices.spoil import Spoil, send
 
 _FULL_SCALE = 0xFFFFFF
@@ -48,9 +48,9 @@ class MeController:
 
     def _raw(self, channel: int, distance_um: float) -> int:
         match self.faults.by_channel.get(channel):
-            case Fault.OPEN | Fault.OVER:
+            case SensorFault.OPEN | SensorFault.OVER:
                 return _FULL_SCALE + 1000
-            case Fault.SHORT | Fault.UNDER:
+            case SensorFault.SHORT | SensorFault.UNDER:
                 return -1000
             case None:
                 return round(distance_um / self._range_um * _FULL_SCALE)

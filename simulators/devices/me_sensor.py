@@ -6,7 +6,7 @@ from math import isnan, nan
 from typing import Literal
 
 from simulators.devices.pty_port import PtyPort
-from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.source import Faults, SensorFault, ValueSource
 from simulators.devices.spoil import Spoil, send
 
 ADDRESS = 0x7E
@@ -53,11 +53,11 @@ class MeSensor:
 
     def _unscaled(self) -> float:
         match self.faults.by_channel.get(0):
-            case Fault.OPEN | Fault.SHORT:
+            case SensorFault.OPEN | SensorFault.SHORT:
                 return nan
-            case Fault.OVER:
+            case SensorFault.OVER:
                 return 1.1
-            case Fault.UNDER:
+            case SensorFault.UNDER:
                 return -0.1
             case None:
                 return self._source()[0] / self._range_um

@@ -9,7 +9,7 @@ from threading import Event, Thread, Timer
 import can
 from can.interfaces.udp_multicast.utils import pack_message
 
-from simulators.devices.slcan_adapter import CanNode, Frame
+from simulators.devices.slcan_adapter import CanFrame, CanNode
 from simulators.devices.spoil import Spoil
 
 _WAIT_S = 0.05
@@ -41,7 +41,7 @@ class MulticastBus:
             self._bus.shutdown()
             self._thread = self._bus = None
 
-    def send(self, frames: Sequence[Frame]) -> None:
+    def send(self, frames: Sequence[CanFrame]) -> None:
         """Frames that nodes send by themselves."""
         for identifier, data in frames:
             if self._bus is None:

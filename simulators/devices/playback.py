@@ -9,11 +9,11 @@ from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.pty_port import PtyPort
 from simulators.devices.script import HANG_UP, Said, Script, frame_key, frame_of, numbered
-from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
 
 _MBAP = 7
 
-Say = Callable[[bytes | None], None]
+Transmit = Callable[[bytes | None], None]
 
 
 class PlayedLine:
@@ -127,7 +127,7 @@ class PlayedAdapter:
         self._timers.stop()
         await self._adapter.stop()
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         """As a node on the adapter's bus: what was said to this frame, when it was said."""
         self._timers.say(self._script.answer(frame_key(identifier, data)), self._say)
         return ()
@@ -157,7 +157,7 @@ class PlayedGroup:
         self._timers.stop()
         await asyncio.to_thread(self._bus.stop)
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         """In the bus's thread: it is answered from the event loop."""
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._heard, frame_key(identifier, data))
@@ -181,12 +181,12 @@ class _Timers:
     def __init__(self) -> None:
         self._waiting: set[asyncio.TimerHandle] = set()
 
-    def say(self, said: Sequence[Said], to: Say) -> None:
+    def say(self, said: Sequence[Said], to: Transmit) -> None:
         """Each after its delay; without delay at once, in order."""
         for delay_s, data in said:
             self._later(delay_s, to, data)
 
-    def repeat(self, script: Script, to: Say) -> None:
+    def repeat(self, script: Script, to: Transmit) -> None:
         """What is unasked, over and over."""
         if not script.unasked:
             return
@@ -200,7 +200,7 @@ class _Timers:
             timer.cancel()
         self._waiting.clear()
 
-    def _later(self, delay_s: float, to: Say, data: bytes | None) -> None:
+    def _later(self, delay_s: float, to: Transmit, data: bytes | None) -> None:
         self._after(delay_s, lambda: to(data))
 
     def _after(self, delay_s: float, what: Callable[[], None]) -> None:

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.source import Faults, SensorFault, ValueSource
 
 INPUTS = 8
-_SHOWN = {Fault.OPEN: 97.7, Fault.SHORT: -200.0, Fault.OVER: 400.0, Fault.UNDER: -200.0}
+_SHOWN = {SensorFault.OPEN: 97.7, SensorFault.SHORT: -200.0, SensorFault.OVER: 400.0, SensorFault.UNDER: -200.0}
 _A, _B = 3.9083e-3, -5.775e-7  # Callendar-Van Dusen, IEC 60751
 
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from math import inf, isfinite
 from typing import Protocol
 
-from simulators.devices.source import Actions, Fault, ValueSource
+from simulators.devices.source import Actions, SensorFault, ValueSource
 
 
 def _is_truth(value: object) -> bool:
@@ -152,9 +152,9 @@ class Scenario:
             self._values.append([float(v) for v in values])
         if "fault" in entry:
             kind, channel = entry["fault"], _channel(where, "channel", entry.get("channel"))
-            if str(kind) not in set(Fault):
-                raise ValueError(f"{where}.fault = {kind!r}: expected one of {', '.join(Fault)}")
-            self._changes.append(_Change(at_s, f"{where}.fault", "fault", (channel, Fault(str(kind)))))
+            if str(kind) not in set(SensorFault):
+                raise ValueError(f"{where}.fault = {kind!r}: expected one of {', '.join(SensorFault)}")
+            self._changes.append(_Change(at_s, f"{where}.fault", "fault", (channel, SensorFault(str(kind)))))
             self._named.append((f"{where}.channel", channel))
         if "mend" in entry:
             mended = _channel(where, "mend", entry["mend"])

@@ -6,7 +6,7 @@ from typing import Protocol
 from simulators.devices.pty_port import PtyPort
 from simulators.devices.spoil import Spoil, send
 
-Frame = tuple[int, bytes]
+CanFrame = tuple[int, bytes]
 """Identifier (11 bits; one of 29 bits has 1 << 31 added) and up to 8 data bytes."""
 
 _RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
@@ -18,7 +18,7 @@ _LONGEST_LINE = 64
 class CanNode(Protocol):
     """Something on the CAN bus."""
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         """What the node sends when this frame passes."""
         ...
 
@@ -46,7 +46,7 @@ class SlcanAdapter:
     async def stop(self) -> None:
         await self._port.stop()
 
-    def send(self, frames: Sequence[Frame]) -> None:
+    def send(self, frames: Sequence[CanFrame]) -> None:
         """Frames that nodes send by themselves: boot-up, heartbeat, emergency."""
         if self._open and not self.bus_off and self._set == self._bitrate:
             self._pass(frames)
@@ -92,7 +92,7 @@ class SlcanAdapter:
         self._pass([frame for node in self._nodes for frame in node.on_frame(identifier, data)])
         return b""
 
-    def _pass(self, frames: Sequence[Frame]) -> None:
+    def _pass(self, frames: Sequence[CanFrame]) -> None:
         if self.spoil is None:
             self._port.write(b"".join(_line(*frame) for frame in frames))
             return

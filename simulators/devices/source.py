@@ -11,7 +11,7 @@ Actions = dict[str, Callable[[Any], None]]
 """What a scenario can do to a device: its key to what takes the key's value."""
 
 
-class Fault(StrEnum):
+class SensorFault(StrEnum):
     """What can be wrong with one sensor."""
 
     OPEN = "open"
@@ -24,11 +24,11 @@ class Fault(StrEnum):
 class Faults:
     """Faults in force; changed at any time, seen at the next request."""
 
-    by_channel: dict[int, Fault] = field(default_factory=dict)
+    by_channel: dict[int, SensorFault] = field(default_factory=dict)
     silent: bool = False
     """The device hears and does not answer."""
 
-    def set(self, channel: int, fault: Fault | None) -> None:
+    def set(self, channel: int, fault: SensorFault | None) -> None:
         """Break a channel's sensor, or mend it with None."""
         if fault is None:
             self.by_channel.pop(channel, None)

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.source import Faults, SensorFault, ValueSource
 
-_SHOWN = {Fault.OPEN: 0, Fault.SHORT: 0, Fault.OVER: 0x7FFF, Fault.UNDER: 0x8000}
+_SHOWN = {SensorFault.OPEN: 0, SensorFault.SHORT: 0, SensorFault.OVER: 0x7FFF, SensorFault.UNDER: 0x8000}
 _MV_AT_FULL_SCALE = 10_000
 
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 
-from simulators.devices.source import Fault, Faults, ValueSource
+from simulators.devices.source import Faults, SensorFault, ValueSource
 
 INPUTS = 4
 _LOW, _HIGH = -2000, 8500
-_STATUS = {Fault.UNDER: 0x41, Fault.OVER: 0x42, Fault.SHORT: 0x51, Fault.OPEN: 0x62}
+_STATUS = {SensorFault.UNDER: 0x41, SensorFault.OVER: 0x42, SensorFault.SHORT: 0x51, SensorFault.OPEN: 0x62}
 
 
 class Wago464:
@@ -34,7 +34,7 @@ class Wago464:
         """Status byte and value; the value clamps at an end of the range."""
         fault = self.faults.by_channel.get(channel)
         if fault is None:
-            fault = Fault.OVER if tenths > _HIGH else Fault.UNDER if tenths < _LOW else None
+            fault = SensorFault.OVER if tenths > _HIGH else SensorFault.UNDER if tenths < _LOW else None
         if fault is None:
             return 0, tenths
-        return _STATUS[fault], _HIGH if fault in (Fault.OVER, Fault.OPEN) else _LOW
+        return _STATUS[fault], _HIGH if fault in (SensorFault.OVER, SensorFault.OPEN) else _LOW

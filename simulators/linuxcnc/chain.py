@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
-Point = tuple[float, float, float]
+Xyz = tuple[float, float, float]
 
 
-def centre_mm(errors: Sequence[float], a_deg: float, c_deg: float, radius_mm: float, height_mm: float) -> Point:
+def centre_mm(errors: Sequence[float], a_deg: float, c_deg: float, radius_mm: float, height_mm: float) -> Xyz:
     """Centre of the sphere from where A and C meet, machine axes.
 
     errors: nine in the order of THERMAL_ERRORS, µm and µm/m, ER0T at the sphere's radius; chain

@@ -43,7 +43,7 @@ _REAL_TIME_USER = 65534
 _BOOT_S, _ANSWER_S, _STOP_S = 60.0, 60.0, 30.0
 
 
-class Machine:
+class LinuxCncMachine:
     """What the operator can do at the control."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
@@ -95,7 +95,7 @@ async def machine(
     sphere: bool = False,
     settings: Mapping[str, object] | None = None,
     tools: str | None = None,
-) -> AsyncIterator[Machine]:
+) -> AsyncIterator[LinuxCncMachine]:
     """LinuxCNC from ready until it has shut itself down.
 
     folder: an empty one; becomes its /tmp. key: what the agent shares with its client; empty: no agent. agent: a
@@ -139,7 +139,7 @@ async def machine(
         pass_fds=() if agent is None else (agent.fileno(),),
     )
     try:
-        it = Machine(process)
+        it = LinuxCncMachine(process)
         await it.line(_BOOT_S)
         yield it
     finally:

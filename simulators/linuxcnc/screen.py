@@ -22,7 +22,7 @@ _LISTENS = "0A"
 """TCP_LISTEN in /proc/net/tcp."""
 
 
-class Control:
+class ControlScreen:
     def __init__(self) -> None:
         self.command, self.stat, self.errors = linuxcnc.command(), linuxcnc.stat(), linuxcnc.error_channel()
         self.sphere = _sphere() if Path("sphere.hal").exists() else None
@@ -189,7 +189,7 @@ VERBS = (
 
 
 def main() -> None:
-    control = Control()
+    control = ControlScreen()
     verbs = {name: getattr(control, name) for name in VERBS}
     print(json.dumps({"ready": linuxcnc.version}), flush=True)
     for line in sys.stdin:

@@ -2,21 +2,21 @@
 
 from simulators.nc.access import Security, User
 from simulators.nc.control import EmulatedControl
-from simulators.nc.cycle import CycleSettings, Reason
+from simulators.nc.cycle import CycleSettings, ReasonCode
 from simulators.nc.nck import MachineState, MachineUnderControl, Nck
-from simulators.nc.program import Block, Kind, LoadCase, Loads
+from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
 
 __all__ = [
-    "Block",
+    "Activity",
     "CycleSettings",
+    "DayPart",
     "EmulatedControl",
-    "Kind",
     "LoadCase",
-    "Loads",
     "MachineState",
     "MachineUnderControl",
+    "MeanLoads",
     "Nck",
-    "Reason",
+    "ReasonCode",
     "Security",
     "User",
 ]

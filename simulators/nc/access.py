@@ -15,10 +15,10 @@ from asyncua.server.user_managers import UserManager
 from asyncua.ua.status_codes import StatusCodes
 from cryptography import x509
 
-from simulators.nc.variables import Right
+from simulators.nc.variables import AccessRight
 
 APPLICATION_URI = "urn:emulated:sinumerik"
-ALL_RIGHTS = frozenset(Right)
+ALL_RIGHTS = frozenset(AccessRight)
 NOBODY = Session(role=UserRole.Anonymous)
 
 
@@ -27,7 +27,7 @@ class User:
     """Someone the control lets in, and what for."""
 
     password: str
-    rights: frozenset[Right] = ALL_RIGHTS
+    rights: frozenset[AccessRight] = ALL_RIGHTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class Users(UserManager):
         user = self._users.get(username or "")
         return Session(role=UserRole.User, name=username) if user is not None and user.password == password else None
 
-    def rights(self, session: Session) -> frozenset[Right]:
+    def rights(self, session: Session) -> frozenset[AccessRight]:
         """What somebody who logged in may do."""
         if self._users is None:
             return ALL_RIGHTS

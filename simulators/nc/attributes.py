@@ -15,7 +15,7 @@ from asyncua.ua.uatypes import DateTime, Int16, NodeId, StatusCode, String, UInt
 
 from simulators.nc.access import NOBODY, Users
 from simulators.nc.nck import R_STATE, MachineState
-from simulators.nc.variables import Right, Value, Variable
+from simulators.nc.variables import AccessRight, Value, Variable
 
 PROBING = f"/Channel/Parameter/R[u1,{R_STATE}]"
 
@@ -87,7 +87,7 @@ class Attributes(AttributeService):
         self._kernel.wake()
         return results
 
-    def _write(self, variable: Variable, value: ua.DataValue, rights: frozenset[Right]) -> int:
+    def _write(self, variable: Variable, value: ua.DataValue, rights: frozenset[AccessRight]) -> int:
         if variable.write is None:
             return int(StatusCodes.BadNotWritable)
         if variable.writable_with not in rights:

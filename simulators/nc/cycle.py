@@ -27,7 +27,7 @@ class CycleState(IntEnum):
     FAILED = 5
 
 
-class Reason(IntEnum):
+class ReasonCode(IntEnum):
     """Value of the handshake's reason parameter."""
 
     NONE = 0
@@ -69,12 +69,12 @@ class CycleSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class CycleAnswer:
     """What the control says about the last request it dealt with."""
 
     number: int
     state: CycleState
-    reason: Reason = Reason.NONE
+    reason: ReasonCode = ReasonCode.NONE
     centres_mm: tuple[Centre, ...] = ()
 
 
@@ -105,8 +105,8 @@ class ProbingCycle:
         """Safe point at which the cycle under way began; None when none is."""
         self.ended: list[tuple[float, float]] = []
         """Start and end of every cycle that was begun and is over, in order."""
-        self.answer = Answer(0, CycleState.IDLE)
-        self._inhibited = Reason.NONE
+        self.answer = CycleAnswer(0, CycleState.IDLE)
+        self._inhibited = ReasonCode.NONE
 
     @property
     def next_event_s(self) -> float | None:
@@ -117,7 +117,7 @@ class ProbingCycle:
         """Ask for cycle `number`; while another is under way this one waits for its end."""
         self._waiting = (number, now_s + valid_for_s)
         if self.started_s is None:
-            if self._inhibited is not Reason.NONE:
+            if self._inhibited is not ReasonCode.NONE:
                 self._refuse(self._inhibited)
             else:
                 self._due_s = self._next_chance(now_s)
@@ -125,21 +125,21 @@ class ProbingCycle:
     def withdraw(self, now_s: float, number: int) -> None:
         """Take request `number` back; a cycle under way stops and fails. Other numbers change nothing."""
         if self._waiting is not None and self._waiting[0] == number:
-            self._refuse(Reason.WITHDRAWN)
+            self._refuse(ReasonCode.WITHDRAWN)
         elif self.started_s is not None and self.answer.number == number:
-            self.interrupt(now_s, Reason.WITHDRAWN)
+            self.interrupt(now_s, ReasonCode.WITHDRAWN)
 
-    def inhibit(self, now_s: float, reason: Reason) -> None:
+    def inhibit(self, now_s: float, reason: ReasonCode) -> None:
         """Forbid probing for a reason (NONE: allow it again): refuses who waits, ends the cycle under way."""
         self._inhibited = reason
-        if reason is not Reason.NONE:
+        if reason is not ReasonCode.NONE:
             self.interrupt(now_s, reason)
             self._refuse(reason)
 
-    def interrupt(self, now_s: float, reason: Reason) -> None:
+    def interrupt(self, now_s: float, reason: ReasonCode) -> None:
         """End the cycle under way as failed."""
         if self.started_s is not None:
-            self._end(now_s, Answer(self.answer.number, CycleState.FAILED, reason))
+            self._end(now_s, CycleAnswer(self.answer.number, CycleState.FAILED, reason))
 
     def advance(self, now_s: float) -> None:
         """Do all that was due until now, in order."""
@@ -149,13 +149,13 @@ class ProbingCycle:
     def _step(self, now_s: float) -> None:
         match self.answer.state:
             case CycleState.ACCEPTED:
-                self.answer = Answer(self.answer.number, CycleState.RUNNING)
+                self.answer = CycleAnswer(self.answer.number, CycleState.RUNNING)
                 self._pose, self._centres = 0, []
                 self._due_s = self._start + self._settings.touch_offset_s(0)
             case CycleState.RUNNING if self._pose < len(self._settings.poses_deg):
                 centre = self._touch(now_s, self._pose)
                 if centre is None:
-                    self._end(now_s, Answer(self.answer.number, CycleState.FAILED, Reason.NO_CONTACT))
+                    self._end(now_s, CycleAnswer(self.answer.number, CycleState.FAILED, ReasonCode.NO_CONTACT))
                     return
                 self._centres.append(centre)
                 self._pose += 1
@@ -163,7 +163,9 @@ class ProbingCycle:
                 offset = self._settings.duration_s if last else self._settings.touch_offset_s(self._pose)
                 self._due_s = self._start + offset
             case CycleState.RUNNING:
-                self._end(now_s, Answer(self.answer.number, CycleState.DONE, Reason.NONE, tuple(self._centres)))
+                self._end(
+                    now_s, CycleAnswer(self.answer.number, CycleState.DONE, ReasonCode.NONE, tuple(self._centres))
+                )
             case _:
                 self._begin(now_s)
 
@@ -177,27 +179,27 @@ class ProbingCycle:
             return
         number, expires_s = self._waiting
         if now_s >= expires_s:
-            self._refuse(Reason.EXPIRED)
+            self._refuse(ReasonCode.EXPIRED)
         else:
             self._waiting = None
             self.started_s = now_s
-            self.answer = Answer(number, CycleState.ACCEPTED)
+            self.answer = CycleAnswer(number, CycleState.ACCEPTED)
             self._due_s = now_s + self._settings.approach_s
 
     def _next_chance(self, now_s: float) -> float:
         expires_s = self._waiting[1] if self._waiting is not None else math.inf
         return min(self.next_safe_point(now_s), expires_s)
 
-    def _refuse(self, reason: Reason) -> None:
+    def _refuse(self, reason: ReasonCode) -> None:
         if self._waiting is None:
             return
-        refused = Answer(self._waiting[0], CycleState.REFUSED, reason)
+        refused = CycleAnswer(self._waiting[0], CycleState.REFUSED, reason)
         self._waiting = None
         if self.started_s is None:
             self.answer = refused
             self._due_s = math.inf
 
-    def _end(self, now_s: float, answer: Answer) -> None:
+    def _end(self, now_s: float, answer: CycleAnswer) -> None:
         self.ended.append((self._start, now_s))
         self.started_s = None
         self.answer = answer

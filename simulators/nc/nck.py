@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, Reason
-from simulators.nc.program import Block, Kind, LoadCase, Loads
+from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, ReasonCode
+from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_SLOPE_RAMP, R_WATCH, Logged, Watchdog
 
 AXES = ("X", "Y", "Z", "A", "C")
@@ -57,7 +57,7 @@ class MachineState:
     time_s: float
     positions: dict[str, float]
     """X Y Z in mm, A C in degrees, machine coordinates."""
-    loads: Loads
+    loads: MeanLoads
     mode: int
     program_status: int
     tool: int
@@ -149,7 +149,7 @@ class Nck:
         return MachineState(
             time_s=time_s,
             positions=positions,
-            loads=Loads() if self.alarms else loads,
+            loads=MeanLoads() if self.alarms else loads,
             mode=self.mode,
             program_status=INTERRUPTED if self.alarms else status,
             tool=tool,
@@ -157,7 +157,7 @@ class Nck:
             alarms=self.alarms,
         )
 
-    def mean_loads(self, start_s: float, end_s: float) -> Loads:
+    def mean_loads(self, start_s: float, end_s: float) -> MeanLoads:
         """Exact mean of the loads over a stretch of time that is over, probing cycles included. Alarms are not."""
         if not end_s > start_s:
             raise ValueError(f"start_s = {start_s}, end_s = {end_s}: expected an end after the start")
@@ -171,7 +171,7 @@ class Nck:
             low, high = max(begin, start_s), min(end, end_s)
             if high > low:
                 total += cycle_loads * (high - low) - (self.program.integral(high) - self.program.integral(low))
-        return Loads(*(float(v) for v in total / (end_s - start_s)))
+        return MeanLoads(*(float(v) for v in total / (end_s - start_s)))
 
     # What the protocol side writes -----------------------------------------------------------------------------------
 
@@ -201,7 +201,7 @@ class Nck:
     def power_on(self, now_s: float) -> None:
         """Switched off and on again: TALC_START takes the offsets away, no gateway is known, no axis is referenced."""
         self.advance(now_s)
-        self.cycle.interrupt(now_s, Reason.STOPPED)
+        self.cycle.interrupt(now_s, ReasonCode.STOPPED)
         self.k0_mm[:] = self.slope[:] = [0.0] * 3
         self.table_weight[:] = [0.0] * len(CEC_TABLES)
         for number in range(R_OFFSETS, R_SLOPE_RAMP + 1):
@@ -270,13 +270,13 @@ class Nck:
 
     def _inhibit(self, now_s: float) -> None:
         if self.alarms:
-            reason = Reason.ALARM
+            reason = ReasonCode.ALARM
         elif not self.probe_available:
-            reason = Reason.NO_PROBE
+            reason = ReasonCode.NO_PROBE
         elif self.mode != AUTO:
-            reason = Reason.WRONG_MODE
+            reason = ReasonCode.WRONG_MODE
         else:
-            reason = Reason.NONE
+            reason = ReasonCode.NONE
         self.cycle.inhibit(now_s, reason)
         self._show_answer()
 
@@ -342,12 +342,12 @@ class Nck:
         return {axis: s + part * (e - s) for axis, s, e in zip(AXES, start, end, strict=True)}
 
 
-def _cycle_loads(settings: CycleSettings) -> Loads:
+def _cycle_loads(settings: CycleSettings) -> MeanLoads:
     """Mean speeds of the moves from pose to pose and back, spindle at rest, no cutting fluid."""
     points = [(*settings.nominal_centre_mm(pose), *settings.poses_deg[pose]) for pose in range(len(settings.poses_deg))]
     path = np.abs(np.diff([*points, points[0]], axis=0)).sum(axis=0) / (settings.duration_s / 60.0)
     x, y, z, a, c = (float(v) for v in path)
-    return Loads(x=x, y=y, z=z, a=a / 360.0, c=c / 360.0)
+    return MeanLoads(x=x, y=y, z=z, a=a / 360.0, c=c / 360.0)
 
 
 _CENTRE_MM = {"X": 0.0, "Y": 0.0, "Z": 150.0}
@@ -355,7 +355,7 @@ _STROKE_MM = {"X": 300.0, "Y": 300.0, "Z": 200.0}
 _A_STROKE_DEG = 120.0
 
 
-def _positions(block: Block, time_s: float) -> dict[str, float]:
+def _positions(block: DayPart, time_s: float) -> dict[str, float]:
     """Axes go to and fro at their mean speed; C turns."""
     since = max(0.0, time_s - block.start_s)
     loads = block.loads
@@ -374,7 +374,7 @@ def _triangle(path: float, stroke: float) -> float:
     return (phase if phase <= stroke else 2.0 * stroke - phase) - stroke / 2.0
 
 
-def _tool(block: Block, time_s: float, program: LoadCase) -> int:
-    if block.kind in (Kind.PAUSE, Kind.NIGHT):
+def _tool(block: DayPart, time_s: float, program: LoadCase) -> int:
+    if block.kind in (Activity.PAUSE, Activity.NIGHT):
         return 0
     return 1 + int(block.start_s / 300.0 + max(0.0, time_s - block.start_s) / program.operation_s) % 20

@@ -19,7 +19,7 @@ _GRID_S = 300.0
 _OPERATION_S = 45.0
 
 
-class Kind(StrEnum):
+class Activity(StrEnum):
     """What a block of the day does."""
 
     ROUGHING = "roughing"
@@ -30,11 +30,11 @@ class Kind(StrEnum):
     NIGHT = "night"
 
 
-CUTTING = frozenset({Kind.ROUGHING, Kind.FINISHING, Kind.TURNING, Kind.SINGLE_AXIS})
+CUTTING = frozenset({Activity.ROUGHING, Activity.FINISHING, Activity.TURNING, Activity.SINGLE_AXIS})
 
 
 @dataclass(frozen=True, slots=True)
-class Loads:
+class MeanLoads:
     """What heats the machine: mean magnitudes of speed, and cutting fluid."""
 
     x: float = 0.0
@@ -53,13 +53,13 @@ class Loads:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class DayPart:
     """A stretch of the day with constant mean speeds: start <= time < end."""
 
     start_s: float
     end_s: float
-    kind: Kind
-    loads: Loads
+    kind: Activity
+    loads: MeanLoads
 
     @property
     def cutting(self) -> bool:
@@ -78,7 +78,7 @@ class LoadCase:
     Raises ValueError when the blocks leave gaps or overlap.
     """
 
-    def __init__(self, blocks: Sequence[Block], *, operation_s: float = _OPERATION_S) -> None:
+    def __init__(self, blocks: Sequence[DayPart], *, operation_s: float = _OPERATION_S) -> None:
         if not blocks or blocks[0].start_s != 0.0:
             raise ValueError("blocks: expected at least one, the first starting at 0 s")
         for before, after in pairwise(blocks):
@@ -105,27 +105,27 @@ class LoadCase:
         """
         draw = np.random.default_rng(seed)
         stops = _nights(draw, duration_s, start_hour) if nights else []
-        blocks: list[Block] = []
+        blocks: list[DayPart] = []
         now = 0.0
         while now < duration_s:
             if stops and stops[0][0] <= now:
                 end = max(stops.pop(0)[1], now + _GRID_S)
-                blocks.append(Block(now, end, Kind.NIGHT, Loads()))
+                blocks.append(DayPart(now, end, Activity.NIGHT, MeanLoads()))
             else:
-                kind = Kind(draw.choice([k.value for k in _MIX], p=list(_MIX.values())))
+                kind = Activity(draw.choice([k.value for k in _MIX], p=list(_MIX.values())))
                 end = now + _GRID_S * round(math.exp(draw.uniform(0.0, math.log(24.0))))  # 5 min to 2 h
                 if stops:
                     end = min(end, max(stops[0][0], now + _GRID_S))
-                blocks.append(Block(now, end, kind, _loads(kind, draw)))
+                blocks.append(DayPart(now, end, kind, _loads(kind, draw)))
             now = end
         return cls(blocks)
 
-    def at(self, time_s: float) -> Block:
+    def at(self, time_s: float) -> DayPart:
         """The block in force at a time; before 0 s the first one."""
         return self.blocks[max(0, bisect_right(self._starts, time_s) - 1)]
 
     def integral(self, time_s: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """(7,) loads integrated from 0 s, in the order of Loads, unit times seconds."""
+        """(7,) loads integrated from 0 s, in the order of MeanLoads, unit times seconds."""
         index = max(0, bisect_right(self._starts, time_s) - 1)
         total: np.ndarray[tuple[int], np.dtype[np.float64]] = self._integral[index] + self._loads[index] * (
             time_s - self._starts[index]
@@ -145,34 +145,34 @@ class LoadCase:
 
 
 _MIX = {
-    Kind.ROUGHING: 0.28,
-    Kind.FINISHING: 0.22,
-    Kind.TURNING: 0.18,
-    Kind.SINGLE_AXIS: 0.14,
-    Kind.PAUSE: 0.18,
+    Activity.ROUGHING: 0.28,
+    Activity.FINISHING: 0.22,
+    Activity.TURNING: 0.18,
+    Activity.SINGLE_AXIS: 0.14,
+    Activity.PAUSE: 0.18,
 }
 
 
-def _loads(kind: Kind, draw: np.random.Generator) -> Loads:
+def _loads(kind: Activity, draw: np.random.Generator) -> MeanLoads:
     wet = float(draw.random() < 0.6)
     match kind:
-        case Kind.ROUGHING:
+        case Activity.ROUGHING:
             x, y, z = draw.uniform(300.0, 2500.0, 3)
             a, c = draw.uniform(0.0, 0.5, 2)
-            return Loads(x, y, z, a, c, float(draw.uniform(2000.0, 8000.0)), wet)
-        case Kind.FINISHING:
+            return MeanLoads(x, y, z, a, c, float(draw.uniform(2000.0, 8000.0)), wet)
+        case Activity.FINISHING:
             x, y, z = draw.uniform(1000.0, 6000.0, 3)
             a, c = draw.uniform(0.5, 6.0, 2)
-            return Loads(x, y, z, a, c, float(draw.uniform(8000.0, 16000.0)), wet)
-        case Kind.TURNING:
+            return MeanLoads(x, y, z, a, c, float(draw.uniform(8000.0, 16000.0)), wet)
+        case Activity.TURNING:
             x, _, z = draw.uniform(50.0, 600.0, 3)
-            return Loads(x, 0.0, z, 0.0, float(draw.uniform(200.0, 1000.0)), 0.0, wet)
-        case Kind.SINGLE_AXIS:
+            return MeanLoads(x, 0.0, z, 0.0, float(draw.uniform(200.0, 1000.0)), 0.0, wet)
+        case Activity.SINGLE_AXIS:
             axis = str(draw.choice(["x", "y", "z", "a", "c", "spindle"]))
             low, high = _SINGLE[axis]
-            return Loads(**{axis: float(draw.uniform(low, high)), "coolant": wet})
-        case Kind.PAUSE | Kind.NIGHT:
-            return Loads()
+            return MeanLoads(**{axis: float(draw.uniform(low, high)), "coolant": wet})
+        case Activity.PAUSE | Activity.NIGHT:
+            return MeanLoads()
 
 
 _SINGLE = {

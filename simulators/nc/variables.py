@@ -13,7 +13,7 @@ from simulators.nc.nck import AXES, CEC_TABLES, NOT_REFERENCED, R_COUNT, REFEREN
 Value = float | int | bool
 
 
-class Right(StrEnum):
+class AccessRight(StrEnum):
     """Rights a user is given with the control's method GiveUserAccess."""
 
     STATE_READ = "StateRead"
@@ -28,9 +28,9 @@ class Variable:
     """One variable: `read` takes the machine's present state, `write` the value and the time."""
 
     read: Callable[[MachineState], Value]
-    readable_with: Right = Right.STATE_READ
+    readable_with: AccessRight = AccessRight.STATE_READ
     write: Callable[[float, float], None] | None = None
-    writable_with: Right | None = None
+    writable_with: AccessRight | None = None
 
 
 COOLANT = "/Plc/M120.0"
@@ -50,9 +50,9 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
         "/Channel/State/actTNumber[u1]": Variable(lambda s: s.tool),
         "/Bag/State/opMode[u1]": Variable(lambda s: s.mode),
         "/Nck/State/numAlarms": Variable(lambda s: len(s.alarms)),
-        COOLANT: Variable(lambda s: s.loads.coolant > 0.5, Right.PLC_READ),
-        PROBE_IN_SPINDLE: Variable(lambda s: s.probing, Right.PLC_READ),
-        DRIVES_ON: Variable(lambda _: nck.drives_on, Right.PLC_READ),
+        COOLANT: Variable(lambda s: s.loads.coolant > 0.5, AccessRight.PLC_READ),
+        PROBE_IN_SPINDLE: Variable(lambda s: s.probing, AccessRight.PLC_READ),
+        DRIVES_ON: Variable(lambda _: nck.drives_on, AccessRight.PLC_READ),
     }
     for index in range(ALARMS_SHOWN):
         table[f"/Nck/SequencedAlarms/textIndex[{index + 1}]"] = _alarm(index)
@@ -80,9 +80,9 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
 def _k0(nck: Nck, index: int) -> Variable:
     return Variable(
         lambda _: nck.k0_mm[index],
-        Right.SEA_READ,
+        AccessRight.SEA_READ,
         lambda value, now_s: nck.write_k0(index, value, now_s),
-        Right.SEA_WRITE,
+        AccessRight.SEA_WRITE,
     )
 
 
@@ -103,7 +103,7 @@ def _r_parameter(nck: Nck, number: int) -> Variable:
     return Variable(
         lambda _: nck.r[number],
         write=lambda value, now_s: nck.write_r(number, value, now_s),
-        writable_with=Right.STATE_WRITE,
+        writable_with=AccessRight.STATE_WRITE,
     )
 
 
@@ -112,4 +112,4 @@ def _setting(nck: Nck, values: list[float], index: int) -> Variable:
         nck.advance(now_s)
         values[index] = value
 
-    return Variable(lambda _: values[index], Right.SEA_READ, write, Right.SEA_WRITE)
+    return Variable(lambda _: values[index], AccessRight.SEA_READ, write, AccessRight.SEA_WRITE)

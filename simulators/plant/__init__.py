@@ -3,9 +3,9 @@
 from simulators.plant.ageing import Ageing, Failure
 from simulators.plant.drive import MachineDrive
 from simulators.plant.environment import Environment
-from simulators.plant.parameters import MACHINES, Parameters, load
+from simulators.plant.parameters import MACHINES, PlantParameters, load
 from simulators.plant.plant import Plant
-from simulators.plant.record import Recording, record
+from simulators.plant.record import PlantRecording, record
 
 __all__ = [
     "MACHINES",
@@ -13,9 +13,9 @@ __all__ = [
     "Environment",
     "Failure",
     "MachineDrive",
-    "Parameters",
     "Plant",
-    "Recording",
+    "PlantParameters",
+    "PlantRecording",
     "load",
     "record",
 ]

@@ -55,7 +55,7 @@ class Drift:
         return k, hours - k
 
 
-class Kind(StrEnum):
+class FailureKind(StrEnum):
     """How a sensor fails."""
 
     OPEN = "open"
@@ -71,7 +71,7 @@ class Failure:
     """One channel between two times since the start."""
 
     channel: str
-    kind: Kind
+    kind: FailureKind
     from_s: float
     until_s: float = math.inf
     by_K: float = 3.0  # noqa: N815

@@ -6,7 +6,7 @@ import numpy as np
 
 from simulators.plant.body import FloatArray
 from simulators.plant.joined import FAMILIES
-from simulators.plant.parameters import Parameters
+from simulators.plant.parameters import PlantParameters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class MachineDrive:
 
 
 @dataclass(frozen=True, slots=True)
-class Loads:
+class HeatLoads:
     """Heat before the viscous correction, (s,) W, film factors, (f,), and whether the chiller runs (0..1)."""
 
     heat_W: FloatArray  # noqa: N815
@@ -39,7 +39,7 @@ class Loads:
     chiller: float
 
 
-def loads(parameters: Parameters, drive: MachineDrive) -> Loads:
+def loads(parameters: PlantParameters, drive: MachineDrive) -> HeatLoads:
     """Heat laws and film factors of one drive.
 
     Families: flow 1 when powered; wet 1 with cutting fluid; table (|n|/1200)^0.8 and nose (|n|/18000)^0.8, the
@@ -54,4 +54,4 @@ def loads(parameters: Parameters, drive: MachineDrive) -> Loads:
     factor["wet"] = float(drive.coolant_on)
     factor["table"] = (abs(drive.speed_c) / 1200.0) ** 0.8
     factor["nose"] = (abs(drive.spindle_speed) / 18000.0) ** 0.8
-    return Loads(heat, np.array([factor[name] for name in FAMILIES]), float(drive.powered))
+    return HeatLoads(heat, np.array([factor[name] for name in FAMILIES]), float(drive.powered))

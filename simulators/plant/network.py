@@ -3,7 +3,7 @@
 import numpy as np
 
 from simulators.plant.body import FloatArray
-from simulators.plant.parameters import Parameters
+from simulators.plant.parameters import PlantParameters
 
 FILM_STEPS = 16
 """Film factors are rounded to 1/16: a disc's film is not known better, and the same matrices serve again."""
@@ -14,7 +14,7 @@ _REMEMBERED = 128
 class Network:
     """Steps the coordinates. Second order in the step and L-stable, so stiff jackets need no small step."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: PlantParameters) -> None:
         self.parameters = parameters
         self._known: dict[tuple[float, bytes], tuple[FloatArray, FloatArray]] = {}
         self._last: tuple[float, FloatArray | None, tuple[FloatArray, FloatArray]] | None = None

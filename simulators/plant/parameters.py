@@ -32,7 +32,7 @@ class HeatLaw:
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class PlantParameters:
     """One machine. n coordinates (reduced bodies, then lumped nodes), z zones, f films, s heat sources, c channels."""
 
     places: Mapping[str, FloatArray]
@@ -87,7 +87,7 @@ def tables(name: str = "base") -> Tables:
     return Tables(machine, shape, name if name == "base" or shape else "base")
 
 
-def load(name: str = "base") -> Parameters:
+def load(name: str = "base") -> PlantParameters:
     """A machine by name: "base", or a variant of variants.toml. ValueError names what cannot be."""
     chosen = tables(name)
     return assemble(chosen.machine, reduced(chosen.reduced))
@@ -112,7 +112,7 @@ def reduced(name: str) -> dict[str, BodyModel]:
     return bodies
 
 
-def assemble(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> Parameters:
+def assemble(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> PlantParameters:
     """A table's machine over reduced bodies. ValueError names an entry that cannot be."""
     joined, flow = join(table, bodies), table["flow"]
     laws = []
@@ -131,7 +131,7 @@ def assemble(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> Param
                 row[: joined.even.size] += weight * joined.places[place]
             else:
                 raise ValueError(f"sensor.{channel}: no point, node or zone {place!r}")
-    return Parameters(
+    return PlantParameters(
         places=joined.places,
         capacity=np.diag(joined.C).copy(),
         conductance=joined.K,

@@ -6,12 +6,12 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from simulators.plant.ageing import Ageing, Drift, Failure, Kind
+from simulators.plant.ageing import Ageing, Drift, Failure, FailureKind
 from simulators.plant.body import FloatArray
-from simulators.plant.drive import Loads, MachineDrive, loads
+from simulators.plant.drive import HeatLoads, MachineDrive, loads
 from simulators.plant.environment import Environment, Hall
 from simulators.plant.network import Network
-from simulators.plant.parameters import Parameters
+from simulators.plant.parameters import PlantParameters
 
 STEP_S = 30.0
 RADIUS_MM = 200.0
@@ -32,7 +32,7 @@ class Plant:
 
     def __init__(
         self,
-        parameters: Parameters,
+        parameters: PlantParameters,
         environment: Environment,
         seed: int,
         *,
@@ -55,8 +55,8 @@ class Plant:
         count = len(parameters.channels)
         self._offset = np.random.default_rng([seed, 3]).normal(0.0, 0.1, count)
         self._noise: tuple[int, FloatArray] = (-1, np.empty((0, count + 1)))
-        self._loads: dict[MachineDrive, Loads] = {}
-        self._open: list[tuple[float, Loads]] = []
+        self._loads: dict[MachineDrive, HeatLoads] = {}
+        self._open: list[tuple[float, HeatLoads]] = []
         self._index, self._time_s = 0, 0.0
         self._grip = math.nan, np.ones(len(parameters.laws))
         self._rest()
@@ -145,26 +145,26 @@ class Plant:
         moved: FloatArray = (at_a @ turn @ at_c @ grown - nominal)[:3] * 1e6
         return moved
 
-    def _of(self, drive: MachineDrive) -> Loads:
+    def _of(self, drive: MachineDrive) -> HeatLoads:
         if drive not in self._loads:
             if len(self._loads) > 1000:
                 self._loads.clear()
             self._loads[drive] = loads(self.parameters, drive)
         return self._loads[drive]
 
-    def _mean(self) -> Loads:
+    def _mean(self) -> HeatLoads:
         first = self._open[0][1]
         if all(part is first for _, part in self._open):
             return first
         share = [duration / STEP_S for duration, _ in self._open]
         parts = [part for _, part in self._open]
-        return Loads(
+        return HeatLoads(
             np.sum([w * p.heat_W for w, p in zip(share, parts, strict=True)], axis=0),
             np.sum([w * p.films for w, p in zip(share, parts, strict=True)], axis=0),
             sum(w * p.chiller for w, p in zip(share, parts, strict=True)),
         )
 
-    def _step(self, load: Loads, time_s: float, dt_s: float) -> None:
+    def _step(self, load: HeatLoads, time_s: float, dt_s: float) -> None:
         p = self.parameters
         warmth = p.heat_to.T @ self.state - 20.0
         if (now := time_s // _DRIFT_STEP_S) != self._grip[0]:
@@ -178,17 +178,21 @@ class Plant:
     def _note_stuck(self) -> None:
         """What a sensor shows from now on; noted here and not when it is read, so that polling changes nothing."""
         for failure in self._failures:
-            if failure.kind is Kind.STUCK and failure not in self._stuck and failure.from_s <= self._index * STEP_S:
+            if (
+                failure.kind is FailureKind.STUCK
+                and failure not in self._stuck
+                and failure.from_s <= self._index * STEP_S
+            ):
                 c = self.parameters.channels.index(failure.channel)
                 self._stuck[failure] = float(self._felt[c] + self._offset[c])
 
     def _spoilt(self, failure: Failure, value: float) -> float:
         match failure.kind:
-            case Kind.OPEN:
+            case FailureKind.OPEN:
                 return math.nan
-            case Kind.STUCK:
+            case FailureKind.STUCK:
                 return self._stuck.get(failure, value)
-            case Kind.OFFSET:
+            case FailureKind.OFFSET:
                 return value + failure.by_K
 
     def _noise_now(self) -> FloatArray:

@@ -13,7 +13,7 @@ STATES = ("spindle_speed", "speed_X", "speed_Y", "speed_A", "speed_C", "coolant"
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class PlantRecording:
     """Row k is the end of step k."""
 
     input_names: tuple[str, ...]
@@ -23,7 +23,7 @@ class Recording:
     """(T, 9) true errors, µm and µm/m."""
 
 
-def record(plant: Plant, drives: Sequence[MachineDrive], step_s: float = 300.0) -> Recording:
+def record(plant: Plant, drives: Sequence[MachineDrive], step_s: float = 300.0) -> PlantRecording:
     """Advance the plant through one drive per step and note inputs and true errors after each."""
     start = plant.time_s
     inputs, errors = [], []
@@ -33,4 +33,4 @@ def record(plant: Plant, drives: Sequence[MachineDrive], step_s: float = 300.0) 
         inputs.append([*plant.sensors().values(), plant.spindle_growth_um(), *map(float, states)])
         errors.append(plant.errors())
     names = (*plant.parameters.channels, "spindle_growth", *STATES)
-    return Recording(names, np.array(inputs).reshape(-1, len(names)), np.array(errors).reshape(-1, 9))
+    return PlantRecording(names, np.array(inputs).reshape(-1, len(names)), np.array(errors).reshape(-1, 9))

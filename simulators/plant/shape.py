@@ -40,7 +40,7 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class RigidNodes:
     """Nodes of one body to which a rigid motion is fitted."""
 
     body: str
@@ -55,7 +55,7 @@ class Shape:
     patches: Mapping[str, tuple[Box, ...]]
     points: Mapping[str, tuple[float, float, float]]
     joints: tuple[Joint, ...]
-    frames: Mapping[str, Frame]
+    frames: Mapping[str, RigidNodes]
     tip_z_m: float
     sphere_radius_m: float
 
@@ -115,7 +115,9 @@ def read(change: Mapping[str, Any] | None = None) -> Shape:
         patches={name: _boxes(boxes, f"patch.{name}") for name, boxes in table["patch"].items()},
         points={name: (row[0], row[1], row[2]) for name, row in table["point"].items()},
         joints=tuple(joints),
-        frames={name: Frame(row["of"], _boxes(row["boxes"], f"frame.{name}")) for name, row in table["frame"].items()},
+        frames={
+            name: RigidNodes(row["of"], _boxes(row["boxes"], f"frame.{name}")) for name, row in table["frame"].items()
+        },
         tip_z_m=table["tool"]["tip_z_m"],
         sphere_radius_m=table["tool"]["sphere_radius_m"],
     )

@@ -8,7 +8,8 @@ from scipy.linalg import eigh, solve_continuous_lyapunov, svd
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from simulators.three_body.model import FloatArray, ThreeBody
+from simulators.plant.body import FloatArray
+from simulators.three_body.model import ThreeBody
 from simulators.three_body.solid import Solid, assemble
 
 STATES = 14  # the least that keeps drift within 0.02 µm; 12 miss it in the steady state (0.0213)

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
-FloatArray = NDArray[np.float64]
+from simulators.plant.body import FloatArray
 
 SOURCES = ("base_front", "spindle_top")
 """Heat inputs, W."""

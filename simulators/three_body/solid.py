@@ -13,7 +13,8 @@ from scipy.sparse.linalg import splu
 from skfem import Basis, BilinearForm, ElementHex2, ElementVector, FacetBasis, LinearForm, MeshHex, condense
 from skfem.helpers import ddot, div, dot, eye, grad, sym_grad, trace
 
-from simulators.three_body.model import DRIFTS, SENSORS, SOURCES, FloatArray
+from simulators.plant.body import FloatArray
+from simulators.three_body.model import DRIFTS, SENSORS, SOURCES
 
 CONDUCTIVITY = 60.5  # W/(m K)
 HEAT_CAPACITY = 434.0 * 7850.0  # J/(m3 K)

@@ -6,7 +6,7 @@ import socket
 import struct
 from collections.abc import Callable, Sequence
 
-from simulators.devices.slcan_adapter import CanNode, Frame
+from simulators.devices.slcan_adapter import CanFrame, CanNode
 
 _FRAME = struct.Struct("=IB3x8s")
 _TIMESPEC = struct.Struct("@ll")
@@ -106,7 +106,7 @@ class CanKernel:
         del self.up[channel]
         self._each(channel, lambda open_one: open_one.fail(errno.ENODEV))
 
-    def send(self, frames: Sequence[Frame], channel: str = "can0") -> None:
+    def send(self, frames: Sequence[CanFrame], channel: str = "can0") -> None:
         """Frames that nodes send; bit 31 of an identifier says that it has 29 bits, as in linux/can.h."""
         for identifier, data in frames:
             frame = _FRAME.pack(identifier, len(data), data.ljust(8, b"\0"))

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.nc import NumericalControl, ProbingStatus
+from drivers.nc import NumericalControl, RequestStatus
 from drivers.sinumerik import SinumerikSettings, StateNode
 from drivers.sinumerik.control import Sinumerik
-from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads, User
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.variables import COOLANT, PROBE_IN_SPINDLE
 from tests.benches.manual_clock import ManualClock
 
@@ -72,7 +72,7 @@ class Bench:
     control: EmulatedControl
     url: str
 
-    async def cycle(self, number: int) -> ProbingStatus:
+    async def cycle(self, number: int) -> RequestStatus:
         """Ask and let a whole cycle pass."""
         await self.nc.request_probing(number)
         self.clock.move_to(self.clock.now + 200.0)
@@ -80,8 +80,8 @@ class Bench:
 
 
 def day() -> LoadCase:
-    loads = Loads(x=1200.0, y=600.0, z=300.0, a=2.0, c=30.0, spindle=6000.0, coolant=1.0)
-    blocks = [Block(0.0, CUTTING_S, Kind.ROUGHING, loads), Block(CUTTING_S, 1e6, Kind.PAUSE, Loads())]
+    loads = MeanLoads(x=1200.0, y=600.0, z=300.0, a=2.0, c=30.0, spindle=6000.0, coolant=1.0)
+    blocks = [DayPart(0.0, CUTTING_S, Activity.ROUGHING, loads), DayPart(CUTTING_S, 1e6, Activity.PAUSE, MeanLoads())]
     return LoadCase(blocks, operation_s=40.0)
 
 

@@ -21,7 +21,7 @@ from simulators.devices.m7015 import M7015
 from simulators.devices.me_sensor import MeSensor
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.devices.source import Fault, Faults
+from simulators.devices.source import Faults, SensorFault
 from simulators.plant import load
 
 FAULT_EVERY_S = 1200.0
@@ -44,7 +44,7 @@ class Cable:
         await self._device.stop()
 
 
-def sensor(faults: Faults, fault: Fault) -> tuple[Act, Act]:
+def sensor(faults: Faults, fault: SensorFault) -> tuple[Act, Act]:
     return _now(lambda: faults.set(0, fault)), _now(lambda: faults.set(0, None))
 
 
@@ -82,14 +82,14 @@ async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: fl
         faults: list[tuple[Act, Act]] = [
             silence(units[2].faults),
             (host.stop, lambda: host.start(tcp_port)),
-            sensor(adam.faults, Fault.OPEN),
+            sensor(adam.faults, SensorFault.OPEN),
             (adapter.unplug, adapter.plug),
             (machine.control.stop, machine.control.start),
             (line.unplug, line.plug),
-            sensor(growth.faults, Fault.OVER),
+            sensor(growth.faults, SensorFault.OVER),
             silence(node.faults),
             (eddy.unplug, eddy.plug),
-            sensor(units[1].faults, Fault.SHORT),
+            sensor(units[1].faults, SensorFault.SHORT),
         ]
         ports = {"tcp_port": tcp_port, "nc_port": int(url.rsplit(":", 1)[1].split("/")[0])}
         print(json.dumps(ports), flush=True)

@@ -8,11 +8,11 @@ from drivers.nc import (
     NotSendable,
     OperatingMode,
     ProbingState,
-    ProbingStatus,
     ProgramState,
+    RequestStatus,
     WatchdogTerms,
 )
-from simulators.nc.cycle import CycleState, Reason
+from simulators.nc.cycle import CycleState, ReasonCode
 from simulators.nc.nck import AXES, R_REQUEST, R_VALID_FOR, R_WITHDRAW, Nck
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE, R_WATCH, WatchState
 
@@ -61,15 +61,15 @@ class InProcess:
         self._nck.write_r(R_VALID_FOR, 900.0, self._clock.monotonic())
         self._nck.write_r(R_REQUEST, float(number), self._clock.monotonic())
 
-    async def probing_status(self, number: int) -> ProbingStatus:
+    async def probing_status(self, number: int) -> RequestStatus:
         _check(number, "request number")
         answer = self._nck.cycle.answer
         if answer.number != number or answer.state is CycleState.IDLE:
             waits = self._nck.r[R_REQUEST] == number
-            return ProbingStatus(number, ProbingState.REQUESTED if waits else ProbingState.IDLE)
-        reason = {Reason.WITHDRAWN: "withdrawn", Reason.ALARM: "an alarm is active"}.get(answer.reason)
-        text = "" if answer.reason is Reason.NONE else reason or answer.reason.name.lower()
-        return ProbingStatus(number, ProbingState(answer.state.name.lower()), answer.centres_mm or None, text)
+            return RequestStatus(number, ProbingState.REQUESTED if waits else ProbingState.IDLE)
+        reason = {ReasonCode.WITHDRAWN: "withdrawn", ReasonCode.ALARM: "an alarm is active"}.get(answer.reason)
+        text = "" if answer.reason is ReasonCode.NONE else reason or answer.reason.name.lower()
+        return RequestStatus(number, ProbingState(answer.state.name.lower()), answer.centres_mm or None, text)
 
     async def withdraw_probing(self, number: int) -> None:
         _check(number, "request number")

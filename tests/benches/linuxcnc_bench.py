@@ -11,7 +11,7 @@ from pathlib import Path
 from drivers.base import SystemClock
 from drivers.linuxcnc import LinuxCnc, LinuxCncSettings
 from drivers.nc import WatchdogTerms
-from simulators.linuxcnc.machine import Machine, machine
+from simulators.linuxcnc.machine import LinuxCncMachine, machine
 
 KEY = "0123456789abcdef0123456789abcdef"
 
@@ -20,7 +20,7 @@ KEY = "0123456789abcdef0123456789abcdef"
 class Bench:
     """Both sides of the wire."""
 
-    operator: Machine
+    operator: LinuxCncMachine
     nc: LinuxCnc
     settings: LinuxCncSettings
 

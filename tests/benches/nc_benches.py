@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drivers.base import SystemClock
 from drivers.linuxcnc import LinuxCnc
-from drivers.nc import NumericalControl, ProbingState, ProbingStatus, WatchdogTerms
+from drivers.nc import NumericalControl, ProbingState, RequestStatus, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
@@ -62,11 +62,11 @@ class NcBench(ABC):
     async def allow_probing(self) -> None:
         """From now on the control reaches a safe point."""
 
-    async def ends(self, number: int, limit_s: float = 300.0) -> ProbingStatus:
+    async def ends(self, number: int, limit_s: float = 300.0) -> RequestStatus:
         """The final status of a cycle."""
         return await self.reaches(number, *FINAL, limit_s=limit_s)
 
-    async def reaches(self, number: int, *states: ProbingState, limit_s: float = 300.0) -> ProbingStatus:
+    async def reaches(self, number: int, *states: ProbingState, limit_s: float = 300.0) -> RequestStatus:
         """The first status in one of these states."""
         for _ in range(round(limit_s / self.tick_s)):
             status = await self.nc.probing_status(number)

@@ -16,7 +16,7 @@ from drivers.sinumerik.control import Sinumerik
 from gateway.config.model import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Write
 from gateway.polling import Notice
-from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads, User
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.nck import MachineState
 from talc.frame import Decision, Phase
 from tests.benches.cut_line import Line, line_to
@@ -84,8 +84,8 @@ async def bench(
     subscribe_s: float = 0.0, owner: int = 1,
 ) -> AsyncIterator[Bench]:  # fmt: skip
     clock = WireClock()
-    loads = Loads(x=60.0, spindle=3000.0)
-    control = Control(Rigid(), clock, LoadCase([Block(0.0, 1e9, Kind.ROUGHING, loads)]), cycle=CYCLE, users=users)
+    loads = MeanLoads(x=60.0, spindle=3000.0)
+    control = Control(Rigid(), clock, LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, loads)]), cycle=CYCLE, users=users)
     async with AsyncExitStack() as stack:
         url = await control.start()
         stack.push_async_callback(asyncio.get_running_loop().shutdown_default_executor)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.base import ConnectError, NoAnswer, Refused
-from drivers.nc import NcSnapshot, NotSendable, OperatingMode, ProbingState, ProbingStatus, ProgramState, WatchdogTerms
+from drivers.nc import NcSnapshot, NotSendable, OperatingMode, ProbingState, ProgramState, RequestStatus, WatchdogTerms
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write
@@ -33,8 +33,8 @@ class Control:
     """Takes a write and does not apply it."""
     spoils: bool = False
     """Takes a write and has no number in force afterwards."""
-    answer: ProbingStatus | None = None
-    answers: dict[int, ProbingStatus] = field(default_factory=dict)
+    answer: RequestStatus | None = None
+    answers: dict[int, RequestStatus] = field(default_factory=dict)
     """By request number; the others get `answer`."""
     beats: list[float] = field(default_factory=list)
     watching: bool = True
@@ -81,11 +81,11 @@ class Control:
             raise Refused("another cycle is under way", device="nc")
         self.requests.append(number)
 
-    async def probing_status(self, number: int) -> ProbingStatus:
+    async def probing_status(self, number: int) -> RequestStatus:
         if self.late is not None:
             self.in_write = True
             await self._answer(self.late)
-        return self.answers.get(number, self.answer) or ProbingStatus(number, ProbingState.RUNNING)
+        return self.answers.get(number, self.answer) or RequestStatus(number, ProbingState.RUNNING)
 
     async def withdraw_probing(self, number: int) -> None:
         self._here()

@@ -20,7 +20,7 @@ from simulators.devices.me_sensor import MeLine, MeSensor, Payload
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.devices.source import Fault, Faults
+from simulators.devices.source import Faults, SensorFault
 from simulators.devices.spoil import Spoil
 from simulators.devices.voltage_input import VoltageInput
 from simulators.devices.wago464 import Wago464
@@ -52,14 +52,14 @@ class Rig:
     options: dict[str, object]
     make: Callable[[Bus], Driver]
     stop_wire: Callable[[], Awaitable[None]]
-    fault_qualities: Mapping[Fault, Quality]
+    fault_qualities: Mapping[SensorFault, Quality]
     make_neighbour: Callable[[Bus], Driver]
     spoil_identity: Callable[[], None]
     wire: Spoilable
     settle_s: float = 0.0
     """Of a device that sends by itself: how long until what changed is seen and what came before is too old."""
 
-    async def break_sensor(self, channel: int, fault: Fault | None) -> None:
+    async def break_sensor(self, channel: int, fault: SensorFault | None) -> None:
         self.faults.set(channel, fault)
         await asyncio.sleep(self.settle_s)
 
@@ -112,7 +112,12 @@ async def _rtu_rig(stack: AsyncExitStack) -> Rig:
         wire=line,
         make_neighbour=_maker("icpdas_m7015", 4, 6, {}, "neighbour"),
         spoil_identity=lambda: device.set_type_code(2, 0x2B),  # copper
-        fault_qualities={Fault.OPEN: broken, Fault.SHORT: broken, Fault.OVER: broken, Fault.UNDER: broken},
+        fault_qualities={
+            SensorFault.OPEN: broken,
+            SensorFault.SHORT: broken,
+            SensorFault.OVER: broken,
+            SensorFault.UNDER: broken,
+        },
     )
 
 
@@ -135,10 +140,10 @@ async def _tcp_rig(stack: AsyncExitStack) -> Rig:
         make_neighbour=_maker("advantech_adam6015", 2, 7, {}, "neighbour"),
         spoil_identity=lambda: device.set_type_code(6, 0x0103),  # millivolts
         fault_qualities={
-            Fault.OPEN: Quality.SENSOR_FAULT,
-            Fault.SHORT: beyond,
-            Fault.OVER: beyond,
-            Fault.UNDER: beyond,
+            SensorFault.OPEN: Quality.SENSOR_FAULT,
+            SensorFault.SHORT: beyond,
+            SensorFault.OVER: beyond,
+            SensorFault.UNDER: beyond,
         },
     )
 
@@ -179,7 +184,7 @@ def _plain_rig(
             wire=wire,
             make_neighbour=_maker(profile, 2, count, {}, "neighbour"),
             spoil_identity=_no_identity,
-            fault_qualities=dict(zip(Fault, qualities, strict=True)),
+            fault_qualities=dict(zip(SensorFault, qualities, strict=True)),
         )
 
     return start
@@ -245,10 +250,10 @@ def _can_rig(vendor: str, short: Quality, transfer: str = "sdo") -> StartRig:
             spoil_identity=lambda: node.set_sensor_type(1, 1),  # thermocouple
             settle_s=4 * event_ms / 1000,
             fault_qualities={
-                Fault.OPEN: Quality.SENSOR_FAULT,
-                Fault.SHORT: short,
-                Fault.OVER: Quality.OUT_OF_RANGE,
-                Fault.UNDER: Quality.OUT_OF_RANGE,
+                SensorFault.OPEN: Quality.SENSOR_FAULT,
+                SensorFault.SHORT: short,
+                SensorFault.OVER: Quality.OUT_OF_RANGE,
+                SensorFault.UNDER: Quality.OUT_OF_RANGE,
             },
         )
 
@@ -279,10 +284,10 @@ async def _dbc_rig(stack: AsyncExitStack) -> Rig:
         make_neighbour=_maker(logger_profile(folder, "neighbour", 0x310), 2, 5, {}, "neighbour"),
         spoil_identity=_no_identity,
         fault_qualities={
-            Fault.OPEN: Quality.SENSOR_FAULT,
-            Fault.SHORT: Quality.SENSOR_FAULT,
-            Fault.OVER: Quality.OUT_OF_RANGE,
-            Fault.UNDER: Quality.OUT_OF_RANGE,
+            SensorFault.OPEN: Quality.SENSOR_FAULT,
+            SensorFault.SHORT: Quality.SENSOR_FAULT,
+            SensorFault.OVER: Quality.OUT_OF_RANGE,
+            SensorFault.UNDER: Quality.OUT_OF_RANGE,
         },
         settle_s=1.5 * TIMEOUT_S,
     )
@@ -316,10 +321,10 @@ def _displacement_rig(profile: str, payload: Payload, step: float, broken: Quali
             make_neighbour=_maker(profile, 125, 1, {"range_um": 500.0}, "neighbour"),
             spoil_identity=_no_identity,
             fault_qualities={
-                Fault.OPEN: broken,
-                Fault.SHORT: broken,
-                Fault.OVER: Quality.OUT_OF_RANGE,
-                Fault.UNDER: Quality.OUT_OF_RANGE,
+                SensorFault.OPEN: broken,
+                SensorFault.SHORT: broken,
+                SensorFault.OVER: Quality.OUT_OF_RANGE,
+                SensorFault.UNDER: Quality.OUT_OF_RANGE,
             },
         )
 
@@ -342,7 +347,7 @@ async def _ethernet_rig(stack: AsyncExitStack) -> Rig:
         wire=controller,
         make_neighbour=_no_neighbour,
         spoil_identity=_no_identity,
-        fault_qualities=dict.fromkeys(Fault, Quality.OUT_OF_RANGE),
+        fault_qualities=dict.fromkeys(SensorFault, Quality.OUT_OF_RANGE),
     )
 
 

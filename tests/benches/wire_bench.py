@@ -12,7 +12,7 @@ from drivers.sinumerik.control import Sinumerik
 from gateway.config import GatewayConfig
 from gateway.config.model import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write
-from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import Logged
 from tests.benches.stepped_clock import SteppedClock
 
@@ -133,7 +133,7 @@ def assert_never_stepped(
 @asynccontextmanager
 async def wire_bench(folder: Path) -> AsyncIterator[WireBench]:
     clock = WireClock()
-    rest = LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())])
+    rest = LoadCase([DayPart(0.0, 1e9, Activity.PAUSE, MeanLoads())])
     control = EmulatedControl(Still(), clock, rest, cycle=CycleSettings(noise_um=0.0))
     url = await control.start()
     try:

@@ -20,7 +20,7 @@ from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 from tests.benches.command import talc_gateway
 
 DOCUMENT = Path("docs/wiring.md")
@@ -155,8 +155,8 @@ async def noise(box: Box) -> None:
 async def open_input(box: Box) -> None:
     """A broken wire at a module that tells, and at one that does not."""
     tells, guesses = M7015(lambda: ROOM), Pta8d08(lambda: [*ROOM, 21.3, 21.2])
-    tells.faults.set(1, Fault.OPEN)
-    guesses.faults.set(0, Fault.OPEN)
+    tells.faults.set(1, SensorFault.OPEN)
+    guesses.faults.set(0, SensorFault.OPEN)
     box.write(RTU + beds() + device("rtd2", "rtu1", "eletechsup_pta8d08", 2, ("spindle_front", "spindle_rear")))
     await box.line({1: tells, 2: guesses})
     await box.run("probe", "gateway.toml")
@@ -259,7 +259,7 @@ async def can_duplicate(box: Box) -> None:
 async def no_target(box: Box) -> None:
     """A displacement sensor without its target, or unplugged from its amplifier."""
     sensor = await box.sensor()
-    sensor.faults.set(0, Fault.OPEN)
+    sensor.faults.set(0, SensorFault.OPEN)
     bus = '\n[[bus]]\nname = "growth1"\nkind = "me_rs485"\nport = "growth"\n'
     box.write(
         '[machine]\nname = "mill"\n' + bus + device("eddy", "growth1", "me_rs485", 126, ("growth",), "range_um = 500.0")

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.recordings.description import InputColumn
 from benchmarks.recordings.judge import Peeked, carry_out, check_causal, coverage, judge, moments
 from benchmarks.recordings.learner import Learning
-from benchmarks.recordings.methods import Course, Given, Hold, Method, Nothing, Ridge, given_of
+from benchmarks.recordings.methods import Given, HoldLast, Method, MethodCourse, Nothing, Ridge, given_of
 from benchmarks.recordings.models import Models, papers, slots
 from benchmarks.recordings.policy import Point, Sweep, check_asked, savings
 from benchmarks.recordings.series import Series
@@ -81,7 +81,7 @@ def test_a_moment_without_a_recorded_error_waits_for_the_next_one() -> None:
 def test_hold_leaves_a_ramp_by_its_age() -> None:
     """Measured each 12 steps, a ramp of 1 a step leaves 1 to 12 in turn: RMS sqrt(mean(1..12 squared))."""
     series = ramp(errors=1, rows=12 * 20 + 1)
-    course = carry_out(Hold(), series, moments(series, 0.0, 60.0), 0, 0.0, 60.0)
+    course = carry_out(HoldLast(), series, moments(series, 0.0, 60.0), 0, 0.0, 60.0)
     assert course is not None
     left = series.truth[1:, 0] - course.estimate[1:, 0]
     assert left[:24].tolist() == [*range(1, 13), *range(1, 13)]
@@ -148,14 +148,14 @@ class Peeping:
     early: int
     name: str = "peeping"
 
-    def courses(self, given: Given) -> Sequence[Course]:
-        (held,) = Hold().courses(given)
+    def courses(self, given: Given) -> Sequence[MethodCourse]:
+        (held,) = HoldLast().courses(given)
         estimate = held.estimate.copy()
         source = np.arange(len(estimate)) + self.early
         rows = np.flatnonzero(source < len(estimate))
         measured = given.measured[source[rows]]
         estimate[rows] = np.where(np.isfinite(measured), measured, estimate[rows])
-        return [Course(estimate, held.sigma)]
+        return [MethodCourse(estimate, held.sigma)]
 
 
 @dataclass(frozen=True)
@@ -164,9 +164,9 @@ class Informed:
 
     name: str = "informed"
 
-    def courses(self, given: Given) -> Sequence[Course]:
-        (held,) = Hold().courses(given)
-        return [Course(held.estimate, np.abs(given.measured - held.estimate))]
+    def courses(self, given: Given) -> Sequence[MethodCourse]:
+        (held,) = HoldLast().courses(given)
+        return [MethodCourse(held.estimate, np.abs(given.measured - held.estimate))]
 
 
 @pytest.mark.parametrize("method", [Peeping(0), Peeping(1), Peeping(5), Informed()])
@@ -177,7 +177,9 @@ def test_a_method_that_peeks_is_caught(method: Method) -> None:
         check_causal(method, given)
 
 
-@pytest.mark.parametrize("method", [Nothing(), Hold(), Ridge(), *papers(gaps=False), Learning()], ids=lambda m: m.name)
+@pytest.mark.parametrize(
+    "method", [Nothing(), HoldLast(), Ridge(), *papers(gaps=False), Learning()], ids=lambda m: m.name
+)
 def test_no_method_of_ours_peeks(method: Method) -> None:
     series = wavy()
     given = given_of(series, moments(series, 12.0, 60.0), 0, 144, 12)
@@ -201,7 +203,7 @@ def test_the_learner_estimates_from_the_first_measurements_on() -> None:
     series = wavy(rows=500)
     used = moments(series, 0.0, 60.0)
     course = carry_out(Learning(), series, used, 0, 0.0, 60.0)
-    held = carry_out(Hold(), series, used, 0, 0.0, 60.0)
+    held = carry_out(HoldLast(), series, used, 0, 0.0, 60.0)
     assert course is not None
     assert held is not None
     found = judge(series, course, 0.0, [0, 1, 2])
@@ -231,9 +233,9 @@ def test_the_learner_rests_on_the_measurements_that_it_asked_for_alone() -> None
 
 def test_a_policy_that_peeps_at_other_measurements_is_caught() -> None:
     class Peeping(Learning):
-        def decide(self, given: Given, limit: float) -> tuple[Course, BoolArray]:
+        def decide(self, given: Given, limit: float) -> tuple[MethodCourse, BoolArray]:
             course, used = super().decide(given, limit)
-            return Course(course.estimate + 0.1 * given.measured, course.sigma), used
+            return MethodCourse(course.estimate + 0.1 * given.measured, course.sigma), used
 
     series = wavy()
     given = given_of(series, np.ones(len(series.k), dtype=np.bool_), 0, 24, 1)
@@ -277,7 +279,7 @@ def test_rows_after_the_beginning_alone_are_judged() -> None:
     series = ramp(rows=200, errors=1)
     estimate = series.truth.copy()
     estimate[:144] += 50.0
-    course = Course(estimate, np.ones_like(estimate))
+    course = MethodCourse(estimate, np.ones_like(estimate))
     assert judge(series, course, 12.0, [0]).rms == 0.0
     assert judge(series, course, 12.0, [0]).inside == 1.0
     assert judge(series, course, 0.0, [0]).largest == 50.0
@@ -303,4 +305,4 @@ def test_replaced_measurements_change_nothing_before_them() -> None:
     """The check itself: what it alters is the chosen row and all after it."""
     series = ramp()
     given = given_of(series, moments(series, 0.0, 60.0), 0, 0, 12)
-    check_causal(Hold(), replace(given, sigma=np.ones(2)))
+    check_causal(HoldLast(), replace(given, sigma=np.ones(2)))

@@ -17,7 +17,7 @@ from drivers.modbus.settings import ModbusTcpSettings
 from drivers.patience import Patience
 from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.me_sensor import answer_frame
-from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
 from tests.drivers.can.test_can_bytes import NODE, VALUE, talking
 from tests.drivers.micro_epsilon.test_displacement import line as me_line
 from tests.drivers.micro_epsilon.test_displacement import value
@@ -261,7 +261,7 @@ class SlowAtTimes:
         self.adapter: SlcanAdapter | None = None
         self.asked: list[bytes] = []
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         if identifier != 0x600 + NODE or data[0] != 0x40:
             return ()
         self.asked.append(data)

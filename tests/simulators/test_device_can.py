@@ -9,7 +9,7 @@ import pytest
 
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 
 pytestmark = pytest.mark.simulated_time
 
@@ -39,10 +39,17 @@ def test_sdo(node: Cia404Node, asked: str, answered: str) -> None:
 
 @pytest.mark.parametrize(
     ("vendor", "fault", "status"),
-    [("jumo", Fault.OPEN, 1), ("jumo", Fault.OVER, 2), ("jumo", Fault.UNDER, 4), ("axiomatic", Fault.OPEN, 3),
-     ("axiomatic", Fault.UNDER, 0x10), ("axiomatic", Fault.OVER, 0x20), ("esd", Fault.OPEN, 1)],
-)  # fmt: skip
-def test_status_follows_the_vendors_table(vendor: str, fault: Fault, status: int) -> None:
+    [
+        ("jumo", SensorFault.OPEN, 1),
+        ("jumo", SensorFault.OVER, 2),
+        ("jumo", SensorFault.UNDER, 4),
+        ("axiomatic", SensorFault.OPEN, 3),
+        ("axiomatic", SensorFault.UNDER, 0x10),
+        ("axiomatic", SensorFault.OVER, 0x20),
+        ("esd", SensorFault.OPEN, 1),
+    ],
+)
+def test_status_follows_the_vendors_table(vendor: str, fault: SensorFault, status: int) -> None:
     node = Cia404Node(5, lambda: [20.0], inputs=1, vendor=vendor)
     node.faults.set(0, fault)
     ((_, data),) = node.on_frame(0x605, bytes.fromhex("40 50 61 01 00 00 00 00"))

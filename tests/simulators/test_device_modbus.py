@@ -8,7 +8,7 @@ from simulators.devices.adam6015 import Adam6015
 from simulators.devices.m7015 import M7015
 from simulators.devices.modbus_servers import TcpHost, crc16
 from simulators.devices.modbus_unit import answer
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 
 pytestmark = pytest.mark.simulated_time
 
@@ -27,7 +27,7 @@ def test_m7015_quantises_to_a_tenth_and_clips_with_its_sentinels() -> None:
 
 def test_m7015_tells_inputs_out_of_range_by_bits() -> None:
     unit = M7015(lambda: TEMPERATURES)
-    unit.faults.set(0, Fault.OPEN)
+    unit.faults.set(0, SensorFault.OPEN)
     assert answer(unit, bytes.fromhex("02 0080 0006")) == bytes.fromhex("02 01 31")
 
 
@@ -43,7 +43,7 @@ def test_adam_spreads_the_range_of_the_type_code_over_16_bits(code: int, tempera
 
 def test_adam_tells_burnout_by_coils() -> None:
     unit = Adam6015(lambda: [20.0] * 7)
-    unit.faults.set(6, Fault.OPEN)
+    unit.faults.set(6, SensorFault.OPEN)
     assert answer(unit, bytes.fromhex("01 0078 0007")) == bytes.fromhex("01 01 40")
 
 

@@ -9,7 +9,7 @@ from asyncua import ua
 from asyncua.client.client import Client
 from asyncua.ua.status_codes import StatusCodes
 
-from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.control import NAMESPACE_URI
 from simulators.nc.nck import R_REQUEST
 from tests.benches.manual_clock import ManualClock
@@ -42,7 +42,7 @@ def machine() -> Touched:
 
 @pytest.fixture
 async def control(clock: ManualClock, machine: Touched) -> AsyncIterator[EmulatedControl]:
-    day = LoadCase([Block(0.0, 1e6, Kind.ROUGHING, Loads(x=600.0))], operation_s=40.0)
+    day = LoadCase([DayPart(0.0, 1e6, Activity.ROUGHING, MeanLoads(x=600.0))], operation_s=40.0)
     control = EmulatedControl(machine, clock, day, cycle=CycleSettings(noise_um=0.0))
     yield control
     await control.stop()

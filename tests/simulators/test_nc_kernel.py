@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from simulators.nc import Block, CycleSettings, Kind, LoadCase, Loads, Nck, Reason
+from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck, ReasonCode
 from simulators.nc.cycle import CycleState
 from simulators.nc.nck import (
     R_ANSWERS,
@@ -19,7 +19,7 @@ from simulators.nc.nck import (
     R_WITHDRAW,
 )
 
-CUT = Loads(x=1000.0, y=500.0, z=200.0, a=1.0, c=10.0, spindle=5000.0, coolant=1.0)
+CUT = MeanLoads(x=1000.0, y=500.0, z=200.0, a=1.0, c=10.0, spindle=5000.0, coolant=1.0)
 QUIET = CycleSettings(noise_um=0.0)
 
 
@@ -34,7 +34,10 @@ class Drifting:
 
 def cutting(cycle: CycleSettings = QUIET, seed: int = 0, operation_s: float = 45.0) -> Nck:
     return Nck(
-        Drifting(), LoadCase([Block(0.0, 1e6, Kind.ROUGHING, CUT)], operation_s=operation_s), cycle=cycle, seed=seed
+        Drifting(),
+        LoadCase([DayPart(0.0, 1e6, Activity.ROUGHING, CUT)], operation_s=operation_s),
+        cycle=cycle,
+        seed=seed,
     )
 
 
@@ -87,7 +90,7 @@ def test_a_request_that_nobody_waits_for_any_more_is_refused() -> None:
     nck.advance(109.0)
     assert nck.r[R_ANSWERS] == 0
     nck.advance(110.0)
-    assert (nck.r[R_ANSWERS], nck.r[R_STATE], nck.r[R_REASON]) == (1, CycleState.REFUSED, Reason.EXPIRED)
+    assert (nck.r[R_ANSWERS], nck.r[R_STATE], nck.r[R_REASON]) == (1, CycleState.REFUSED, ReasonCode.EXPIRED)
     nck.advance(2000.0)
     assert nck.r[R_STATE] == CycleState.REFUSED
 
@@ -106,7 +109,7 @@ def test_a_withdrawn_cycle_lets_the_program_go_on() -> None:
     nck.advance(50.0)
     assert nck.state(50.0).probing
     nck.write_r(R_WITHDRAW, 1.0, 50.0)
-    assert (nck.r[R_STATE], nck.r[R_REASON]) == (CycleState.FAILED, Reason.WITHDRAWN)
+    assert (nck.r[R_STATE], nck.r[R_REASON]) == (CycleState.FAILED, ReasonCode.WITHDRAWN)
     assert not nck.state(51.0).probing
     assert nck.state(51.0).loads == CUT
 
@@ -114,7 +117,7 @@ def test_a_withdrawn_cycle_lets_the_program_go_on() -> None:
 def test_an_alarm_stops_the_axes() -> None:
     nck = cutting()
     nck.raise_alarm(4711, 5.0)
-    assert nck.state(6.0).loads == Loads()
+    assert nck.state(6.0).loads == MeanLoads()
     nck.clear_alarms(7.0)
     assert nck.state(8.0).loads == CUT
 

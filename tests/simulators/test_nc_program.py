@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simulators.nc import Block, Kind, LoadCase, Loads
+from simulators.nc import Activity, DayPart, LoadCase, MeanLoads
 
 DAY_S = 86400.0
 
@@ -17,7 +17,7 @@ def test_a_seed_gives_one_day() -> None:
 def test_blocks_last_five_minutes_to_two_hours_by_day() -> None:
     for seed in range(5):
         blocks = LoadCase.random(seed, 3 * DAY_S, start_hour=8.0).blocks
-        lengths = [b.end_s - b.start_s for b in blocks if b.kind is not Kind.NIGHT]
+        lengths = [b.end_s - b.start_s for b in blocks if b.kind is not Activity.NIGHT]
         assert min(lengths) >= 300.0
         assert max(lengths) <= 7200.0
         assert all(length % 300.0 == 0.0 for length in lengths)
@@ -25,8 +25,8 @@ def test_blocks_last_five_minutes_to_two_hours_by_day() -> None:
 
 def test_every_kind_of_work_occurs_and_some_nights_are_quiet() -> None:
     blocks = LoadCase.random(3, 10 * DAY_S, start_hour=6.0).blocks
-    assert {b.kind for b in blocks} == set(Kind)
-    nights = [b for b in blocks if b.kind is Kind.NIGHT]
+    assert {b.kind for b in blocks} == set(Activity)
+    nights = [b for b in blocks if b.kind is Activity.NIGHT]
     assert 2 <= len(nights) <= 9
     for night in nights:
         begin_hour = (night.start_s / 3600.0 + 6.0) % 24.0
@@ -35,7 +35,7 @@ def test_every_kind_of_work_occurs_and_some_nights_are_quiet() -> None:
 
 
 def test_one_axis_alone_loads_only_one() -> None:
-    singles = [b for b in LoadCase.random(11, 10 * DAY_S).blocks if b.kind is Kind.SINGLE_AXIS]
+    singles = [b for b in LoadCase.random(11, 10 * DAY_S).blocks if b.kind is Activity.SINGLE_AXIS]
     assert singles
     for block in singles:
         assert sum(v > 0 for v in block.loads.as_tuple()[:6]) == 1
@@ -52,8 +52,10 @@ def test_the_integral_is_what_a_fine_sum_gives() -> None:
 
 
 def test_safe_points_lie_between_operations_and_at_standstill() -> None:
-    cut, rest = Loads(x=1000.0), Loads()
-    case = LoadCase([Block(0.0, 100.0, Kind.ROUGHING, cut), Block(100.0, 300.0, Kind.PAUSE, rest)], operation_s=40.0)
+    cut, rest = MeanLoads(x=1000.0), MeanLoads()
+    case = LoadCase(
+        [DayPart(0.0, 100.0, Activity.ROUGHING, cut), DayPart(100.0, 300.0, Activity.PAUSE, rest)], operation_s=40.0
+    )
     points = [case.next_safe_point(t) for t in (0.0, 1.0, 40.0, 41.0, 81.0, 150.0, 1e4)]
     assert points == [0.0, 40.0, 40.0, 80.0, 100.0, 150.0, 1e4]
 
@@ -62,11 +64,11 @@ def test_safe_points_lie_between_operations_and_at_standstill() -> None:
     "blocks",
     [
         [],
-        [Block(10.0, 20.0, Kind.PAUSE, Loads())],
-        [Block(0.0, 10.0, Kind.PAUSE, Loads()), Block(20.0, 30.0, Kind.PAUSE, Loads())],
-        [Block(0.0, 10.0, Kind.PAUSE, Loads()), Block(10.0, 10.0, Kind.PAUSE, Loads())],
+        [DayPart(10.0, 20.0, Activity.PAUSE, MeanLoads())],
+        [DayPart(0.0, 10.0, Activity.PAUSE, MeanLoads()), DayPart(20.0, 30.0, Activity.PAUSE, MeanLoads())],
+        [DayPart(0.0, 10.0, Activity.PAUSE, MeanLoads()), DayPart(10.0, 10.0, Activity.PAUSE, MeanLoads())],
     ],
 )
-def test_blocks_that_leave_gaps_are_no_day(blocks: list[Block]) -> None:
+def test_blocks_that_leave_gaps_are_no_day(blocks: list[DayPart]) -> None:
     with pytest.raises(ValueError, match="blocks"):
         LoadCase(blocks)

@@ -8,8 +8,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from simulators.plant import MACHINES, Ageing, Environment, Failure, MachineDrive, Parameters, Plant, load, record
-from simulators.plant.ageing import Kind
+from simulators.plant import MACHINES, Ageing, Environment, Failure, MachineDrive, Plant, PlantParameters, load, record
+from simulators.plant.ageing import FailureKind
 from simulators.plant.drive import loads
 from simulators.plant.joined import FAMILIES, ZONES
 from simulators.plant.network import Network
@@ -54,16 +54,16 @@ def test_the_page_names_every_number_of_the_hall_with_its_default() -> None:
 
 
 @pytest.fixture(scope="module")
-def machine() -> Parameters:
+def machine() -> PlantParameters:
     return load()
 
 
 @pytest.fixture(scope="module", params=MACHINES)
-def any_machine(request: pytest.FixtureRequest) -> Parameters:
+def any_machine(request: pytest.FixtureRequest) -> PlantParameters:
     return load(request.param)
 
 
-def shut(machine: Parameters) -> Parameters:
+def shut(machine: PlantParameters) -> PlantParameters:
     """The same without any way for heat to the hall."""
     given = machine.outside.sum(axis=1)
     drain = np.zeros_like(machine.conductance)
@@ -76,14 +76,14 @@ def shut(machine: Parameters) -> Parameters:
     return replace(machine, conductance=closed, outside=np.zeros_like(machine.outside))
 
 
-def test_names_are_those_of_the_bench(machine: Parameters) -> None:
+def test_names_are_those_of_the_bench(machine: PlantParameters) -> None:
     assert len(machine.channels) == 29
     assert {"bed_front_left", "spindle_motor", "ambient_high", "space_right", "cutting_fluid"} <= set(machine.channels)
     even = np.concatenate([machine.even, np.ones(len(ZONES))])
     assert machine.sensor_at @ even == pytest.approx(1.0)
 
 
-def test_an_evenly_warm_machine_in_as_warm_a_hall_stays_so_at_any_film(any_machine: Parameters) -> None:
+def test_an_evenly_warm_machine_in_as_warm_a_hall_stays_so_at_any_film(any_machine: PlantParameters) -> None:
     network, even = Network(any_machine), any_machine.even
     for seed in range(5):
         films = 10 ** np.random.default_rng(seed).uniform(-2, 3, len(FAMILIES))
@@ -91,7 +91,7 @@ def test_an_evenly_warm_machine_in_as_warm_a_hall_stays_so_at_any_film(any_machi
         assert after == pytest.approx(25 * even, rel=1e-7, abs=1e-6 * abs(25 * even).max())
 
 
-def test_heat_without_way_out_stays(machine: Parameters) -> None:
+def test_heat_without_way_out_stays(machine: PlantParameters) -> None:
     network = Network(shut(machine))
     films = np.ones(len(FAMILIES))
     x = 20 * machine.even
@@ -103,7 +103,7 @@ def test_heat_without_way_out_stays(machine: Parameters) -> None:
 
 
 @pytest.mark.parametrize("wet", [0.0, 1.0, 1000.0])
-def test_steady_state_gives_away_what_comes_in_at_any_film(any_machine: Parameters, wet: float) -> None:
+def test_steady_state_gives_away_what_comes_in_at_any_film(any_machine: PlantParameters, wet: float) -> None:
     machine = any_machine
     network, films = Network(machine), np.array([1.0, wet, 0.5, 0.0])
     zones = np.full(len(ZONES), 20.0)
@@ -115,7 +115,7 @@ def test_steady_state_gives_away_what_comes_in_at_any_film(any_machine: Paramete
     assert network.step(x, films, heat, zones, 30.0) == pytest.approx(x, abs=1e-9 * abs(x).max())
 
 
-def test_matrices_are_symmetric_and_every_film_draws_energy(any_machine: Parameters) -> None:
+def test_matrices_are_symmetric_and_every_film_draws_energy(any_machine: PlantParameters) -> None:
     machine = any_machine
     for name, matrix in (("K", machine.conductance), *zip(FAMILIES, machine.films, strict=True)):
         if name != "flow":
@@ -125,7 +125,7 @@ def test_matrices_are_symmetric_and_every_film_draws_energy(any_machine: Paramet
         assert drawn.min() > -1e-9 * drawn.max(), name
 
 
-def test_no_film_makes_it_unstable(any_machine: Parameters) -> None:
+def test_no_film_makes_it_unstable(any_machine: PlantParameters) -> None:
     network = Network(any_machine)
     draw = np.random.default_rng(8)
     root = np.sqrt(any_machine.capacity)
@@ -139,7 +139,7 @@ def test_no_film_makes_it_unstable(any_machine: Parameters) -> None:
             assert np.linalg.norm(root * after) <= np.linalg.norm(x) * (1 + 1e-9)
 
 
-def test_step_is_second_order_against_the_matrix_exponential(machine: Parameters) -> None:
+def test_step_is_second_order_against_the_matrix_exponential(machine: PlantParameters) -> None:
     from scipy.linalg import expm
 
     films, n = np.array([1.0, 0.0, 0.25, 0.0]), machine.even.size
@@ -158,7 +158,7 @@ def test_step_is_second_order_against_the_matrix_exponential(machine: Parameters
     assert far[0] / far[1] > 3.0
 
 
-def test_slowest_time_constant_is_that_of_a_heavy_machine(machine: Parameters) -> None:
+def test_slowest_time_constant_is_that_of_a_heavy_machine(machine: PlantParameters) -> None:
     rate = Network(machine).rate(np.array([1.0, 0.0, 0.0, 0.0])) / machine.capacity[:, None]
     modes = np.linalg.eigvals(rate).real
     assert modes.min() > 0
@@ -178,14 +178,14 @@ def test_slowest_time_constant_is_that_of_a_heavy_machine(machine: Parameters) -
     ],
 )
 def test_lumped_parts_are_as_quick_as_their_kind(
-    machine: Parameters, place: str, wet: float, low_min: float, high_min: float
+    machine: PlantParameters, place: str, wet: float, low_min: float, high_min: float
 ) -> None:
     k = int(np.flatnonzero(machine.places[place])[0])
     rate = Network(machine).rate(np.array([1.0, wet, 0.0, 0.0]))
     assert low_min < machine.capacity[k] / rate[k, k] / 60 < high_min
 
 
-def test_only_the_causes_decide_not_how_the_caller_cuts_the_time(machine: Parameters) -> None:
+def test_only_the_causes_decide_not_how_the_caller_cuts_the_time(machine: PlantParameters) -> None:
     drive = MachineDrive(speed_c=600, spindle_speed=9000, coolant_on=True)
     whole, sliced = Plant(machine, Environment(), 3), Plant(machine, Environment(), 3)
     whole.advance(7200, drive)
@@ -197,7 +197,7 @@ def test_only_the_causes_decide_not_how_the_caller_cuts_the_time(machine: Parame
     assert sliced.sensors() == whole.sensors()
 
 
-def test_a_change_within_a_step_counts_by_its_share(machine: Parameters) -> None:
+def test_a_change_within_a_step_counts_by_its_share(machine: PlantParameters) -> None:
     plant, base, full = (Plant(machine, CALM, 3, ageing=NEW) for _ in range(3))
     plant.advance(15, MachineDrive(speed_x=20000))
     plant.advance(30, MachineDrive())
@@ -207,7 +207,7 @@ def test_a_change_within_a_step_counts_by_its_share(machine: Parameters) -> None
     assert plant.temperature("x_nut") == pytest.approx(half, abs=1e-6)
 
 
-def test_same_seed_same_run_other_seed_other_hall(machine: Parameters) -> None:
+def test_same_seed_same_run_other_seed_other_hall(machine: PlantParameters) -> None:
     drives = [MachineDrive(speed_y=9000)] * 24
     one, two, other = (record(Plant(machine, Environment(), seed), drives) for seed in (4, 4, 5))
     assert np.array_equal(one.inputs, two.inputs)
@@ -215,7 +215,7 @@ def test_same_seed_same_run_other_seed_other_hall(machine: Parameters) -> None:
     assert not np.allclose(one.errors, other.errors)
 
 
-def test_reading_is_lagged_noisy_and_repeatable(machine: Parameters) -> None:
+def test_reading_is_lagged_noisy_and_repeatable(machine: PlantParameters) -> None:
     plant = Plant(machine, CALM, 6)
     rest = [plant.sensors()["a_drive"]]
     assert plant.sensors()["a_drive"] == rest[0]
@@ -236,7 +236,7 @@ def test_reading_is_lagged_noisy_and_repeatable(machine: Parameters) -> None:
     ],
 )
 def test_heat_is_of_the_known_size(
-    machine: Parameters, drive: MachineDrive, source: str, low: float, high: float
+    machine: PlantParameters, drive: MachineDrive, source: str, low: float, high: float
 ) -> None:
     names = {"spindle": "spindle_speed", "c_": "speed_c", "a_": "speed_a", "x_": "speed_x", "y_": "speed_y"}
     mine = [law.drive == names[source] for law in machine.laws]
@@ -244,7 +244,7 @@ def test_heat_is_of_the_known_size(
     assert low <= watts <= high
 
 
-def test_coolant_carries_most_of_the_spindles_heat(machine: Parameters) -> None:
+def test_coolant_carries_most_of_the_spindles_heat(machine: PlantParameters) -> None:
     heat = np.zeros_like(machine.even)
     for k, law in enumerate(machine.laws):
         if law.drive == "spindle_speed":
@@ -256,14 +256,14 @@ def test_coolant_carries_most_of_the_spindles_heat(machine: Parameters) -> None:
     assert 0.6 <= share <= 0.8
 
 
-def test_cutting_fluid_cools_a_hot_table(machine: Parameters) -> None:
+def test_cutting_fluid_cools_a_hot_table(machine: PlantParameters) -> None:
     dry, wet = Plant(machine, CALM, 1), Plant(machine, CALM, 1)
     dry.advance(4 * 3600, MachineDrive(speed_c=1000))
     wet.advance(4 * 3600, MachineDrive(speed_c=1000, coolant_on=True))
     assert dry.temperature("table.top") - wet.temperature("table.top") > 2.0
 
 
-def test_even_warming_is_free_growth(any_machine: Parameters) -> None:
+def test_even_warming_is_free_growth(any_machine: PlantParameters) -> None:
     """Cast iron 10.5, steel 11.5e-6: table's radius 200 mm, its top 20 mm and the post of 60 mm above the A axis."""
     nine = dict(zip(THERMAL_ERRORS, any_machine.elastic @ any_machine.even, strict=True))
     assert nine["ER0T"] == pytest.approx(11.5 * 0.2, rel=0.01)
@@ -273,7 +273,7 @@ def test_even_warming_is_free_growth(any_machine: Parameters) -> None:
         assert nine[name] == pytest.approx(0.0, abs=0.02), name
 
 
-def test_deviation_is_the_probing_formula(machine: Parameters) -> None:
+def test_deviation_is_the_probing_formula(machine: PlantParameters) -> None:
     plant = Plant(machine, Environment(), 2)
     plant.advance(6 * 3600, MachineDrive(speed_c=900, speed_a=20))
     e = dict(zip(THERMAL_ERRORS, plant.errors(), strict=True))
@@ -288,7 +288,7 @@ def test_deviation_is_the_probing_formula(machine: Parameters) -> None:
         assert plant.deviation_um(x, y, z, a_deg, c_deg) == pytest.approx(expected, abs=0.01)
 
 
-def test_errors_start_at_zero_and_reach_tens_of_micrometres(machine: Parameters) -> None:
+def test_errors_start_at_zero_and_reach_tens_of_micrometres(machine: PlantParameters) -> None:
     plant = Plant(machine, Environment(), 7)
     assert not plant.errors().any()
     draw = np.random.default_rng(5)
@@ -319,7 +319,7 @@ def test_stiff_machine_bends_less_warm_one_more_cooled_spindle_grows_less() -> N
         load("weak")
 
 
-def test_friction_and_sensors_drift_slowly_and_repeatably(machine: Parameters) -> None:
+def test_friction_and_sensors_drift_slowly_and_repeatably(machine: PlantParameters) -> None:
     old, again, new = (Plant(machine, CALM, 2, ageing=a) for a in (Ageing(), Ageing(), NEW))
     drives = [MachineDrive(speed_x=20000, speed_y=20000)] * 12 * 24
     runs = [record(plant, drives) for plant in (old, again, new)]
@@ -331,11 +331,11 @@ def test_friction_and_sensors_drift_slowly_and_repeatably(machine: Parameters) -
     assert 0 < np.abs(offset[ground]).max() < 0.2  # the hall is the same: what differs is the sensor's drift
 
 
-def test_sensors_fail_as_told(machine: Parameters) -> None:
+def test_sensors_fail_as_told(machine: PlantParameters) -> None:
     failures = (
-        Failure(channel="x_nut", kind=Kind.OPEN, from_s=600, until_s=1200),
-        Failure(channel="c_drive", kind=Kind.STUCK, from_s=600),
-        Failure(channel="y_nut", kind=Kind.OFFSET, from_s=600, by_K=4.0),
+        Failure(channel="x_nut", kind=FailureKind.OPEN, from_s=600, until_s=1200),
+        Failure(channel="c_drive", kind=FailureKind.STUCK, from_s=600),
+        Failure(channel="y_nut", kind=FailureKind.OFFSET, from_s=600, by_K=4.0),
     )
     drives = [MachineDrive(speed_c=1200, speed_y=30000)] * 8
     bad = record(Plant(machine, CALM, 2, failures=failures), drives).inputs
@@ -347,10 +347,10 @@ def test_sensors_fail_as_told(machine: Parameters) -> None:
     others = [k for k in range(bad.shape[1]) if k not in (x, c, y)]
     assert np.array_equal(bad[:, others], good[:, others])
     with pytest.raises(ValueError, match="no channel 'x_nutt'"):
-        Plant(machine, CALM, 2, failures=[Failure(channel="x_nutt", kind=Kind.OPEN, from_s=0)])
+        Plant(machine, CALM, 2, failures=[Failure(channel="x_nutt", kind=FailureKind.OPEN, from_s=0)])
 
 
-def test_another_plant_counts_from_the_same_state(machine: Parameters) -> None:
+def test_another_plant_counts_from_the_same_state(machine: PlantParameters) -> None:
     """What one says after its reference measurement, its twin says that takes the reference from it."""
     drive = MachineDrive(speed_c=900.0)
     plant, twin = Plant(machine, CALM, 1), Plant(machine, CALM, 1)

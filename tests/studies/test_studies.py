@@ -22,7 +22,7 @@ from studies import STUDIES, Run, carry_out
 from studies.__main__ import main
 from studies.arx_vs_static import REST, STEPS, judge, recordings
 from studies.arx_vs_static_report import MODELS
-from studies.frame import Parameters, code_fingerprint
+from studies.frame import RunParameters, code_fingerprint
 from tests.benches.small_study import study_by_command
 
 STUDY = STUDIES["arx-vs-static"]
@@ -150,7 +150,7 @@ def test_runs_without_their_time_make_no_time_and_the_goal_stands_beside_it(fold
 
 
 def test_runs_that_rest_on_the_first_ones_follow_them_and_are_kept_too(tmp_path: Path) -> None:
-    def then(first: list[Run]) -> list[Parameters]:
+    def then(first: list[Run]) -> list[RunParameters]:
         return [{**run.parameters, "pair": 7} for run in first[:1]]
 
     study = replace(STUDY, runs=lambda seed, small: STUDY.runs(seed, small)[:1], then=then)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from simulators.cases import Axis
-from simulators.plant import MACHINES, Recording, load
-from simulators.plant.ageing import Kind
+from simulators.plant import MACHINES, PlantRecording, load
+from simulators.plant.ageing import FailureKind
 from studies import STUDIES, Run
 from studies.loop import days, held, regressed
 from studies.test_piece import (
@@ -68,7 +68,7 @@ def test_peers_know_only_what_was_measured_before() -> None:
     draw = np.random.default_rng(3)
     inputs = 20.0 + draw.normal(size=(80, 36)).cumsum(axis=0)
     truth = inputs[:, :9] * 2.0 - 40.0
-    series = days(Recording(tuple(f"t{i}" for i in range(36)), inputs, truth), 5)
+    series = days(PlantRecording(tuple(f"t{i}" for i in range(36)), inputs, truth), 5)
     used = np.zeros(80, dtype=np.bool_)
     used[:60:2] = True
     hold, plain = held(series, used), regressed(series, used)
@@ -110,7 +110,7 @@ def test_three_sensors_fail_after_the_calibration_each_in_its_way() -> None:
     for seed in range(20):
         found = failures(channels, seed)
         assert len({f.channel for f in found} & set(channels)) == 3
-        assert {f.kind for f in found} == set(Kind)
+        assert {f.kind for f in found} == set(FailureKind)
         assert all(36 * 3600.0 <= f.from_s <= 56 * 3600.0 for f in found)  # 12 h idle, 24 h calibration; 20 h follow
 
 
@@ -122,7 +122,9 @@ def test_an_input_that_reads_nothing_keeps_its_last_value_for_the_peers() -> Non
     stuck[50:, 3], stuck[:2, 4] = inputs[49, 3], inputs[2, 4]
     truth, used = stuck[:, :9] * 2.0, np.arange(80) % 2 == 0
     names = tuple(f"t{i}" for i in range(36))
-    open_, plain = (regressed(replace(days(Recording(names, i, truth), 5), inputs=i), used) for i in (inputs, stuck))
+    open_, plain = (
+        regressed(replace(days(PlantRecording(names, i, truth), 5), inputs=i), used) for i in (inputs, stuck)
+    )
     assert np.isfinite(open_[47:]).all()
     assert np.array_equal(open_[47:], plain[47:])
 

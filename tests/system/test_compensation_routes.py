@@ -18,7 +18,7 @@ from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
 from gateway.config.model import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
-from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.nck import CEC_TABLES, MachineState, MachineUnderControl
 from simulators.plant import Environment, MachineDrive, Plant, load
 from simulators.plant.plant import RADIUS_MM
@@ -115,9 +115,9 @@ class Recording(EmulatedControl):
 @asynccontextmanager
 async def moving(machine: WarmMachine) -> AsyncIterator[tuple[Recording, WireClock, str]]:
     clock = WireClock()
-    loads = Loads(x=1500.0, y=1100.0, z=700.0, a=0.1, c=20.0, spindle=6000.0)
+    loads = MeanLoads(x=1500.0, y=1100.0, z=700.0, a=0.1, c=20.0, spindle=6000.0)
     cycle = CycleSettings(radius_mm=RADIUS_MM, noise_um=0.0)
-    control = Recording(machine, clock, LoadCase([Block(0.0, 1e6, Kind.FINISHING, loads)]), cycle)
+    control = Recording(machine, clock, LoadCase([DayPart(0.0, 1e6, Activity.FINISHING, loads)]), cycle)
     url = await control.start()
     try:
         yield control, clock, url

@@ -23,7 +23,7 @@ from gateway.events import DecisionMade, FrameMade, ModelsAdopted
 from gateway.storage import Store
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.modbus_servers import TcpHost
-from simulators.nc import Block, CycleSettings, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import R_BEAT, Logged
 from talc.control import Controller
 from talc.frame import Frame, Measurement
@@ -164,7 +164,7 @@ async def killed(kills: int, control: EmulatedControl, start: Callable[[], Await
 
 @pytest.mark.parametrize("kills", [8, pytest.param(200, marks=pytest.mark.slow)])
 async def test_a_gateway_killed_at_any_moment_makes_no_step(kills: int, tmp_path: Path) -> None:
-    rest = LoadCase([Block(0.0, 1e12, Kind.PAUSE, Loads())])
+    rest = LoadCase([DayPart(0.0, 1e12, Activity.PAUSE, MeanLoads())])
     control = EmulatedControl(Still(), RealClock(), rest, cycle=CycleSettings(noise_um=0.0))
     host = TcpHost({1: Adam6015(lambda: [*temperatures(time.time() / STEP_S), 20.0, 20.0, 20.0, 20.0, 20.0])})
     url, modbus = await control.start(), await host.start()

@@ -8,7 +8,7 @@ from scipy.stats import t as student
 
 from talc.arx import Regression, followed, guarded_fit, least_squares_fit, refine, simulate
 from talc.output_error import Design, fit
-from talc.window import Parameters, Structure, Window
+from talc.window import Coefficients, Structure, Window
 
 Array = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def test_refining_uses_rows_whose_past_was_not_measured() -> None:
     y[::6] = w.y[::6]
     sparse = window(w.u, y)
     assert Regression(sparse, 1, 0).y.size == 0
-    refined = refine(sparse, BOTH, Parameters(np.array([-0.8]), (np.array([0.1]), np.array([-0.1])), 0.0))
+    refined = refine(sparse, BOTH, Coefficients(np.array([-0.8]), (np.array([0.1]), np.array([-0.1])), 0.0))
     assert -refined.a[0] == pytest.approx(0.95, abs=0.02)
     assert np.nanstd(simulate(sparse, BOTH, refined) - truth) < 0.03
 
@@ -110,7 +110,7 @@ def test_refining_uses_rows_whose_past_was_not_measured() -> None:
 def test_an_unmeasured_output_is_the_models_own_and_a_measurement_moves_its_history() -> None:
     u = np.zeros((6, 1))
     y = np.array([np.nan, 4.0, np.nan, np.nan, 5.0, np.nan])
-    p = Parameters(np.array([-0.5, -0.25]), (np.array([1.0]),), 0.0)  # y = 0.5 y[k-1] + 0.25 y[k-2]
+    p = Coefficients(np.array([-0.5, -0.25]), (np.array([1.0]),), 0.0)  # y = 0.5 y[k-1] + 0.25 y[k-2]
     known = followed(window(u, y), Structure(2, (0,), (0,)), p)
     # From 4, 4: 3 in row 2, then 0.5 · 3 + 0.25 · 4 = 2.5; measured 5 where 2.0 was expected: 5, 5.5 and 3.875.
     np.testing.assert_allclose(known, [np.nan, 4.0, 3.0, 2.5, 5.0, 0.5 * 5.0 + 0.25 * (2.5 + 3.0)])

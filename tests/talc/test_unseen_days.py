@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.unseen_days import WAYS, Outcome, Way, run
+from benchmarks.unseen_days import WAYS, UnseenOutcome, Way, run
 from talc.settings import ControlSettings
 
 
 @pytest.fixture(scope="module")
-def outcomes() -> list[Outcome]:
+def outcomes() -> list[UnseenOutcome]:
     """The models of `search` on the machine itself and on three others of its kind."""
     way = next(way for way in WAYS if way.name == "`search`, judged on unseen rows")
     return [run(way, kind, seed) for kind, seed in (("day", 0), ("axes", 1), ("day", 2), ("axes", 3))]
@@ -24,13 +24,13 @@ def test_the_learner_leaves_less_than_the_last_measurement_also_when_it_is_measu
     assert dense.measurements == hourly.measurements == 36
 
 
-def test_no_error_is_corrected_worse_than_by_its_last_measurement(outcomes: list[Outcome]) -> None:
+def test_no_error_is_corrected_worse_than_by_its_last_measurement(outcomes: list[UnseenOutcome]) -> None:
     ratio = np.array([o.rms / o.hold for o in outcomes])
     assert ratio.max() < 1.0
     assert np.exp(np.log(ratio).mean()) < 0.4  # the goal is 0.6
 
 
-def test_95_percent_intervals_hold_the_truth_on_90_to_99_percent_of_rows(outcomes: list[Outcome]) -> None:
+def test_95_percent_intervals_hold_the_truth_on_90_to_99_percent_of_rows(outcomes: list[UnseenOutcome]) -> None:
     inside = np.concatenate([o.inside for o in outcomes])
     assert 0.90 <= inside.mean() <= 0.99
 

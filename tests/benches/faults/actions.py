@@ -8,7 +8,7 @@ from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 
 from simulators.devices.cia404_node import Nmt
 from simulators.devices.modbus_servers import crc16
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Late, Spoil
 from tests.benches.faults.plants import NEIGHBOUR, SENSORS, TIMEOUT_S, VICTIM, Plant
 
@@ -36,7 +36,7 @@ def talking(plant: Plant) -> None:
     plant.faults.silent = False
 
 
-def sensor(fault: Fault | None) -> Do:
+def sensor(fault: SensorFault | None) -> Do:
     return lambda plant: plant.faults.set(0, fault)
 
 

@@ -19,7 +19,7 @@ from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.pta8d08 import Pta8d08
-from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
 from simulators.devices.source import Faults
 from simulators.devices.spoil import Spoil
 from simulators.devices.voltage_input import VoltageInput
@@ -57,7 +57,7 @@ class Plant:
     adapter: SlcanAdapter | None = None
     node: Cia404Node | None = None
     server: LoopbackServer | None = None
-    send: Callable[[list[Frame]], None] = lambda _: None
+    send: Callable[[list[CanFrame]], None] = lambda _: None
     """Frames that somebody on a CAN bus sends."""
     retype: Callable[[int], None] = lambda _: None
     """Another type code at the victim's channel 0; 0 is the right one again."""

@@ -3,16 +3,16 @@
 from collections.abc import Sequence
 
 from drivers.base import Quality
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 from tests.benches.faults.plants import CANOPEN, ME_LINE
 
 BROKEN, BEYOND = Quality.SENSOR_FAULT, Quality.OUT_OF_RANGE
 BUSES = (*CANOPEN, "multicast")
 DISTANCE = (*ME_LINE, "me_ethernet")
-SENSOR_FAULTS: Sequence[tuple[str, Fault, Sequence[tuple[Sequence[str], str, Quality]]]] = [
+SENSOR_FAULTS: Sequence[tuple[str, SensorFault, Sequence[tuple[Sequence[str], str, Quality]]]] = [
     (
         "sensor open",
-        Fault.OPEN,
+        SensorFault.OPEN,
         [
             (("rtu",), "the module reports this input broken", BROKEN),
             (("pta",), "97.7 degC is the reading of this device", BROKEN),
@@ -27,7 +27,7 @@ SENSOR_FAULTS: Sequence[tuple[str, Fault, Sequence[tuple[Sequence[str], str, Qua
     ),
     (
         "sensor short",
-        Fault.SHORT,
+        SensorFault.SHORT,
         [
             (("rtu",), "the module reports this input broken", BROKEN),
             (("pta",), "-200 degC is outside", BEYOND),
@@ -42,7 +42,7 @@ SENSOR_FAULTS: Sequence[tuple[str, Fault, Sequence[tuple[Sequence[str], str, Qua
     ),
     (
         "over range",
-        Fault.OVER,
+        SensorFault.OVER,
         [
             (("rtu",), "above the input's range", BROKEN),
             (("pta",), "400 degC is outside", BEYOND),
@@ -56,7 +56,7 @@ SENSOR_FAULTS: Sequence[tuple[str, Fault, Sequence[tuple[Sequence[str], str, Qua
     ),
     (
         "under range",
-        Fault.UNDER,
+        SensorFault.UNDER,
         [
             (("rtu",), "below the input's range", BROKEN),
             (("pta",), "-200 degC is outside", BEYOND),

@@ -15,7 +15,7 @@ from drivers.can.interface import slcan_frame
 from drivers.canopen.bus import CanObject, CanOpenBus
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
-from simulators.devices.slcan_adapter import CanNode, Frame, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame, CanNode, SlcanAdapter
 
 pytestmark = pytest.mark.simulated_time
 
@@ -74,9 +74,9 @@ class Talker:
     """A node that says rightly what it is, and for another object sends frames of the test's."""
 
     def __init__(self) -> None:
-        self.says: Sequence[Frame] = ()
+        self.says: Sequence[CanFrame] = ()
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         if identifier != 0x600 + NODE:
             return ()
         if data[1:4] == bytes.fromhex("00 10 00"):
@@ -120,7 +120,7 @@ RIGHT = st.binary(min_size=4, max_size=4).map(lambda data: (0x580 + NODE, b"\x43
 FRAMES = st.one_of(ANY, st.builds(lambda right, others: [right, *others], RIGHT, ANY))
 
 
-def values_in(frames: Sequence[Frame]) -> set[bytes]:
+def values_in(frames: Sequence[CanFrame]) -> set[bytes]:
     """What these frames say that the object holds (CiA 301, expedited upload)."""
     found = set()
     for identifier, data in frames:
@@ -129,7 +129,7 @@ def values_in(frames: Sequence[Frame]) -> set[bytes]:
     return found
 
 
-def begins_segments(frames: Sequence[Frame]) -> bool:
+def begins_segments(frames: Sequence[CanFrame]) -> bool:
     return any(i == 0x580 + NODE and len(data) == 8 and data[0] & 0xE2 == 0x40 for i, data in frames)
 
 
@@ -137,11 +137,11 @@ def test_any_frames_from_a_node_give_what_they_say_or_an_error() -> None:
     node, stack, outcomes = Talker(), AsyncExitStack(), [0, 0]
     with asyncio.Runner() as runner:
         bus, _ = runner.run(stack.enter_async_context(talking(node, SHORT_S)))
-        before: Sequence[Frame] = ()
+        before: Sequence[CanFrame] = ()
 
         @settings(deadline=None, max_examples=200)
         @given(FRAMES)
-        def any_frames(frames: Sequence[Frame]) -> None:
+        def any_frames(frames: Sequence[CanFrame]) -> None:
             nonlocal before
             node.says = frames
             try:
@@ -167,7 +167,7 @@ class Endless:
     def __init__(self, *, empty: bool) -> None:
         self._empty = empty
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         if identifier != 0x600 + NODE or data[0] == 0x80:
             return ()
         if data[0] == 0x40:

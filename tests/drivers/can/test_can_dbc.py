@@ -19,7 +19,7 @@ from drivers.faults import Fault as Faulty
 from drivers.profiles import load_profile
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 from tests.benches.logger_files import logger_profile, logger_profile_text
 
 pytestmark = pytest.mark.simulated_time
@@ -64,10 +64,10 @@ async def test_values_come_by_the_names_of_the_dbc_file(tmp_path: Path) -> None:
 
 async def test_broken_sensors_and_what_is_beyond_the_range(tmp_path: Path) -> None:
     expected = {
-        Fault.OPEN: Quality.SENSOR_FAULT,
-        Fault.SHORT: Quality.SENSOR_FAULT,
-        Fault.OVER: Quality.OUT_OF_RANGE,
-        Fault.UNDER: Quality.OUT_OF_RANGE,
+        SensorFault.OPEN: Quality.SENSOR_FAULT,
+        SensorFault.SHORT: Quality.SENSOR_FAULT,
+        SensorFault.OVER: Quality.OUT_OF_RANGE,
+        SensorFault.UNDER: Quality.OUT_OF_RANGE,
     }
     async with bench(logger_profile(tmp_path)) as (logger, driver, _):
         for fault, quality in expected.items():

@@ -18,8 +18,8 @@ from drivers.base import BadAnswer, ConnectError, Driver, NoAnswer, Quality, Rea
 from drivers.build import make_bus, make_device
 from drivers.canopen.events import NodeEvents
 from simulators.devices.cia404_node import Cia404Node
-from simulators.devices.slcan_adapter import Frame, SlcanAdapter
-from simulators.devices.source import Fault
+from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
+from simulators.devices.source import SensorFault
 
 pytestmark = pytest.mark.simulated_time
 
@@ -48,7 +48,7 @@ def node() -> Cia404Node:
     return Cia404Node(5, lambda: TEMPERATURES, inputs=2)
 
 
-async def passed(adapter: SlcanAdapter, *frames: Frame) -> None:
+async def passed(adapter: SlcanAdapter, *frames: CanFrame) -> None:
     """Send the frames and let the receiving thread see them."""
     adapter.send(frames)
     await asyncio.sleep(0.05)
@@ -86,7 +86,7 @@ class Restarting(Cia404Node):
         super().__init__(5, lambda: [21.0 + self.booted] * 2, inputs=2)
         self.after, self.starts, self.sensor_type, self.requests, self.booted = after, starts, sensor_type, 0, 0
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         frames = super().on_frame(identifier, data)
         if identifier != 0x605 or self.booted == self.starts:
             return frames
@@ -133,7 +133,7 @@ async def test_node_that_starts_anew_again_and_again_gives_no_value() -> None:
 
 
 async def test_emergency_explains_a_fault_until_it_is_taken_back(node: Cia404Node) -> None:
-    node.faults.set(0, Fault.OPEN)
+    node.faults.set(0, SensorFault.OPEN)
     async with bench(node) as (adapter, driver):
         assert (await driver.read())[0].detail == "sensor fault"
         await passed(adapter, (0x085, bytes.fromhex("30 FF 81 00 00 00 00 00")))
@@ -149,10 +149,10 @@ async def test_sensor_that_breaks_or_recovers_while_it_is_read_gives_no_value(br
     """A broken input of this node shows the end of the range; the status alone tells."""
 
     class Flickering(Cia404Node):
-        def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
             value_is_read = identifier == 0x605 and data[:4] == bytes.fromhex("40 30 91 01")
             if value_is_read and breaks:
-                self.faults.set(0, Fault.OPEN)
+                self.faults.set(0, SensorFault.OPEN)
             frames = super().on_frame(identifier, data)
             if value_is_read and not breaks:
                 self.faults.set(0, None)
@@ -162,7 +162,7 @@ async def test_sensor_that_breaks_or_recovers_while_it_is_read_gives_no_value(br
     async with bench(node) as (_, driver):
         await driver.connect()
         if not breaks:
-            node.faults.set(0, Fault.OPEN)
+            node.faults.set(0, SensorFault.OPEN)
         broken, good = await driver.read()
     assert broken.quality is Quality.SENSOR_FAULT
     assert good.value == pytest.approx(-3.3)
@@ -212,7 +212,7 @@ async def turned(driver: Driver, quality: Quality) -> list[Reading]:
 
 async def test_node_that_answers_without_a_heartbeat_is_stale_until_it_beats_again() -> None:
     node = Cia404Node(5, lambda: TEMPERATURES, inputs=2, heartbeat_ms=50)
-    node.faults.set(1, Fault.OPEN)
+    node.faults.set(1, SensorFault.OPEN)
     async with bench(node) as (adapter, driver):
         node.start(adapter.send)
         try:

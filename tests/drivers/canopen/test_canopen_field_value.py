@@ -13,7 +13,7 @@ from drivers.build import make_bus, make_device
 from drivers.profiles import load_profile
 from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 
 pytestmark = pytest.mark.simulated_time
 
@@ -56,7 +56,7 @@ async def test_field_value_is_scaled_by_the_profile_alone(
         readings = await driver.read()
         assert [r.value for r in readings] == pytest.approx(TEMPERATURES)
         assert {(r.quality, r.unit) for r in readings} == {(Quality.GOOD, "degC")}
-        node.faults.set(0, Fault.OPEN)
+        node.faults.set(0, SensorFault.OPEN)
         assert [r.quality for r in await driver.read()] == [Quality.SENSOR_FAULT, Quality.GOOD]
 
 

@@ -14,7 +14,7 @@ from drivers.build import make_bus, make_device
 from drivers.canopen.bus import CanObject
 from drivers.canopen.pdo import pdo_map
 from simulators.devices.cia404_node import Cia404Node
-from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
 
 pytestmark = pytest.mark.simulated_time
 
@@ -114,7 +114,7 @@ async def test_node_sends_by_its_timer_and_is_asked_for_nothing() -> None:
     asked = []
 
     class Counting(Cia404Node):
-        def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
             asked.append(identifier)
             return super().on_frame(identifier, data)
 

@@ -14,7 +14,7 @@ import pytest
 from drivers.base import Bus, Driver, Quality, Reading, Refused, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.canopen.bus import CanObject, CanOpenBus
-from simulators.devices.slcan_adapter import Frame, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
 from tests.benches.npm_peer import node_with, running
 
 pytestmark = pytest.mark.peer
@@ -28,7 +28,7 @@ class Peer:
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self._process = process
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         self.tell(f"{identifier:x} {data.hex()}")
         return ()
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from simulators.linuxcnc.machine import Machine, machine
+from simulators.linuxcnc.machine import LinuxCncMachine, machine
 
 pytestmark = pytest.mark.peer
 
@@ -17,14 +17,14 @@ SLEW_MM_PER_S = 1e-2
 
 
 @pytest.fixture
-async def nc(tmp_path: Path) -> AsyncIterator[Machine]:
+async def nc(tmp_path: Path) -> AsyncIterator[LinuxCncMachine]:
     async with machine(tmp_path) as running:
         await running.ask("switch_on")
         await running.ask("home")
         yield running
 
 
-async def reaches(nc: Machine, signal: str, value: float) -> float:
+async def reaches(nc: LinuxCncMachine, signal: str, value: float) -> float:
     """Seconds until the signal has this value."""
     began = time.monotonic()
     async with asyncio.timeout(10.0):
@@ -44,7 +44,7 @@ async def test_homed_control_turns_the_table_and_ends_by_itself(tmp_path: Path) 
     assert not (tmp_path / "linuxcnc.lock").exists()
 
 
-async def test_compensation_moves_the_drive_slowly_and_the_control_does_not_see_it(nc: Machine) -> None:
+async def test_compensation_moves_the_drive_slowly_and_the_control_does_not_see_it(nc: LinuxCncMachine) -> None:
     await nc.ask("mdi", "G53 G0 X5")
     began = time.monotonic()
     await nc.ask("hal", "sets", "talc-x", "0.03")
@@ -57,7 +57,7 @@ async def test_compensation_moves_the_drive_slowly_and_the_control_does_not_see_
     assert await nc.number("gets", "y-drive") == 0.0
 
 
-async def test_compensation_beyond_the_bound_stops_at_the_bound(nc: Machine) -> None:
+async def test_compensation_beyond_the_bound_stops_at_the_bound(nc: LinuxCncMachine) -> None:
     await nc.ask("hal", "setp", "talc-limit-z.maxv", "1")  # not to wait 20 s
     await nc.ask("hal", "sets", "talc-z", "-5")
     await reaches(nc, "talc-z-in-force", -0.2)
@@ -65,7 +65,7 @@ async def test_compensation_beyond_the_bound_stops_at_the_bound(nc: Machine) -> 
     assert await nc.number("gets", "z-drive") == pytest.approx(9.8, abs=1e-6)
 
 
-async def test_emergency_stop_and_homing_again_leave_the_compensation_where_it_is(nc: Machine) -> None:
+async def test_emergency_stop_and_homing_again_leave_the_compensation_where_it_is(nc: LinuxCncMachine) -> None:
     await nc.ask("hal", "sets", "talc-y", "0.002")
     await reaches(nc, "talc-y-in-force", 0.002)
     await nc.ask("estop")
@@ -78,7 +78,9 @@ async def test_emergency_stop_and_homing_again_leave_the_compensation_where_it_i
     assert (await nc.ask("state"))["position"][1] == pytest.approx(0.0, abs=1e-9)
 
 
-async def test_two_machines_run_beside_each_other(nc: Machine, tmp_path_factory: pytest.TempPathFactory) -> None:
+async def test_two_machines_run_beside_each_other(
+    nc: LinuxCncMachine, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     async with machine(tmp_path_factory.mktemp("second")) as other:
         await other.ask("switch_on")
         await other.ask("home")

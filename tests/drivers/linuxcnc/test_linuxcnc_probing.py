@@ -12,7 +12,7 @@ import pytest
 from drivers.base import Refused, SystemClock
 from drivers.linuxcnc.control import LinuxCnc
 from drivers.linuxcnc.settings import LinuxCncSettings
-from drivers.nc import ProbingState, ProbingStatus
+from drivers.nc import ProbingState, RequestStatus
 from simulators.linuxcnc.machine import HURRY
 from tests.benches.linuxcnc_bench import Bench, running, until
 
@@ -57,7 +57,7 @@ async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
         yield it
 
 
-async def reaches(bench: Bench, number: int, *states: ProbingState, limit_s: float = 60.0) -> ProbingStatus:
+async def reaches(bench: Bench, number: int, *states: ProbingState, limit_s: float = 60.0) -> RequestStatus:
     async def there() -> bool:
         return (await bench.nc.probing_status(number)).state in states
 

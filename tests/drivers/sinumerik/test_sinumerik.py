@@ -14,7 +14,7 @@ from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import Handshake, SinumerikSettings
 from simulators.nc import User
 from simulators.nc.nck import JOG, R_SPREAD
-from simulators.nc.variables import ALARMS_SHOWN, DRIVES_ON, Right
+from simulators.nc.variables import ALARMS_SHOWN, DRIVES_ON, AccessRight
 from tests.benches.emulated_bench import POSES, Bench, expected_deviation_um, sinumerik_bench, wired
 from tests.benches.manual_clock import ManualClock
 
@@ -210,18 +210,20 @@ async def test_a_control_that_goes_away_and_comes_back(bench: Bench) -> None:
     await bench.nc.snapshot()
 
 
-ALL = frozenset(Right)
+ALL = frozenset(AccessRight)
 
 
 @pytest.mark.parametrize(
     ("rights", "verb", "missing"),
     [
-        (ALL - {Right.SEA_WRITE}, "write_compensation", "SeaWrite"),
-        (ALL - {Right.STATE_WRITE}, "request_probing", "StateWrite"),
-        (ALL - {Right.STATE_WRITE}, "withdraw_probing", "StateWrite"),
+        (ALL - {AccessRight.SEA_WRITE}, "write_compensation", "SeaWrite"),
+        (ALL - {AccessRight.STATE_WRITE}, "request_probing", "StateWrite"),
+        (ALL - {AccessRight.STATE_WRITE}, "withdraw_probing", "StateWrite"),
     ],
 )
-async def test_a_missing_right_is_named(tmp_path: Path, rights: frozenset[Right], verb: str, missing: str) -> None:
+async def test_a_missing_right_is_named(
+    tmp_path: Path, rights: frozenset[AccessRight], verb: str, missing: str
+) -> None:
     password = tmp_path / "password"
     password.write_text("secret\n")
     async with sinumerik_bench({"gateway": User("secret", rights)}) as bench:

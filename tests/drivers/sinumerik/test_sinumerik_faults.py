@@ -17,9 +17,9 @@ from drivers.nc import OperatingMode, ProbingState
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import OffsetRoute, Paths, SinumerikSettings, StateNode
 from gateway.clock import RealClock
-from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads, User
+from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.nck import R_ANSWERS, R_REQUEST, R_RESULT_OF, R_STATE
-from simulators.nc.variables import Right
+from simulators.nc.variables import AccessRight
 from tests.benches.cut_line import line_to
 from tests.benches.emulated_bench import Rigid
 
@@ -42,8 +42,8 @@ async def running(control: EmulatedControl) -> AsyncIterator[str]:
 
 
 def emulated(users: dict[str, User] | None = None, kind: type[EmulatedControl] = EmulatedControl) -> EmulatedControl:
-    work = Loads(x=60.0)  # 1 mm/s
-    return kind(Rigid(), RealClock(), LoadCase([Block(0.0, 1e9, Kind.ROUGHING, work)]), users=users)
+    work = MeanLoads(x=60.0)  # 1 mm/s
+    return kind(Rigid(), RealClock(), LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, work)]), users=users)
 
 
 async def test_a_server_that_accepts_and_says_nothing() -> None:
@@ -175,11 +175,11 @@ async def test_a_path_that_does_not_exist_is_named_when_connecting() -> None:
                 await Sinumerik(settings, SystemClock()).connect()
 
 
-@pytest.mark.parametrize("right", [Right.STATE_READ, Right.SEA_READ, Right.PLC_READ])
-async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, right: Right) -> None:
+@pytest.mark.parametrize("right", [AccessRight.STATE_READ, AccessRight.SEA_READ, AccessRight.PLC_READ])
+async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, right: AccessRight) -> None:
     password = tmp_path / "password"
     password.write_text("secret")
-    async with running(emulated({"watcher": User("secret", frozenset(Right) - {right})})) as url:
+    async with running(emulated({"watcher": User("secret", frozenset(AccessRight) - {right})})) as url:
         settings = SinumerikSettings(
             security="none",
             url=url,
@@ -223,7 +223,7 @@ async def test_a_slope_that_somebody_set_shows_in_what_is_in_force() -> None:
 @pytest.mark.parametrize("route", ["k0", "r"])
 @pytest.mark.parametrize("machine_sign", [-1, 1])
 async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: int) -> None:
-    work = LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())])
+    work = LoadCase([DayPart(0.0, 1e9, Activity.PAUSE, MeanLoads())])
     control = EmulatedControl(Rigid(), RealClock(), work, compensation_sign=machine_sign)
     async with running(control) as url:
         signs = (machine_sign,) * 3 if route == "k0" else None

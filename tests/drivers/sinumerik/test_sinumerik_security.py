@@ -17,7 +17,7 @@ from drivers.problems import settings_of
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.clock import RealClock
-from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads, Security, User
+from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, Security, User
 from simulators.nc.access import APPLICATION_URI
 from tests.benches.emulated_bench import Rigid
 
@@ -83,7 +83,7 @@ async def site(tmp_path: Path) -> AsyncIterator[Site]:
     control = EmulatedControl(
         Rigid(),
         RealClock(),
-        LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())]),
+        LoadCase([DayPart(0.0, 1e9, Activity.PAUSE, MeanLoads())]),
         users={"gateway": User("secret")},
         security=Security(theirs.certificate, theirs.key, (ours.certificate,)),
     )

@@ -15,7 +15,7 @@ from drivers.nc import NcSnapshot, OperatingMode
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.clock import RealClock
-from simulators.nc import Block, EmulatedControl, Kind, LoadCase, Loads
+from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.nck import AUTO, JOG
 from tests.benches.emulated_bench import Rigid
 
@@ -36,7 +36,7 @@ class Counting(EmulatedControl):
 
 @asynccontextmanager
 async def watched(subscriptions: bool = True) -> AsyncIterator[tuple[Sinumerik, Counting]]:
-    still = LoadCase([Block(0.0, 1e9, Kind.PAUSE, Loads())])
+    still = LoadCase([DayPart(0.0, 1e9, Activity.PAUSE, MeanLoads())])
     control = Counting(Rigid(), RealClock(), still, subscriptions=subscriptions)
     url = await control.start()
     nc = Sinumerik(SinumerikSettings(security="none", url=url, subscribe_s=0.05, timeout_s=1.0), SystemClock())

@@ -3,16 +3,16 @@
 import pytest
 
 from drivers.base import ConnectError, NoAnswer, Quality, WrongDevice
-from gateway.acquisition import Answer, Plausible, read_once
+from gateway.acquisition import DeviceAnswer, Plausible, read_once
 from tests.benches.scripted_bus import Plant
 
 
-async def once(plant: Plant, *, keep_open: bool = False) -> dict[str, Answer]:
+async def once(plant: Plant, *, keep_open: bool = False) -> dict[str, DeviceAnswer]:
     with plant.clock.hold():  # as a command does on the real clock: no simulated time passes
         return {answer.device: answer for answer in await read_once(plant.line(), plant.clock, keep_open=keep_open)}
 
 
-def qualities(answers: dict[str, Answer]) -> dict[str, Quality]:
+def qualities(answers: dict[str, DeviceAnswer]) -> dict[str, Quality]:
     return {device: answer.readings[0].quality for device, answer in answers.items()}
 
 

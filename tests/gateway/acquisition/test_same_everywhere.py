@@ -15,7 +15,7 @@ from gateway.config import load
 from gateway.scan.tcp import TcpScan, scan_hosts
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.modbus_servers import TcpHost
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 from tests.benches.command import talc_gateway
 
 CONFIG = """[machine]
@@ -49,7 +49,7 @@ Shown = dict[str, tuple[str, Quality]]
 async def adam(*, silent: bool = False) -> AsyncIterator[int]:
     """A module with a good sensor, a broken one, and one beyond its limit; yields its port."""
     module = Adam6015(lambda: [20.0, 30.0, 80.0, 40.0, 0.0, 0.0, 0.0])
-    module.faults.set(1, Fault.OPEN)
+    module.faults.set(1, SensorFault.OPEN)
     module.faults.silent = silent
     host = TcpHost({1: module})
     try:

@@ -23,7 +23,7 @@ from gateway.acquisition.line import Line
 from gateway.cli.probe_watch import DeviceFigures, ProbeView
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.modbus_servers import TcpHost
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 from tests.benches.command import talc_gateway
 from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice
 from tests.benches.stepped_clock import SteppedClock
@@ -145,7 +145,7 @@ column = 1
 async def test_lines_tell_values_and_problems_where_there_is_no_terminal(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     adam = Adam6015(lambda: [20.0, 30.0, *[0.0] * 5])
-    adam.faults.set(1, Fault.OPEN)
+    adam.faults.set(1, SensorFault.OPEN)
     host = TcpHost({1: adam})
     file.write_text(CONFIG.format(port=await host.start()), encoding="utf-8")
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.nc import OperatingMode, ProbingState, ProbingStatus, ProgramState
+from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
 from gateway.config import parse
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Schedule
@@ -54,7 +54,7 @@ async def running(
 
 async def test_a_calibration_measurement_is_asked_for_so_long_before_its_step_ends() -> None:
     bench, told = Bench("monitor"), KeptEvents()
-    bench.control.answer = ProbingStatus(0, ProbingState.DONE, NOWHERE)
+    bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
     async with running(bench, told):
         await bench.clock.run_until(STEP_S + 119.0)
         assert bench.control.requests == []  # the wish came with the first step; 180 s before the second is 420 s
@@ -71,7 +71,7 @@ async def test_what_blocks_probing_is_published_and_logged_once(caplog: pytest.L
         await bench.clock.run_until(4 * STEP_S)
         assert bench.control.requests == []
         bench.control.mode = OperatingMode.AUTO
-        bench.control.answer = ProbingStatus(0, ProbingState.DONE, NOWHERE)
+        bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
         await bench.clock.run_until(5 * STEP_S)
     assert told.texts(EventKind.PROBLEM) == ["probing: the control is in JOG, not in AUTO"]
     assert len(told.texts(EventKind.PROBLEM_ENDED)) == 1
@@ -95,7 +95,7 @@ async def test_a_wish_that_ends_while_it_waits_is_never_asked_for() -> None:
 
 async def test_a_cycle_that_keeps_failing_is_asked_for_so_often_and_the_operator_is_told_once() -> None:
     bench, told = Bench("monitor"), KeptEvents()
-    bench.control.answer = ProbingStatus(0, ProbingState.FAILED, reason="a touch found no sphere")
+    bench.control.answer = RequestStatus(0, ProbingState.FAILED, reason="a touch found no sphere")
     async with running(bench, told, retries=2):
         await bench.clock.run_until(3000.0)
     assert len(bench.control.requests) == 3

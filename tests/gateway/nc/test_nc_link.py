@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.nc import ProbingState, ProbingStatus
+from drivers.nc import ProbingState, RequestStatus
 from gateway.nc.slew import Source
 from talc.frame import Why
 from tests.benches.nc_link_bench import Bench, decision
@@ -80,7 +80,7 @@ async def test_an_error_without_a_model_is_corrected_by_its_last_measurement_onl
             await bench.clock.run_until(float(now))
             found[now] = bench.control.in_force
             if now == 300:
-                bench.control.answer = ProbingStatus(0, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
+                bench.control.answer = RequestStatus(0, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
                 cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
                 await bench.clock.run_until(319.0)
                 assert (await cycle).measurement is not None

@@ -11,7 +11,7 @@ from drivers.nc import ProbingState
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
 from gateway.probing.cycle import End
-from simulators.nc.cycle import Reason
+from simulators.nc.cycle import ReasonCode
 from simulators.nc.nck import R_REQUEST, R_RESULTS, R_WITHDRAW
 from simulators.nc.variables import ALARMS_SHOWN
 from talc.frame import Why
@@ -68,7 +68,7 @@ async def test_a_cycle_that_nobody_waits_for_any_more_is_taken_back_and_the_offs
         assert nck.r[R_WITHDRAW] == 41.0
         assert len(nck.cycle.ended) == 1
         (began, ended), answer = nck.cycle.ended[0], nck.cycle.answer
-        assert ended - began > 100.0 if not looks else answer.reason is Reason.WITHDRAWN
+        assert ended - began > 100.0 if not looks else answer.reason is ReasonCode.WITHDRAWN
         assert at.written_meanwhile() == []
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 25.0], atol=1e-9)
 

@@ -16,8 +16,8 @@ from drivers.nc import ProbingState
 from gateway.nc.slew import Source
 from gateway.probing.cycle import End
 from simulators.nc import User
-from simulators.nc.cycle import Reason
-from simulators.nc.variables import Right
+from simulators.nc.cycle import ReasonCode
+from simulators.nc.variables import AccessRight
 from talc.frame import Why
 from tests.benches.nc_line_bench import SLEW_UM_PER_S, bench, driver_of_the_other, wants
 
@@ -87,7 +87,7 @@ async def test_a_server_that_restarts_leaves_no_step_behind_and_its_cycle_is_no_
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 40.0], atol=1e-9)
         if cycle is not None:
             assert (await cycle).end is End.REFUSED
-            assert nck.cycle.answer.reason is Reason.WITHDRAWN
+            assert nck.cycle.answer.reason is ReasonCode.WITHDRAWN
             assert at.written_meanwhile() == []
 
 
@@ -157,7 +157,7 @@ async def test_a_control_whose_clock_is_an_hour_off_is_believed_in_our_time(subs
 async def test_a_user_who_may_not_write_is_told_which_right_is_missing_and_the_rest_goes_on(tmp_path: Path) -> None:
     password = tmp_path / "password"
     password.write_text("secret")
-    rights = frozenset(Right) - {Right.SEA_WRITE}
+    rights = frozenset(AccessRight) - {AccessRight.SEA_WRITE}
     async with bench(users={"gateway": User("secret", rights)}, password=password) as at:
         at.link.follow(wants(4.0))
         await at.clock.run_until(30.0)

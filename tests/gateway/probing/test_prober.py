@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.nc import ProbingState, ProbingStatus
+from drivers.nc import ProbingState, RequestStatus
 from gateway.probing.cycle import End
 from talc.frame import Why
 from tests.benches.nc_link_bench import Bench, decision
@@ -25,7 +25,7 @@ async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_
         bench.link.follow(decision(9.0))
         await bench.clock.run_until(30.0)
         assert len(bench.control.writes) == written
-        bench.control.answer = ProbingStatus(42, ProbingState.DONE, centres)
+        bench.control.answer = RequestStatus(42, ProbingState.DONE, centres)
         await bench.clock.run_until(40.0)
         first = await cycle
         # The first cycle is the reference. The same centres again, with 5 µm more compensated in Z, mean that the
@@ -47,13 +47,13 @@ async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_
 @pytest.mark.parametrize(
     ("answer", "reason"),
     [
-        (ProbingStatus(42, ProbingState.REFUSED, reason="alarm 21612"), "refused.*alarm 21612"),
-        (ProbingStatus(42, ProbingState.DONE, ((0.0, 0.0, math.nan),) * 6), "not a finite number"),
-        (ProbingStatus(42, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 5), "15 result values, expected 18"),
+        (RequestStatus(42, ProbingState.REFUSED, reason="alarm 21612"), "refused.*alarm 21612"),
+        (RequestStatus(42, ProbingState.DONE, ((0.0, 0.0, math.nan),) * 6), "not a finite number"),
+        (RequestStatus(42, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 5), "15 result values, expected 18"),
         (None, "did not end within 900 s"),
     ],
 )
-async def test_a_cycle_without_a_usable_result_says_why(answer: ProbingStatus | None, reason: str) -> None:
+async def test_a_cycle_without_a_usable_result_says_why(answer: RequestStatus | None, reason: str) -> None:
     bench = Bench("compensate")
     bench.control.answer = answer
     async with bench.running():
@@ -74,7 +74,7 @@ async def test_a_chip_on_the_sphere_is_no_measurement() -> None:
     async with bench.running():
         await bench.clock.run_until(2.0)
         for centres in (good, chip):
-            bench.control.answer = ProbingStatus(0, ProbingState.DONE, tuple(map(tuple, centres)))
+            bench.control.answer = RequestStatus(0, ProbingState.DONE, tuple(map(tuple, centres)))
             cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
             await bench.clock.run_until(bench.clock.monotonic() + 5.0)
             outcome = await cycle
@@ -82,10 +82,10 @@ async def test_a_chip_on_the_sphere_is_no_measurement() -> None:
     assert "is the sphere clean" in outcome.reason
 
 
-def cycles(centres_um: list[float]) -> dict[int, ProbingStatus]:
+def cycles(centres_um: list[float]) -> dict[int, RequestStatus]:
     """One cycle after another, its sphere found so far off in Z, in every pose."""
     return {
-        41 + n: ProbingStatus(41 + n, ProbingState.DONE, ((0.0, 0.0, z * 1e-3),) * 6) for n, z in enumerate(centres_um)
+        41 + n: RequestStatus(41 + n, ProbingState.DONE, ((0.0, 0.0, z * 1e-3),) * 6) for n, z in enumerate(centres_um)
     }
 
 
@@ -121,7 +121,7 @@ async def test_a_reference_is_refused_while_the_machine_moves() -> None:
 
 async def test_a_cycle_whose_touches_do_not_repeat_is_no_measurement() -> None:
     bench = Bench("compensate")
-    bench.control.answer = ProbingStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6, spread_mm=0.030)
+    bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6, spread_mm=0.030)
     async with bench.running():
         await bench.clock.run_until(2.0)
         cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
@@ -151,7 +151,7 @@ async def test_a_result_that_the_prediction_does_not_know_must_be_found_twice() 
 
 async def test_a_write_under_way_ends_before_the_offsets_stand_still() -> None:
     bench = Bench("compensate")
-    bench.control.answer = ProbingStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
+    bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
     async with bench.running():
         bench.link.follow(decision(20.0))
         await bench.clock.run_until(5.0)
@@ -185,7 +185,7 @@ async def test_stopping_takes_the_request_back_that_nobody_waits_for() -> None:
 
 async def test_what_has_ended_is_not_taken_back() -> None:
     bench = Bench("monitor")
-    bench.control.answer = ProbingStatus(41, ProbingState.REFUSED, reason="alarm")
+    bench.control.answer = RequestStatus(41, ProbingState.REFUSED, reason="alarm")
     async with bench.running():
         await bench.clock.run_until(3.0)
         cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
@@ -219,7 +219,7 @@ async def test_offsets_that_moved_while_the_control_probed_make_no_measurement()
         bench.control.watching, bench.control.in_force = False, (0.0, 0.0, 8.0)  # ramped while this process hung
         await bench.clock.run_until(34.0)
         bench.control.watching = True
-        bench.control.answer = ProbingStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.012),) * 6)
+        bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.012),) * 6)
         await bench.clock.run_until(45.0)
         moved = await cycle
         again = asyncio.create_task(bench.link.measure(Why.RETRY))
@@ -233,7 +233,7 @@ async def test_offsets_that_moved_while_the_control_probed_make_no_measurement()
 @pytest.mark.parametrize("when_stale", ["zero", "hold"])
 async def test_disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets_to_zero(when_stale: str) -> None:
     bench = Bench("compensate", when_stale=when_stale)
-    bench.control.answer = ProbingStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
+    bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
     ends, asked = [], []
     async with bench.running():
         bench.link.follow(decision(4.0))

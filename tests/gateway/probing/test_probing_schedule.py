@@ -9,7 +9,7 @@ import pytest
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.probing.cycle import End
 from gateway.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, Standing, moment
-from simulators.nc import Block, CycleSettings, Kind, LoadCase, Loads, MachineState, Nck
+from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MachineState, MeanLoads, Nck
 from talc.frame import Event, EventKind, Why
 
 POSITIONS = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": 0.0, "C": 0.0}
@@ -301,7 +301,7 @@ def test_over_a_day_no_cycle_begins_in_a_cut_and_none_waits_for_ever(seed: int) 
 
 
 def test_a_long_cut_without_tool_change_is_left_at_its_end_only() -> None:
-    loads = Loads(x=900.0, spindle=8000.0)
-    blocks = [Block(0.0, 6000.0, Kind.ROUGHING, loads), Block(6000.0, 9e9, Kind.PAUSE, Loads())]
+    loads = MeanLoads(x=900.0, spindle=8000.0)
+    blocks = [DayPart(0.0, 6000.0, Activity.ROUGHING, loads), DayPart(6000.0, 9e9, Activity.PAUSE, MeanLoads())]
     found = probed(LoadCase(blocks, operation_s=6000.0), 7200.0 / 3600.0)
     assert [began for _, began in found] == [6000.0]

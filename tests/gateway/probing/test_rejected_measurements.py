@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.base import Quality, Reading
-from drivers.nc import ProbingState, ProbingStatus
+from drivers.nc import ProbingState, RequestStatus
 from gateway.config import parse
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Schedule
@@ -51,7 +51,7 @@ async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identic
     def temperature(now_s: float) -> float:
         return 20.0 + 6.0 * math.sin(now_s / 4000.0) + 3.0 * (now_s / STEP_S > 15)
 
-    async def answered(number: int) -> ProbingStatus:
+    async def answered(number: int) -> RequestStatus:
         """EZ0A follows the temperature: 2 µm/K; the sphere is found so far off in Z, with noise, and chips."""
         measurement = number - 41 - 4  # the first five cycles are the reference
         z = 2.0 * (temperature(bench.clock.monotonic()) - 20.0) if measurement > 0 else 0.0
@@ -59,7 +59,7 @@ async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identic
         centres[:, 2] += z * 1e-3
         centres[2, 0] += 0.04 * (measurement in CHIPS)
         truth.append(z)
-        return ProbingStatus(number, ProbingState.DONE, tuple((x, y, w) for x, y, w in centres.tolist()))
+        return RequestStatus(number, ProbingState.DONE, tuple((x, y, w) for x, y, w in centres.tolist()))
 
     control.probing_status = answered  # type: ignore[method-assign]
     database = tmp_path / "gateway.sqlite"

@@ -17,7 +17,7 @@ from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.m7015 import M7015
 from simulators.devices.modbus_servers import RtuLine
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 from tests.benches.command import Done, talc_gateway
 
 FRAMES = CanLogger(lambda: [20.0, -3.3, 40.0, 99.9, 22.2], lambda _: None).frames()
@@ -118,7 +118,7 @@ channels = {{ growth = 0 }}
 async def test_commands_record_play_and_probe_alike(tmp_path: Path) -> None:
     """With a broken sensor, a unit that is silent, and a port that is not there."""
     broken, silent = M7015(lambda: [20.0] * 6), M7015(lambda: [20.0] * 6)
-    broken.faults.set(4, Fault.OPEN)
+    broken.faults.set(4, SensorFault.OPEN)
     silent.faults.silent = True
     line, node = RtuLine({1: broken, 2: silent}), Cia404Node(5, lambda: [30.0], inputs=1)
     adapter = SlcanAdapter([node])

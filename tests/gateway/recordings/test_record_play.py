@@ -25,7 +25,7 @@ from simulators.devices.me_controller import MeController
 from simulators.devices.me_sensor import MeSensor
 from simulators.devices.modbus_servers import RtuLine, TcpHost
 from simulators.devices.slcan_adapter import SlcanAdapter
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Spoil
 
 TIMEOUT_S = 0.3
@@ -76,7 +76,7 @@ async def rtu() -> Wire:
         return [(0.0, frame[:4] + b"\x55" + frame[5:])]
 
     def broken() -> None:
-        module.faults.set(1, Fault.OPEN)
+        module.faults.set(1, SensorFault.OPEN)
 
     def silent() -> None:
         module.faults.silent = True
@@ -107,7 +107,7 @@ async def tcp() -> Wire:
         return lambda: setattr(host, "spoil", how)
 
     def broken() -> None:
-        module.faults.set(6, Fault.OPEN)
+        module.faults.set(6, SensorFault.OPEN)
 
     steps = (nothing, broken, spoil(late), spoil(None), nothing, spoil(in_pieces), spoil(foreign), spoil(None))
     return Wire("modbus_tcp", {"host": "127.0.0.1", "port": port}, "advantech_adam6015", 1, host.stop, steps)
@@ -138,7 +138,7 @@ async def canopen(transfer: str = "sdo") -> Wire:
     path = await adapter.start()
 
     def broken() -> None:
-        node.faults.set(0, Fault.OPEN)
+        node.faults.set(0, SensorFault.OPEN)
 
     def silent() -> None:
         node.faults.silent = True
@@ -160,7 +160,7 @@ async def me_rs485() -> Wire:
     path = await sensor.start()
 
     def lost_target() -> None:
-        sensor.faults.set(0, Fault.OPEN)
+        sensor.faults.set(0, SensorFault.OPEN)
 
     def silent() -> None:
         sensor.faults.silent = True

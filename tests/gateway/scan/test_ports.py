@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.scan import Port, find_ports
+from gateway.scan import ScanPort, find_ports
 
 
 @pytest.fixture
@@ -25,10 +25,10 @@ def computer(tmp_path: Path) -> tuple[Path, Path]:
 def test_lasting_names_come_first_and_each_adapter_once(computer: tuple[Path, Path]) -> None:
     dev, net = computer
     assert find_ports(dev, net) == [
-        Port("serial", str(dev / "serial/by-id/usb-FTDI_RS485-if00"), "ttyUSB1"),
-        Port("serial", str(dev / "ttyUSB0"), "may have another name after a reboot"),
-        Port("can", "can0", "up"),
-        Port("can", "can1", "down"),
+        ScanPort("serial", str(dev / "serial/by-id/usb-FTDI_RS485-if00"), "ttyUSB1"),
+        ScanPort("serial", str(dev / "ttyUSB0"), "may have another name after a reboot"),
+        ScanPort("can", "can0", "up"),
+        ScanPort("can", "can1", "down"),
     ]
 
 

@@ -13,11 +13,11 @@ from drivers.can import Heard
 from drivers.canopen import CanOpenSettings
 from gateway.config import load
 from gateway.scan.can import CanScan, scan_can
-from gateway.scan.found import Report
+from gateway.scan.found import ScanReport
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Cia404Node, Nmt
 from simulators.devices.multicast_bus import MulticastBus
-from simulators.devices.slcan_adapter import CanNode, Frame, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame, CanNode, SlcanAdapter
 from tests.benches.command import talc_gateway
 
 TEMPERATURES = [20.0, 21.5, -3.0, 40.0]
@@ -31,9 +31,9 @@ class Spy:
     """Notes every frame that is sent, and sends nothing."""
 
     def __init__(self) -> None:
-        self.frames: list[Frame] = []
+        self.frames: list[CanFrame] = []
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         self.frames.append((identifier, data))
         return ()
 
@@ -49,7 +49,7 @@ async def bus(nodes: Sequence[CanNode], bitrate: int = 125_000) -> AsyncIterator
         await adapter.stop()
 
 
-async def scan(what: CanScan) -> Report:
+async def scan(what: CanScan) -> ScanReport:
     return await scan_can(what, lambda *_: None, lambda: False)
 
 
@@ -83,7 +83,7 @@ async def test_vendor_is_known_by_a_name_of_several_segments() -> None:
 class Failing:
     """Says that it is a measuring device, and is silent when it is asked for more."""
 
-    def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         if identifier != 0x607 or data[1:4] != bytes.fromhex("00 10 00"):
             return ()
         return ((0x587, bytes.fromhex("43 00 10 00 94 01 02 00")),)
@@ -192,7 +192,7 @@ async def test_ctrl_c_closes_the_adapter_and_shows_what_was_found() -> None:
     asked = asyncio.Event()
 
     class Slow(Cia404Node):
-        def on_frame(self, identifier: int, data: bytes) -> Sequence[Frame]:
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
             if identifier > 0x600:
                 asked.set()
             return super().on_frame(identifier, data)

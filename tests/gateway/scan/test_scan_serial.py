@@ -11,7 +11,7 @@ import pytest
 from drivers.base import ConnectError
 from gateway.config import load
 from gateway.config.buses import ModbusRtuSection
-from gateway.scan.found import Found, Report
+from gateway.scan.found import Found, ScanReport
 from gateway.scan.fragment import merged
 from gateway.scan.serial import SerialScan, plan, scan_line
 from simulators.devices.m7015 import M7015
@@ -20,7 +20,7 @@ from simulators.devices.modbus_servers import RtuLine, crc16
 from simulators.devices.modbus_unit import ModbusUnit, answer
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.pty_port import PtyPort
-from simulators.devices.source import Fault
+from simulators.devices.source import SensorFault
 from simulators.devices.voltage_input import VoltageInput
 from tests.benches.command import talc_gateway
 
@@ -57,11 +57,11 @@ async def line(units: dict[int, ModbusUnit], baud: int = 0) -> AsyncIterator[str
         await wire.stop()
 
 
-async def scan(what: SerialScan) -> Report:
+async def scan(what: SerialScan) -> ScanReport:
     return await scan_line(what, quiet, lambda: False)
 
 
-def by_unit(report: Report) -> dict[int, Found]:
+def by_unit(report: ScanReport) -> dict[int, Found]:
     return {device.unit: device for device in report.found}
 
 
@@ -80,7 +80,7 @@ async def test_slow_module_can_be_written_to_a_configuration_that_loads(tmp_path
 @pytest.mark.simulated_time
 async def test_known_modules_are_recognised_and_others_called_unknown() -> None:
     broken = M7015(lambda: SIX)
-    broken.faults.set(2, Fault.OPEN)
+    broken.faults.set(2, SensorFault.OPEN)
     voltage = VoltageInput(lambda: [100.0] * 8, range_um=500.0)
     async with line({1: broken, 2: Pta8d08(lambda: EIGHT), 3: voltage}) as path:
         found = by_unit(await scan(line_plan(path, units=(1, 2, 3, 4))))

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
-from gateway.scan.found import Report
+from gateway.scan.found import ScanReport
 from gateway.scan.fragment import merged
 from gateway.scan.tcp import TcpScan, scan_hosts
 from simulators.devices.adam6015 import Adam6015
@@ -28,7 +28,7 @@ async def host(units: Mapping[int, ModbusUnit]) -> AsyncIterator[int]:
         await server.stop()
 
 
-async def scan(*ports: int, units: range = range(1, 4)) -> Report:
+async def scan(*ports: int, units: range = range(1, 4)) -> ScanReport:
     hosts = tuple(("127.0.0.1", port) for port in ports)
     return await scan_hosts(TcpScan(hosts, units, timeout_s=0.3), lambda *_: None, lambda: False)
 
