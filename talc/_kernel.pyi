@@ -114,8 +114,23 @@ def filters_learn(
     innovation: NDArray[float64],
     noise: float,
 ) -> None: ...
-def filter_inform(
-    covariance: NDArray[float64], mean: NDArray[float64], first: int, width: int, information: float
+def filters_inform(
+    covariance: NDArray[float64],
+    mean: NDArray[float64],
+    which: NDArray[int64],
+    first: NDArray[int64],
+    width: int,
+    information: NDArray[float64],
+) -> None: ...
+def filters_renew(
+    covariance: NDArray[float64],
+    mean: NDArray[float64],
+    prior: NDArray[float64],
+    first_prior: NDArray[float64],
+    which: NDArray[int64],
+    groups: NDArray[int64],
+    width: int,
+    rules: NDArray[float64],
 ) -> None: ...
 def filter_rescale(covariance: NDArray[float64], mean: NDArray[float64], factor: NDArray[float64]) -> None: ...
 def filters_mix(

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <vector>
@@ -15,10 +16,11 @@
 
 namespace talc {
 
-// h := P x.
+// h := P x. Rows without variance are skipped: a filter that does not estimate a weight has zeros there.
 TALC_WIDE inline void packed_times(const double *p, const double *x, double *h, size_t n) {
     for (size_t i = 0; i < n; ++i) h[i] = 0.0;
-    for (size_t i = 0; i < n; ++i) {
+    for (size_t i = 0; i < n; p += ++i) {
+        if (p[i] == 0.0) continue;
         double sums[8] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
         const double own = x[i];
         size_t j = 0;
@@ -34,25 +36,48 @@ TALC_WIDE inline void packed_times(const double *p, const double *x, double *h, 
         }
         h[i] += (((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]))) + rest +
                 p[i] * own;
+    }
+}
+
+// x' P x.
+TALC_WIDE inline double packed_square(const double *p, const double *x, size_t n) {
+    double total = 0.0;
+    for (size_t i = 0; i < n; ++i) {
+        double sums[8] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+        size_t j = 0;
+        for (; j + 8 <= i; j += 8)
+            for (size_t q = 0; q < 8; ++q) sums[q] += p[j + q] * x[j + q];
+        double rest = 0.0;
+        for (; j < i; ++j) rest += p[j] * x[j];
+        const double below =
+            (((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]))) + rest;
+        total += x[i] * (2.0 * below + p[i] * x[i]);
         p += i + 1;
     }
+    return total;
 }
 
 // P := P - h h' / s.
 TALC_WIDE inline void packed_downdate(double *p, const double *h, double s, size_t n) {
-    for (size_t i = 0; i < n; ++i) {
+    for (size_t i = 0; i < n; p += ++i) {
+        if (h[i] == 0.0) continue;
         const double factor = h[i] / s;
         for (size_t j = 0; j <= i; ++j) p[j] -= factor * h[j];
-        p += i + 1;
     }
 }
 
-// P := P - sum_q g_q c_q', q = 0..width-1; g and c hold one row per q.
+// P := P - sum_q g_q c_q', q = 0..width-1; g and c hold one row per q. Five at once, as a row of P is then read once.
 TALC_WIDE inline void packed_subtract(double *p, const double *g, const double *c, size_t width, size_t n) {
     for (size_t i = 0; i < n; ++i) {
-        for (size_t q = 0; q < width; ++q) {
-            const double factor = g[q * n + i];
-            const double *row = c + q * n;
+        size_t q = 0;
+        for (; q + 5 <= width; q += 5) {
+            const double *own = g + q * n + i, *r = c + q * n;
+            const double a = own[0], b = own[n], d = own[2 * n], e = own[3 * n], f = own[4 * n];
+            for (size_t j = 0; j <= i; ++j)
+                p[j] = p[j] - a * r[j] - b * r[n + j] - d * r[2 * n + j] - e * r[3 * n + j] - f * r[4 * n + j];
+        }
+        for (; q < width; ++q) {
+            const double factor = g[q * n + i], *row = c + q * n;
             for (size_t j = 0; j <= i; ++j) p[j] -= factor * row[j];
         }
         p += i + 1;
@@ -104,19 +129,17 @@ inline void filters_learn(MatrixOut covariance, MatrixOut mean, Matrix gain, Vec
     }
 }
 
-// One filter: the weights first..first+width-1 have `information` more about being zero (less, when negative).
-inline void filter_inform(VectorOut covariance, VectorOut mean, size_t first, size_t width, double information) {
-    const size_t n = mean.shape(0);
-    if (covariance.shape(0) != n * (n + 1) / 2 || first + width > n || width == 0 || information == 0.0)
-        throw nb::value_error("filter: shapes do not fit together, or nothing to say");
-    nb::gil_scoped_release release;
-    double *p = covariance.data();
-    std::vector<double> column(width * n), gain(width * n), small(width * width), value(width);
+constexpr size_t widest = 16; // weights of one input
+
+// The weights first..first+width-1 of one filter have `information` more about being zero (less, when negative).
+inline void inform(double *p, double *mean, size_t first, size_t width, double information, size_t n,
+                   std::vector<double> &column, std::vector<double> &gain, std::vector<double> &small) {
+    column.resize(width * n);
+    small.resize(width * width);
     for (size_t q = 0; q < width; ++q) {
         const size_t i = first + q;
         for (size_t j = 0; j <= i; ++j) column[q * n + j] = p[i * (i + 1) / 2 + j];
         for (size_t j = i + 1; j < n; ++j) column[q * n + j] = p[j * (j + 1) / 2 + i];
-        value[q] = mean.data()[i];
     }
     for (size_t q = 0; q < width; ++q)
         for (size_t s = 0; s < width; ++s)
@@ -136,8 +159,74 @@ inline void filter_inform(VectorOut covariance, VectorOut mean, size_t first, si
             add_scaled(gain.data() + q * n, gain.data() + s * n, -small[q * width + s], n);
         for (size_t j = 0; j < n; ++j) gain[q * n + j] /= small[q * width + q];
     }
-    for (size_t q = 0; q < width; ++q) add_scaled(mean.data(), gain.data() + q * n, -value[q], n);
+    double value[widest];
+    for (size_t q = 0; q < width; ++q) value[q] = mean[first + q];
+    for (size_t q = 0; q < width; ++q) add_scaled(mean, gain.data() + q * n, -value[q], n);
     packed_subtract(p, gain.data(), column.data(), width, n);
+}
+
+// One after the other: the filter which_k gets information_k about its weights first_k..first_k+width-1.
+inline void filters_inform(MatrixOut covariance, MatrixOut mean, Integers which, Integers first, size_t width,
+                           Vector information) {
+    const size_t filters = covariance.shape(0), n = mean.shape(1), many = which.shape(0);
+    if (covariance.shape(1) != n * (n + 1) / 2 || mean.shape(0) != filters || first.shape(0) != many ||
+        information.shape(0) != many || width == 0 || width > widest)
+        throw nb::value_error("filters: shapes do not fit together");
+    for (size_t k = 0; k < many; ++k)
+        if (which.data()[k] < 0 || static_cast<size_t>(which.data()[k]) >= filters || first.data()[k] < 0 ||
+            static_cast<size_t>(first.data()[k]) + width > n || information.data()[k] == 0.0)
+            throw nb::value_error("filters: no such filter or weight, or nothing to say");
+    nb::gil_scoped_release release;
+    std::vector<double> column, gain, small;
+    for (size_t k = 0; k < many; ++k) {
+        const size_t e = static_cast<size_t>(which.data()[k]);
+        inform(covariance.data() + e * covariance.shape(1), mean.data() + e * n, static_cast<size_t>(first.data()[k]), width,
+               information.data()[k], n, column, gain, small);
+    }
+}
+
+// Prior variances of the given groups of weights (automatic relevance determination; MacKay, Neural Computation 4 (1992)
+// 415-447): v = (sum of m^2 + k v0) / (sum of (1 - P / v0) + k), bounded, and the posterior that follows from it.
+// rules: k, the least relative change that is made, the bounds of one renewal over v0 and over the first prior.
+inline void filters_renew(MatrixOut covariance, MatrixOut mean, MatrixOut prior, Matrix first_prior, Integers which,
+                          Integers groups, size_t width, Vector rules) {
+    const size_t filters = covariance.shape(0), n = mean.shape(1), many = groups.shape(0);
+    if (covariance.shape(1) != n * (n + 1) / 2 || mean.shape(0) != filters || prior.shape(0) != filters ||
+        prior.shape(1) != n || first_prior.shape(0) != filters || first_prior.shape(1) != n || rules.shape(0) != 6 ||
+        width == 0 || width > widest)
+        throw nb::value_error("filters: shapes do not fit together");
+    for (size_t k = 0; k < many; ++k)
+        if (groups.data()[k] < 0 || (static_cast<size_t>(groups.data()[k]) + 1) * width > n)
+            throw nb::value_error("filters: no such group of weights");
+    for (size_t k = 0; k < which.shape(0); ++k)
+        if (which.data()[k] < 0 || static_cast<size_t>(which.data()[k]) >= filters)
+            throw nb::value_error("filters: no such filter");
+    nb::gil_scoped_release release;
+    const double *rule = rules.data();
+    std::vector<double> column, gain, small, after(many);
+    for (size_t k = 0; k < which.shape(0); ++k) {
+        const size_t e = static_cast<size_t>(which.data()[k]);
+        double *p = covariance.data() + e * covariance.shape(1), *m = mean.data() + e * n, *own = prior.data() + e * n;
+        for (size_t l = 0; l < many; ++l) {
+            const size_t first = static_cast<size_t>(groups.data()[l]) * width;
+            const double before = own[first], began = first_prior.data()[e * n + first];
+            double square = 0.0, learnt = 0.0;
+            for (size_t i = first; i < first + width; ++i) {
+                square += m[i] * m[i];
+                learnt += 1.0 - p[i * (i + 3) / 2] / before;
+            }
+            const double found = (square + rule[0] * before) / (std::max(learnt, 1e-3) + rule[0]);
+            const double least = std::max(rule[4] * began, rule[2] * before);
+            const double most = std::min(rule[5] * began, rule[3] * before);
+            after[l] = std::min(std::max(found, least), most);
+        }
+        for (size_t l = 0; l < many; ++l) {
+            const size_t first = static_cast<size_t>(groups.data()[l]) * width;
+            if (std::abs(after[l] / own[first] - 1.0) < rule[1]) continue;
+            inform(p, m, first, width, 1.0 / after[l] - 1.0 / own[first], n, column, gain, small);
+            for (size_t i = first; i < first + width; ++i) own[i] = after[l];
+        }
+    }
 }
 
 // One filter in other units: weight i becomes factor_i times itself.
@@ -155,11 +244,18 @@ inline void filter_rescale(VectorOut covariance, VectorOut mean, Vector factor) 
 // mixed := sum of weight_e P_e over the filters with at least `least` weight.
 inline void filters_mix(Matrix covariance, Vector weight, double least, VectorOut mixed) {
     const size_t filters = covariance.shape(0), packed = covariance.shape(1);
-    if (weight.shape(0) != filters || mixed.shape(0) != packed) throw nb::value_error("filters: shapes do not fit together");
+    const size_t n = static_cast<size_t>((std::sqrt(8.0 * static_cast<double>(packed) + 1.0) - 1.0) / 2.0);
+    if (n * (n + 1) / 2 != packed || weight.shape(0) != filters || mixed.shape(0) != packed)
+        throw nb::value_error("filters: shapes do not fit together");
     nb::gil_scoped_release release;
     for (size_t i = 0; i < packed; ++i) mixed.data()[i] = 0.0;
     for (size_t e = 0; e < filters; ++e)
-        if (weight.data()[e] >= least) add_scaled(mixed.data(), covariance.data() + e * packed, weight.data()[e], packed);
+        if (weight.data()[e] >= least) {
+            const double *p = covariance.data() + e * packed;
+            double *to = mixed.data();
+            for (size_t i = 0; i < n; to += i + 1, p += ++i)
+                if (p[i] != 0.0) add_scaled(to, p, weight.data()[e], i + 1);
+        }
 }
 
 // What each mixture says: the mean of its filters' means, and its variance: x' mixed x, what the weights have drifted
@@ -172,7 +268,7 @@ inline void mixtures_predict(Stack3 mean, Matrix weight, Matrix mixed, Matrix dr
         predicted.shape(0) != errors || variance.shape(0) != errors)
         throw nb::value_error("mixtures: shapes do not fit together");
     nb::gil_scoped_release release;
-    std::vector<double> own(filters), h(n);
+    std::vector<double> own(filters);
     for (size_t j = 0; j < errors; ++j) {
         const double *w = weight.data() + j * filters;
         double centre = 0.0, apart = 0.0, drifted = 0.0;
@@ -183,9 +279,8 @@ inline void mixtures_predict(Stack3 mean, Matrix weight, Matrix mixed, Matrix dr
         for (size_t e = 0; e < filters; ++e) apart += w[e] * (own[e] - centre) * (own[e] - centre);
         const double *q = drift.data() + j * n;
         for (size_t i = 0; i < n; ++i) drifted += q[i] * x.data()[i] * x.data()[i];
-        packed_times(mixed.data() + j * packed, x.data(), h.data(), n);
         predicted.data()[j] = centre;
-        variance.data()[j] = packed_dot(h.data(), x.data(), n) + elapsed.data()[j] * drifted + apart;
+        variance.data()[j] = packed_square(mixed.data() + j * packed, x.data(), n) + elapsed.data()[j] * drifted + apart;
     }
 }
 
@@ -194,8 +289,12 @@ inline void bind_learner(nb::module_ &m) {
           nb::arg("spread"), "Grow the covariances (filters, n (n + 1) / 2); gain := P x, spread := x' P x.");
     m.def("filters_learn", &filters_learn, nb::arg("covariance"), nb::arg("mean"), nb::arg("gain"), nb::arg("spread"),
           nb::arg("innovation"), nb::arg("noise"), "Condition each filter on its innovation, after filters_look.");
-    m.def("filter_inform", &filter_inform, nb::arg("covariance"), nb::arg("mean"), nb::arg("first"), nb::arg("width"),
-          nb::arg("information"), "Add information that some weights of one filter are zero; negative: take it away.");
+    m.def("filters_inform", &filters_inform, nb::arg("covariance"), nb::arg("mean"), nb::arg("which"), nb::arg("first"),
+          nb::arg("width"), nb::arg("information"),
+          "Add information that some weights of some filters are zero; negative: take it away.");
+    m.def("filters_renew", &filters_renew, nb::arg("covariance"), nb::arg("mean"), nb::arg("prior"), nb::arg("first_prior"),
+          nb::arg("which"), nb::arg("groups"), nb::arg("width"), nb::arg("rules"),
+          "Find the prior variances of some inputs anew, and the posterior that follows.");
     m.def("filter_rescale", &filter_rescale, nb::arg("covariance"), nb::arg("mean"), nb::arg("factor"),
           "One filter's weights, times factors.");
     m.def("filters_mix", &filters_mix, nb::arg("covariance"), nb::arg("weight"), nb::arg("least"), nb::arg("mixed"),

@@ -21,6 +21,9 @@ class Expert:
     evidence: bool = False
     """Each input has a prior variance of its own, found from the posterior (automatic relevance determination)."""
 
+    direct: bool = False
+    """Of inputs without lags only: a regression."""
+
     told: bool = False
     """Begins with what other machines have learnt; `weight` then multiplies its standard deviations."""
 
@@ -31,17 +34,22 @@ class Expert:
             return f"hold {self.level:g}"
         if self.told:
             return f"other machines {self.weight:g}, level {self.level:g}"
+        if self.direct:
+            return f"regression {self.weight:g}, level {self.level:g}"
         kind = "inputs chosen" if self.evidence else "all inputs"
         return f"{kind} {self.weight:g}, level {self.level:g}" + (f", drift {self.drift:g}" if self.drift else "")
 
 
 EXPERTS: Final = (
-    *(Expert(0.0, level) for level in (0.002, 0.01, 0.04)),
+    *(Expert(0.0, level) for level in (0.002, 0.01, 0.04, 0.1)),
+    Expert(1.0, 0.02, direct=True),
+    Expert(0.5, 0.1),
     *(Expert(a, level, drift=0.02) for a, level in product((0.5, 2.5), (0.002, 0.02))),
     *(Expert(a, level, evidence=True) for a, level in product((0.1, 0.5, 2.5), (0.002, 0.02))),
 )
-"""The same for every machine, error and input: decades of prior weight and of drift. Where physics stays, the experts
-with evidence are best; where it changes, those whose weights drift."""
+"""The same for every machine, error and input: decades of prior weight and of drift. The experts with evidence are best
+while the machine's behaviour stays the same, those whose weights drift when it changes slowly, and those whose level
+moves fast when it changes at once."""
 
 TOLD: Final = tuple(Expert(a, level, told=True) for a, level in product((1.0, 2.0), (0.002, 0.02)))
 """Beside the others when there is a prior from other machines."""

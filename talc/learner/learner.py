@@ -19,7 +19,7 @@ _SHORT_GAP_S = 3600.0
 """Through a shorter gap inputs went straight; after a longer one lags restart at the present values."""
 _LONGEST_RAMP = 2016
 _TRUSTED = 0.5
-_SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.3, 0.8, (0.7, 3.0)
+_SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.5, 0.8, (0.8, 3.0)
 """sigma is scaled by how far measurements are off: mean |z| of a normal distribution is 0.8. A measurement tells of it
 as far as its own noise does not hide it."""
 

@@ -22,17 +22,20 @@ _TOLD_SHARE, _TOLD_NULL = 0.8, -2.0
 """First weight of all experts that other machines told of together, and first log-odds of such an error being zero."""
 _LEAST_NOISE = 0.25
 """µm or µm/m: no probing cycle is better."""
-_FAR, _OUTLIER_AS = 5.0, 2.5
-"""Standard deviations from which a measurement is taken for an outlier, and what its noise is made to make of it."""
+_FAR, _OUTLIER_AS, _FASTEST = 5.0, 2.5, 0.3
+"""Standard deviations from which a measurement may be an outlier, and the number that its noise is enlarged to. It is
+one only if it is also that far from the last measurement of an error that changes by `_FASTEST` UNIT in 5 min: a
+machine that begins to behave in another way gives surprising measurements, which must be learnt."""
 _FIRST_FAR = 4.0
 """The first measurement so many standard deviations from zero: the reference is not the present state."""
 _LEAST_MIXED = 1e-3
 _RENEWED = 8
 """Inputs of which a measurement renews the prior variance."""
-_EVIDENCE_FROM, _WORTH = 6, 0.1
-"""Measurements before the first renewal; a smaller relative change is not made."""
-_MOST_DOWN, _MOST_UP, _SPAN_DOWN, _SPAN_UP = 0.1, 3.0, 1e-4, 1e2
-"""Of a prior variance: at one renewal, and relative to its first value."""
+_EVIDENCE_FROM = 6
+"""Measurements before the first renewal."""
+_EVIDENCE = np.array([0.5, 0.1, 0.1, 3.0, 1e-4, 1e2])
+"""Weights that the variance before counts for; a smaller relative change is not made; bounds of a change, and of a
+variance over its first one."""
 
 
 @dataclass(slots=True, eq=False)
@@ -61,6 +64,8 @@ class MixtureState:
     """(9,) measurements so far."""
     suspect: FloatArray
     """(9,) the last innovation, if it was an outlier; else 0."""
+    last: FloatArray
+    """(9,) the last measurement that was no outlier; NaN before the first."""
     cursor: int
     """The next input to be renewed."""
 
@@ -128,9 +133,15 @@ class Mixture:
         for e, expert in enumerate(experts):
             prior[e, :-1] = expert.weight**2 * unit
             growth[e, :-1] = expert.drift**2 * unit
+            if expert.direct:
+                lagged = np.arange(n - 1) % lags > 0
+                prior[e, :-1] = np.where(lagged, 0.0, lags * prior[e, :-1])
+                growth[e, :-1] = np.where(lagged, 0.0, lags * growth[e, :-1])
             growth[e, -1] = (expert.level * UNIT) ** 2
-        self._growth = growth * (step_s / _DRIFT_STEP_S)
+        self._per_step = step_s / _DRIFT_STEP_S
+        self._growth = growth * self._per_step
         self._first_prior = prior
+        self._groups = np.arange(min(_RENEWED, inputs))
         self._gain, self._spread = np.empty((many, n)), np.empty(many)
         weight, null = np.full((_ERRORS, many), 1.0 / many), np.full(_ERRORS, _NULL_FIRST)
         if told is not None:
@@ -151,6 +162,7 @@ class Mixture:
             null=null,
             count=np.zeros(_ERRORS, dtype=np.int64),
             suspect=np.zeros(_ERRORS),
+            last=np.full(_ERRORS, np.nan),
             cursor=0,
         )
 
@@ -202,15 +214,14 @@ class Mixture:
         """(inputs,) features became this much smaller, and so must their weights become larger; but a priori they are
         in the new unit what they were in the old one."""
         s, lags = self._s, self._lags
-        times = np.append(np.repeat(factor, lags), 1.0)
+        times, first = np.append(np.repeat(factor, lags), 1.0), np.flatnonzero(factor > 1.0) * lags
         for j in np.flatnonzero(s.count):
             for e in range(len(self._experts)):
                 _kernel.filter_rescale(s.covariance[j, e], s.mean[j, e], times)
-                for g in np.flatnonzero(factor > 1.0):
-                    variance = float(s.prior[j, e, g * lags])
-                    if variance > 0.0:
-                        more = (1.0 - 1.0 / float(factor[g]) ** 2) / variance
-                        _kernel.filter_inform(s.covariance[j, e], s.mean[j, e], int(g) * lags, lags, more)
+            variance = s.prior[j][:, first]
+            which, g = np.nonzero(variance)
+            more = (1.0 - 1.0 / factor[first[g] // lags] ** 2) / variance[which, g]
+            _kernel.filters_inform(s.covariance[j], s.mean[j], which, first[g], lags, more)
             self._remix(int(j))
 
     def learn(self, x: FloatArray, errors: FloatArray, sigma: FloatArray, doubt: FloatArray) -> Surprise:
@@ -241,10 +252,13 @@ class Mixture:
         ratio = centre / np.sqrt(total)
         self._weigh_null(j, y, centre, total, noise)
         outlier = jump = False
-        if abs(ratio) > _FAR:
+        change = 2.0 * noise + (_FASTEST * UNIT) ** 2 * s.elapsed[j] * self._per_step
+        if abs(ratio) > _FAR and (y - s.last[j]) ** 2 > _FAR**2 * change:  # NaN compares false
             jump = s.suspect[j] * centre > 0.0
             outlier = not jump
         s.suspect[j] = centre if outlier else 0.0
+        if not outlier:
+            s.last[j] = y
         if jump:
             covariance[:, self._diagonal[-1]] += centre**2
             gain[:, -1] += centre**2
@@ -260,7 +274,9 @@ class Mixture:
         s.count[j] += 1
         s.elapsed[j] = s.jolt[j] = 0.0
         if s.count[j] >= _EVIDENCE_FROM:
-            self._renew(j)
+            groups = (s.cursor + self._groups) % self._inputs
+            own = covariance, mean, s.prior[j], self._first_prior
+            _kernel.filters_renew(*own, self._evidence, groups, self._lags, _EVIDENCE)
         self._remix(j)
         return ratio, outlier, jump
 
@@ -294,29 +310,6 @@ class Mixture:
         other = -0.5 * (np.log(total) + min(centre * centre / total, far))
         odds = _NULL_KEPT * self._s.null[j] + zero - other
         self._s.null[j] = min(max(odds, -_NULL_BOUND), _NULL_BOUND)
-
-    def _renew(self, j: int) -> None:
-        """Prior variances of the next inputs, and the posterior that follows from them."""
-        s, lags, which = self._s, self._lags, self._evidence
-        if not which.size:
-            return
-        groups = (s.cursor + np.arange(min(_RENEWED, self._inputs))) % self._inputs
-        own = groups[:, None] * lags + np.arange(lags)
-        variance = s.covariance[j][which[:, None], self._diagonal][:, own]
-        mean, before = s.mean[j][which][:, own], s.prior[j][which][:, own[:, 0]]
-        first = self._first_prior[which][:, own[:, 0]]
-        told = np.maximum((1.0 - variance / before[..., None]).sum(axis=2), 1e-3)
-        found = ((mean**2).sum(axis=2) + 0.5 * before) / (told + 0.5)
-        least, most = (
-            np.maximum(_SPAN_DOWN * first, _MOST_DOWN * before),
-            np.minimum(_SPAN_UP * first, _MOST_UP * before),
-        )
-        after = np.clip(found, least, most)
-        for i, g in np.argwhere(np.abs(after / before - 1.0) >= _WORTH):
-            e, begin = int(which[i]), int(own[g, 0])
-            more = 1.0 / float(after[i, g]) - 1.0 / float(before[i, g])
-            _kernel.filter_inform(s.covariance[j, e], s.mean[j, e], begin, lags, more)
-            s.prior[j, e, begin : begin + lags] = after[i, g]
 
     def _remix(self, j: int) -> None:
         s = self._s

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from statsmodels.tsa.statespace.mlemodel import MLEModel
 
 from talc import _kernel
 from talc.learner.experts import UNIT, Expert
@@ -33,7 +34,9 @@ def fed(mixture: Mixture, x: Array, steps: Array, y: Array) -> None:
         mixture.learn(row, errors, np.full(9, NOISE), np.zeros(9))
 
 
-@pytest.mark.parametrize("expert", [Expert(1.0, 0.01), Expert(0.5, 0.02, 0.02), Expert(0.0, 0.04)])
+@pytest.mark.parametrize(
+    "expert", [Expert(1.0, 0.01), Expert(0.5, 0.02, 0.02), Expert(0.0, 0.04), Expert(1.0, 0.02, direct=True)]
+)
 def test_one_filter_is_the_dense_normal_distribution_s_posterior(expert: Expert) -> None:
     count = 40
     x, draw = features(count), np.random.default_rng(1)
@@ -47,6 +50,8 @@ def test_one_filter_is_the_dense_normal_distribution_s_posterior(expert: Expert)
     mean, variance = mixture.predict(at)
     features_count = INPUTS * LAGS
     prior = np.append(np.full(features_count, expert.weight**2 * UNIT**2 / features_count), NOISE**2)
+    if expert.direct:  # all of it on the feature without a lag
+        prior[:-1] = np.where(np.arange(features_count) % LAGS == 0, LAGS * prior[:-1], 0.0)
     growth = np.append(np.full(features_count, expert.drift**2 * UNIT**2 / features_count), (expert.level * UNIT) ** 2)
     wanted = posterior(x, steps, y, NOISE**2, prior, growth, at, steps[-1] + 7)
     assert mean[0] == pytest.approx(wanted[0], rel=1e-9)
@@ -62,10 +67,62 @@ def test_a_renewed_prior_gives_the_posterior_of_a_filter_that_began_with_it() ->
         began = prior.copy()
         began[own] = after
         cov, mean = filtered(x, y, prior)
-        _kernel.filter_inform(cov[0], mean[0], own.start, 2, 1.0 / after - 1.0 / prior[own.start])
+        _kernel.filters_inform(
+            cov, mean, np.array([0]), np.array([own.start]), 2, np.array([1.0 / after - 1.0 / prior[own.start]])
+        )
         wanted_cov, wanted_mean = filtered(x, y, began)
         np.testing.assert_allclose(cov, wanted_cov, rtol=1e-8, atol=1e-11)
         np.testing.assert_allclose(mean, wanted_mean, rtol=1e-8, atol=1e-11)
+
+
+def test_prior_variances_are_renewed_by_the_fixed_point_of_mackay() -> None:
+    """v = (sum m^2 + k v0) / (sum (1 - P / v0) + k), within its bounds, and the posterior that belongs to it."""
+    n, x, draw = INPUTS * LAGS + 1, features(30), np.random.default_rng(5)
+    y = x @ np.where(np.arange(n) < 2, 0.8, 0.01) + draw.normal(0, NOISE, 30)
+    prior = np.full((1, n), 0.2)
+    cov, mean = filtered(x, y, prior[0])
+    diagonal = cov[0, np.arange(n) * (np.arange(n) + 3) // 2]
+    k, up, down = 0.5, 3.0, 0.1
+    found = [
+        (np.sum(mean[0, g] ** 2) + k * 0.2) / (np.sum(1.0 - diagonal[g] / 0.2) + k) for g in (slice(0, 2), slice(4, 6))
+    ]
+    began = prior[0].copy()
+    began[0:2], began[4:6] = np.clip(found, down * 0.2, up * 0.2)
+    rules = np.array([k, 0.0, down, up, 1e-4, 1e2])
+    before = prior.copy()
+    _kernel.filters_renew(cov, mean, prior, before, np.array([0]), np.array([0, 2]), LAGS, rules)
+    np.testing.assert_allclose(prior[0], began, rtol=1e-12)
+    wanted_cov, wanted_mean = filtered(x, y, began)
+    np.testing.assert_allclose(cov, wanted_cov, rtol=1e-8, atol=1e-11)
+    np.testing.assert_allclose(mean, wanted_mean, rtol=1e-8, atol=1e-11)
+
+
+def test_one_filter_agrees_with_statsmodels() -> None:
+    """The same model in the state-space form of another program, with missing measurements between."""
+    count, expert = 60, Expert(0.5, 0.02, drift=0.02)
+    x, draw = features(count, 7), np.random.default_rng(8)
+    y = 0.5 * x[:, 0] + draw.normal(0, NOISE, count)
+    y[0] = 0.1
+    y[np.arange(count) % 3 != 0] = np.nan
+    n, size = x.shape[1], INPUTS * LAGS
+    model = MLEModel(y, k_states=n, k_posdef=n, design=x.T[None], transition=np.eye(n), selection=np.eye(n))
+    model["obs_cov"] = np.array([[NOISE**2]])
+    growth = np.append(np.full(size, (expert.drift * UNIT) ** 2 / size), (expert.level * UNIT) ** 2)
+    model["state_cov"] = np.diag(growth)
+    first = np.append(np.full(size, (expert.weight * UNIT) ** 2 / size), NOISE**2)
+    model.ssm.initialize_known(np.zeros(n), np.diag(first))
+    theirs = model.ssm.filter()
+    mixture = alone(expert)
+    for k, row in enumerate(x):
+        if k:
+            mixture.elapse(1)
+            mean, variance = mixture.predict(row)
+            assert mean[0] == pytest.approx(theirs.forecasts[0, k], rel=1e-8, abs=1e-10)
+            assert variance[0] + NOISE**2 == pytest.approx(theirs.forecasts_error_cov[0, 0, k], rel=1e-8)
+        if np.isfinite(y[k]):
+            errors = np.full(9, np.nan)
+            errors[0] = y[k]
+            mixture.learn(row, errors, np.full(9, NOISE), np.zeros(9))
 
 
 def filtered(x: Array, y: Array, prior: Array) -> tuple[Array, Array]:
@@ -128,6 +185,22 @@ def test_one_far_measurement_is_hardly_learnt_from_and_two_are_a_new_level() -> 
     assert abs(mixture.predict(x)[0][0] - 3.0) < 3.0
     fed(mixture, x[None], np.zeros(1), y[41:])
     assert mixture.predict(x)[0][0] == pytest.approx(60.0, abs=1.0)
+
+
+def test_a_surprise_that_a_machine_could_bring_about_in_the_time_is_learnt_at_once() -> None:
+    """28 um in an hour, where the prediction was sure of itself: the machine behaves in another way now."""
+    mixture = Mixture(INPUTS, LAGS, 300.0)
+    x = np.append(np.zeros(INPUTS * LAGS), 1.0)
+    y = np.random.default_rng(4).normal(3.0, NOISE, 40)
+    y[0] = 0.0
+    fed(mixture, np.repeat(x[None], 40, axis=0), np.arange(40.0), y)
+    mixture.elapse(12)
+    errors = np.full(9, np.nan)
+    errors[0] = -25.0
+    surprise = mixture.learn(x, errors, np.full(9, NOISE), np.zeros(9))
+    assert abs(surprise.ratio[0]) > 5.0
+    assert not surprise.outlier[0]
+    assert mixture.predict(x)[0][0] == pytest.approx(-25.0, abs=3.0)
 
 
 def test_an_error_that_is_not_measured_in_a_cycle_is_not_learnt() -> None:
