@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.data import machine
 from benchmarks.rows import BenchRow
 from gateway.clock import RealClock
-from gateway.control.sensor_watch import SensorWatch
+from gateway.control import SensorWatch
 from gateway.events import EventReported, GatewayEvent
 from talc.frame import BoolArray, EventKind, FloatArray, Frame
 from talc.sensor_check import judge

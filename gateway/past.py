@@ -7,10 +7,8 @@ from datetime import datetime
 
 import numpy as np
 
-from gateway.config import GatewayConfig
-from gateway.config.model import validate
-from gateway.config.prior import parse_prior
-from gateway.control.sensor_watch import SeenBefore
+from gateway.config import GatewayConfig, parse_prior, validate
+from gateway.control import SeenBefore
 from gateway.storage import History, StoredStep, StoreError
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why

@@ -6,7 +6,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from gateway.control.trainer import has_failed
+from gateway.control import has_failed
 from gateway.past import controller_of, decide_alike, from_stored, rebuilt, stored_config
 from gateway.storage import History, StoredStep
 from talc.frame import Decision

@@ -23,9 +23,7 @@ from gateway.acquisition import (
 )
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
-from gateway.control.grid import GridSampler, Schedule
-from gateway.control.loop import GridLoop
-from gateway.control.sensor_watch import SensorWatch
+from gateway.control import GridLoop, GridSampler, Schedule, SensorWatch
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 
 from gateway.clock import ServiceClock
-from gateway.config.sections import Storage
+from gateway.config import Storage
 from gateway.events import Sink, StorageChanged, StoreHealth
 from gateway.polling import Notify, Periodic, Problems
 

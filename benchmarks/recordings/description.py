@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from drivers.problems import problems_of
 from drivers.section import NotNegative, Positive
-from gateway.config.problems import ConfigError, Problem, place
+from gateway.config import ConfigError, Problem, place
 
 Unit = Literal["nm", "um", "µm", "mm", "m", "um/m", "µm/m", "urad", "µrad", "mrad", "rad", "arcsec", "deg"]
 POSITION: Mapping[str, float] = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}

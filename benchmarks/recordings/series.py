@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.recordings.description import Description, InputColumn, describe
-from gateway.config.problems import ConfigError, Problem, shown, suggestion
+from gateway.config import ConfigError, Problem, shown, suggestion
 from gateway.recordings import FileProblems, FileTable, RecordingError, open_table, second_of
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, IntArray
 

@@ -19,7 +19,7 @@ from benchmarks.recordings.policy import FIXED_MIN, LIMITS_UM, Saving, Sweep, sa
 from benchmarks.recordings.result import UNITS, Cell, Result, table_rows, write
 from benchmarks.recordings.series import Series, read_series
 from benchmarks.rows import BenchRow
-from gateway.config.problems import ConfigError
+from gateway.config import ConfigError
 from gateway.recordings import RecordingError
 
 SHIPPED = Path(__file__).with_name("fl_thermal")

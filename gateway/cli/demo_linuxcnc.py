@@ -21,8 +21,7 @@ from drivers.base import DriverError
 from drivers.linuxcnc import LinuxCnc, LinuxCncSettings
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
-from gateway.config import GatewayConfig
-from gateway.config.model import validate
+from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
 from gateway.probing import Outcome
 from simulators.linuxcnc.machine import HURRY, LinuxCncMachine, machine, missing

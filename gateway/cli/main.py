@@ -8,8 +8,7 @@ import click
 
 from drivers.base import DriverError, SetupError
 from drivers.can import is_multicast_group
-from gateway.config import ConfigError, GatewayConfig, cautions, load
-from gateway.config.prior import described
+from gateway.config import ConfigError, GatewayConfig, cautions, described, load
 from gateway.recordings import RecordingError, WireLogError
 from gateway.storage import StoreError
 

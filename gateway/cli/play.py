@@ -12,10 +12,17 @@ import can
 
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
-from gateway.config.buses import BusSection, CanOpenSection, CanSection, MeEthernetSection, ModbusTcpSection
-from gateway.config.model import GatewayConfig
-from gateway.config.packed import unpacked
-from gateway.config.wires import toml_value, wires_toml
+from gateway.config import (
+    BusSection,
+    CanOpenSection,
+    CanSection,
+    GatewayConfig,
+    MeEthernetSection,
+    ModbusTcpSection,
+    toml_value,
+    unpacked,
+    wires_toml,
+)
 from gateway.recordings import WireEvent, WireLogError, is_wire_log, read_wire_log
 from simulators.devices.playback import PlayedAdapter, PlayedGroup, PlayedHost, PlayedLine
 from simulators.devices.script import EXTENDED, Passed, Script, can_script, stream_script, unnumbered

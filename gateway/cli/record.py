@@ -9,8 +9,7 @@ from gateway.acquisition import Acquisition, lines_of
 from gateway.cli.signals import stop_on_signals, until
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
-from gateway.config import GatewayConfig
-from gateway.config.packed import packed_toml
+from gateway.config import GatewayConfig, packed_toml
 from gateway.polling import Notice
 from gateway.recordings import WireLogWriter
 

@@ -10,9 +10,7 @@ import numpy as np
 from rich.progress import Progress
 
 from gateway.cli.terminal import terminal
-from gateway.config import ConfigError, Problem
-from gateway.config.prior import PriorError, PriorFile, described, prior_for
-from gateway.config.talc_only import TalcOnly, load_talc_only
+from gateway.config import ConfigError, PriorError, PriorFile, Problem, TalcOnly, described, load_talc_only, prior_for
 from gateway.recordings import Columns, Recording, read_recording
 from gateway.replay import replay
 from gateway.storage import History

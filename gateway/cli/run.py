@@ -13,8 +13,7 @@ from gateway.acquisition import ReloadError
 from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
-from gateway.config import ConfigError, GatewayConfig, load
-from gateway.config.packed import packed_toml
+from gateway.config import ConfigError, GatewayConfig, load, packed_toml
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 

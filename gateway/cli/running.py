@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 
 from gateway.clock import ServiceClock
-from gateway.config import GatewayConfig
-from gateway.config.packed import packed_toml
+from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, GatewayEvent, Sink, in_order
 from gateway.past import past_of
 from gateway.recordings import WireLogWriter

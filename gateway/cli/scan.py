@@ -19,8 +19,7 @@ from drivers.problems import read_settings
 from drivers.recognition import describe
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
-from gateway.config import ConfigError, Problem
-from gateway.config.load import read
+from gateway.config import ConfigError, Problem, read
 from gateway.scan import (
     CanScan,
     ScanReport,

@@ -1,8 +1,60 @@
 """Typed configuration of one gateway: one TOML file in, one frozen value out, clear messages when it is invalid."""
 
-from gateway.config.load import load, parse
-from gateway.config.model import Channel, GatewayConfig
-from gateway.config.problems import ConfigError, Problem
+from gateway.config.buses import (
+    BusSection,
+    CanOpenSection,
+    CanSection,
+    MeEthernetSection,
+    ModbusRtuSection,
+    ModbusTcpSection,
+)
+from gateway.config.controls import LinuxCncNc, Nc, SinumerikNc
+from gateway.config.file import draft, load, parse, read
+from gateway.config.model import Channel, GatewayConfig, validate
+from gateway.config.packed import packed_toml, unpacked
+from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
+from gateway.config.problems import ConfigError, Problem, place, shown, suggestion
 from gateway.config.rules import cautions
+from gateway.config.sections import Compensation, Probing, Storage, Telemetry
+from gateway.config.talc_only import TalcOnly, load_talc_only
+from gateway.config.wires import toml_value, wires_toml
 
-__all__ = ["Channel", "ConfigError", "GatewayConfig", "Problem", "cautions", "load", "parse"]
+__all__ = [
+    "BusSection",
+    "CanOpenSection",
+    "CanSection",
+    "Channel",
+    "Compensation",
+    "ConfigError",
+    "GatewayConfig",
+    "LinuxCncNc",
+    "MeEthernetSection",
+    "ModbusRtuSection",
+    "ModbusTcpSection",
+    "Nc",
+    "PriorError",
+    "PriorFile",
+    "Probing",
+    "Problem",
+    "SinumerikNc",
+    "Storage",
+    "TalcOnly",
+    "Telemetry",
+    "cautions",
+    "described",
+    "draft",
+    "load",
+    "load_talc_only",
+    "packed_toml",
+    "parse",
+    "parse_prior",
+    "place",
+    "prior_for",
+    "read",
+    "shown",
+    "suggestion",
+    "toml_value",
+    "unpacked",
+    "validate",
+    "wires_toml",
+]

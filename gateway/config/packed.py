@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drivers.can import DBC_ENCODING
 from drivers.profiles import UserProfile
-from gateway.config.load import data_of, from_data
+from gateway.config.file import data_of, from_data
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import ConfigError, Problem, shown
 from gateway.config.wires import toml_value, wires_toml

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from drivers.section import Section
-from gateway.config.load import data_of, read
+from gateway.config.file import data_of, read
 from gateway.config.problems import read_sections
 from gateway.config.sections import Grid, Talc
 from talc.settings import TalcSettings

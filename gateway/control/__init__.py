@@ -1,6 +1,15 @@
-"""The grid loop around the pure controller, training and the sensor check.
+"""The grid loop around the pure controller, training and the sensor check."""
 
-Others use the modules named here; this one imports none of them, as the process that `subprocess` starts needs little.
-"""
+from gateway.control.grid import GridSampler, Schedule
+from gateway.control.loop import GridLoop
+from gateway.control.sensor_watch import SeenBefore, SensorWatch
+from gateway.control.trainer import has_failed
 
-__all__ = ["grid", "loop", "sensor_watch", "trainer"]
+__all__ = [
+    "GridLoop",
+    "GridSampler",
+    "Schedule",
+    "SeenBefore",
+    "SensorWatch",
+    "has_failed",
+]

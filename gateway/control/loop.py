@@ -5,7 +5,7 @@ import logging
 from collections.abc import Awaitable, Callable
 
 from gateway.clock import ServiceClock
-from gateway.config.sections import Probing
+from gateway.config import Probing
 from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.trainer import failed, train_apart
 from gateway.events import (

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gateway.apart import WorkError, apart
 from gateway.clock import ServiceClock
-from gateway.control.subprocess import WorkError, apart
 from gateway.events import EventReported, SensorsJudged, Sink
 from gateway.polling import Notice, Problems
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame

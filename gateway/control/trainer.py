@@ -1,6 +1,6 @@
 """Runs trainings outside the gateway's process, and makes an empty model set of one that failed."""
 
-from gateway.control.subprocess import apart
+from gateway.apart import apart
 from talc.frame import TrainingJob
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS

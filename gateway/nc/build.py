@@ -6,8 +6,7 @@ from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NumericalControl
 from drivers.sinumerik import make_sinumerik
 from gateway.clock import ServiceClock
-from gateway.config import GatewayConfig
-from gateway.config.controls import LinuxCncNc, Nc, SinumerikNc
+from gateway.config import GatewayConfig, LinuxCncNc, Nc, SinumerikNc
 
 
 def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalControl:

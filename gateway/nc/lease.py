@@ -6,7 +6,7 @@ import math
 from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
 from gateway.clock import ServiceClock
-from gateway.config.sections import Compensation
+from gateway.config import Compensation
 from gateway.nc.states import RIGHTS, Reply, Right, after
 from gateway.polling import Notice, Notify
 

@@ -3,8 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gateway.config import GatewayConfig
-from gateway.config.sections import Compensation, Probing
+from gateway.config import Compensation, GatewayConfig, Probing
 from gateway.nc.slew import Write
 from gateway.polling import Notify
 from talc.frame import FloatArray

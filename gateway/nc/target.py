@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from drivers.base import Quality
-from gateway.config.sections import Compensation
+from gateway.config import Compensation
 from gateway.nc.slew import Source
 from gateway.nc.unmodelled import LastMeasured
 from talc.frame import Decision, FloatArray, Measurement

@@ -7,7 +7,7 @@ import numpy as np
 from drivers.base import BadAnswer
 from drivers.nc import NcSnapshot, NotSendable
 from gateway.clock import ServiceClock
-from gateway.config.sections import Compensation
+from gateway.config import Compensation
 from gateway.nc.lease import Lease
 from gateway.nc.routes import Form, differ, offsets_text, positions
 from gateway.nc.slew import Offsets, Slew, Source, Step, Write, as_offsets

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gateway.config.sections import Probing
+from gateway.config import Probing
 from gateway.probing.cycle import Rejected
 from talc.frame import FloatArray, Measurement
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS

@@ -12,7 +12,7 @@ import numpy as np
 from drivers.base import Refused
 from drivers.nc import NumericalControl, ProbingState, RequestStatus, Triple
 from gateway.clock import ServiceClock
-from gateway.config.sections import Probing
+from gateway.config import Probing
 from gateway.probing.uninterrupted import to_its_end
 from talc import probing
 from talc.frame import FloatArray, Measurement, Why

@@ -9,7 +9,7 @@ import numpy as np
 from drivers.base import DriverError, Refused
 from drivers.nc import NumericalControl
 from gateway.clock import ServiceClock
-from gateway.config.sections import Probing
+from gateway.config import Probing
 from gateway.probing.checks import Expected, MeasurementChecks
 from gateway.probing.cycle import (
     End,

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from gateway.config.problems import shown
+from gateway.config import shown
 from gateway.recordings.problems import FileProblems
 from talc.frame import FloatArray
 

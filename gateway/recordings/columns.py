@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from gateway.config.problems import suggestion
+from gateway.config import suggestion
 from gateway.recordings.problems import FileProblems
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from gateway.config.problems import Problem
+from gateway.config import Problem
 from gateway.recordings.problems import FileProblems, RecordingError
 
 if TYPE_CHECKING:

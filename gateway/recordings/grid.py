@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.config.problems import Problem
+from gateway.config import Problem
 from gateway.recordings.cells import Times, numbers
 from gateway.recordings.columns import Columns, Roles, roles_of
 from gateway.recordings.files import Chunk, FileTable, open_table

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from gateway.config.problems import Problem
+from gateway.config import Problem
 
 _SHOWN = 10
 """Problems that are listed; more are counted."""

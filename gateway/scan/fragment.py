@@ -6,10 +6,7 @@ from itertools import count
 from pathlib import Path
 
 from drivers.profiles import load_profile
-from gateway.config import GatewayConfig, parse
-from gateway.config.buses import BusSection
-from gateway.config.load import draft
-from gateway.config.wires import toml_value
+from gateway.config import BusSection, GatewayConfig, draft, parse, toml_value
 from gateway.scan.found import Found, Place
 
 _BUS_NAMES = {

@@ -11,7 +11,7 @@ from typing import Self
 import zenoh
 
 from drivers.base import Clock
-from gateway.config.sections import Telemetry as TelemetrySettings
+from gateway.config import Telemetry as TelemetrySettings
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,

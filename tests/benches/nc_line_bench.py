@@ -13,7 +13,7 @@ import numpy as np
 from drivers.nc import WatchdogTerms
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
-from gateway.config.model import validate
+from gateway.config import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Write
 from gateway.polling import Notice
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User

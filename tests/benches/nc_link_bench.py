@@ -10,8 +10,7 @@ import numpy as np
 
 from drivers.base import ConnectError, NoAnswer, Refused
 from drivers.nc import NcSnapshot, NotSendable, OperatingMode, ProbingState, ProgramState, RequestStatus, WatchdogTerms
-from gateway.config import GatewayConfig
-from gateway.config.model import validate
+from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write
 from talc.frame import Decision, Phase
 from tests.benches.stepped_clock import SteppedClock

@@ -7,8 +7,7 @@ import numpy as np
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.config import GatewayConfig
-from gateway.config.model import validate
+from gateway.config import GatewayConfig, validate
 from gateway.nc import Source, Step, Write
 from gateway.probing import End, Outcome, Outlook, Standing
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why

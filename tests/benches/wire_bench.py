@@ -9,8 +9,7 @@ import numpy as np
 
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
-from gateway.config import GatewayConfig
-from gateway.config.model import validate
+from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import Logged

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.recordings.description import recordings_in
 from benchmarks.recordings.series import read_series
 from benchmarks.recordings.subject import SHIPPED
-from gateway.config.problems import ConfigError
+from gateway.config import ConfigError
 from gateway.recordings import RecordingError
 
 

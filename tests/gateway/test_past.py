@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gateway.apart import WorkError
 from gateway.config import GatewayConfig, parse
-from gateway.control.sensor_watch import SeenBefore
-from gateway.control.subprocess import WorkError
+from gateway.control import SeenBefore
 from gateway.control.trainer import failed
 from gateway.events import DecisionMade, EventReported, FrameMade, ModelsAdopted
 from gateway.past import past_of

@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
-from gateway.config import GatewayConfig
-from gateway.config.model import validate
+from gateway.config import GatewayConfig, validate
 from gateway.events import MeasurementEnded, StoreHealth
 from gateway.nc import NcLink
 from gateway.past import Past, past_of

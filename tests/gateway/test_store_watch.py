@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from gateway.config.sections import Storage
+from gateway.config import Storage
 from gateway.events import GatewayEvent, StorageChanged, StoreHealth
 from gateway.polling import Notice
 from gateway.store_watch import StoreWatch

@@ -16,7 +16,7 @@ from drivers.nc import NumericalControl
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
-from gateway.config.model import validate
+from gateway.config import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.nck import CEC_TABLES, MachineState, MachineUnderControl

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.nc import OperatingMode
 from gateway.clock import RealClock
-from gateway.config.model import validate
+from gateway.config import validate
 from gateway.past import Past
 from gateway.probing import End, Standing
 from gateway.service import Service

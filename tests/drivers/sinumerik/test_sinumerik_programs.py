@@ -11,7 +11,7 @@ import pytest
 from drivers.nc import LINEAR_AXES, ProbingState
 from drivers.sinumerik.control import PROBING_STATES, REASONS
 from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings
-from gateway.config.sections import Probing
+from gateway.config import Probing
 from simulators.nc.cycle import CycleSettings
 from simulators.nc.nck import CEC_TABLES
 

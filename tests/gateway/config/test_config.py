@@ -13,9 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from gateway.config import ConfigError, GatewayConfig, cautions, load, parse
-from gateway.config.load import from_data
-from gateway.config.model import validate
+from gateway.config import ConfigError, GatewayConfig, cautions, load, parse, validate
+from gateway.config.file import from_data
 from gateway.config.reference import reference
 from talc.presets import PRESETS
 

@@ -10,8 +10,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings, StateNode
-from gateway.config import ConfigError, GatewayConfig, cautions, parse
-from gateway.config.controls import LinuxCncNc, SinumerikNc
+from gateway.config import ConfigError, GatewayConfig, LinuxCncNc, SinumerikNc, cautions, parse
 
 HEAD = """
 [machine]

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import Quality, Reading
-from gateway.control.grid import GridSampler, Instant, Schedule
+from gateway.control import GridSampler, Schedule
+from gateway.control.grid import Instant
 from talc.frame import Measurement
 
 UTC_0 = datetime(2026, 3, 2, 6, 2, 10, tzinfo=UTC)  # 130 s into a step

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
-from gateway.config import parse
-from gateway.config.sections import Probing
-from gateway.control.grid import GridSampler, Schedule
-from gateway.control.loop import GridLoop
+from gateway.config import Probing, parse
+from gateway.control import GridLoop, GridSampler, Schedule
 from gateway.events import DecisionMade, FrameMade, ModelsAdopted
 from gateway.past import past_of
 from gateway.probing import ProbingSchedule, Standing

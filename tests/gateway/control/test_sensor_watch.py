@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from rich.console import Console
 
+from gateway.apart import WorkError
 from gateway.cli.view import ViewState, render
-from gateway.control.sensor_watch import SeenBefore, SensorWatch
-from gateway.control.subprocess import WorkError
+from gateway.control import SeenBefore, SensorWatch
 from gateway.events import EventReported, GatewayEvent, SensorsJudged
 from gateway.telemetry import Composer, SensorsMessage, decode, encode
 from talc.frame import BoolArray, EventKind, FloatArray, Frame

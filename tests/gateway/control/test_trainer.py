@@ -14,11 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.config.sections import Probing
-from gateway.control.grid import GridSampler, Schedule
-from gateway.control.loop import GridLoop
-from gateway.control.subprocess import WorkError
-from gateway.control.trainer import failed, has_failed, train_apart
+from gateway.apart import WorkError
+from gateway.config import Probing
+from gateway.control import GridLoop, GridSampler, Schedule, has_failed
+from gateway.control.trainer import failed, train_apart
 from gateway.probing import ProbingSchedule
 from talc.control import Controller
 from talc.frame import EventKind, Frame, Measurement, Phase, TrainingJob, Why
@@ -69,7 +68,7 @@ async def test_a_killed_training_is_told() -> None:
 
 
 async def test_work_beyond_its_limit_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.control.subprocess._LIMIT_S", 0.05)
+    monkeypatch.setattr("gateway.apart._LIMIT_S", 0.05)
     with pytest.raises(WorkError, match="did not finish"):
         await train_apart(MINUTES)
     assert children(os.getpid()) == []

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gateway.acquisition.reload import ReloadError, bus_changes
-from gateway.config.sections import Compensation, Probing
+from gateway.config import Compensation, Probing
 from gateway.events import CompensationStepped
 from gateway.nc.slew import Source
 from gateway.storage import History, Store

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gateway.config.sections import Probing
+from gateway.config import Probing
 from gateway.probing.checks import Expected, MeasurementChecks
 from gateway.probing.cycle import Probe, Rejected, poses_in_radians
 from talc.frame import FloatArray, Measurement

@@ -9,10 +9,8 @@ import numpy as np
 
 from drivers.base import Quality, Reading
 from drivers.nc import ProbingState, RequestStatus
-from gateway.config import parse
-from gateway.config.sections import Probing
-from gateway.control.grid import GridSampler, Schedule
-from gateway.control.loop import GridLoop
+from gateway.config import Probing, parse
+from gateway.control import GridLoop, GridSampler, Schedule
 from gateway.probing.schedule import ProbingSchedule
 from gateway.replay import replay
 from gateway.storage import History, Store

@@ -15,8 +15,7 @@ from drivers.micro_epsilon.ethernet import find_block
 from gateway.acquisition.build import lines_of
 from gateway.cli.play import play_bus, read_wire_recording
 from gateway.clock import RealClock
-from gateway.config.load import parse
-from gateway.config.wires import wires_toml
+from gateway.config import parse, wires_toml
 from gateway.recordings import WireLog, WireLogWriter, read_wire_log
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.cia404_node import Cia404Node

@@ -11,9 +11,7 @@ import pytest
 
 from drivers.modbus import ModbusProfile
 from drivers.profiles import load_profile
-from gateway.config import ConfigError
-from gateway.config.load import load
-from gateway.config.packed import packed_toml, unpacked
+from gateway.config import ConfigError, load, packed_toml, unpacked
 from gateway.recordings import read_wire_log
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.m7015 import M7015

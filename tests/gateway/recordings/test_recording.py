@@ -13,8 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.cli import main
-from gateway.config import ConfigError, load
-from gateway.config.talc_only import load_talc_only
+from gateway.config import ConfigError, load, load_talc_only
 from gateway.recordings import Columns, RecordingError, read_recording
 from gateway.rehearsal import rehearse
 from talc.frame import Phase

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import ConnectError
-from gateway.config import load
-from gateway.config.buses import ModbusRtuSection
+from gateway.config import ModbusRtuSection, load
 from gateway.scan.found import Found, ScanReport
 from gateway.scan.fragment import merged
 from gateway.scan.serial import SerialScan, plan, scan_line

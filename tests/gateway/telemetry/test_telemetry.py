@@ -15,7 +15,7 @@ import zenoh
 from drivers.base import Clock, Quality, SystemClock
 from gateway.acquisition import Sample
 from gateway.cli.view import ViewState, feeding, render
-from gateway.config.sections import Telemetry as Settings
+from gateway.config import Telemetry as Settings
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,

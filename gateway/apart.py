@@ -35,7 +35,7 @@ async def apart(work: Callable[Arguments, Returned], *given: Arguments.args, **n
     """
     try:
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "gateway.control.subprocess"),
+            *(sys.executable, "-m", "gateway.apart"),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
