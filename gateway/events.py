@@ -8,6 +8,7 @@ from gateway.config import GatewayConfig
 from gateway.nc import Write
 from gateway.probing import Outcome, Outlook
 from talc.frame import Decision, Event, Frame
+from talc.learner.reasons import Reasons
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
 
@@ -121,6 +122,13 @@ class StorageChanged:
     health: StoreHealth
 
 
+@dataclass(frozen=True, slots=True)
+class ReasonsGiven:
+    """The learner says why its estimates are what they are: after each measurement, and each hour."""
+
+    reasons: Reasons
+
+
 GatewayEvent = (
     ConfigurationApplied
     | ReadingsTaken
@@ -134,6 +142,7 @@ GatewayEvent = (
     | OutlookChanged
     | SensorsJudged
     | StorageChanged
+    | ReasonsGiven
 )
 
 Sink = Callable[[GatewayEvent], None]

@@ -86,5 +86,7 @@ def rehearse(
         truth=None,
         recorded=recording.errors,
         held=held,
+        trusted=np.array([d.trusted for d in decisions]),
+        reasons=controller.reasons(),
         not_compared="a recording does not say which of its inputs are temperatures",
     )

@@ -85,6 +85,8 @@ def _differences(decision: Decision, step: StoredStep) -> Iterator[str]:
     for name in _ARRAYS:
         if not np.array_equal(getattr(decision, name), getattr(stored, name), equal_nan=True):
             yield f"{name}: {getattr(decision, name)} instead of {getattr(stored, name)}"
+    if step.trust_known and not np.array_equal(decision.trusted, stored.trusted):
+        yield f"trusted: {decision.trusted} instead of {stored.trusted}"
     for name in ("phase", "measure", "events"):
         if getattr(decision, name) != getattr(stored, name):
             yield f"{name}: {getattr(decision, name)} instead of {getattr(stored, name)}"

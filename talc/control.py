@@ -22,6 +22,7 @@ from talc.free_running import FreeRunningModel, ModelState
 from talc.learner.course import CourseState, LearningCourse
 from talc.learner.learner import Explanation
 from talc.learner.prior import Prior
+from talc.learner.reasons import Reasons
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.record import Record
@@ -114,6 +115,10 @@ class Controller:
     def explain(self) -> Explanation | None:
         """Why the learner's present estimates are what they are; None with the method `models`."""
         return None if self._course is None else self._course.explain()
+
+    def reasons(self) -> Reasons | None:
+        """The same for people, with what is expected at the next measurement. Takes as long as a few steps."""
+        return None if self._course is None else self._course.reasons()
 
     def state(self) -> ControllerState:
         """All that is known, copied: later steps do not change it."""

@@ -59,6 +59,8 @@ def collect(database: Path, truth: Path | None = None) -> ReportData:
             cycles=len(cycles),
             rejected_cycles=sum(m.errors is None for m in cycles),
             truth=None if truth is None else _truth(truth, start),
+            trusted=np.array([s.decision.trusted for s in steps]) if all(s.trust_known for s in steps) else None,
+            reasons=history.reasons(),
             not_compared="" if config.sensor_check.enabled else "[sensor_check] enabled = false",
         )
 

@@ -29,6 +29,7 @@ from gateway.telemetry import (
     ProbingMessage,
     Published,
     ReadingMessage,
+    ReasonsMessage,
     SensorsMessage,
     StatusMessage,
 )
@@ -117,6 +118,12 @@ class ViewState:
                     self.model_updates += 1
             case CompensationMessage():
                 self.offsets_um, self.mode, self.source = message.offsets_um, message.mode, message.source
+            case ReasonsMessage():
+                for name, reason in message.errors.items():
+                    moved = ((i, um) for i, um in reason.inputs.items() if um is not None)
+                    self.inputs[name] = (
+                        tuple(f"{i} {um:+.1f}" for i, um in moved) if reason.trusted else ("not corrected",)
+                    )
             case SensorsMessage():
                 self.sensors = [finding.text for finding in message.findings]
             case ProbingMessage():

@@ -35,8 +35,8 @@ class Storage(Section):
     path: FilePath = Path(DEFAULT_DATABASE)
     """SQLite database; a relative path starts at the configuration's folder."""
     keep_samples_days: Positive = 7.0
-    """Readings and compensation steps older than this are deleted; 30 channels at 1 Hz take about 230 MB a day. Frames
-    and decisions (0.2 MB a day), measurements, models and events are kept."""
+    """Readings, compensation steps and reasons older than this are deleted; 30 channels at 1 Hz take about 230 MB a
+    day. Frames and decisions (0.2 MB a day), measurements, models and events are kept."""
     commit_s: Positive = 1.0
     """Readings are committed at least this often (real time): a power cut loses no more."""
     compensate_unstored: bool = False

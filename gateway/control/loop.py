@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 from collections.abc import Awaitable, Callable
 
 from gateway.clock import ServiceClock
@@ -15,6 +16,7 @@ from gateway.events import (
     MeasurementEnded,
     ModelsAdopted,
     OutlookChanged,
+    ReasonsGiven,
     Sink,
 )
 from gateway.nc import NcLink
@@ -25,6 +27,9 @@ from talc.frame import Event, EventKind, Frame, Measurement, TrainingJob, Why
 from talc.models import ModelSet
 
 log = logging.getLogger(__name__)
+
+_EXPLAIN_EVERY_S = 3599.0
+"""An hour, less what the ends of its steps may differ by."""
 
 
 class GridLoop:
@@ -68,6 +73,8 @@ class GridLoop:
         self._measuring: asyncio.Task[None] | None = None
         self._training: asyncio.Task[None] | None = None
         self._last_k = -1
+        self._explain_s = -math.inf
+        """When the reasons are due, if no measurement comes before."""
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -112,6 +119,13 @@ class GridLoop:
         if self._link is not None:
             self._link.follow(decision)
         self._seen(frame)
+        if measurement is not None or instant.monotonic_s >= self._explain_s:
+            self._explain(instant.monotonic_s)
+
+    def _explain(self, now_s: float) -> None:
+        self._explain_s = now_s + _EXPLAIN_EVERY_S
+        if (reasons := self._controller.reasons()) is not None:
+            self._sink(ReasonsGiven(reasons))
 
     async def _measure(self, link: NcLink, at_s: float) -> None:
         """Handle one wanted measurement: wait for the moment, request it, pass on the result."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Phase
+from talc.learner.reasons import Reasons
 from talc.models import ModelSet
 
 
@@ -69,6 +70,10 @@ class ReportData:
     """(T, 9) the last of the measurements that were used, before this step's; beside a recording."""
     not_compared: str = ""
     """Why nobody looked whether temperature sensors agree with each other; empty: it was looked for."""
+    trusted: BoolArray | None = None
+    """(T, 9) the error is corrected; None: not known, of an earlier program."""
+    reasons: Reasons | None = None
+    """The latest ones, of a learner."""
     made: tuple[tuple[str, str], ...] = ()
     """What it takes to make the page of a recording again: what it is, and its text."""
 

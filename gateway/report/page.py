@@ -1,5 +1,6 @@
 """The HTML page: one file, nothing loaded from elsewhere."""
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
 
@@ -11,10 +12,14 @@ from gateway.report.data import ReportData
 from gateway.report.figures import summary
 from gateway.report.plots import error_plot, inputs_plot, tool_plot
 from talc.frame import EventKind
-from talc.names import THERMAL_ERRORS
+from talc.learner.reasons import ErrorReason
+from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 _SENSORS = (EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE)
 _GOOD = ("good", "simulated")
+_LEAST_SHOWN = 0.05
+"""µm or µm/m: what moves an error by less is not named."""
+_LEAST_SHARE = 0.05
 
 
 def build(data: ReportData) -> str:
@@ -37,8 +42,51 @@ def build(data: ReportData) -> str:
         unhealthy=unhealthy,
         healthy=len(data.channel_health) - len(unhealthy),
         suspects=[(at / 3600.0, e.text) for at, e in data.events if e.kind in _SENSORS],
+        why=_why(data),
         events=[(at / 3600.0, event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE],
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _WhyRow:
+    """One error's row of reasons, as texts."""
+
+    error: str
+    corrected: str
+    estimate: str
+    inputs: str
+    level: str
+    experts: str
+    expected: str
+
+
+def _why(data: ReportData) -> tuple[str, str, list[_WhyRow]]:
+    """When, what is expected when, and a row for each error that was measured; none without a learner."""
+    if data.reasons is None:
+        return "", "", []
+    r = data.reasons
+    at, due = _date(r.k * data.step_s), _date(r.next_k * data.step_s)
+    share = None if data.trusted is None else data.trusted.mean(axis=0)
+    rows = [
+        _WhyRow(
+            reason.error,
+            ("yes" if reason.trusted else "no: no estimate is better than none")
+            + ("" if share is None else f"; {share[e]:.0%} of the steps"),
+            f"{reason.estimate:+.1f} {ERROR_UNITS[reason.error]}",
+            _moved(reason),
+            f"{reason.level:+.1f}",
+            ", ".join(f"{kind} {part:.0%}" for kind, part in reason.experts if part >= _LEAST_SHARE),
+            f"{reason.expected:+.1f} ± {reason.expected_sigma:.1f}",
+        )
+        for e, reason in enumerate(r.errors)
+        if np.isfinite(reason.estimate)
+    ]
+    return at, f"{due} ({r.next_why.value.replace('_', ' ')})", rows
+
+
+def _moved(reason: ErrorReason) -> str:
+    told = [f"{name} {value:+.1f}" for name, value in reason.inputs if abs(value) >= _LEAST_SHOWN]
+    return ", ".join([*told, f"others {reason.other_inputs:+.1f}"]) if reason.trusted else ""
 
 
 def _known(data: ReportData, e: int) -> bool:

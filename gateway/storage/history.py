@@ -10,6 +10,7 @@ from gateway.storage import rows
 from gateway.storage.schema import SCHEMA_VERSION, StoreError
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import Event
+from talc.learner.reasons import Reasons
 from talc.models import ModelSet
 
 
@@ -98,11 +99,19 @@ class History:
         adopted: dict[int, list[ModelSet]] = {}
         for after_k, text in self._connection.execute("SELECT after_k, models FROM model ORDER BY id"):
             adopted.setdefault(after_k, []).append(rows.models_of(text))
+        trusted, trust = ("t.trusted", "LEFT JOIN trust t ON t.k = f.k") if self._has("trust") else ("NULL", "")
         found = self._connection.execute(
-            f"SELECT {rows.STEP_COLUMNS} FROM frame f JOIN decision d ON d.k = f.k ORDER BY f.k"
+            f"SELECT {rows.STEP_COLUMNS}, {trusted} FROM frame f JOIN decision d ON d.k = f.k {trust} ORDER BY f.k"
         )
         for row in found:
             yield rows.step_of(row, adopted.get(row[0], ()))
+
+    def reasons(self) -> Reasons | None:
+        """The latest ones; None: none were given."""
+        if not self._has("reasons"):
+            return None
+        row = self._connection.execute("SELECT reasons FROM reasons ORDER BY k DESC LIMIT 1").fetchone()
+        return None if row is None else rows.reasons_of(row[0])
 
     def measurements(self) -> list[StoredMeasurement]:
         """Every probing cycle, oldest first; `centres_mm` has three columns."""

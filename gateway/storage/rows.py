@@ -6,6 +6,7 @@ written.
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from datetime import datetime
 from typing import Any
 
@@ -16,7 +17,9 @@ from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
+from talc.learner.reasons import ErrorReason, Reasons
 from talc.models import ModelSet
+from talc.names import THERMAL_ERRORS
 
 Row = tuple[object, ...]
 
@@ -24,6 +27,7 @@ STEP_COLUMNS = (
     "f.k, f.inputs, f.valid, f.errors, f.sigma, d.phase, d.predicted, d.corrected, d.sigma, d.limits,"
     " d.measure, d.training, d.events"
 )
+"""And `t.trusted`, or NULL from a file of an earlier program."""
 MEASUREMENT_COLUMNS = "number, why, ended, centres, in_force, errors, reason"
 EVENT_COLUMNS = "time, k, kind, text, error, value, bound"
 COMPENSATION_COLUMNS = "time, mode, source, offsets, written"
@@ -55,6 +59,16 @@ def of_decision(decision: Decision) -> Row:
         _blob(decision.sigma), _blob(decision.limits), decision.measure and decision.measure.value,
         decision.training and decision.training.why.value, json.dumps(events),
     )  # fmt: skip
+
+
+def of_trust(decision: Decision) -> Row:
+    """Row of `trust`."""
+    return decision.k, np.packbits(decision.trusted).tobytes()
+
+
+def of_reasons(reasons: Reasons) -> str:
+    """Column `reasons`."""
+    return json.dumps(asdict(reasons))
 
 
 def of_outcome(outcome: Outcome) -> Row:
@@ -93,8 +107,8 @@ def models_of(text: str) -> ModelSet:
 
 
 def step_of(row: Sequence[Any], adopted: Sequence[ModelSet]) -> StoredStep:
-    """From STEP_COLUMNS, and the models that were adopted after the step."""
-    k, frame_inputs, valid, errors, measured_sigma, phase, *four, measure, training, events = row
+    """From STEP_COLUMNS and `trusted`, and the models that were adopted after the step."""
+    k, frame_inputs, valid, errors, measured_sigma, phase, *four, measure, training, events, trusted = row
     inputs = _array(frame_inputs)
     measurement = None if errors is None else Measurement(_array(errors), _array(measured_sigma))
     predicted, corrected, sigma, limits = (_array(blob) for blob in four)
@@ -103,7 +117,27 @@ def step_of(row: Sequence[Any], adopted: Sequence[ModelSet]) -> StoredStep:
         measure=None if measure is None else Why(measure), training=None,
         events=tuple(_event(parts) for parts in json.loads(events)),
     )  # fmt: skip
-    return StoredStep(Frame(k, inputs, _mask(valid, inputs.size), measurement), decision, training, tuple(adopted))
+    if trusted is not None:
+        decision = replace(decision, trusted=_mask(trusted, len(THERMAL_ERRORS)))
+    frame = Frame(k, inputs, _mask(valid, inputs.size), measurement)
+    return StoredStep(frame, decision, training, tuple(adopted), trusted is not None)
+
+
+def reasons_of(text: str) -> Reasons:
+    """From column `reasons`."""
+    whole = json.loads(text)
+    errors = (
+        ErrorReason(
+            e["error"], e["estimate"], e["trusted"], e["believed"], _pairs(e["inputs"]), e["other_inputs"], e["level"],
+            _pairs(e["experts"]), e["expected"], e["expected_sigma"],
+        )
+        for e in whole["errors"]
+    )  # fmt: skip
+    return Reasons(whole["k"], whole["next_k"], Why(whole["next_why"]), tuple(errors))
+
+
+def _pairs(values: Sequence[Sequence[Any]]) -> tuple[tuple[str, float], ...]:
+    return tuple((name, value) for name, value in values)
 
 
 def measurement_of(row: Sequence[Any]) -> StoredMeasurement:

@@ -24,6 +24,7 @@ from gateway.events import (
     OutlookChanged,
     ProbingRequested,
     ReadingsTaken,
+    ReasonsGiven,
     SensorsJudged,
     StorageChanged,
     StoreHealth,
@@ -47,7 +48,7 @@ class Store:
     boot: identifies this run of the process; with a reading's sequence number it identifies duplicates
     clock: for the time of events
     commit_s: readings are committed at least so often, real seconds
-    keep_samples_days: older readings and compensation steps are deleted
+    keep_samples_days: older readings, compensation steps and reasons are deleted
     retry_s: after a failure it is tried again so often, real seconds
 
     Raises StoreError: not a database of ours, of a newer version, locked by another gateway, or not writable.
@@ -125,6 +126,7 @@ class Store:
             case FrameMade(frame):
                 put("INSERT INTO frame VALUES (?, ?, ?, ?, ?, ?)", [rows.of_frame(self._boot, frame)])
             case DecisionMade(decision):
+                put("INSERT OR REPLACE INTO trust VALUES (?, ?)", [rows.of_trust(decision)])
                 put(
                     "INSERT INTO decision VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [rows.of_decision(decision)], commit=True
                 )
@@ -143,6 +145,9 @@ class Store:
             case CompensationStepped(write):
                 row = rows.of_write(write)
                 put("INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row], kind=Kind.STEPS)
+            case ReasonsGiven(reasons):
+                row = (reasons.k, self._clock.utc().timestamp(), rows.of_reasons(reasons))
+                put("INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=Kind.STEPS)
             case OutlookChanged() | SensorsJudged() | StorageChanged():
                 pass  # what an operator should know of them is an EventReported too
             case _:
@@ -151,6 +156,7 @@ class Store:
     def _prune(self, connection: sqlite3.Connection) -> None:
         oldest = self._clock.utc() - timedelta(seconds=self._keep_s)
         connection.execute("DELETE FROM sample WHERE time < ?", (oldest.timestamp(),))
+        connection.execute("DELETE FROM reasons WHERE time < ?", (oldest.timestamp(),))
         connection.execute("DELETE FROM compensation WHERE time < ?", (oldest.isoformat(),))
 
 

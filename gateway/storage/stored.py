@@ -16,6 +16,8 @@ class StoredStep:
     """Without its training job: `training_wanted` says whether it had one."""
     training_wanted: str | None
     adopted: tuple[ModelSet, ...]
+    trust_known: bool = True
+    """False: of an earlier program, which did not store `decision.trusted`."""
 
 
 @dataclass(frozen=True, slots=True)

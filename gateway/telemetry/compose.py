@@ -20,6 +20,7 @@ from gateway.events import (
     OutlookChanged,
     ProbingRequested,
     ReadingsTaken,
+    ReasonsGiven,
     SensorsJudged,
     StorageChanged,
     StoreHealth,
@@ -37,13 +38,16 @@ from gateway.telemetry.messages import (
     ProbingMessage,
     ProbingStanding,
     Published,
+    PublishedReason,
     ReadingMessage,
+    ReasonsMessage,
     SensorFinding,
     SensorsMessage,
     StatusMessage,
     StorageStanding,
 )
 from talc.frame import Decision, Event, FloatArray, Frame
+from talc.learner.reasons import Reasons
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Judgement
@@ -100,6 +104,8 @@ class Composer:
                 return [(keys.COMPENSATION, _compensation(self._stamp(), write))]
             case OutlookChanged(outlook):
                 return [(keys.PROBING, _probing(self._stamp(), outlook))]
+            case ReasonsGiven(reasons):
+                return [(keys.REASONS, _reasons(self._stamp(), reasons))]
             case SensorsJudged(judgement, k):
                 return [(keys.SENSORS, _sensors(self._stamp(), judgement, k))]
             case _:
@@ -171,6 +177,7 @@ def _decision(stamp: _Stamp, d: Decision) -> DecisionMessage:
         measure=None if d.measure is None else d.measure.value,
         training=None if d.training is None else d.training.why.value,
         substituted=d.substituted,
+        trusted=dict(zip(THERMAL_ERRORS, d.trusted.tolist(), strict=True)),
     )
 
 
@@ -266,6 +273,24 @@ def _sensors(stamp: _Stamp, j: Judgement, k: int) -> SensorsMessage:
         smallest_offset_K={name: _number(value) for name, value in j.smallest_offset_K.items()},
         alike=j.alike,
     )
+
+
+def _reasons(stamp: _Stamp, r: Reasons) -> ReasonsMessage:
+    errors = {
+        e.error: PublishedReason(
+            estimate=_number(e.estimate),
+            trusted=e.trusted,
+            believed=_number(e.believed),
+            inputs={name: _number(value) for name, value in e.inputs},
+            other_inputs=_number(e.other_inputs),
+            level=_number(e.level),
+            experts={kind: _number(share) for kind, share in e.experts},
+            expected=_number(e.expected),
+            expected_sigma=_number(e.expected_sigma),
+        )
+        for e in r.errors
+    }
+    return ReasonsMessage(*stamp, k=r.k, next_k=r.next_k, next_why=r.next_why.value, errors=errors)
 
 
 def _number(value: float) -> float | None:

@@ -77,6 +77,9 @@ class DecisionMessage(Message, frozen=True):
     substituted: Annotated[
         tuple[str, ...], Meta(description="Inputs of models without a good value, for which the last good one stands")
     ]
+    trusted: Annotated[
+        dict[str, bool], Meta(description="By thermal error; false: not corrected, as no estimate is better than none")
+    ] = {}
 
 
 class MeasurementMessage(Message, frozen=True):
@@ -187,6 +190,29 @@ class StorageStanding(Struct, frozen=True):
     free_mb: Annotated[Number, Meta(description="Free space on the disk, MB")]
 
 
+class PublishedReason(Struct, frozen=True):
+    """Why one thermal error is corrected as it is; µm or µm/m."""
+
+    estimate: Annotated[Number, Meta(description="The sum of inputs, other_inputs and level")]
+    trusted: bool
+    believed: Annotated[Number, Meta(description="Probability that the error is not just zero")]
+    inputs: Annotated[dict[str, Number], Meta(description="Which inputs move it now, the largest first")]
+    other_inputs: Annotated[Number, Meta(description="What all other inputs together do")]
+    level: Annotated[Number, Meta(description="What no input explains")]
+    experts: Annotated[dict[str, Number], Meta(description="Share of the belief, by kind of expert")]
+    expected: Annotated[Number, Meta(description="At the next measurement, if the inputs stay as they are")]
+    expected_sigma: Annotated[Number, Meta(description="Its standard uncertainty, without the measurement's noise")]
+
+
+class ReasonsMessage(Message, frozen=True):
+    """`reasons`: why the learner corrects as it does, after each measurement and each hour."""
+
+    k: GridIndex
+    next_k: Annotated[GridIndex, Meta(description="When the next measurement is expected, if inputs stay as they are")]
+    next_why: Reason
+    errors: Annotated[dict[str, PublishedReason], Meta(description="By thermal error")]
+
+
 class StatusMessage(Message, frozen=True):
     """`status`: the latest decision and how the gateway runs. Null before the first decision."""
 
@@ -211,6 +237,7 @@ Published = (
     | CompensationMessage
     | ProbingMessage
     | SensorsMessage
+    | ReasonsMessage
     | StatusMessage
 )
 
@@ -224,6 +251,7 @@ TYPES: Final[Mapping[str, type[Published]]] = {
     keys.COMPENSATION: CompensationMessage,
     keys.PROBING: ProbingMessage,
     keys.SENSORS: SensorsMessage,
+    keys.REASONS: ReasonsMessage,
     keys.STATUS: StatusMessage,
 }
 """Kind of key to its type."""

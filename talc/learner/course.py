@@ -1,5 +1,6 @@
 """The control loop around the learner: what to correct, when to measure, what to report."""
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,9 +17,11 @@ from talc.frame import (
     Phase,
     Why,
 )
+from talc.learner.experts import EXPERTS, TOLD
 from talc.learner.learner import Estimate, Explanation, Learner, LearnerState
 from talc.learner.mixture import Surprise
 from talc.learner.prior import Prior
+from talc.learner.reasons import Reasons, reasons_for
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import LearnerSettings
 
@@ -65,6 +68,7 @@ class LearningCourse:
         self._limits = np.where(_POSITIONS, settings.limit_um, settings.limit_um_per_m)
         noise = np.where(_POSITIONS, settings.noise_um, settings.noise_um_per_m)
         self._learner = Learner(len(self._names), step_s, noise, None if prior is None else prior.of(self._names))
+        self._experts = EXPERTS if prior is None else (*EXPERTS, *TOLD)
         self._long_gap = round(_SETTLED_S / step_s)
         self._phase = Phase.CALIBRATION
         self._last_k: int | None = None
@@ -116,6 +120,16 @@ class LearningCourse:
     def explain(self) -> Explanation:
         """Why the present estimates are what they are."""
         return self._learner.explain()
+
+    def reasons(self) -> Reasons | None:
+        """Why the present estimates are what they are, and what is expected next; None before the first frame."""
+        if self._last_k is None:
+            return None
+        next_k, why = self._next(self._last_k)
+        now, then = self._learner.estimate(), self._learner.estimate(next_k - self._last_k)
+        return Reasons(
+            self._last_k, next_k, why, reasons_for(self._names, self._experts, now, then, self._learner.explain())
+        )
 
     def state(self) -> CourseState:
         """A copy of all that is known."""
@@ -200,7 +214,28 @@ class LearningCourse:
             return self._wanted
         if since >= s.longest_interval_steps:
             return Why.INTERVAL
-        return Why.UNCERTAINTY if (_TWO_SIDED_95 * after.sigma > self._limits).any() else None
+        return Why.UNCERTAINTY if self._unsure(after) else None
+
+    def _unsure(self, estimate: Estimate) -> bool:
+        return bool((_TWO_SIDED_95 * estimate.sigma > self._limits).any())
+
+    def _next(self, k: int) -> tuple[int, Why]:
+        """When `_wish` will have led to a measurement, if the inputs stay as they are."""
+        s = self._settings
+        if self._last_measured is None:
+            return k + 1, Why.CALIBRATION
+        if self._phase is Phase.NO_GOOD:
+            return k + 1, Why.NO_GOOD
+        if s.policy == "fixed":
+            return max(k + 1, self._last_measured + s.measurement_interval_steps), Why.INTERVAL
+        first = max(k + 1, self._last_measured + s.shortest_interval_steps)
+        if self._wanted is not None:
+            return first, self._wanted
+        last = max(first, self._last_measured + s.longest_interval_steps)
+        if not self._unsure(self._learner.estimate(last - 1 - k)):
+            return last, Why.INTERVAL
+        at = bisect_left(range(first, last), 1, key=lambda m: int(self._unsure(self._learner.estimate(m - 1 - k))))
+        return first + at, Why.UNCERTAINTY
 
     def _enter(self, phase: Phase, events: list[Event]) -> None:
         if phase is not self._phase:

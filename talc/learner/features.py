@@ -37,6 +37,11 @@ class LagBank:
         """(n L + 1,) input by input; the last one is 1, for the level."""
         return np.append(self.level.ravel(), 1.0)
 
+    def ahead(self, steps: int) -> FloatArray:
+        """The features so many steps on, if the inputs stay as they are."""
+        kept = self._kept**steps
+        return np.append((kept * self.level + (1.0 - kept) * self.level[:, :1]).ravel(), 1.0)
+
     def widen(self, deviation: FloatArray) -> FloatArray:
         """Let spans grow where these (n,) deviations ask for it. Gives the (n,) factors by which they grew."""
         size = np.abs(deviation)

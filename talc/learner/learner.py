@@ -129,9 +129,10 @@ class Learner:
             self._doubt = np.maximum(np.einsum("ji,ik,jk->j", gains, missing, gains), 0.0)
         return moved
 
-    def estimate(self) -> Estimate:
-        """Of the present row."""
-        mean, variance = self._mixture.predict(self._bank.features())
+    def estimate(self, ahead: int = 0) -> Estimate:
+        """Of the present row, or so many steps from now if the inputs stay as they are."""
+        x = self._bank.ahead(ahead) if ahead else self._bank.features()
+        mean, variance = self._mixture.predict(x, ahead)
         variance = self._scale**2 * variance + self._doubt
         believed = self._mixture.believed
         trusted = believed > _TRUSTED

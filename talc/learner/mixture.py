@@ -203,11 +203,11 @@ class Mixture:
         """(9,) the levels may have changed by this."""
         self._s.jolt += variance
 
-    def predict(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(9,) means and variances with features x (n,), the hypothesis of zero left aside. Before the first
-        measurement of an error: 0 and 0."""
+    def predict(self, x: FloatArray, ahead: int = 0) -> tuple[FloatArray, FloatArray]:
+        """(9,) means and variances with features x (n,), `ahead` steps from now, the hypothesis of zero left aside.
+        Before the first measurement of an error: 0 and 0."""
         s, mean, variance = self._s, np.empty(_ERRORS), np.empty(_ERRORS)
-        _kernel.mixtures_predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed, x, mean, variance)
+        _kernel.mixtures_predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed + ahead, x, mean, variance)
         return mean, variance + s.jolt
 
     def widen(self, factor: FloatArray) -> None:

@@ -11,6 +11,7 @@ from gateway.config import GatewayConfig, validate
 from gateway.nc import Source, Step, Write
 from gateway.probing import End, Outcome, Outlook, Standing
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
+from talc.learner.reasons import ErrorReason, Reasons
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Finding, Judgement
@@ -35,6 +36,15 @@ DECISION = Decision(
 FIRST_DECISION = Decision(
     1, Phase.CALIBRATION, np.full(9, math.nan), np.zeros(9), np.ones(9), np.full(9, math.nan), None, None, ()
 )
+REASONS = Reasons(
+    7, 19, Why.UNCERTAINTY,
+    (
+        ErrorReason(
+            "EY0A", 4.5, True, 0.9, (("bed_front", 4.0), ("Öl", -1.0)), 0.5, 1.0, (("chosen inputs", 0.75),), 6.0, 1.5
+        ),
+        ErrorReason("EX0C", math.nan, False, 0.5, (), 0.0, 0.0, (), math.nan, math.nan),
+    ),
+)  # fmt: skip
 OUTCOME = Outcome(41, Why.CALIBRATION, NOW, LATER, np.zeros((6, 3)), (0.0, -1.5, 1 / 3), MEASUREMENT, 0.4)
 PER_POSE = Outcome(43, Why.INTERVAL, NOW, LATER, None, ((0.0, 1.0, 2.0), (3.0, 4.0, 5.5)), MEASUREMENT, 0.25)
 REFUSED = Outcome(42, Why.RETRY, NOW, LATER, None, (0.0, 0.0, 0.0), None, math.nan, "refused: alarm 21612", End.REFUSED)

@@ -12,14 +12,14 @@ import pytest
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
 from gateway.config import Probing, parse
 from gateway.control import GridLoop, GridSampler, Schedule
-from gateway.events import DecisionMade, FrameMade, ModelsAdopted
+from gateway.events import DecisionMade, FrameMade, ModelsAdopted, ReasonsGiven
 from gateway.past import past_of
 from gateway.probing import ProbingSchedule, Standing
 from gateway.service import Service
 from gateway.storage import History, Store
 from talc.control import Controller
 from talc.frame import EventKind, Frame, Measurement, Why
-from talc.settings import ControlSettings, TalcSettings
+from talc.settings import ControlSettings, LearnerSettings, TalcSettings
 from talc.training import train
 from tests.benches.kept_events import KeptEvents
 from tests.benches.nc_link_bench import Bench
@@ -34,11 +34,16 @@ CYCLES_OF_THE_REFERENCE = [41, 42, 43, 44, 45]
 
 @asynccontextmanager
 async def running(
-    bench: Bench, told: KeptEvents, *, pending: Why | None = None, retries: int = 2
+    bench: Bench,
+    told: KeptEvents,
+    *,
+    pending: Why | None = None,
+    retries: int = 2,
+    settings: TalcSettings = TalcSettings(method="models"),  # noqa: B008 -- frozen
 ) -> AsyncIterator[ProbingSchedule]:
     plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
     loop = GridLoop(
-        Controller(("a",), TalcSettings(method="models")), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock,
+        Controller(("a",), settings), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock,
         bench.link, plan, Probing(), told, (None, pending),
     )  # fmt: skip
     task = asyncio.create_task(loop.run())
@@ -102,6 +107,20 @@ async def test_a_cycle_that_keeps_failing_is_asked_for_so_often_and_the_operator
     assert all(f.measurement is None for f in told.frames)
     assert len(told.texts(EventKind.OPERATOR)) == 1
     assert "Clean the sphere" in told.texts(EventKind.OPERATOR)[0]
+
+
+async def test_the_learner_says_why_after_each_measurement_and_each_hour() -> None:
+    bench, told = Bench("monitor"), KeptEvents()
+    bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
+    fixed = LearnerSettings(policy="fixed", measurement_interval_steps=20)
+    async with running(bench, told, settings=TalcSettings(learner=fixed)):
+        await bench.clock.run_until(46 * STEP_S)
+    first = told.frames[0].k
+    measured = [f.k - first for f in told.frames if f.measurement is not None]
+    given = [event.reasons for event in told.of(ReasonsGiven)]
+    assert measured == [1, 21, 41]
+    assert [r.k - first for r in given] == [0, 1, 13, 21, 33, 41]
+    assert [r.next_k - first for r in given] == [1, 21, 21, 41, 41, 61]
 
 
 async def test_a_restart_remembers_since_when_an_input_is_missing(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_stopped_while_the_disk_is_full_it_says_how_much_is_lost(tmp_path: Path)
         store.ask("fault ENOSPC")
         store.ask("step 2")
         said = store.ask("close")
-    assert "g.sqlite: 3 rows were not stored: " in said
+    assert "g.sqlite: 4 rows were not stored: " in said
     assert stored(path) == [1]
 
 

@@ -16,6 +16,7 @@ from gateway.events import (
     ModelsAdopted,
     OutlookChanged,
     ReadingsTaken,
+    ReasonsGiven,
     SensorsJudged,
     StorageChanged,
     StoreHealth,
@@ -25,6 +26,7 @@ from gateway.probing import Outcome, Outlook, Standing
 from gateway.telemetry import keys
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from talc.sensor_check import Judgement
+from tests.benches import telemetry_examples as example
 from tests.benches.telemetry_examples import configuration
 from tests.gateway.telemetry.test_telemetry import NOW, ROOT, decision, free_port, last_values, reading, telemetry
 from tests.talc.test_control import models
@@ -57,6 +59,7 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
         t.publish(ModelsAdopted(models(7), 7))
         t.publish(CompensationStepped(Write(NOW, "advise", step, 7, {"X": 1.0}, False, None)))
         t.publish(SensorsJudged(Judgement(), 7))
+        t.publish(ReasonsGiven(example.REASONS))
         t.publish(OutlookChanged(Outlook(Standing.DUE, Why.INTERVAL, "", 0, "")))
         t.publish(StorageChanged(StoreHealth("database is locked", 5.0, 40, 0, 900.0)))
         t.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))

@@ -2,10 +2,12 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gateway.events import (
@@ -19,11 +21,13 @@ from gateway.events import (
     OutlookChanged,
     ProbingRequested,
     ReadingsTaken,
+    ReasonsGiven,
     SensorsJudged,
 )
 from gateway.probing import Outlook
-from gateway.telemetry import TYPES, Composer, ReadingMessage, decode, encode, schemas
+from gateway.telemetry import TYPES, Composer, DecisionMessage, ReadingMessage, decode, encode, schemas
 from talc.frame import Decision
+from talc.names import THERMAL_ERRORS
 from tests.benches import telemetry_examples as example
 
 FOLDER = Path(__file__).parent
@@ -96,7 +100,7 @@ def test_every_field_of_the_first_version_is_still_published_with_the_same_value
     assert [key for key, _ in now] == [line.split(" ")[0] for line in PUBLISHED]
     for line, (_, payload) in zip(PUBLISHED, now, strict=True):
         assert_kept(json.loads(line.split(" ", 1)[1]), json.loads(payload))
-    assert {line.split(" ")[0].split("/")[0] for line in PUBLISHED} == set(TYPES)
+    assert {line.split(" ")[0].split("/")[0] for line in PUBLISHED} <= set(TYPES)
 
 
 @pytest.mark.parametrize("line", PUBLISHED)
@@ -105,6 +109,28 @@ def test_what_was_published_is_read_without_loss(line: str) -> None:
     message = decode(key, payload.encode())
     assert message is not None
     assert_kept(json.loads(payload), json.loads(encode(message)))
+
+
+def test_reasons_are_published_by_error_and_what_is_not_known_is_null() -> None:
+    composer = Composer("boot-1", example.NAMES, Clock(), simulated=True)
+    ((key, message),) = composer.messages(ReasonsGiven(example.REASONS))
+    payload = json.loads(encode(message))
+    assert (key, payload["k"], payload["next_k"], payload["next_why"]) == ("reasons", 7, 19, "uncertainty")
+    assert list(payload["errors"]["EY0A"]["inputs"].items()) == [("bed_front", 4.0), ("Öl", -1.0)]
+    assert payload["errors"]["EX0C"]["expected"] is None
+    assert decode(key, encode(message)) == message
+
+
+def test_a_decision_says_which_errors_are_corrected_and_one_of_an_earlier_program_is_read_without() -> None:
+    composer = Composer("boot-1", example.NAMES, Clock(), simulated=True)
+    half = replace(example.DECISION, trusted=np.array([True] * 8 + [False]))
+    ((key, message),) = composer.messages(DecisionMade(half))
+    payload = json.loads(encode(message))
+    assert payload["trusted"] == {name: name != "EC0C" for name in THERMAL_ERRORS}
+    del payload["trusted"]
+    old = decode(key, json.dumps(payload).encode())
+    assert isinstance(old, DecisionMessage)
+    assert old.trusted == {}
 
 
 def with_field(payload: dict[str, Any]) -> dict[str, Any]:
