@@ -1,7 +1,7 @@
-"""Runs work that computes for seconds in a process of its own, so that the buses keep their periods.
+"""Runs long computations in a separate process, so that the buses keep their periods.
 
-The process gets the work on its standard input, answers on its standard output, and gives its memory back by ending.
-It runs at a lower priority than the gateway and ends at once when the gateway is gone.
+The process receives the work on standard input, answers on standard output, and frees its memory by ending. It runs at
+a lower priority than the gateway and ends at once when the gateway ends.
 """
 
 import asyncio
@@ -41,7 +41,7 @@ async def apart(work: Callable[Arguments, Returned], *given: Arguments.args, **n
             stderr=asyncio.subprocess.PIPE,
             start_new_session=True,  # Ctrl-C goes to the gateway, which ends the work itself
         )
-    except OSError as error:  # no memory or descriptor at this moment: not a fault of the gateway
+    except OSError as error:  # no memory or descriptor at this moment: not a fault in the gateway
         raise WorkError(f"no process could be started: {error}") from error
     if process.stdin is None or process.stdout is None or process.stderr is None:
         raise RuntimeError("the process has no pipes")
@@ -69,15 +69,15 @@ async def apart(work: Callable[Arguments, Returned], *given: Arguments.args, **n
 
 
 def main() -> int:
-    """The process. Its exit status is 0 with an answer on the standard output, 1 with a traceback on the other."""
+    """The process. Its exit status is 0 with an answer on standard output, or 1 with a traceback on standard error."""
     os.nice(_NICENESS)
     answer = os.dup(_STDOUT)
-    os.dup2(sys.stderr.fileno(), _STDOUT)  # output that a library prints is not an answer
+    os.dup2(sys.stderr.fileno(), _STDOUT)  # what a library prints must not become part of the answer
     try:
         work, given, named = pickle.load(sys.stdin.buffer)
         threading.Thread(target=_end_with_the_gateway, daemon=True).start()
         found = pickle.dumps(work(*given, **named))
-    except Exception:  # noqa: BLE001 - whatever it was, the gateway reports it
+    except Exception:  # noqa: BLE001 - the gateway reports any error
         traceback.print_exc()
         return 1
     with os.fdopen(answer, "wb") as out:

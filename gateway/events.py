@@ -15,7 +15,7 @@ from talc.sensor_check import Judgement
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConfigurationApplied:
-    """This configuration runs from now on: at the start, and after each reload that took effect."""
+    """This configuration is now in use: at the start, and after each reload that took effect."""
 
     config: GatewayConfig
 
@@ -73,7 +73,7 @@ class EventReported:
 
     event: Event
     k: int | None
-    """Grid index that it belongs to; None: none."""
+    """Grid index that it belongs to, or None."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +150,7 @@ Sink = Callable[[GatewayEvent], None]
 
 
 def in_order(sinks: Sequence[Sink]) -> Sink:
-    """One sink that hands each event to several: to the next one when the one before has returned."""
+    """A sink that passes each event to several others, one after the other."""
     several = tuple(sinks)
 
     def take(event: GatewayEvent) -> None:

@@ -21,20 +21,20 @@ class Instant:
     monotonic_s: float
     """When it is reached on the monotonic clock."""
     clock_moved_s: float = 0.0
-    """How much UTC had moved against the monotonic clock, when the grid was anchored anew; else 0."""
+    """How far UTC had moved against the monotonic clock when the grid was re-anchored; otherwise 0."""
 
 
 class Schedule:
     """Grid instants on the monotonic clock, numbered by UTC.
 
-    Between instants only the monotonic clock counts. When UTC has moved by more than half a step against it (NTP
-    found the time, somebody set it), the grid is anchored anew: forward leaves a gap in k; backward goes on with the
-    next index, because k must increase.
+    Between instants only the monotonic clock counts. When UTC has moved against it by more than half a step (NTP
+    synchronised, or somebody set the clock), the grid is re-anchored: forward leaves a gap in k; backward continues
+    with the next index, because k must increase.
 
     Parameters
     ----------
     step_s: grid step, s, > 0
-    last_k: index of the last stored frame, so that a restart with a clock that is behind never repeats one
+    last_k: index of the last stored frame, so that a restart with a slow clock never repeats one
     """
 
     def __init__(self, step_s: float, last_k: int | None = None) -> None:
@@ -48,7 +48,7 @@ class Schedule:
         """UTC seconds minus monotonic seconds, as last seen."""
 
     def next(self, utc: datetime, monotonic_s: float) -> Instant:
-        """The next instant after now. Call it once per step: it counts the instant as used."""
+        """The next instant after now. Call it once per step, because it counts the instant as used."""
         offset = utc.timestamp() - monotonic_s
         moved = 0.0 if self._anchor_s is None else offset - self._seen_s
         anew = self._anchor_s is None or abs(moved) > self._step / 2
@@ -64,11 +64,11 @@ class Schedule:
 
 
 class GridSampler:
-    """Collects what happens in a step and makes a frame of it.
+    """Collects the readings of a step and makes a frame of them.
 
-    An input's number is the mean of its usable readings in the step that ends at the frame's instant; without one it
-    is NaN and not valid. The mean, not the last reading, because temperatures are averaged over noise and
-    quantisation, and a machine state such as the cutting fluid becomes the share of the step in which it was on.
+    An input's number is the mean of its usable readings in the step that ends at the frame's instant; without one it is
+    NaN and not valid. The mean is used, not the last reading, because it averages noise and quantisation of
+    temperatures, and turns a machine state such as the cutting fluid into the share of the step in which it was on.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class GridSampler:
         """(input, monotonic seconds, value) not yet in a frame."""
 
     def add(self, readings: Iterable[Reading]) -> None:
-        """Take readings; those of unusable quality, and of channels that are not inputs, are ignored."""
+        """Take readings; those of unusable quality, and those of channels that are not inputs, are ignored."""
         for reading in readings:
             position = self._index.get(reading.channel)
             if position is not None and reading.quality.usable and math.isfinite(reading.value):
@@ -99,7 +99,7 @@ class GridSampler:
                 self._samples.append((position, monotonic_s, value))
 
     def frame(self, instant: Instant, measurement: Measurement | None = None) -> Frame:
-        """The frame of the step that ends at `instant`. What came after it stays for the next one."""
+        """The frame of the step that ends at `instant`. Later readings stay for the next one."""
         count = np.zeros(len(self._index), dtype=np.int64)
         total = np.zeros(len(self._index))
         later: list[tuple[int, float, float]] = []

@@ -1,4 +1,4 @@
-"""The grid loop: once per step it makes a frame, lets the controller decide, and does what the decision wants."""
+"""The grid loop: once per step it makes a frame, lets the controller decide, and carries out the decision."""
 
 import asyncio
 import logging
@@ -40,12 +40,12 @@ class GridLoop:
     controller: fresh, or rebuilt from the store
     sampler, schedule: the grid
     link: the NC; None when the gateway runs without one
-    plan: when to ask for a measurement
+    plan: when to request a measurement
     probing: `lead_s` and `poll_s` are used
-    sink: takes frames, decisions, measurements, models and events
+    sink: receives frames, decisions, measurements, models and events
     pending: a training and a measurement that an earlier run still wanted
     train: runs a training
-    seen: told of every frame after all that follows from it
+    seen: called with every frame, after everything that follows from it
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class GridLoop:
         """When the reasons are due, if no measurement comes before."""
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Run until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             while True:
                 instant = self._schedule.next(self._clock.utc(), self._clock.monotonic())
@@ -87,7 +87,7 @@ class GridLoop:
                 await self._clock.sleep_until(instant.monotonic_s)
                 with self._clock.hold():
                     self._step(instant)
-                    # Let the other tasks of this instant begin while time is still stopped.
+                    # Let the other tasks of this instant start while time still stands still.
                     await asyncio.sleep(0)
 
     def _see_to_wishes(self, tasks: asyncio.TaskGroup, instant: Instant) -> None:
@@ -128,7 +128,7 @@ class GridLoop:
             self._sink(ReasonsGiven(reasons))
 
     async def _measure(self, link: NcLink, at_s: float) -> None:
-        """Handle one wanted measurement: wait for the moment, request it, pass on the result."""
+        """Handle one wanted measurement: wait for the right moment, request it, pass on the result."""
         polls = Periodic(self._clock, self._probing.poll_s, first_s=at_s)
         while True:
             await polls.wait()
@@ -150,7 +150,7 @@ class GridLoop:
         self._tell(self._plan.ended(outcome.end, outcome.reason, self._clock.monotonic()))
 
     def _tell(self, outlook: Outlook) -> None:
-        """Publish what changed; log each reason once for as long as it lasts."""
+        """Publish what changed; log each reason once while it lasts."""
         if outlook == self._outlook:
             return
         if outlook.standing is Standing.WAITING and outlook.reason != self._outlook.reason:

@@ -25,7 +25,7 @@ _JUDGE_EVERY_S = 3600.0
 """At the default grid step."""
 _LEARN_EVERY_STEPS = 288
 _LEARN_FIRST_STEPS = 288
-"""A day: less does not show how the hall's temperature varies."""
+"""A day: less does not show how the hall temperature varies."""
 
 _LEAST_TEMPERATURES = 3
 _MOST_IN_A_THREAD = 64
@@ -45,7 +45,7 @@ class _Standing:
     told: bool = False
 
     def is_about(self, finding: Finding) -> bool:
-        """Of sensors side by side, sometimes one is the likeliest and sometimes the other."""
+        """Among sensors side by side, now one is the most likely and now another."""
         mine = {*self.finding.inputs, *self.finding.alternatives}
         return finding.kind == self.finding.kind and not mine.isdisjoint({*finding.inputs, *finding.alternatives})
 
@@ -69,19 +69,19 @@ async def _learn_apart(
 
 
 class SensorWatch:
-    """Keeps the last frames and compares them with what earlier ones taught.
+    """Keeps the last frames and compares them with what it learnt from earlier ones.
 
-    An exchange is told when it has stood for half a window, an offset when for a whole one; both end when a whole
-    window has passed without them. Nothing is learnt from what has not been judged for a whole window, nor while there
-    are findings: a fault does not become normal.
+    An exchange is reported after half a window, an offset after a whole one; both end when a whole window has passed
+    without them. Nothing is learnt from frames that were not judged for a whole window, nor while there are findings:
+    a fault must not become normal.
 
     Parameters
     ----------
     input_names: order of a frame's inputs
     settings: window, thresholds
-    is_temperature: whether an input is one, by the unit of its readings; asked when learning
-    sink: takes every judgement, and an event when a finding begins and when all have ended
-    clock: held while it computes
+    is_temperature: whether an input is a temperature, by the unit of its readings; called when learning
+    sink: receives every judgement, and an event when a finding begins and when all have ended
+    clock: stands still while it computes
     before: what an earlier run saw
     """
 
@@ -103,7 +103,7 @@ class SensorWatch:
         self._learnt_k: int | None = None
         self._problems = Problems(clock, _JUDGE_EVERY_S, self._noticed, log)
         self._judged = self._quiet = 0
-        """Judgements in all, and those without a finding since the last one with."""
+        """Number of judgements, and of those without a finding since the last one with a finding."""
         self._findings: list[_Standing] = []
         self._suspect_since_k = None if before is None else before.suspect_since_k
         self._due = asyncio.Event()
@@ -118,7 +118,7 @@ class SensorWatch:
             self._due.set()
 
     async def run(self) -> None:
-        """Look whenever it is due, until cancelled."""
+        """Check whenever it is due, until cancelled."""
         while True:
             await self._due.wait()
             self._due.clear()
@@ -126,9 +126,9 @@ class SensorWatch:
                 await self.look()
 
     async def look(self) -> None:
-        """Judge the last window; then learn, when a day has passed and nothing is suspect.
+        """Judge the last window; then learn, if a day has passed and nothing is suspect.
 
-        Advice is not worth the gateway: what a part raises is reported, and the part is tried again when it is due.
+        Advice must not endanger the gateway: an error in one part is reported, and the part is tried again when due.
         """
         await self._attempt("not judged", self._judge)
         await self._attempt("their model could not be learnt", self._learn_when_due)
@@ -163,7 +163,7 @@ class SensorWatch:
         return np.array([inputs for inputs, _ in chosen]), np.array([valid for _, valid in chosen], dtype=np.bool_)
 
     async def _judge(self) -> bool:
-        """Whether it was judged; a machine at rest is not."""
+        """Whether the window was judged; that of an idle machine is not."""
         k, model = self._last_k, self._model
         if model is None or k is None:
             return False
@@ -188,7 +188,7 @@ class SensorWatch:
             if standing is None:
                 self._findings.append(standing := _Standing(finding, self._judged, self._judged))
             standing.finding, standing.last = finding, self._judged
-            # While the window contains the begin or the end of an exchange, the exchange looks like an offset.
+            # While the window contains the beginning or end of an exchange, the exchange looks like an offset.
             wait = window if finding.kind == "offset" else window // 2
             if not standing.told and self._judged - standing.first >= wait:
                 standing.told = True
@@ -215,7 +215,7 @@ class SensorWatch:
             return False
         window = self._settings.window_steps
         end = len(self._rows)
-        if self._suspect_since_k is not None:  # of an earlier run
+        if self._suspect_since_k is not None:  # from an earlier run
             end -= k - self._suspect_since_k + 2 * window
         elif self._model is not None:
             end -= window

@@ -1,4 +1,4 @@
-"""Makes the driver of the numerical control from the configuration. Never uses the network."""
+"""Builds the driver of the numerical control from the configuration. Never uses the network."""
 
 from typing import assert_never
 

@@ -18,7 +18,7 @@ class HeldOffsets:
 
     @property
     def any(self) -> bool:
-        """Whether anything is in force."""
+        """Whether any offset is in force."""
         return differ(self.coefficients, np.zeros_like(self.coefficients))
 
     def at(self, centres_mm: FloatArray | None) -> InForce:
@@ -29,8 +29,8 @@ class HeldOffsets:
             now = await to_its_end(self._form.read())
         if differ(now, self.coefficients):
             raise Rejected(
-                f"the offsets moved while the control probed: {offsets_text(self.coefficients)} µm were in force when "
-                f"it was asked, {offsets_text(now)} are now"
+                f"the offsets moved while the control probed: {offsets_text(self.coefficients)} µm were in force at "
+                f"the request, {offsets_text(now)} are now"
             )
 
 
@@ -49,12 +49,12 @@ class Hold:
         return self._on
 
     async def begin(self) -> HeldOffsets:
-        """No step is begun from now on until `end`. Raises DriverError."""
-        async with self.writing:  # a write under way ends first, or the read would not give what stays in force
+        """From now on no step begins until `end`. Raises DriverError."""
+        async with self.writing:  # wait for a write in progress, or the read would not return what stays in force
             self._on = True
             with self._clock.hold():
                 return HeldOffsets(self._form, self._clock, await to_its_end(self._form.read()))
 
     def end(self) -> None:
-        """Steps go on."""
+        """Steps continue."""
         self._on = False

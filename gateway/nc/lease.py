@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 class Lease:
-    """One gateway's lease of one control's offsets; see gateway.nc.states for its table.
+    """One gateway's lease of one control's offsets; gateway.nc.states has its state table.
 
     Parameters
     ----------
@@ -50,35 +50,35 @@ class Lease:
 
     @property
     def taken_back(self) -> bool:
-        """Disarmed, and the control's watchdog takes the offsets to zero."""
+        """Whether it is disarmed and the control's watchdog ramps the offsets to zero."""
         return self._right is Right.DISARMED and self._terms.ramp_um_per_s > 0
 
     async def claim(self) -> None:
-        """Become the one gateway that writes, where the mode has it. Raises DriverError; Refused: it is another's."""
+        """Become the only gateway that writes, if the mode requires it. Raises DriverError; Refused if another is."""
         if self.armed:
             await self._nc.claim(self._owner, self._terms)
             self._right = after(RIGHTS, self._right, Reply.CLAIMED)
 
     async def beat(self) -> bool:
-        """Send a heartbeat. Whether offsets may be written: False when the control's watchdog was not watching until
-        this beat, so that the offsets may have moved. Raises DriverError."""
+        """Send a heartbeat; returns whether offsets may be written. False if the control's watchdog was not active
+        until this beat, so that the offsets may have moved. Raises DriverError."""
         began = self._clock.monotonic()
         heard = await self._nc.heartbeat(self._owner)
-        self._beat_s = began  # not now: this process may have stood still since the control heard it
+        self._beat_s = began  # not now: this process may have been suspended since the control received it
         self._right = after(RIGHTS, self._right, Reply.HEARD if heard else Reply.UNHEARD)
         if heard is not self._heard_before and self._heard_before is not None:
-            text = f"NC: its watchdog {'watches again' if heard else 'did not hear this gateway'}"
+            text = f"NC: its watchdog {'is active again' if heard else 'did not receive the heartbeat of this gateway'}"
             self._notify(Notice("watchdog of NC", text, ended=heard))
         self._heard_before = heard
         return heard
 
     def check_fresh(self) -> None:
-        """Raises NoAnswer when this process has stood still since its beat: the control may have moved the offsets."""
+        """Raises NoAnswer if this process was suspended since its beat: the control may have moved the offsets."""
         if self._clock.monotonic() - self._beat_s > self._terms.silence_s / 2:
             raise NoAnswer(f"more than {self._terms.silence_s / 2:g} s since the heartbeat", device="nc")
 
     def disarm(self, text: str) -> None:
-        """Stop writing and beating: the control's watchdog brings the offsets to their configured state."""
+        """Stop writing and sending heartbeats: the control's watchdog brings the offsets to their configured state."""
         self._right = after(RIGHTS, self._right, Reply.DISARM)
         log.warning("%s", text)
         self._notify(Notice("offsets of NC", text))

@@ -1,8 +1,7 @@
 """The link to the NC: keeps the connection, reports its state, probes on request, writes what is safe.
 
-Composed of a session (connection), a lease (right to write), a target (what is wanted), a writer (steps, read back),
-a hold (offsets stand still while the control probes) and a prober. What they do together follows from
-gateway.nc.states.
+It consists of a session (connection), a lease (right to write), a target (what is wanted), a writer (steps, read back),
+a hold (offsets stand still while the control probes) and a prober. gateway.nc.states defines how they work together.
 """
 
 import logging
@@ -106,11 +105,11 @@ class NcLink:
         return self._target.missing_s
 
     def follow(self, decision: Decision) -> None:
-        """Compensate from this decision on."""
+        """Compensate by this decision from now on."""
         self._target.follow(decision, self._clock.monotonic())
 
     async def measure(self, why: Why) -> Outcome:
-        """One probing cycle, or those of the reference; see Prober. Offsets stand still until it has ended."""
+        """One probing cycle, or those of the reference; see Prober. The offsets stand still until it has ended."""
         try:
             outcome = await self._prober.measure(why, self._held, self._target.decision)
         finally:
@@ -124,19 +123,20 @@ class NcLink:
         await Periodic(self._clock, self._period).run(lambda due_s: to_its_end(self._cycle(due_s)))
 
     async def stop(self) -> None:
-        """Bring the compensation to its declared state, then release the control.
+        """Bring the compensation to its configured state, then release the control.
 
-        Each part is tried, whatever became of the one before.
+        Each part is tried, whatever happened to the one before.
         """
         self._state = after(STATES, self._state, Condition.STOP)
         async with AsyncExitStack() as stack:
             stack.push_async_callback(self._session.close)
             if self._state is LinkState.STOPPING:
-                for part in (self._lease.release, self._take_back, self._prober.withdraw):  # the last one first
+                for part in (self._lease.release, self._take_back, self._prober.withdraw):  # the last one runs first
                     stack.push_async_callback(self._try, part)
 
     async def disconnect(self) -> None:
-        """Close the connection and nothing else, as a gateway does that is killed: the watchdog has the offsets."""
+        """Close the connection and nothing else, as if the gateway had been killed: the watchdog takes over the
+        offsets."""
         await self._session.close()
 
     # One period ------------------------------------------------------------------------------------------------------
@@ -190,14 +190,14 @@ class NcLink:
     def _finding(self, snapshot: NcSnapshot) -> Condition:
         if snapshot.ready is False:
             return Condition.NOT_READY
-        # A cycle for which nobody waits, or another's cycle, may be touching the sphere at this moment.
+        # A cycle that no one waits for any more, or another gateway's, may be touching the sphere at this moment.
         return Condition.PROBING if self._hold.on or snapshot.probing else Condition.CLEAR
 
     async def _beat(self) -> bool:
         """Whether offsets may be written."""
         heard = await self._lease.beat()
         if not heard:
-            # The watchdog may have moved the offsets. This beat stops it, so what is read now is where to go on.
+            # The watchdog may have moved the offsets. This beat stops it, so continue from what is read now.
             await self._writer.begin()
         return heard
 
@@ -208,7 +208,7 @@ class NcLink:
     async def _held(self) -> Held:
         held = await self._hold.begin()
         if self._lease.taken_back and held.any:
-            raise NotBegun("compensation is disarmed and its offsets still go to zero")
+            raise NotBegun("compensation is disarmed and its offsets are still ramping to zero")
         return held
 
     def _store(self, write: Write) -> None:
@@ -237,7 +237,7 @@ class NcLink:
             now = self._clock.monotonic()
             if snapshot.ready is False:
                 self._writer.stand(now, snapshot, Source.NOT_READY, self._k)
-                return  # no offset is written now: this too is left to the watchdog
+                return  # no offset can be written now: leave this to the watchdog too
             await self._writer.follow(now, snapshot, None, Source.STOPPED, self._k, send=True)
 
     async def _try(self, part: Callable[[], Awaitable[None]]) -> None:

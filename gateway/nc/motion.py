@@ -1,4 +1,4 @@
-"""Detects axes that report a speed and do not move: the values of such a control are frozen. Pure."""
+"""Detects axes that report a speed but do not move: the values of such a control are frozen. Pure."""
 
 import math
 
@@ -8,9 +8,9 @@ from drivers.nc import NcSnapshot
 class Motion:
     """Checks the snapshots of one control, in order.
 
-    longest_s: an axis may report a speed at an unchanged position for so long. A speed that the control forms as a
-    mean over a minute outlives the motion by a minute. Looks more than a quarter of it apart prove nothing: a
-    machine that repeats itself comes back to the same place.
+    longest_s: an axis may report a speed at an unchanged position for this long. A speed that the control averages over
+    a minute outlives the motion by a minute. Snapshots more than a quarter of this apart prove nothing, because a
+    machine that repeats its motion returns to the same place.
     """
 
     def __init__(self, longest_s: float) -> None:
@@ -21,7 +21,7 @@ class Motion:
         self._looked_s = -math.inf
 
     def frozen(self, snapshot: NcSnapshot) -> tuple[str, ...]:
-        """Axes that do not move although they report a speed; only those whose speed is read."""
+        """Axes that report a speed but do not move, among those with a speed."""
         found = []
         now, gap = snapshot.monotonic_s, snapshot.monotonic_s - self._looked_s
         self._looked_s = now

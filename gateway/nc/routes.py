@@ -1,8 +1,8 @@
 """The form in which offsets go to a control: a shift for the present position, or one that follows the position.
 
-Either is a matrix of coefficients (3, n), µm, rows X, Y, Z. The first column is the shift at the reference; the
-others are the most that each axis' position can add within its travel. So the sum of a row's magnitudes bounds the
-shift everywhere, and the sum of the magnitudes of a change bounds the change everywhere.
+Each is a matrix of coefficients (3, n), µm, rows X, Y, Z. The first column is the shift at the reference; the others
+are the largest addition by each axis' position within its travel. So the sum of a row's magnitudes bounds the shift
+everywhere, and the sum of the magnitudes of a change bounds the change everywhere.
 """
 
 import math
@@ -32,7 +32,7 @@ class Form(Protocol):
         ...
 
     def during(self, coefficients: FloatArray, centres_mm: FloatArray | None) -> InForce:
-        """The shift in force while each of the sphere's centres (poses, 3) was touched: one for all, or one each."""
+        """The shift in force when each of the sphere's centres (poses, 3) was touched: one for all, or one each."""
         ...
 
     async def read(self) -> FloatArray:
@@ -45,12 +45,12 @@ class Form(Protocol):
 
 
 def form_of(nc: NumericalControl) -> Form:
-    """The best form that a control accepts."""
+    """The best form that a control supports."""
     return OverTravel(nc) if isinstance(nc, FollowsPosition) else HereAndNow(nc)
 
 
 class HereAndNow:
-    """One shift of X, Y, Z, renewed as the axes move: n = 1."""
+    """One shift of X, Y, Z, updated as the axes move: n = 1."""
 
     def __init__(self, nc: NumericalControl) -> None:
         self._nc = nc
@@ -75,7 +75,7 @@ class HereAndNow:
 class OverTravel:
     """K0 + tanβ (P - P0), with the slopes that the control can have: n = 4.
 
-    What the other slopes would give is put into K0 for the present position, so that here the shift is whole.
+    The effect of missing slopes goes into K0 for the present position, so that the shift is complete there.
     """
 
     def __init__(self, nc: FollowsPosition) -> None:
@@ -111,13 +111,13 @@ class OverTravel:
 
 
 def differ(found: FloatArray, wanted: FloatArray) -> bool:
-    """Whether two matrices (3, n) are not the same somewhere in the travel."""
-    # The other way round, NaN would agree with everything.
+    """Whether two matrices (3, n) differ somewhere in the travel."""
+    # With the comparison the other way round, NaN would agree with everything.
     return not np.abs(found - wanted).sum(axis=1).max() <= _SAME_UM
 
 
 def offsets_text(coefficients: FloatArray) -> str:
-    """For a message, µm: rows X, Y, Z; several columns as K0 and the most that each slope adds."""
+    """For a message, µm: rows X, Y, Z; several columns as K0 and the largest addition of each slope."""
     return " ".join("/".join(f"{v:.2f}" for v in row) for row in coefficients)
 
 

@@ -1,4 +1,4 @@
-"""The connection to one control: opened when the breaker allows it, judged, and closed after every error."""
+"""The connection to one control: opened when the breaker allows it, checked, and closed after every error."""
 
 import logging
 from dataclasses import replace
@@ -56,7 +56,7 @@ class Session:
         await self._nc.connect()
 
     async def look(self) -> NcSnapshot:
-        """The control's state now; of quality `stale` when its values stand still. Raises DriverError."""
+        """The control's present state; of quality `stale` when its values are frozen. Raises DriverError."""
         self._latest = self._judged(await self._nc.snapshot())
         return self._latest
 
@@ -69,8 +69,8 @@ class Session:
         self._problems.report(_SUBJECT, kind, f"NC: {error}")
 
     def works(self) -> None:
-        """A whole period had no error. A connection alone proves nothing: what is refused each time after it would
-        be asked for each period for ever."""
+        """A whole period passed without an error. A connection alone proves nothing: a request that is refused after
+        each connection would otherwise be repeated every period."""
         self._breaker.succeeded()
         self._problems.clear(_SUBJECT, "NC: connected again")
 

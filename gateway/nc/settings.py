@@ -1,4 +1,4 @@
-"""What a link to one control is made from: its settings, what an earlier run left, and its listeners."""
+"""The input of a link to one control: its settings, what an earlier run left, and its listeners."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,7 +47,7 @@ class Earlier:
 
 @dataclass(frozen=True, slots=True)
 class Listeners:
-    """Functions that the link calls, each from the event loop's thread."""
+    """Functions that the link calls, all in the event loop's thread."""
 
     states: Callable[[Mapping[str, float], float], None] = lambda _, __: None
     """The machine states of every good snapshot, and the monotonic seconds at which they were read."""

@@ -23,7 +23,7 @@ class Source(StrEnum):
     INPUTS_STALE = "inputs_stale"
     """An input of a live model has had no good value for too long."""
     FROZEN = "frozen"
-    """The control probes."""
+    """The control is probing."""
     NOT_READY = "not_ready"
     """Emergency stop, drives off, axes not referenced."""
     STOPPED = "stopped"
@@ -36,19 +36,19 @@ class Step:
     """One step of the compensation, as stored and published. Micrometres, X Y Z at the tool centre point."""
 
     target_um: Offsets
-    """Wanted, after the bound, before the slew."""
+    """Target, after the bound and before the slew."""
     offsets_um: Offsets
-    """What is to be in force from now on."""
+    """Offsets to be in force from now on."""
     source: Source
     bounded: tuple[bool, bool, bool]
-    """Which axes were cut by the bound."""
+    """Axes that were limited by the bound."""
     coefficients_um: tuple[tuple[float, ...], ...] = ()
     """The coefficients behind `offsets_um`: rows X, Y, Z; see gateway.nc.routes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """One step of the compensation with all that it rests on."""
+    """One step of the compensation with everything that it is based on."""
 
     time: datetime
     mode: Literal["monitor", "advise", "compensate"]
@@ -60,11 +60,11 @@ class Write:
     written: bool
     """Whether the offsets were sent to the control. It may have received them even if it did not answer."""
     read_back_um: Offsets | None
-    """What the control reports to have in force after the write; None when nothing was written or no answer came."""
+    """The offsets that the control reports after the write; None if nothing was written or no answer came."""
 
 
 class Slew:
-    """Follows a target at a bounded rate inside bounds. Starts from what the control has in force, so it never steps.
+    """Follows a target within bounds at a bounded rate. Starts from the offsets in force, so it never steps.
 
     Offsets are coefficients (3, n) of a route (gateway.nc.routes); (3,) counts as (3, 1). Bound and rate hold for the
     sum of the magnitudes of each row, and so at every position.
@@ -73,9 +73,9 @@ class Slew:
     ----------
     bound_um: largest magnitude per axis, µm, > 0
     slew_um_per_s: largest rate of change per axis, µm/s, > 0
-    when_stale: `zero` ramps to zero, `hold` keeps the last offsets, when there is nothing to rest on
+    when_stale: `zero` ramps to zero, `hold` keeps the last offsets, when there is no usable prediction
     period_s: nominal time between steps; a longer pause counts as one period, so that no step is larger and a
-        gateway that hung does not make up for it in one stride
+        gateway that hung does not catch up in one step
     in_force_um: (3,) or (3, n), what the control reports at start
     now_s: monotonic seconds of that report
     """
@@ -108,7 +108,7 @@ class Slew:
         return float(np.abs(self._now).sum(axis=1).max())
 
     def freeze(self, now_s: float, basis: FloatArray | None = None, source: Source = Source.FROZEN) -> Step:
-        """Keep the offsets and let time pass: while the NC probes, or cannot follow, what it adds must stand still."""
+        """Keep the offsets while time passes: while the NC probes, or cannot follow, its offsets must stand still."""
         self._time = now_s
         return self._step(self._now, source, np.zeros(3, dtype=bool), basis)
 
@@ -119,9 +119,9 @@ class Slew:
         source: Source = Source.PREDICTION,
         basis: FloatArray | None = None,
     ) -> Step:
-        """One step towards `wanted_um`, or towards the declared value when it is None or not finite.
+        """One step towards `wanted_um`, or towards the configured value if it is None or not finite.
 
-        wanted_um: (3,) or (3, n); basis: (n,), where the machine stands; None: the reference.
+        wanted_um: (3,) or (3, n); basis: (n,), for the machine's position; None: the reference.
         """
         if wanted_um is None or not np.all(np.isfinite(wanted_um)):
             source = Source.NO_MODEL if source is Source.PREDICTION else source
@@ -154,7 +154,7 @@ def _matrix(values: FloatArray | Offsets) -> FloatArray:
 
 
 def _within(rows: FloatArray, largest: FloatArray) -> FloatArray:
-    """Rows scaled down to where the sum of their magnitudes is within `largest`."""
+    """Rows scaled down until the sum of their magnitudes is within `largest`."""
     if rows.shape[1] == 1:  # the same without rounding
         return np.clip(rows, -largest[:, None], largest[:, None])
     size = np.abs(rows).sum(axis=1)

@@ -1,4 +1,4 @@
-"""The two state tables of the link: what the offsets do, and whether this gateway may write them. Pure."""
+"""The two state tables of the link: the state of the offsets, and whether this gateway may write them. Pure."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -6,18 +6,18 @@ from typing import TypeVar
 
 
 class LinkState(StrEnum):
-    """What the offsets of one control do."""
+    """The state of the offsets of one control."""
 
     AWAY = "away"
     """There is no connection: the offsets are unknown."""
     FOLLOWING = "following"
-    """Each step goes towards the target."""
+    """Each step moves towards the target."""
     HELD = "held"
     """They do not change while the control probes, whoever requested the cycle."""
     NOT_READY = "not_ready"
-    """Emergency stop, drives off or axes not referenced: they do not change, and afterwards they are read again."""
+    """Emergency stop, drives off or axes not referenced: they do not change, and are read again afterwards."""
     STOPPING = "stopping"
-    """They go to the configured state, then the control is released."""
+    """They ramp to the configured state, then the control is released."""
 
 
 class Condition(StrEnum):
@@ -28,7 +28,7 @@ class Condition(StrEnum):
     NOT_READY = "not_ready"
     PROBING = "probing"
     CLEAR = "clear"
-    """The control is ready and does not probe."""
+    """The control is ready and is not probing."""
     STOP = "stop"
 
 
@@ -60,9 +60,9 @@ class Right(StrEnum):
     UNCLAIMED = "unclaimed"
     """There is no connection, or the control has not been claimed on it."""
     UNHEARD = "unheard"
-    """Claimed, but the control's watchdog has not confirmed that it watches: nothing is written."""
+    """Claimed, but the control's watchdog has not confirmed that it is active: nothing is written."""
     HEARD = "heard"
-    """The watchdog watches: offsets may be written as long as the last heartbeat is fresh."""
+    """The watchdog is active: offsets may be written as long as the last heartbeat is fresh."""
     DISARMED = "disarmed"
     """Given up until a restart: no claim, no heartbeat, no write."""
 
@@ -96,7 +96,7 @@ _E = TypeVar("_E", Condition, Reply)
 
 
 def after(table: Mapping[_S, Mapping[_E, _S]], now: _S, event: _E) -> _S:
-    """The state that follows. Raises RuntimeError for an event that is impossible in this state."""
+    """The next state. Raises RuntimeError for an event that is impossible in this state."""
     try:
         return table[now][event]
     except KeyError:

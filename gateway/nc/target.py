@@ -1,4 +1,4 @@
-"""The target: which thermal errors to cancel now, and whether their basis is recent enough. Pure."""
+"""The target: which thermal errors to cancel now, and whether they are recent enough. Pure."""
 
 from collections.abc import Callable, Mapping
 
@@ -53,7 +53,7 @@ class Target:
         self._last_measured.measured(measurement, now_s)
 
     def errors(self, quality: Quality, now_s: float) -> tuple[FloatArray | None, Source]:
-        """(9,) errors to cancel, zero for an unknown one, and what they rest on; None: there is nothing to rest on.
+        """(9,) errors to cancel, zero for unknown ones, and their source; None: there is nothing to cancel them by.
 
         quality: of the control's snapshot
         """

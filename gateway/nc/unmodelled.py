@@ -1,4 +1,4 @@
-"""Errors without a model are corrected by their last measurement: this says for how long."""
+"""How long errors without a model are corrected by their last measurement."""
 
 from collections.abc import Sequence
 
@@ -8,11 +8,11 @@ from talc.frame import Decision, FloatArray, Measurement
 
 
 class LastMeasured:
-    """When each thermal error was measured last.
+    """When each thermal error was last measured.
 
     Parameters
     ----------
-    longest_s: an older measurement corrects no longer
+    longest_s: older measurements are no longer used
     since_s: (9,) monotonic seconds of each error's last measurement, -inf for none
     """
 
@@ -23,6 +23,6 @@ class LastMeasured:
         self._since = np.where(np.isfinite(measurement.errors), now_s, self._since)
 
     def corrected(self, decision: Decision, now_s: float) -> FloatArray:
-        """(9,) what the decision corrects; NaN for an error that is unknown or was not measured recently."""
+        """(9,) the decision's corrections; NaN for an error that is unknown or was not measured recently."""
         without_model = ~np.isfinite(decision.predicted)
         return np.where(without_model & (now_s - self._since > self._longest), np.nan, decision.corrected)

@@ -1,4 +1,4 @@
-"""Writes offsets to one control: step by step, only over what it left there, and reads each back."""
+"""Writes offsets to one control, step by step, only on top of its own last write, and reads each back."""
 
 from collections.abc import Callable
 
@@ -43,7 +43,7 @@ class OffsetWriter:
 
     @property
     def knows(self) -> bool:
-        """Whether it knows what it left in force."""
+        """Whether the offsets in force are known to be its own."""
         return self._left is not None
 
     @property
@@ -58,7 +58,7 @@ class OffsetWriter:
         return self._slew
 
     async def begin(self) -> None:
-        """Whatever stands on the control is where the ramp begins: no step at start and none after a reconnect.
+        """Start the ramp from whatever is in force on the control: no step at the start, and none after a reconnect.
 
         Raises DriverError; BadAnswer for an offset that is not a finite number.
         """
@@ -77,7 +77,7 @@ class OffsetWriter:
         self._left = None
 
     def forget(self) -> None:
-        """From now on the offsets in force may change without a write of this gateway."""
+        """From now on the offsets in force may change without a write by this gateway."""
         self._left = None
 
     def stand(self, now_s: float, snapshot: NcSnapshot, source: Source, k: int | None) -> None:
@@ -94,10 +94,10 @@ class OffsetWriter:
         *,
         send: bool,
     ) -> None:
-        """A step towards `wanted` (3, n), or towards the declared value for None. Raises DriverError.
+        """A step towards `wanted` (3, n), or towards the configured value for None. Raises DriverError.
 
-        send: whether it goes to the control; it is stored in either case, also when the control does not answer
-        k: grid index of the decision that it rests on
+        send: whether it goes to the control; it is stored in either case, even if the control does not answer
+        k: grid index of the decision that it is based on
         """
         step = self._begun.follow(now_s, wanted, source, self._here(snapshot))
         if send:
@@ -111,7 +111,7 @@ class OffsetWriter:
         try:
             self._lease.check_fresh()
             if await self._is_mine():
-                written = True  # also when there will be no answer
+                written = True  # even if there is no answer
                 written = await self._put(coefficients)
             if written:
                 read_back = as_offsets(await self._read_back(coefficients) @ self._here(snapshot))
@@ -119,7 +119,7 @@ class OffsetWriter:
             self._record(step, snapshot, k, written=written, read_back=read_back)
 
     async def _is_mine(self) -> bool:
-        """Whether what this gateway left is still in force: over another's offsets its next step would be a jump."""
+        """Whether this gateway's last write is still in force; otherwise its next step would be a jump."""
         if self._left is None:
             return True
         found = await self._form.read()
@@ -127,8 +127,8 @@ class OffsetWriter:
         return self._agrees(found, self._left)
 
     async def _put(self, coefficients: FloatArray) -> bool:
-        """Whether the driver sends it. What was found at the start may lie beyond what it ever sends: no ramp leads
-        out of that."""
+        """Whether the driver sends it. Offsets found at the start may exceed what the driver ever sends, and no ramp
+        leads back from there."""
         self._left = None  # not known until it is read back
         try:
             await self._form.write(coefficients)
@@ -145,11 +145,11 @@ class OffsetWriter:
         return found
 
     def _agrees(self, found: FloatArray, wanted: FloatArray) -> bool:
-        """Disarm unless the control has in force what was written. Compared where the difference is largest."""
+        """Disarm unless what was written is in force on the control. Compared where the difference is largest."""
         if differ(found, wanted):
             self._lease.disarm(
                 f"NC: wrote offsets {offsets_text(wanted)} µm but {offsets_text(found)} are in force; compensation is "
-                "disarmed until a restart. Does something else write there?"
+                "disarmed until a restart. Does another program write them?"
             )
             return False
         return True

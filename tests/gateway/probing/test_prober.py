@@ -247,7 +247,7 @@ async def test_disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets
             outcome = await cycle
             ends.append(outcome.end)
             asked.append(len(bench.control.requests))
-            assert outcome.end is End.MEASURED or "its offsets still go to zero" in outcome.reason
+            assert outcome.end is End.MEASURED or "its offsets are still ramping to zero" in outcome.reason
     if when_stale == "zero":
         assert ends == [End.REFUSED, End.MEASURED]
         assert asked[0] == 0
