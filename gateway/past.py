@@ -16,7 +16,7 @@ from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 
 _FIRST_METHOD = "models"
-"""Of the programs that stored no `[talc] method`: they had no other."""
+"""The method of programs that stored no `[talc] method`: they had no other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +35,13 @@ class Past:
     seen: SeenBefore | None = None
 
     former_method: str | None = None
-    """`[talc] method` of the latest run when this configuration has another one."""
+    """`[talc] method` of the latest run, if this configuration has another one."""
     other_prior: bool = False
-    """The latest run had another prior, or only one of the two has one."""
+    """Whether the latest run had another prior, or only one of the two has one."""
 
 
 def stored_config(history: History) -> GatewayConfig:
-    """The configuration of the latest run. StoreError: the database is empty."""
+    """The configuration of the latest run. Raises StoreError if the database is empty."""
     found = history.config()
     if found is None:
         raise StoreError("the database holds no run yet")
@@ -49,7 +49,7 @@ def stored_config(history: History) -> GatewayConfig:
 
 
 def from_stored(text: str, prior: str | None = None) -> GatewayConfig:
-    """The configuration that a stored text describes, as the program that stored it understood it, and its prior."""
+    """The configuration and the prior in a stored text, as the program that stored it understood them."""
     data = json.loads(text)
     config = validate({**data, "talc": {"method": _FIRST_METHOD, **data.get("talc", {})}})
     return config if prior is None else config.with_prior(parse_prior(prior))
@@ -62,7 +62,7 @@ def controller_of(config: GatewayConfig) -> Controller:
 
 
 def decide_alike(one: GatewayConfig, other: GatewayConfig) -> bool:
-    """Whether controllers of these decide alike, for the same inputs; what the method does not use does not count."""
+    """Whether controllers with these settings decide alike for the same inputs; unused settings do not count."""
     return _settings_alike(one.talc, other.talc) and (one.talc.method != "learner" or one.prior == other.prior)
 
 
@@ -76,7 +76,7 @@ def _used(talc: TalcSettings) -> object:
 
 @dataclass(slots=True)
 class Rebuilt:
-    """A controller after stored steps, and what it then waits for."""
+    """A controller after stored steps, and what it was then waiting for."""
 
     controller: Controller
     last: Decision | None = None
@@ -87,7 +87,7 @@ class Rebuilt:
 
 
 def rebuilt(steps: Iterable[StoredStep], config: GatewayConfig) -> Rebuilt:
-    """The controller of a configuration, after the stored frames and models. A learner takes the frames alone."""
+    """The controller of a configuration, after the stored frames and models. A learner takes only the frames."""
     controller = controller_of(config)
     found = Rebuilt(controller)
     for step in steps:
@@ -106,8 +106,8 @@ def rebuilt(steps: Iterable[StoredStep], config: GatewayConfig) -> Rebuilt:
 def past_of(history: History, config: GatewayConfig) -> Past:
     """The controller as an earlier run left it, rebuilt from the record with the stored models.
 
-    A fresh start when the record is empty. When the latest run used another method or another prior, the controller is
-    as if this one had been used from the beginning of the record.
+    A fresh start if the record is empty. If the latest run used another method or prior, the controller is as if the
+    present one had been used from the beginning of the record.
 
     Raises StoreError when the record was made with other inputs or other settings of the same method.
     """

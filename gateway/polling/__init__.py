@@ -1,4 +1,4 @@
-"""What the parts that poll share: when to ask, when to ask again after a failure, and what to report."""
+"""The common parts of everything that polls: when to ask, when to ask again after a failure, and what to report."""
 
 from gateway.polling.breaker import Breaker
 from gateway.polling.contained import uncancelled

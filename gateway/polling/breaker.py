@@ -1,4 +1,4 @@
-"""The breaker: when to ask again after a failure. One small object on monotonic time, without tasks or sleep."""
+"""The breaker: when to ask again after a failure. A small object on monotonic time, without tasks or sleep."""
 
 
 class Breaker:
@@ -26,7 +26,7 @@ class Breaker:
 
     @property
     def retry_at(self) -> float:
-        """Monotonic seconds from which on it may be asked."""
+        """Monotonic seconds from which it may be asked."""
         return self._retry_at
 
     def allows(self, now_s: float) -> bool:
@@ -34,15 +34,15 @@ class Breaker:
         return now_s >= self._retry_at
 
     def overdue(self, now_s: float) -> bool:
-        """Whether it has waited so long that it must be asked, whatever it costs the others."""
+        """Whether it has waited so long that it must be asked, whatever that costs the others."""
         return now_s >= self._retry_at + self._longest
 
     def succeeded(self) -> None:
-        """Note an answer: the next wait is the shortest again."""
+        """Record an answer: the next wait is the shortest again."""
         self._failures, self._retry_at = 0, float("-inf")
 
     def failed(self, now_s: float) -> None:
-        """Note a failure at `now_s`; for a polled device the time at which it was due, so that waits do not drift."""
-        # A wait doubles only until it reaches the longest; the exponent is bounded lest it overflow after a month.
+        """Record a failure at `now_s`; for a polled device the time at which it was due, so that waits do not drift."""
+        # A wait doubles only until it reaches the longest; the exponent is bounded so that it cannot overflow.
         self._retry_at = now_s + min(self._shortest * 2.0 ** min(self._failures, 60), self._longest)
         self._failures += 1

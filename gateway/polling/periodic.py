@@ -9,14 +9,14 @@ from gateway.clock import ServiceClock
 class Periodic:
     """Begins a period every `period_s`, counted from the first, however long the work of one takes.
 
-    Those that should begin while one is still at work are skipped and counted; the next one begins when it is due.
+    Periods that would begin while another is still at work are skipped and counted; the next one begins when it is due.
 
     Parameters
     ----------
     clock: real or simulated
     period_s: s, > 0
     first_s: monotonic seconds of the first period; None: when it is first waited for
-    phase_s: all periods after the first begin this much later, s, >= 0 and < period_s
+    phase_s: delay of all periods after the first, s, >= 0 and < period_s
     """
 
     def __init__(
@@ -37,9 +37,9 @@ class Periodic:
         return due_s
 
     def done(self) -> int:
-        """The period's work is done: go on to the next one. Returns how many periods are skipped.
+        """The period's work is done: advance to the next one. Returns how many periods are skipped.
 
-        ValueError: nobody has waited for the first period.
+        Raises ValueError if the first period has not been waited for.
         """
         if self._due_s is None:
             raise ValueError("no period has begun: wait for it first")
@@ -54,8 +54,8 @@ class Periodic:
     ) -> None:
         """Work once per period until cancelled; simulated time stands still meanwhile.
 
-        work: takes the monotonic seconds at which the period was due
-        worked: called after each period's work, with the number of periods that it made the schedule skip
+        work: called with the monotonic seconds at which the period was due
+        worked: called after each period's work, with the number of periods that were skipped because of it
         """
         while True:
             due_s = await self.wait()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from drivers.base import Clock
 
 _STEADY_S, _STEADY_PERIODS = 60.0, 10
-"""A problem unchanged for this long is steady; one that begins often within it comes and goes."""
+"""A problem unchanged for this long is steady; one that begins often within it is intermittent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,18 +37,17 @@ class _History:
 class Problems:
     """Remembers each subject's problems; reports and logs what is new.
 
-    A subject whose problems begin more than `most` times before it has been steady comes and goes: that is reported
-    with the last beginning, and then nothing until it has been steady. Steady is what has not changed for a minute and
-    for ten periods.
+    A subject with more than `most` new problems before it has been steady is intermittent: that is reported with the
+    last beginning, and then nothing until it has been steady. Steady means unchanged for a minute and for ten periods.
 
     Parameters
     ----------
     clock: its monotonic seconds are used
-    period_s: how often the subjects are looked at, s, > 0
-    notify: takes each problem as it begins and as it ends
+    period_s: how often the subjects are checked, s, > 0
+    notify: receives each problem as it begins and as it ends
     log: where both are logged too, as warning and information
     most: beginnings that are reported before a subject is steady
-    quiet: log only what nobody expected, as `notify` shows the rest
+    quiet: log only unexpected problems, because `notify` shows the rest
     """
 
     def __init__(
@@ -60,13 +59,13 @@ class Problems:
 
     @property
     def window_s(self) -> float:
-        """How long a subject must be unchanged to count as steady, s."""
+        """How long a subject must be unchanged to be steady, s."""
         return self._window_s
 
     def report(self, subject: str, kind: str, text: str, *, bug: Exception | None = None) -> None:
         """The subject has a problem. Call it whenever that is seen: it is reported when it begins or changes its kind.
 
-        bug: an exception that nobody expected; logged with its traceback
+        bug: an unexpected exception; it is logged with its traceback
         """
         now_s = self._clock.monotonic()
         history = self._subjects.setdefault(subject, _History())
@@ -85,7 +84,7 @@ class Problems:
                 history.begun_s.popleft()
             history.muted = len(history.begun_s) > self._most
             if history.muted:
-                text += f"; it comes and goes: reported again when it has been steady for {self._window_s:g} s"
+                text += f"; it is intermittent: reported again when it has been steady for {self._window_s:g} s"
         if bug is not None or not self._quiet:
             self._log.warning("%s", text, exc_info=bug)
         self._notify(Notice(subject, text))

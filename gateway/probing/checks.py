@@ -1,8 +1,8 @@
-"""Checks whether a probing cycle's result is used. Pure but for the one result that waits for confirmation.
+"""Decides whether a probing cycle's result is used. Pure except for the one result that awaits confirmation.
 
 In this order: do repeated touches agree, do the centres fit a rigid body that moved (a chip under one touch does not),
-does the result agree with what was expected. A surprise that is not absurd may be the machine's new truth: it must be
-found a second time, in a cycle for which the probe was fetched anew.
+does the result agree with what was expected. A surprise that is not absurd may be the machine's new state: a second
+cycle, for which the probe was changed again, must confirm it.
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ class Expected:
     """What the nine errors are expected to be; NaN: unknown."""
 
     errors: FloatArray
-    """(9,) the latest prediction, or the last measurement where there is none and that is recent."""
+    """(9,) the latest prediction; where there is none, the last measurement if that is recent."""
     sigma: FloatArray
-    """(9,) its standard uncertainty; NaN: unknown, as of a last measurement."""
+    """(9,) its standard uncertainty; NaN if unknown, as for a last measurement."""
     limits: FloatArray
     """(9,) action control limits; NaN: none."""
 
@@ -66,7 +66,7 @@ class MeasurementChecks:
             )
 
     def plausible(self, found: Measurement, expected: Expected) -> None:
-        """Raises Rejected for what is absurd, and for a surprise that the result before did not show as well."""
+        """Raises Rejected for an absurd result, and for a surprise that the previous result did not show as well."""
         difference = np.abs(found.errors - expected.errors)
         both = self._settings.surprise_sigmas * np.hypot(expected.sigma, found.sigma)
         absurd = np.fmax(self._largest(), both)
@@ -75,7 +75,7 @@ class MeasurementChecks:
             self._candidate = None
             raise Rejected(
                 f"{_said(i, difference)} from what was expected, more than is possible ({absurd[i]:.0f}): was the "
-                "sphere or the probe moved? After a crash or a new set-up begin a new database"
+                "sphere or the probe moved? After a crash or a new set-up start a new database"
             )
         before, self._candidate = self._candidate, None
         i = _worst(difference, np.fmax(both, expected.limits))
@@ -94,7 +94,7 @@ class MeasurementChecks:
 
 
 def _worst(difference: FloatArray, limit: FloatArray) -> int | None:
-    """Index of the error that passes its limit most; None: none does. NaN on either side passes nothing."""
+    """Index of the error that exceeds its limit most; None: none does. NaN on either side never exceeds."""
     share = np.nan_to_num(difference / limit, nan=0.0)
     i = int(np.argmax(share))
     return i if share[i] > 1.0 else None

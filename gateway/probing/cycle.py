@@ -43,7 +43,7 @@ class Held(Protocol):
         ...
 
     async def still(self) -> None:
-        """Raises Rejected when something else is in force by now, DriverError."""
+        """Raises Rejected if something else is in force by now; DriverError."""
         ...
 
 
@@ -57,7 +57,7 @@ class Outcome:
     asked: datetime
     ended: datetime
     centres_mm: FloatArray | None
-    """(poses, 3) as the control reported them; of the reference, the mean of its cycles."""
+    """(poses, 3) as the control reported them; for the reference, the mean of its cycles."""
     in_force_um: InForce
     """Compensation held during the cycle, removed from the centres before solving."""
     measurement: Measurement | None
@@ -85,8 +85,8 @@ class Probe:
     def deviations_um(self, centres_mm: FloatArray, reference_mm: FloatArray, in_force_um: InForce) -> FloatArray:
         """(poses, 3) movement of the sphere since the reference, µm, as if nothing had been compensated.
 
-        The control adds `in_force_um` to where the tool stands, so the probe finds the sphere displaced by that
-        much less; adding it back gives the machine's own deviation.
+        The control adds `in_force_um` to the tool position, so the probe finds the sphere displaced by that much less;
+        adding it back gives the machine's own deviation.
         """
         return np.asarray((centres_mm - reference_mm) * 1e3 + np.asarray(in_force_um), dtype=np.float64)
 
@@ -98,7 +98,7 @@ class Probe:
 
 
 def probe_of(settings: Probing) -> Probe:
-    """The sphere and its poses as section probing states them."""
+    """The sphere and its poses from the [probing] section."""
     return Probe(
         poses_in_radians(settings.poses_deg),
         settings.sphere_radius_mm * 1e-3,
@@ -108,7 +108,7 @@ def probe_of(settings: Probing) -> Probe:
 
 
 class NotBegun(Exception):
-    """No cycle was begun; the message says why."""
+    """No cycle was started; the message says why."""
 
 
 class Rejected(Exception):
@@ -118,10 +118,10 @@ class Rejected(Exception):
 async def run_cycle(
     nc: NumericalControl, number: int, clock: ServiceClock, *, poll_s: float, timeout_s: float
 ) -> RequestStatus:
-    """Ask for cycle `number` and wait for its end.
+    """Request cycle `number` and wait for its end.
 
     Raises NotBegun when it is refused or has not begun within `timeout_s` (the request is then withdrawn), Rejected
-    when it fails or has not ended then, DriverError when the control cannot be reached.
+    when it fails or has not ended by then, DriverError when the control cannot be reached.
     """
     deadline = clock.monotonic() + timeout_s
     with clock.hold():
@@ -141,7 +141,7 @@ async def run_cycle(
             case ProbingState.FAILED:
                 raise Rejected(f"the cycle failed: {status.reason or 'no reason given'}")
             case ProbingState.IDLE:
-                raise NotBegun("the control no longer knows the request: does another gateway probe?")
+                raise NotBegun("the control no longer knows the request: is another gateway probing?")
             case ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
                 pass
             case _:
@@ -170,7 +170,7 @@ def centres(status: RequestStatus, poses: int) -> FloatArray:
 
 
 def at_rest(cycles: Sequence[FloatArray], most_um: float) -> None:
-    """Raises Rejected when centres of the reference's cycles, each (poses, 3) mm, lie more than `most_um` apart."""
+    """Raises Rejected when centres of the reference's cycles, each (poses, 3) mm, are more than `most_um` apart."""
     apart = float(np.max(np.ptp(cycles, axis=0))) * 1e3
     if apart > most_um:
         raise Rejected(

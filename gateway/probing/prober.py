@@ -1,4 +1,4 @@
-"""Runs probing cycles on one control and makes measurements from their results, or says why there is none."""
+"""Runs probing cycles on one control, and returns a measurement from their results or the reason why there is none."""
 
 import logging
 import math
@@ -28,7 +28,7 @@ from talc.frame import Decision, FloatArray, Measurement, Why
 log = logging.getLogger(__name__)
 
 _RECENT_S = 3600.0
-"""A last measurement younger than this replaces a prediction that does not exist."""
+"""A last measurement younger than this substitutes for a missing prediction."""
 
 
 class Prober:
@@ -41,7 +41,7 @@ class Prober:
         the mean of `reference_cycles` cycles
     first_number: number of the first request; must differ from every earlier one
     abandoned: number of a request that an earlier run may have left behind
-    requested: told of every number before it is asked for
+    requested: called with every number before it is requested
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Prober:
         )
 
     async def withdraw(self) -> None:
-        """Withdraw a request for which nobody waits any more. Raises DriverError."""
+        """Withdraw a request that is no longer wanted. Raises DriverError."""
         number = self._waiting_for
         if number is not None:
             await self._nc.withdraw_probing(number)
@@ -111,8 +111,8 @@ class Prober:
                 self._waiting_for = None
 
     async def settle(self) -> None:
-        """While no measurement runs: take back what a lost line or an earlier run left behind. Raises DriverError, but
-        not for what the control will not have."""
+        """While no measurement runs: withdraw what a lost line or an earlier run left behind. Raises DriverError, but
+        not for what the control refuses."""
         try:
             await self.withdraw()
         except Refused as error:
@@ -123,7 +123,7 @@ class Prober:
         await self.settle()
         number = self._number
         self._number += 1
-        self._requested(number)  # a number that is not stored would be used again
+        self._requested(number)  # a number that was not stored would be used again
         self._waiting_for = number
         try:
             status = await run_cycle(

@@ -1,15 +1,15 @@
-"""When to request a wanted measurement, given what the machine does. Pure: time is an argument.
+"""Decides when to request a wanted measurement, given what the machine does. Pure: time is an argument.
 
 The request itself is an offer: the control begins the cycle at its next safe point, between two operations, never in a
-cut. What is decided here is when to make the offer, so that probing costs as little of a program's time as it can.
+cut. Here only the time of the offer is decided, so that probing costs as little of a program's time as possible.
 
-standing     leaves when                                                                      to
-not_wanted   the controller wishes for a measurement                                          waiting or blocked
-waiting      the machine's moment is good enough, or the wish is urgent or old                due
+state        leaves when                                                                      to
+not_wanted   the controller wants a measurement                                               waiting or blocked
+waiting      the moment is good enough, or the request is urgent or old                       due
 blocked      alarm, control or its mode, connection, or the pause after rejected results is over   waiting
 due          the caller has asked the control                                                 asked
 asked        the cycle has ended                                                              as the result is
-any but asked: the controller no longer wishes for a measurement                              not_wanted
+any but asked: the controller no longer wants a measurement                                   not_wanted
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ URGENT = frozenset({Why.CALIBRATION, Why.NO_GOOD, Why.RETRY})
 """Reasons that belong to the next grid step and do not wait for a better moment."""
 _SPEEDS = ("spindle_speed", "speed_X", "speed_Y", "speed_Z", "speed_A", "speed_C")
 _STILL = 1e-3
-"""Speeds below (1/min, mm/min) are standstill."""
+"""Speeds below this (1/min, mm/min) count as standstill."""
 
 
 class Moment(StrEnum):
@@ -36,7 +36,7 @@ class Moment(StrEnum):
 
 
 def moment(before: NcSnapshot | None, now: NcSnapshot) -> Moment:
-    """The moment of `now`; `before` is the snapshot seen last, by which a change is known.
+    """The moment of `now`; `before` is the previous snapshot, which shows changes.
 
     A program that is interrupted or stopped with something still turning counts as a cut.
     """
@@ -79,13 +79,13 @@ class Outlook:
 class ProbingSchedule:
     """Delays a wanted measurement until the moment suits the machine.
 
-    Parameters
-    ----------
+    prefer_idle_s: a routine request waits this long for an idle machine or the end of a program; then a tool
+        change is good enough
     prefer_idle_s: a routine wish waits so long for the machine to stand idle or a program to end; then a tool
         change will do as well
-    insist_after_s: after that it is asked for whatever the program does, and the operator is told
-    retries: rejected results are asked for again at most so often in a row
-    pause_s: then nothing is asked for so long
+    insist_after_s: after this it is requested whatever the program does, and the operator is informed
+    retries: rejected results are requested again at most this many times in a row
+    pause_s: then nothing is requested for this long
     """
 
     def __init__(self, *, prefer_idle_s: float, insist_after_s: float, retries: int, pause_s: float) -> None:
@@ -112,12 +112,12 @@ class ProbingSchedule:
         return self._why is not None and not self._asked
 
     def wish(self, why: Why | None, now_s: float) -> None:
-        """The controller's wish from now on; None: none. A wish that only changes its reason goes on waiting."""
+        """The controller's request from now on; None: none. One that only changes its reason keeps waiting."""
         if why is None or self._why is None:
             self._since = now_s
             self._refused = self._operator = ""
         if why is None and not self._asked and self._paused_until is None:
-            self._rejected = 0  # the next wish is another one, and no repeat of what was rejected
+            self._rejected = 0  # the next request is a new one, not a repeat of what was rejected
         self._why = why
 
     def look(self, snapshot: NcSnapshot | None, now_s: float) -> Outlook:
@@ -139,7 +139,7 @@ class ProbingSchedule:
         if late:
             self._operator = (
                 f"a measurement ({self._why.value}) has waited {self._insist_after / 60:.0f} min for the machine to "
-                "stand; the control is asked to probe at its next safe point"
+                "stop; the control is asked to probe at its next safe point"
             )
             return self._outlook(Standing.DUE)
         if now_s - self._since < self._prefer_idle:
@@ -149,16 +149,16 @@ class ProbingSchedule:
         return self._outlook(Standing.WAITING, "waits for a tool change, the end of a program or an idle machine")
 
     def asked(self) -> Why:
-        """The control is being asked; what for. ValueError: nothing is wanted."""
+        """The control is being asked; returns the reason. Raises ValueError if nothing is wanted."""
         if self._why is None:
             raise ValueError("nothing is wanted")
         self._asked, self._refused = True, ""
         return Why.RETRY if self._rejected else self._why
 
     def ended(self, end: End, reason: str, now_s: float) -> Outlook:
-        """The request that was asked for has ended; `reason` tells why there is no result.
+        """The request has ended; `reason` says why there is no result.
 
-        The wish is fulfilled, or stays: it is the controller's to renew or drop.
+        The wanted measurement is fulfilled, or stays wanted: the controller renews or drops it.
         """
         self._asked = False
         match end:
@@ -176,13 +176,13 @@ class ProbingSchedule:
                         f"{self._rejected} measurements in a row could not be used; the last: {reason}. "
                         "Clean the sphere and the probe and see that both are fixed"
                     )
-                    # What makes results fail lasts longer than one request.
+                    # The cause of failing results outlasts one request.
                     return self._without_result(Standing.BLOCKED, self._blocked_by_rejects())
                 return self._without_result(Standing.WAITING, f"is requested again: {reason}")
         return self._without_result(Standing.BLOCKED, reason)
 
     def _without_result(self, standing: Standing, reason: str) -> Outlook:
-        """Where the wish stands after a request without a result; it may have been dropped meanwhile."""
+        """The state after a request without a result; it may have been dropped meanwhile."""
         if self._why is not None:
             return self._outlook(standing, reason)
         if self._paused_until is None:
@@ -196,7 +196,7 @@ class ProbingSchedule:
             return f"alarm {', '.join(map(str, snapshot.alarms))}"
         if snapshot.cannot_probe:
             return snapshot.cannot_probe
-        # The control checks its mode itself when it answers: one that it does not tell is no reason to wait.
+        # The control checks its mode itself when it answers; an unreported mode is no reason to wait.
         if snapshot.cannot_probe is None and snapshot.mode not in (OperatingMode.AUTO, OperatingMode.UNKNOWN):
             return f"the control is in {snapshot.mode.value.upper()}, not in AUTO"
         if self._paused_until is not None and now_s < self._paused_until:
@@ -212,7 +212,7 @@ class ProbingSchedule:
 
 
 class Bulletin:
-    """Messages about the outlooks, each once for as long as it lasts."""
+    """Messages about the outlooks, each once while it lasts."""
 
     def __init__(self) -> None:
         self._problem = self._operator = ""

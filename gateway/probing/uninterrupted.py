@@ -1,4 +1,4 @@
-"""Requests to the control that a cancelled task still completes."""
+"""Requests to the control that are completed even if the task is cancelled."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -11,15 +11,15 @@ T = TypeVar("T")
 
 
 async def to_its_end(work: Coroutine[object, object, T]) -> T:
-    """Await `work` to its end, even when the caller is cancelled meanwhile; the cancellation then takes effect.
+    """Await `work` to its end, even if the caller is cancelled meanwhile; the cancellation then takes effect.
 
-    After half a request nobody knows what is in force, and a line whose answers come in turn must be closed. A second
-    cancel does reach the work.
+    After half a request it is unknown what is in force, and a line with ordered answers must be closed. A second
+    cancellation does reach the work.
     """
     task = asyncio.create_task(work)
     try:
         return await asyncio.shield(task)
     except asyncio.CancelledError:
-        with suppress(DriverError):  # the caller is gone and cannot receive it
+        with suppress(DriverError):  # the caller has been cancelled and cannot receive it
             await task
         raise

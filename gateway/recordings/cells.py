@@ -31,7 +31,7 @@ class Times:
         self._before: tuple[float, object] | None = None
 
     def take(self, cells: Sequence[object], where: Where) -> FloatArray:
-        """(rows,) s; NaN where a cell is no time."""
+        """(rows,) s; NaN where a cell is not a time."""
         found = np.full(len(cells), np.nan)
         for i, cell in enumerate(cells):
             second = second_of(cell)
@@ -41,7 +41,7 @@ class Times:
                 self._problems.add(where(i), f"{shown(cell)} is not within the years 1900 to 2200{_fraction(second)}")
             else:
                 if self._before is not None and second <= self._before[0]:
-                    what = f"{shown(cell)} does not come after {shown(self._before[1])} before it"
+                    what = f"{shown(cell)} is not later than the time before it, {shown(self._before[1])}"
                     self._problems.add(where(i), what)
                 self._before = second, cell
                 found[i] = second
@@ -55,7 +55,7 @@ def second_of(cell: object) -> float | None:
     if isinstance(cell, datetime):
         try:
             return (cell if cell.tzinfo else cell.replace(tzinfo=UTC)).timestamp()
-        except (OverflowError, ValueError):  # the zone moves it out of the years that Python knows
+        except (OverflowError, ValueError):  # the time zone moves it beyond the years that Python supports
             return None
     if isinstance(cell, int | float) and not isinstance(cell, bool) and math.isfinite(cell):
         return float(cell)
@@ -70,7 +70,7 @@ def _iso(text: str) -> datetime | None:
 
 
 def _fraction(second: float) -> str:
-    """What the numbers would be if they were dates of our days in a smaller unit."""
+    """What the numbers would be as present-day dates in a smaller unit."""
     for unit, parts in _FRACTIONS:
         if _SINCE_S <= second / parts <= _LATEST_S:
             return f"; are these {unit}? Seconds are expected: divide them by {parts:.0f}"
@@ -78,7 +78,7 @@ def _fraction(second: float) -> str:
 
 
 def numbers(cells: Sequence[object], largest: float, where: Where, problems: FileProblems) -> FloatArray:
-    """(rows,) NaN where the cell is empty or says `nan`. largest: magnitude that can be."""
+    """(rows,) NaN where the cell is empty or says `nan`. largest: the largest magnitude allowed."""
     try:
         found = np.array([math.nan if cell in (None, "") else float(cell) for cell in cells])  # type: ignore[arg-type]
         plain = not any(isinstance(cell, str) and "_" in cell for cell in cells)
@@ -100,7 +100,7 @@ def numbers(cells: Sequence[object], largest: float, where: Where, problems: Fil
 
 
 def _number(cell: object, default: _Else) -> float | _Else:
-    """The float that a cell is; else `default`. Python takes `2_0` for 20, nobody's table means that."""
+    """The cell as a float; otherwise `default`. Python reads `2_0` as 20, but no table means that."""
     if isinstance(cell, str) and "_" in cell:
         return default
     if isinstance(cell, int | float | str | Decimal):

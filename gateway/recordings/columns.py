@@ -15,7 +15,7 @@ _GEOMETRIC = re.compile(r"E[XYZABCR]0[A-Z]")
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """What the file's columns are. An error's own name, or with its unit (`EX0C_um`), is found by itself."""
+    """Roles of the file's columns. An error's own name, also with its unit (`EX0C_um`), is recognised."""
 
     time: str = "time"
     errors: Mapping[str, str] | None = None
@@ -32,11 +32,11 @@ class Roles:
     """Thermal error to column."""
     inputs: tuple[str, ...]
     ignored: tuple[str, ...]
-    """As given, and a first column without a name: pandas writes its row numbers there."""
+    """The given ones, and a first column without a name: pandas writes its row numbers there."""
 
 
 def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> Roles:
-    """The role of each column of a heading; what cannot be goes to `problems`."""
+    """The role of each column of a heading; contradictions go to `problems`."""
     for number, name in enumerate(head):
         if name in head[:number]:
             problems.add(f"column {number + 1}", f"{name!r} occurs twice")
@@ -47,7 +47,7 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
         ignored = (*ignored, "")
     if columns.time not in head:
         named = suggestion(columns.time, [name for name in head if name])
-        first = 'column 1 has no name: if it is the time, say --time ""; else ' if head[0] == "" else ""
+        first = 'column 1 has no name: if it is the time, give --time ""; otherwise ' if head[0] == "" else ""
         problems.add(f"column {columns.time!r}", f"is missing (time); {first}{named}")
     errors = dict(columns.errors or {})
     for name in (*errors.values(), *ignored):
@@ -66,7 +66,7 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
         expected = f"expected one or more of {', '.join(THERMAL_ERRORS)}, or --error NAME=COLUMN"
         problems.add("", f"no column of a thermal error; {expected}")
     if not inputs:
-        problems.add("", "no column is left as an input")
+        problems.add("", "no column remains as an input")
     return Roles(columns.time, errors, inputs, ignored)
 
 
@@ -86,7 +86,7 @@ def _used_once(time: str, errors: Mapping[str, str], ignored: Sequence[str], pro
 
 
 def _no_error(name: str, errors: Mapping[str, str], problems: FileProblems) -> None:
-    """An error among the inputs would explain itself, and every figure would be worthless."""
+    """An error among the inputs would explain itself and make every figure meaningless."""
     words = [word.upper().replace("O", "0") for word in _WORD.split(name)]
     like = next((word for word in words if _GEOMETRIC.fullmatch(word)), None)
     if like is None:

@@ -48,14 +48,14 @@ def is_database(path: Path) -> bool:
 
 
 def open_table(path: Path) -> FileTable:
-    """What the file is, by its content. RecordingError: neither."""
+    """The kind of file, by its content. Raises RecordingError if it is neither."""
     with path.open("rb") as file:
         parquet = file.read(len(_PARQUET)) == _PARQUET
     return _Parquet(path) if parquet else _Csv(path)
 
 
 class _Csv:
-    """Comma, semicolon (then with a decimal comma too) or tab, whichever the heading holds most of."""
+    """Comma, semicolon (then with a decimal comma too) or tab, whichever the heading contains most."""
 
     word = "line"
 
@@ -91,7 +91,7 @@ class _Csv:
             yield _chunk(places, rows)
 
     def _rows(self, problems: FileProblems) -> Iterator[tuple[int, list[str]]]:
-        """Line on which each row begins, and its cells; empty lines are passed over."""
+        """Line on which each row begins, and its cells; empty lines are skipped."""
         with self._path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, delimiter=self._delimiter, strict=True)
             next(reader)
@@ -117,11 +117,11 @@ def _chunk(places: list[int], rows: list[list[str]]) -> Chunk:
 
 
 def _unreadable(why: object) -> str:
-    return f'cannot be split into cells: is a quote (") opened and not closed there? ({why})'
+    return f'cannot be split into cells: is there a quote (") that is opened but not closed? ({why})'
 
 
 def _check_text(path: Path) -> None:
-    """RecordingError: the line of the first byte that is not UTF-8."""
+    """Raises RecordingError with the line of the first byte that is not UTF-8."""
     with path.open("rb") as file:
         for number, line in enumerate(file, 1):
             try:
@@ -135,7 +135,7 @@ def _check_text(path: Path) -> None:
 
 
 class _Parquet:
-    """Needs pyarrow, and nothing that pyarrow itself would like to have for times."""
+    """Needs pyarrow, but not the optional packages that pyarrow uses for times."""
 
     word = "row"
 
@@ -148,7 +148,7 @@ class _Parquet:
         try:
             self._table: pyarrow.Table = parquet.read_table(path)
         except (ArrowException, OSError) as error:
-            raise RecordingError(path, [Problem("", f"is not a Parquet file that can be read: {error}")]) from None
+            raise RecordingError(path, [Problem("", f"is not a readable Parquet file: {error}")]) from None
         self.head: list[str] = self._table.column_names
         if not any(self.head):
             raise RecordingError(path, [Problem("", "has no column with a name")])
@@ -167,13 +167,13 @@ class _Parquet:
 
         kind: Any = self._table.schema.field(name).type
         if types.is_temporal(kind) or types.is_nested(kind):
-            problems.add(f"column {name!r}", f"holds {kind}, no numbers; --ignore {name!r} leaves it out")
+            problems.add(f"column {name!r}", f"holds {kind}, not numbers; --ignore {name!r} leaves it out")
             return False
         return True
 
 
 def _time_cells(column: Any) -> Sequence[object]:
-    """Timestamps as seconds: whatever their resolution, and without looking their zone up, which is for people."""
+    """Timestamps as seconds, whatever their resolution; the time zone is ignored, because it is only for display."""
     from pyarrow import int64, types
 
     if not types.is_timestamp(column.type):

@@ -18,19 +18,19 @@ from talc.names import THERMAL_ERRORS
 
 _LEAST_STEPS = 12
 _ABOUT = 0.9
-"""Rows that come this share of a step apart, or more, are a step each."""
+"""Rows at least this fraction of a step apart count as one step each."""
 _SAME = 0.005
-"""Spacings that differ from the step by less are the step, and clocks that are not exact."""
+"""Spacings that differ from the step by less than this are the step, with inexact clocks."""
 _FOLLOWED = 0.1
-"""Share of a row's lateness by which the next ones are expected later: jitter averages out, drift is followed."""
+"""Fraction of a row's lateness by which the next rows are expected later: jitter averages out, drift is followed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """Grid steps with anything in them; a step that the file passes over is a gap in k."""
+    """Grid steps that contain anything; a step that the file skips is a gap in k."""
 
     name: str
-    """Of the machine, for the page: the file's, without what follows the dot."""
+    """Name of the machine, for the page: the file's, without its suffix."""
     step_s: float
     start_utc_s: float
     """UTC seconds at which the first step ends."""
@@ -50,9 +50,9 @@ class Recording:
 
 
 def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
-    """The recording on a grid of `step_s`, or of its own median spacing where that is about as long or longer.
+    """The recording on a grid of `step_s`, or of its own median spacing if that is about as long or longer.
 
-    Raises RecordingError: every problem with line (row in Parquet), column and value.
+    Raises RecordingError with every problem: line (row in Parquet), column and value.
     """
     table = open_table(path)
     problems = FileProblems(path)
@@ -109,7 +109,7 @@ def _read(table: FileTable, roles: Roles, problems: FileProblems) -> tuple[Float
         values.append(np.column_stack([numbers(cells, most, where(name), problems) for name, most, cells in read]))
     problems.refuse()
     if not time_s:
-        problems.add("", "holds a heading and nothing else")
+        problems.add("", "contains nothing but a heading")
         return np.empty(0), np.empty((0, len(names)))
     return np.concatenate(time_s), np.concatenate(values)
 
@@ -117,9 +117,9 @@ def _read(table: FileTable, roles: Roles, problems: FileProblems) -> tuple[Float
 def _on_grid(time_s: FloatArray, step_s: float) -> tuple[float, float, IntArray]:
     """The grid's step, s, when the first one ends, s, and (rows,) the step that each row belongs to.
 
-    Rows that are denser than the grid fall into the steps that end at multiples of `step_s`. Rows about a step apart
-    come at any moment of theirs, late or early: boundaries at multiples of the step would put two into one and none
-    into the next. So each is a step, and steps are missing where rows are.
+    Rows denser than the grid fall into the steps that end at multiples of `step_s`. Rows about a step apart come at any
+    moment of their step, late or early: boundaries at multiples of the step would put two rows into one and none into
+    the next. Each is therefore a step of its own, and steps are missing where rows are missing.
     """
     spacing_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if spacing_s < _ABOUT * step_s:

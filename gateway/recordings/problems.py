@@ -6,7 +6,7 @@ from pathlib import Path
 from gateway.config import Problem
 
 _SHOWN = 10
-"""Problems that are listed; more are counted."""
+"""Number of problems that are listed; more are only counted."""
 
 
 class RecordingError(Exception):

@@ -1,4 +1,4 @@
-"""The wire log: what passed the wires, one line of text each; `docs/wire-log.md` describes the form, version 1.
+"""The wire log: the traffic on the wires, one line of text each; `docs/wire-log.md` describes the form, version 1.
 
 CAN frames are lines of candump's log format, `(time) bus id#data R` or `T`; bytes of serial lines and TCP connections
 are `(time) bus > hex` (sent by the gateway) or `<`; `!` is a note on the connection. Times are UTC
@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 _FIRST_LINE = "# talc wire log 1"
 _CONFIG = "#: "
 _MOST_WAITING = 10_000
-"""Lines that may wait for the disk; some seconds of a busy machine."""
+"""Lines that may wait for the disk: some seconds of a busy machine."""
 _LINE = re.compile(r"\((\d+\.\d+)\) (\w+) (?:([<>]) ([0-9a-f]*)|! (.+)|([0-9A-F]{3}|[0-9A-F]{8})#([0-9A-F]*) ([RT]))")
 
 PassedKind = Literal["sent", "received", "note"]
@@ -34,7 +34,7 @@ class WireLogError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class WireEvent:
-    """One thing that passed, or happened to the connection."""
+    """One message on the wire, or one event of the connection."""
 
     at_s: float
     """UTC, seconds since 1970."""
@@ -61,10 +61,10 @@ class WireLog:
 
 
 class WireLogWriter:
-    """Writes a recording while buses are read; each bus hands its traffic to its `tap`, from any thread.
+    """Writes a recording while buses are read; each bus passes its traffic to its `tap`, from any thread.
 
-    A thread of its own writes between enter and exit, so that a slow disk delays no bus; what it cannot take in time is
-    counted in `dropped`. A full disk ends the recording and nothing else.
+    A separate thread writes between enter and exit, so that a slow disk delays no bus; lines that it cannot take in
+    time are counted in `dropped`. A full disk ends the recording and nothing else.
 
     Parameters
     ----------
@@ -102,12 +102,12 @@ class WireLogWriter:
         self._thread.join()
 
     def tap(self, bus: str) -> "BusTap":
-        """What one bus hands its traffic to."""
+        """The tap to which one bus passes its traffic."""
         self.counts.setdefault(bus, 0)
         return BusTap(self, bus)
 
     def line(self, bus: str, text: str) -> None:
-        """One line, as of now."""
+        """One line, at the present time."""
         if self._waiting.qsize() < _MOST_WAITING:
             self._waiting.put((bus, f"({monotonic() + self._offset_s:.6f}) {bus} {text}\n"))
         else:
@@ -118,7 +118,7 @@ class WireLogWriter:
         self._waiting.put(("", config))
 
     def _work(self) -> None:
-        """In the thread: until None."""
+        """Runs in the thread, until it receives None."""
         while (item := self._waiting.get()) is not None:
             bus, text = item
             if not bus:
@@ -127,7 +127,7 @@ class WireLogWriter:
             elif self._put(text):
                 self.counts[bus] += 1
             if self._file is not None and self._waiting.empty():
-                self._guarded(self._file.flush)  # every line is out as soon as there is time: power may fail
+                self._guarded(self._file.flush)  # write out every line as soon as there is time: power may fail
         self._close()
 
     def _begin(self) -> None:
@@ -139,7 +139,7 @@ class WireLogWriter:
         self._guarded(lambda: self._file and self._file.write(header))
 
     def _next_file(self) -> None:
-        """The full one is kept once."""
+        """Renames the full file; only one is kept."""
         self._close()
 
         def change() -> None:
@@ -185,7 +185,7 @@ class WireLogWriter:
 
 
 class BusTap:
-    """Takes what passes one bus and writes it to the file."""
+    """Receives what passes on one bus and writes it to the file."""
 
     def __init__(self, writer: WireLogWriter, bus: str) -> None:
         self._writer, self._bus = writer, bus

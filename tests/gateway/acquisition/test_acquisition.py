@@ -178,9 +178,7 @@ async def test_a_loose_contact_fills_neither_the_log_nor_the_events(caplog: pyte
         await plant.clock.run_until(720.0)
     assert {r.quality for r in plant.of("a")} == {Quality.GOOD, Quality.SENSOR_FAULT}
     for subject in ("channel a_t", "device b"):
-        told = [
-            (notice.ended, "comes and goes" in notice.text) for notice in plant.notices if notice.subject == subject
-        ]
+        told = [(notice.ended, "intermittent" in notice.text) for notice in plant.notices if notice.subject == subject]
         assert told == [(False, False), (True, False)] * 3 + [(False, True), (True, False)]
     assert len(caplog.records) == len(plant.notices)
 

@@ -110,7 +110,7 @@ async def test_who_is_displaced_by_a_request_of_the_same_moment_does_not_wait_fo
         assert cycle.done()
         outcome = await cycle
     assert (outcome.measurement, outcome.end) == (None, End.REFUSED)
-    assert "does another gateway probe?" in outcome.reason
+    assert "is another gateway probing?" in outcome.reason
 
 
 async def test_a_gateway_that_hangs_while_the_control_probes_makes_no_measurement_of_it() -> None:

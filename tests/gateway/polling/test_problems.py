@@ -56,7 +56,7 @@ async def test_what_comes_and_goes_is_reported_so_and_then_only_when_it_is_stead
     reported = [(t, seen.well("a", float(t)) if t % 2 else seen.bad("a", "silent", float(t))) for t in range(600)]
     said = [(t, notice.text, notice.ended) for t, notice in reported if notice is not None]
     assert said[:-1] == [(t, f"a: {'well' if t % 2 else 'silent'}", bool(t % 2)) for t in range(6)]
-    assert said[-1] == (6, "a: silent; it comes and goes: reported again when it has been steady for 60 s", False)
+    assert said[-1] == (6, "a: silent; it is intermittent: reported again when it has been steady for 60 s", False)
     assert [t for t in range(600, 800) if seen.well("a", float(t))] == [659]  # well since 599
     assert seen.bad("a", "silent", 900.0) == Notice("a", "a: silent")
 

@@ -126,14 +126,17 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
     [
         (lambda g: [*g[:3], "900,2O.5,1", *g[4:]], "line 4, column 't1': '2O.5' is not a finite number"),
         (lambda g: [*g[:3], "900,20,inf", *g[4:]], "line 4, column 'EX0C': 'inf' is not a finite number"),
-        (lambda g: [*g[:3], "600,20,1", *g[4:]], "line 4, column 'time': '600' does not come after '600' before it"),
+        (
+            lambda g: [*g[:3], "600,20,1", *g[4:]],
+            "line 4, column 'time': '600' is not later than the time before it, '600'",
+        ),
         (lambda g: [*g[:3], "soon,20,1", *g[4:]], "line 4, column 'time': 'soon' is not a time; expected ISO 8601"),
         (lambda g: [*g[:3], "900,20", *g[4:]], "line 4: 2 cells; the heading has 3"),
         (lambda g: ["time,t1,t1", *g[1:]], "column 3: 't1' occurs twice"),
         (lambda g: ["time,,EX0C", *g[1:]], "column 2: has no name"),
         (lambda g: ["Time,t1,EX0C", *g[1:]], "column 'time': is missing (time); did you mean 'Time'?"),
         (lambda g: ["time,t1,t2", *g[1:]], "no column of a thermal error; expected one or more of EY0A"),
-        (lambda g: ["time,EY0A,EX0C", *g[1:]], "no column is left as an input"),
+        (lambda g: ["time,EY0A,EX0C", *g[1:]], "no column remains as an input"),
         (lambda g: [*g[:3], "900,2_0,1", *g[4:]], "line 4, column 't1': '2_0' is not a finite number"),
         (
             lambda g: [*g[:3], "900,20,1e200", *g[4:]],
@@ -156,11 +159,11 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
             lambda g: [g[0], "0001-01-01T00:00:00+05:00,20,1", *g[1:]],
             "line 2, column 'time': '0001-01-01T00:00:00+05:00' is not within the years 1900 to 2200",
         ),
-        (lambda g: [*g[:3], '900,"20,1', *g[4:]], "line 4: cannot be split into cells: is a quote"),
+        (lambda g: [*g[:3], '900,"20,1', *g[4:]], "line 4: cannot be split into cells: is there a quote"),
         (lambda g: [*g[:3], '900,20,"1', *g[4:9], '1,2,"', *g[9:]], "line 4, column 'EX0C': '1\\n1200"),
         (
             lambda g: [*g[:3], '900,"20,1', *(f"{300 * i},{'2' * 60},1" for i in range(6, 4000))],
-            "line 4: cannot be split into cells: is a quote",
+            "line 4: cannot be split into cells: is there a quote",
         ),
         (
             lambda g: [g[0], *(f"{46083 + i / 288},20,{i}" for i in range(20))],
@@ -190,7 +193,7 @@ def test_many_mistakes_are_counted_and_other_files_named(tmp_path: Path) -> None
     with pytest.raises(RecordingError, match="line 1: is neither Parquet nor UTF-8 text: byte 1 of the line is 0x89"):
         read_recording(path, Columns(), 300.0)
     path.write_bytes(b"PAR1 cut")
-    with pytest.raises(RecordingError, match="is not a Parquet file that can be read"):
+    with pytest.raises(RecordingError, match="is not a readable Parquet file"):
         read_recording(path, Columns(), 300.0)
     answer = run(path, "--error", "EX=drift")
     assert answer.exit_code == 2

@@ -84,6 +84,6 @@ def test_the_row_numbers_of_pandas_are_no_input(tmp_path: Path) -> None:
     path.write_text("\n".join([",time,t1,EX0C", *rows]), encoding="utf-8")
     found = read(path, Columns())
     assert (found.input_names, found.ignored) == (("t1",), ("",))
-    with pytest.raises(RecordingError, match='column 1 has no name: if it is the time, say --time ""; else'):
+    with pytest.raises(RecordingError, match='column 1 has no name: if it is the time, give --time ""; otherwise'):
         read(table(tmp_path, "", "t1", "EX0C"), Columns())
     assert run(table(tmp_path, "", "t1", "EX0C"), "--time", "").exit_code == 0
