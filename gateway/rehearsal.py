@@ -25,11 +25,11 @@ def rehearse(
     every_measurement: bool = False,
     progress: Callable[[int], None] = lambda _: None,
 ) -> ReportData:
-    """Every step of the recording through a fresh controller; a training ends within its step.
+    """Run every step of the recording through a fresh controller; a training ends within its step.
 
-    A recorded measurement reaches the controller when it has asked for one, as a probing cycle would; the others
-    only judge. every_measurement: all of them reach it. Sensors are not compared with each other and measurements not
-    checked, as a recording has neither units nor the centres of a probing cycle.
+    A recorded measurement reaches the controller if it has requested one, as a probing cycle would; the others only
+    judge. every_measurement: all of them reach it. Sensors are not compared with each other and measurements are not
+    checked, because a recording contains neither units nor the centres of a probing cycle.
     """
     controller = Controller(recording.input_names, settings, recording.step_s, prior)
     decisions: list[Decision] = []
@@ -45,7 +45,7 @@ def rehearse(
             measurement = Measurement(errors, np.full(_ERRORS, np.nan))
             used[row] = errors
         decision = controller.step(Frame(k, inputs, np.isfinite(inputs), measurement))
-        # What stood on the control before this step's measurement: an error without a model is held.
+        # The offsets on the control before this step's measurement: an error without a model is held.
         estimate[row] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
         held[row] = last
         in_force, asked = decision.corrected, decision.measure is not None

@@ -1,4 +1,4 @@
-"""Feeds what was stored to a fresh controller and compares its decisions and models with the record, bit for bit."""
+"""Feeds stored data to a fresh controller and compares its decisions and models with the record, bit for bit."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Difference:
 
 @dataclass(slots=True)
 class ReplayResult:
-    """What a replay found."""
+    """The result of a replay."""
 
     steps: int = 0
     trainings: int = 0
@@ -39,10 +39,10 @@ class ReplayResult:
 
 
 def replay(history: History, progress: Callable[[int], None] = lambda _: None) -> ReplayResult:
-    """Every frame through a fresh controller, every training done again; compares all of it with the record.
+    """Run every frame through a fresh controller and repeat every training; compares everything with the record.
 
-    Where a restart changed the method or the prior, the controller is rebuilt as that restart did. Priors are those
-    that the database holds, whatever became of their files.
+    Where a restart changed the method or the prior, the controller is rebuilt as that restart did. Priors are taken
+    from the database, whatever has happened to their files.
     """
     runs = [(k, from_stored(text, prior)) for k, text, prior in history.runs()] or [(0, stored_config(history))]
     _, config = runs.pop(0)
@@ -65,7 +65,7 @@ def replay(history: History, progress: Callable[[int], None] = lambda _: None) -
             if has_failed(stored):  # the computer failed, not the data: nothing to repeat
                 job = None
             elif job is None:
-                _note(result, step.frame.k, "models were adopted that no training was wanted for")
+                _note(result, step.frame.k, "models were adopted although no training was wanted")
             else:
                 models, job = train(job), None
                 result.trainings += 1

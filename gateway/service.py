@@ -58,10 +58,10 @@ class Service:
 
     Parameters
     ----------
-    config: checked configuration
+    config: the checked configuration
     clock: real or simulated
-    sink: takes every event
-    past: the controller and what else an earlier run left
+    sink: receives every event
+    past: the controller and whatever else an earlier run left
     tap: returns the tap of the bus with that name, or None
     health: of the store that the sink writes to
     """
@@ -95,12 +95,12 @@ class Service:
 
     @property
     def periods_missed(self) -> Mapping[str, int]:
-        """By bus, since its start: periods in which nothing was read because the previous one took too long."""
+        """Number of periods, by bus since its start, without a read because the previous one took too long."""
         runners = {} if self._acquisition is None else self._acquisition.runners
         return {name: runner.missed for name, runner in runners.items()}
 
     async def reload(self, config: GatewayConfig) -> BusChanges:
-        """Apply another checked configuration by its difference, while running.
+        """Apply another checked configuration by its differences, while running.
 
         Raises ReloadError or SetupError when nothing was changed: the service continues unchanged.
         """
@@ -115,7 +115,7 @@ class Service:
         return change
 
     async def run(self, stop: asyncio.Event) -> None:
-        """Until `stop` is set. Raises an exception group when a part of the service ends by an error of its own."""
+        """Run until `stop` is set. Raises an exception group if a part of the service fails."""
         async with AsyncExitStack() as stack:
             if self.link is not None:
                 stack.push_async_callback(self.link.stop)
@@ -205,7 +205,7 @@ class Service:
             raise NotBegun(f"its number cannot be stored: {error}") from error
 
     def _monotonic_of(self, k: int) -> float:
-        """When grid index k was, on this run's monotonic clock."""
+        """The time of grid index k on this run's monotonic clock."""
         age_s = self._clock.utc().timestamp() - k * self._config.grid.step_s
         return self._clock.monotonic() - max(0.0, age_s)
 
@@ -227,6 +227,6 @@ class Service:
 
 
 def _owner(store: Path) -> int:
-    """This gateway's number on the control: the same after a restart, different for another computer or database."""
+    """This gateway's number on the control: constant over restarts, different for another computer or database."""
     computer = _MACHINE_ID.read_text() if _MACHINE_ID.exists() else platform.node()
     return zlib.crc32(f"{computer.strip()} {store.resolve()}".encode()) % (2**31 - 1) + 1

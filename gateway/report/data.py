@@ -20,7 +20,7 @@ class AdoptedModels:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What only a simulation knows."""
+    """Data that only a simulation has."""
 
     time_s: FloatArray
     """(S,) since the first frame."""
@@ -29,9 +29,9 @@ class Truth:
     uncompensated_um: FloatArray
     """(S, 3) tool to workpiece, X Y Z."""
     compensated_um: FloatArray
-    """(S, 3) the same with the offsets that were in force on the control."""
+    """(S, 3) the same with the offsets in force on the control."""
     probing: BoolArray
-    """(S,) the machine probed: nothing was cut and the offsets stood still."""
+    """(S,) whether the machine probed: nothing was cut and the offsets stood still."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +65,9 @@ class ReportData:
     rejected_cycles: int
     truth: Truth | None
     recorded: FloatArray | None = None
-    """(T, 9) all that a recording holds, asked for or not; None: a run of a gateway."""
+    """(T, 9) all measurements in a recording, requested or not; None: a run of a gateway."""
     held: FloatArray | None = None
-    """(T, 9) the last of the measurements that were used, before this step's; beside a recording."""
+    """(T, 9) the last measurements used before this step; only for a recording."""
     not_compared: str = ""
     """Why nobody looked whether temperature sensors agree with each other; empty: it was looked for."""
     trusted: BoolArray | None = None
@@ -75,7 +75,7 @@ class ReportData:
     reasons: Reasons | None = None
     """The latest ones, of a learner."""
     made: tuple[tuple[str, str], ...] = ()
-    """What it takes to make the page of a recording again: what it is, and its text."""
+    """What is needed to make the page of a recording again: names and texts."""
 
     @property
     def time_s(self) -> FloatArray:
@@ -84,7 +84,7 @@ class ReportData:
 
     @property
     def judged_from(self) -> int | None:
-        """Row of the first decision with models: end of calibration; None when it never ended."""
+        """Row of the first decision with models: the end of calibration; None if it never ended."""
         rows = [i for i, phase in enumerate(self.phases) if phase is not Phase.CALIBRATION]
         return rows[0] if rows else None
 

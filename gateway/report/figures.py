@@ -1,4 +1,4 @@
-"""Figures of a run: each error without and with compensation, and what each figure is based on."""
+"""Figures of a run: each error without and with compensation, and the basis of each figure."""
 
 from dataclasses import dataclass, replace
 
@@ -22,10 +22,10 @@ class SummaryRow:
     unit: str
     e_pv: float
     e_rms: float
-    """Without compensation: the error itself, since the reference measurement."""
+    """Without compensation: the error itself, relative to the reference measurement."""
     compensated_e_pv: float
     compensated_e_rms: float
-    """With it: what the estimate in force left."""
+    """With compensation: what remains after the estimate in force."""
 
     @property
     def reduction_pv(self) -> float:
@@ -54,11 +54,11 @@ class Summary:
     model_updates: int
     rejected_cycles: int
     held: tuple[SummaryRow, ...] = ()
-    """The peer: the same measurements, the last one held; only beside a recording."""
+    """For comparison: the same measurements with the last one held; only for a recording."""
 
 
 def summary(data: ReportData) -> Summary:
-    """The figures over all times after calibration. A run whose calibration never ended has no rows."""
+    """The figures over all times after calibration. A run with an unfinished calibration has no rows."""
     first = data.judged_from
     time_s = data.time_s
     total_s = float(time_s[-1]) + data.step_s

@@ -1,4 +1,4 @@
-"""The HTML page: one file, nothing loaded from elsewhere."""
+"""The HTML page: one file that loads nothing from elsewhere."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -90,7 +90,7 @@ def _moved(reason: ErrorReason) -> str:
 
 
 def _known(data: ReportData, e: int) -> bool:
-    """Whether a recording holds this error at all; a run has all nine."""
+    """Whether a recording contains this error at all; a run has all nine."""
     return data.recorded is None or bool(np.isfinite(data.recorded[:, e]).any())
 
 

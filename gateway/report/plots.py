@@ -1,4 +1,4 @@
-"""The report's pictures as inline SVG."""
+"""The report's figures as inline SVG."""
 
 import io
 from typing import Any
@@ -30,7 +30,7 @@ _STYLE: dict[Any, Any] = {
 
 
 def error_plot(data: ReportData, e: int) -> str:
-    """Error, estimate and measurements above; what was left, with the limits, below. SVG."""
+    """Error, estimate and measurements above; the residual with the limits below. SVG."""
     name, unit = THERMAL_ERRORS[e], ERROR_UNITS[THERMAL_ERRORS[e]]
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(10, 4.2), layout="constrained")
@@ -99,7 +99,7 @@ def inputs_plot(data: ReportData) -> str:
 
 
 def tool_plot(data: ReportData) -> str:
-    """Offsets on the control and, where known, what they left at the tool. SVG."""
+    """Offsets on the control and, where known, the remaining deviation at the tool. SVG."""
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(10, 5.4), layout="constrained")
         panels = figure.subplots(3, 1, sharex=True)

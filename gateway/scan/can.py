@@ -11,26 +11,26 @@ from drivers.recognition import Recognition, recognise_canopen
 from gateway.scan.found import Found, Place, Progress, ScanReport, read_inputs
 
 _MOST_FRAMES = 8
-"""Identifiers of plain CAN that are listed."""
+"""How many identifiers of plain CAN are listed."""
 
 
 @dataclass(frozen=True, slots=True)
 class CanScan:
-    """Where and how."""
+    """Where and how to scan."""
 
     settings: CanOpenSettings
     bitrates: tuple[int, ...]
-    """Several are possible on slcan only: the system sets those of the other interfaces."""
+    """Only slcan can have several: on other interfaces the system sets the rate."""
     nodes: Sequence[int]
     listen_s: float
     wait_s: float
     """How long the last node may take to answer."""
     anyway: bool = False
-    """Also send at a bit rate at which nothing was heard, when several are to be tried."""
+    """Also send at bit rates at which nothing was heard, if several are to be tried."""
 
     @property
     def asking_s(self) -> float:
-        """For one bit rate."""
+        """The longest duration for one bit rate."""
         slowest = min(self.bitrates)
         return len(self.nodes) * (400 / slowest + 0.004) + self.wait_s
 
@@ -42,8 +42,8 @@ class CanScan:
 async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> ScanReport:
     """Listen at each bit rate, then ask the nodes at the one where something was heard.
 
-    When nothing was heard and there are several rates, the report holds a question and nobody was asked: a wrong rate
-    disturbs nodes that talk at another. Raises ConnectError.
+    If nothing was heard and there are several rates, the report contains a question and no node was asked: a wrong rate
+    disturbs nodes that use another. Raises ConnectError.
     """
     report = ScanReport(total=2 * len(scan.bitrates))
     heard = {rate: Heard() for rate in scan.bitrates}

@@ -21,22 +21,22 @@ class Found:
     unit: int
     what: Recognition
     reads: str = ""
-    """What its inputs show now, or why they cannot be read."""
+    """The present values of its inputs, or why they cannot be read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """One bus as it was reached, with what answered there."""
+    """One bus as it was reached, and the devices that answered on it."""
 
     kind: str
-    """As `kind` of a `[[bus]]`."""
+    """The `kind` of a `[[bus]]`."""
     options: Mapping[str, object]
     """Its other fields, as far as they are known."""
     devices: tuple[Found, ...] = ()
 
     @property
     def title(self) -> str:
-        """For a table's heading."""
+        """The place in words, for a table's heading."""
         return f"{self.kind} " + ", ".join(str(value) for value in self.options.values())
 
 
@@ -48,7 +48,7 @@ class ScanReport:
     remarks: list[str] = field(default_factory=list)
     """Further remarks."""
     question: str = ""
-    """Must be answered with yes before the scan can continue."""
+    """A question that must be answered with yes before the scan can continue."""
     asked: int = 0
     total: int = 0
 
@@ -58,7 +58,7 @@ class ScanReport:
 
 
 async def read_inputs(bus: Bus, unit: int, what: Recognition) -> str:
-    """A recognised device's present inputs, in short. The bus is open and stays so."""
+    """A recognised device's present inputs, in short. The bus is open and stays open."""
     if not what.profile:
         return ""
     clock = RealClock()

@@ -20,7 +20,7 @@ _UNIT_NAMES = {"degC": "rtd", "µm": "growth"}
 
 
 def check(existing: str, path: Path) -> None:
-    """Raises ConfigError when nothing could be added to `existing`, whatever is found. Called before a scan."""
+    """Raises ConfigError if nothing could be added to `existing`, whatever is found. Called before a scan."""
     if existing.strip() and draft(existing, path).devices:  # without devices it may become valid later
         parse(existing, path)
 
@@ -29,7 +29,7 @@ def merged(existing: str, places: Sequence[Place], path: Path) -> str:
     """`existing` (which may be empty) with a section for every recognised device that it does not have yet.
 
     Every name is new, so several scans can go into one file. `path` names the file in messages. The text is checked
-    before it is returned: raises ConfigError with every problem, such as those that `existing` has.
+    before it is returned: raises ConfigError with every problem, including those of `existing`.
     """
     parts = [existing.rstrip("\n")] if existing.strip() else ['[machine]\nname = "machine"']
     config = draft(parts[0], path)
@@ -69,7 +69,7 @@ def _wire(place: Place) -> str:
 
 
 def _sections(group: list[Place], config: GatewayConfig, names: _Names, said: Collection[str]) -> list[str]:
-    """The sections of one wire; what cannot be on the same bus stands there as comments, unless `said` has them."""
+    """The sections of one wire; devices that do not fit on the same bus become comments, unless `said` has them."""
     known = _existing_bus(config, group[0])
     first = next((place for place in group if known is None or _fits(known, place)), Place(group[0].kind, {}))
     as_what = "the others" if known is None else f"bus {known.name}, which is {_as_place(known, group[0]).title}"
@@ -91,13 +91,13 @@ def _sections(group: list[Place], config: GatewayConfig, names: _Names, said: Co
 
 
 def _existing_bus(config: GatewayConfig, place: Place) -> BusSection | None:
-    """The one on the same wire, whatever its protocol and speed."""
+    """The bus on the same wire, whatever its protocol and speed."""
     where = {key: value for key, value in place.options.items() if key in ("port", "host", "channel")}
     return next((bus for bus in config.buses if _as_place(bus, place).options.items() >= where.items()), None)
 
 
 def _fits(bus: BusSection, place: Place) -> bool:
-    """Whether what answers at the place would answer to the bus too."""
+    """Whether the devices at the place would also answer on the bus."""
     there = dict(_as_place(bus, place).options)
     if there.get("interface") == "socketcan":  # the system sets the bit rate, not the file
         there["bitrate"] = place.options["bitrate"]
@@ -105,7 +105,7 @@ def _fits(bus: BusSection, place: Place) -> bool:
 
 
 def _as_place(bus: BusSection, place: Place) -> Place:
-    """The bus, by the fields that a scan knows of the place."""
+    """The bus, from the fields that a scan knows of the place."""
     options = bus.model_dump()
     return Place(bus.kind, {key: options[key] for key in place.options if key in options})
 
@@ -135,5 +135,5 @@ def _device(bus: str, device: Found, names: _Names) -> str:
 
 
 def _comments(texts: Iterable[str]) -> list[str]:
-    """One comment line each, whatever characters a device's name holds."""
+    """One comment line each, whatever characters a device's name contains."""
     return ["# " + "".join(c if c.isprintable() else " " for c in text) for text in texts]

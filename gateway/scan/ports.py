@@ -11,7 +11,7 @@ _WITHOUT_ID = ("ttyUSB*", "ttyACM*", "ttyAMA*")
 
 @dataclass(frozen=True, slots=True)
 class ScanPort:
-    """One place for `scan`."""
+    """One place to scan."""
 
     command: str
     """`serial` or `can`."""

@@ -16,11 +16,11 @@ from gateway.scan.found import Found, Place, Progress, ScanReport, read_inputs
 Protocol = Literal["modbus_rtu", "me_rs485"]
 
 ANY_REGISTER = Block(3, 0, 1)
-"""Asked of every unit: reading holding registers is what nearly every device can do; most others refuse, which is an
-answer too."""
+"""The request to every unit: nearly every device can read holding registers, and most others refuse, which is an answer
+too."""
 _ME_PARITIES: tuple[Parity, ...] = ("N", "E")
 _MOST_BABBLE = 3
-"""Units whose invalid answers are shown for one speed."""
+"""Number of units per speed with invalid answers that are shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class SerialScan:
 
     @property
     def longest_s(self) -> float:
-        """When nobody answers; each unit that does costs a little more, as it is looked at."""
+        """The longest duration if no unit answers; each one that does takes slightly longer."""
         return sum(len(t.units) * (self.timeout_s + 0.003 + 40 / t.baud) for t in self.tries)
 
 
@@ -62,16 +62,16 @@ def plan(
     port: str, *, bauds: Sequence[int], parities: Sequence[Parity], units: Sequence[int],
     me_bauds: Sequence[int], me_addresses: Sequence[int], timeout_s: float, function: int = 3,
 ) -> SerialScan:  # fmt: skip
-    """Modbus at every speed and parity, then Micro-Epsilon sensors likewise; an empty list leaves a protocol out."""
+    """Modbus at every speed and parity, then Micro-Epsilon sensors likewise; an empty list omits that protocol."""
     modbus = [LineTry("modbus_rtu", baud, parity, units) for baud, parity in product(bauds, parities) if units]
     me = [LineTry("me_rs485", b, parity, me_addresses) for b, parity in product(me_bauds, _ME_PARITIES) if me_addresses]
     return SerialScan(port, (*modbus, *me), timeout_s, function)
 
 
 async def scan_line(scan: SerialScan, progress: Progress, stopped: Stopped) -> ScanReport:
-    """Ask, until done or stopped; a request that is under way is finished first, so no unit is left answering.
+    """Ask until done or stopped. A request in progress is finished first, so no unit is left answering.
 
-    Raises ConnectError when the port cannot be opened at all.
+    Raises ConnectError if the port cannot be opened at all.
     """
     report = ScanReport(total=scan.requests)
     refused: dict[str, list[str]] = {}
@@ -122,12 +122,12 @@ async def _try(scan: SerialScan, attempt: LineTry, report: ScanReport, progress:
         await bus.close()
     report.remarks += [f"{attempt.framing}: {text}" for text in babble[:_MOST_BABBLE]]
     if len(babble) > _MOST_BABBLE:
-        report.remarks.append(f"{attempt.framing}: and the same from {len(babble) - _MOST_BABBLE} more")
+        report.remarks.append(f"{attempt.framing}: and likewise from {len(babble) - _MOST_BABBLE} more")
     return Place(attempt.protocol, line, tuple(found))
 
 
 async def _ask(bus: ModbusRtuBus | MeRs485Bus, unit: int, question: Block, babble: list[str]) -> Recognition | None:
-    """What the unit is, None when it is silent; what is no valid answer is noted in `babble`. Raises ConnectError."""
+    """What the unit is, None if it is silent; invalid answers are recorded in `babble`. Raises ConnectError."""
     try:
         if isinstance(bus, MeRs485Bus):
             return await recognise_me_rs485(bus, unit)

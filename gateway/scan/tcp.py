@@ -13,7 +13,7 @@ from gateway.scan.serial import ANY_REGISTER
 
 _MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
 _UNUSUAL_UNITS = (113, 114, 115)
-"""Ids that nobody uses: a host that answers to one ignores the id."""
+"""Unit ids that are never used: a host that answers to one of them ignores the id."""
 _MOST_ODD = 3
 """Units with invalid answers before the scan leaves the host."""
 _ONE_DEVICE = "answers to every unit id: one device"
@@ -24,7 +24,7 @@ class TcpScan:
     """Which hosts, ports and units to ask."""
 
     hosts: tuple[tuple[str, int | None], ...]
-    """Host and port; None: the usual ports of Modbus and of controllers. A given port is asked for either."""
+    """Host and port; None: the usual ports of Modbus and of controllers. A given port is tried for both."""
     units: Sequence[int]
     timeout_s: float
 
@@ -34,7 +34,7 @@ class TcpScan:
 
     @property
     def longest_s(self) -> float:
-        """When nobody answers."""
+        """The longest duration if nothing answers."""
         return self.requests * self.timeout_s
 
 
@@ -49,7 +49,7 @@ async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> Sca
         if port is None or len(report.places) == before:
             progress(report.asked, f"{host}:{port or _CONTROLLER_PORT}")
             await _controller(host, port or _CONTROLLER_PORT, scan.timeout_s, report)
-        if len(report.places) > before:  # the other protocol's errors are not worth a remark
+        if len(report.places) > before:  # errors of the other protocol need no remark
             report.remarks = [text for i, text in enumerate(report.remarks) if i < remarks or _ONE_DEVICE in text]
         report.asked = number * (len(scan.units) + 2)
     return report
@@ -77,7 +77,7 @@ async def _modbus(
                 report.remarks.append(f"{host}:{port} {_ONE_DEVICE}, shown as unit {unit}")
                 break
         if not found and not stopped():
-            nobody = f"{host}:{port} accepts connections, but no unit that was asked answers (--units 1-16?)"
+            nobody = f"{host}:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
             report.remarks.append(f"Modbus: {odd[0]}" if odd else nobody)
     except ConnectError as error:
         report.remarks.append(f"Modbus: {_said(error)}")
@@ -88,7 +88,7 @@ async def _modbus(
 
 
 async def _answers(bus: ModbusTcpBus, unit: int, odd: list[str]) -> bool:
-    """Whether there is such a unit. What is no answer of it goes to `odd`."""
+    """Whether the unit exists. Invalid answers go to `odd`."""
     try:
         await bus.read("", unit, ANY_REGISTER)
     except NoAnswer:

@@ -1,4 +1,4 @@
-"""Reads a database, also while a gateway writes to it."""
+"""Reads a database, even while a gateway writes to it."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -15,9 +15,9 @@ from talc.models import ModelSet
 
 
 class History:
-    """One database. A context manager.
+    """One database, as a context manager.
 
-    Raises StoreError when the file is not a database of this gateway.
+    Raises StoreError if the file is not a database of this gateway.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,7 +41,7 @@ class History:
         self._connection.close()
 
     def config(self) -> tuple[str, str, str] | None:
-        """Canonical configuration, its fingerprint and the versions of the latest run; what a reload left running."""
+        """Canonical configuration, fingerprint and versions of the latest run, after its reloads."""
         row = self._connection.execute(
             "SELECT config, fingerprint, versions, number FROM boot ORDER BY number DESC LIMIT 1"
         ).fetchone()
@@ -53,7 +53,7 @@ class History:
         return str(config), str(fingerprint), str(versions)
 
     def fingerprints(self) -> list[tuple[datetime, str]]:
-        """UTC and fingerprint of each configuration that began to run, by a start or a reload; oldest first."""
+        """UTC and fingerprint of each configuration that came into use, by a start or a reload; oldest first."""
         return [(datetime.fromisoformat(began), fingerprint) for _, began, _, fingerprint in self._running()]
 
     def runs(self) -> list[tuple[int, str, str | None]]:
@@ -64,7 +64,7 @@ class History:
         return [(first_k, config, self._prior(number)) for first_k, config, number in found]
 
     def prior(self) -> str | None:
-        """Text of the prior of the latest run; None: it had none."""
+        """Text of the prior of the latest run; None if it had none."""
         latest = self._connection.execute("SELECT max(number) FROM boot").fetchone()[0]
         return None if latest is None else self._prior(latest)
 
@@ -77,19 +77,19 @@ class History:
         return None if row is None else str(row[0])
 
     def last_number(self) -> int | None:
-        """Of the last probing request, whatever became of it."""
+        """Number of the last probing request, whatever its outcome."""
         numbers = self._connection.execute("SELECT number FROM measurement ORDER BY id DESC LIMIT 1").fetchall()
-        if self._has("request"):  # written before the cycle is asked for, the measurement when it has ended
+        if self._has("request"):  # written before the cycle is requested; the measurement is written after it
             numbers = self._connection.execute("SELECT number FROM request").fetchall() or numbers
         return int(numbers[0][0]) if numbers else None
 
     def _has(self, table: str) -> bool:
-        """False in a file of an earlier program."""
+        """Whether the table exists; not in a file of an earlier program."""
         known = "SELECT count(*) FROM sqlite_master WHERE name = ?"
         return bool(self._connection.execute(known, (table,)).fetchone()[0])
 
     def _running(self) -> list[tuple[int, str, str, str]]:
-        """Number of the run, UTC, configuration, fingerprint; none in a file of an earlier program."""
+        """Number of the run, UTC, configuration, fingerprint; empty for a file of an earlier program."""
         if not self._has("running"):
             return []
         return self._connection.execute("SELECT boot, began, config, fingerprint FROM running ORDER BY id").fetchall()

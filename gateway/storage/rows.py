@@ -1,7 +1,7 @@
 """Converts between values and the database's rows.
 
-Arrays are little-endian float64 blobs, models JSON whose floats round-trip: what is read is bit for bit what was
-written.
+Arrays are little-endian float64 blobs, models are JSON with floats that round-trip: what is read equals what was
+written, bit for bit.
 """
 
 import json

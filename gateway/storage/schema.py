@@ -40,7 +40,7 @@ CREATE TABLE IF NOT EXISTS reasons (k INTEGER PRIMARY KEY, time REAL NOT NULL, r
 CREATE TABLE IF NOT EXISTS prior (hash TEXT PRIMARY KEY, content TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS prior_of_boot (boot INTEGER PRIMARY KEY, hash TEXT NOT NULL);
 """
-"""What later programs added; a file without it is read as one in which nothing of it happened."""
+"""Tables that later programs added; in a file without them, nothing of the kind has happened."""
 
 
 class StoreError(Exception):
@@ -48,9 +48,9 @@ class StoreError(Exception):
 
 
 class FileLock:
-    """Lock of the one gateway that writes to a database; the kernel frees it when the process ends, in whatever way.
+    """Lock of the single gateway that writes to a database; the kernel releases it when the process ends in any way.
 
-    Raises StoreError when another process holds it, or when its file cannot be written.
+    Raises StoreError if another process holds it, or if its file cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -67,14 +67,14 @@ class FileLock:
                 raise StoreError(
                     f"{path}: another gateway writes to it; stop it or give [storage] another path"
                 ) from None
-            # The holder before may have removed the file between our opening and locking it.
+            # The previous holder may have removed the file between our opening and locking it.
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(self._file.fileno()), self._lock_path.stat()):
                     return
             self._file.close()
 
     def release(self) -> None:
-        """Remove the lock's file and free it. A process that waits for it sees that and makes a new one."""
+        """Remove the lock's file and release it. A process that waits for it detects that and makes a new one."""
         self._lock_path.unlink(missing_ok=True)
         self._file.close()
 
@@ -82,8 +82,8 @@ class FileLock:
 def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
     """A connection for writing, which waits so long for another program's lock.
 
-    In WAL mode, `synchronous = NORMAL` syncs only at checkpoints: a power cut then costs minutes of commits. FULL
-    syncs the log at each commit, about one write per `commit_s`, and costs at most what was not committed.
+    In WAL mode, `synchronous = NORMAL` syncs only at checkpoints: a power cut then loses minutes of commits. FULL syncs
+    the log at each commit, about one write per `commit_s`, and loses at most what was not committed.
     """
     connection = sqlite3.connect(path, timeout=patience_s)
     try:
@@ -96,7 +96,7 @@ def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
 
 
 def make_schema(path: Path) -> None:
-    """Make the tables in a new file; check them in an old one. Raises StoreError."""
+    """Make the tables in a new file; check them in an existing one. Raises StoreError."""
     try:
         with closing(connect(path)) as connection:
             version = connection.execute("PRAGMA user_version").fetchone()[0]
@@ -111,5 +111,5 @@ def make_schema(path: Path) -> None:
     if foreign:
         raise StoreError(f"{path}: is the database of another program; give [storage] another path")
     if version not in (0, SCHEMA_VERSION):
-        remedy = "use a newer program" if version > SCHEMA_VERSION else "move it away to begin a new one"
+        remedy = "use a newer program" if version > SCHEMA_VERSION else "move it away to start a new one"
         raise StoreError(f"{path}: schema version {version}, this program knows {SCHEMA_VERSION}; {remedy}")

@@ -2,7 +2,7 @@
 
 The journal is a write-ahead log, synchronised with the disk at every commit (gateway.storage.schema says why).
 Decisions and models are committed at once, because a decision that was acted upon must not be lost; readings are
-committed in groups, at the latest after `commit_s`.
+committed in groups, after at most `commit_s`.
 """
 
 import sqlite3
@@ -40,18 +40,18 @@ _NUMBER_WITHIN_S = 2.0
 
 
 class Store:
-    """Writes one gateway's database. A context manager. One gateway per database.
+    """Writes one gateway's database, as a context manager. One gateway per database.
 
     Parameters
     ----------
-    path: the file; it and its folder are made if missing
+    path: the file; it and its folder are created if missing
     boot: identifies this run of the process; with a reading's sequence number it identifies duplicates
     clock: for the time of events
     commit_s: readings are committed at least so often, real seconds
     keep_samples_days: older readings, compensation steps and reasons are deleted
     retry_s: after a failure it is tried again so often, real seconds
 
-    Raises StoreError: not a database of ours, of a newer version, locked by another gateway, or not writable.
+    Raises StoreError: not a database of this gateway, of a newer version, locked by another gateway, or not writable.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Store:
         self._writer.flush()
 
     def begin(self, config: str, fingerprint: str, versions: str, prior: tuple[str, str] | None = None) -> None:
-        """Note what runs: configuration text, its hash, the versions of what matters; hash and text of a prior."""
+        """Record what runs: configuration text and hash, relevant versions, hash and text of a prior."""
         if prior is not None:
             self._writer.put("INSERT OR IGNORE INTO prior VALUES (?, ?)", [prior])
             self._writer.put("INSERT INTO prior_of_boot VALUES (?, ?)", [(self._number, prior[0])])
@@ -131,7 +131,7 @@ class Store:
                     "INSERT INTO decision VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [rows.of_decision(decision)], commit=True
                 )
             case ProbingRequested(number):
-                put("DELETE FROM request", [()])  # the last one is all that matters
+                put("DELETE FROM request", [()])  # only the last one matters
                 put("INSERT INTO request VALUES (?, ?)", [(number, self._clock.utc().isoformat())])
                 self._writer.flush((Kind.KEPT,), _NUMBER_WITHIN_S)
             case MeasurementEnded(outcome):
@@ -149,7 +149,7 @@ class Store:
                 row = (reasons.k, self._clock.utc().timestamp(), rows.of_reasons(reasons))
                 put("INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=Kind.STEPS)
             case OutlookChanged() | SensorsJudged() | StorageChanged():
-                pass  # what an operator should know of them is an EventReported too
+                pass  # what an operator should know about them is also an EventReported
             case _:
                 assert_never(event)
 
@@ -161,7 +161,7 @@ class Store:
 
 
 def _next_boot(path: Path) -> int:
-    """Number of this run in this file: readings carry it instead of the long boot id."""
+    """Number of this run in this file: readings contain it instead of the long boot id."""
     with closing(connect(path)) as connection:
         row = connection.execute(
             "SELECT max(coalesce((SELECT max(number) FROM boot), 0), coalesce((SELECT max(boot) FROM sample), 0))"

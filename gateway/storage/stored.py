@@ -9,7 +9,7 @@ from talc.models import ModelSet
 
 @dataclass(frozen=True, slots=True)
 class StoredStep:
-    """One grid step as it was, and the models that were adopted after it."""
+    """One grid step as stored, and the models that were adopted after it."""
 
     frame: Frame
     decision: Decision
@@ -22,7 +22,7 @@ class StoredStep:
 
 @dataclass(frozen=True, slots=True)
 class StoredMeasurement:
-    """One probing cycle as it was."""
+    """One probing cycle as stored."""
 
     number: int
     why: str
@@ -35,7 +35,7 @@ class StoredMeasurement:
 
 @dataclass(frozen=True, slots=True)
 class StoredCompensation:
-    """One step of the compensation as it was."""
+    """One step of the compensation as stored."""
 
     time: datetime
     mode: str

@@ -31,12 +31,12 @@ _REFUSED = (sqlite3.IntegrityError, sqlite3.DataError, sqlite3.InterfaceError, s
 
 
 class DatabaseWriter:
-    """Executes statements on a connection of its own.
+    """Executes statements on its own connection.
 
     Parameters
     ----------
     path: the database; its tables exist
-    commit_s: committed at least so often, real seconds
+    commit_s: commits at least this often, in real seconds
     prune: deletes what is too old; called in the thread, when it opens the file and each ten minutes
     retry_s: how long another program's lock is waited for, and how long between two attempts, real seconds
     """
@@ -71,7 +71,7 @@ class DatabaseWriter:
             )
 
     def start(self) -> None:
-        """Begin; statements may already wait."""
+        """Start the thread; statements may already be waiting."""
         self._look()
         self._thread.start()
 

@@ -1,4 +1,4 @@
-"""Telemetry: what is published over Zenoh, and under which keys."""
+"""Telemetry: the messages that are published over Zenoh, and their keys."""
 
 from gateway.telemetry import keys
 from gateway.telemetry.compose import Composer

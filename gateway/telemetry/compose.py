@@ -53,7 +53,7 @@ from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Judgement
 
 Keyed = tuple[str, Published]
-"""A key below the root, and what is published under it."""
+"""A key below the root, and the message published under it."""
 
 
 class _Stamp(NamedTuple):
@@ -82,7 +82,7 @@ class Composer:
         self._sequence = 0
 
     def messages(self, event: GatewayEvent) -> list[Keyed]:
-        """What is published of an event."""
+        """The messages of an event."""
         match event:
             case ReadingsTaken(readings):
                 now_s = self._clock.monotonic()

@@ -1,4 +1,4 @@
-"""JSON Schemas of everything that is published, made from the types."""
+"""JSON Schemas of everything that is published, generated from the types."""
 
 import json
 

@@ -18,10 +18,10 @@ ALIVE: Final = "alive"
 
 
 def root(prefix: str, machine: str) -> str:
-    """The key that all of a gateway's keys begin with."""
+    """The key with which all of a gateway's keys begin."""
     return f"{prefix}/{machine}"
 
 
 def kind_of(suffix: str) -> str:
-    """Of a key below the root: its first part."""
+    """The kind of a key below the root: its first part."""
     return suffix.partition("/")[0]

@@ -1,8 +1,8 @@
 """Types of the published messages: one class per kind of key, and its JSON in UTF-8.
 
-A number that does not exist is null. Changes are compatible ones: fields are added, and texts to those that a field
-lists as examples. Readers ignore unknown fields. The JSON Schemas in docs/telemetry are made from these
-classes by `python -m gateway.telemetry docs/telemetry`.
+A missing number is null. Changes are compatible: fields are added, and new texts in fields that list examples. Readers
+ignore unknown fields. `python -m gateway.telemetry docs/telemetry` generates the JSON Schemas in docs/telemetry from
+these classes.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from talc.frame import EventKind, Phase, Why
 
 
 def _texts(texts: type[StrEnum] | tuple[str, ...], description: str = "") -> Meta:
-    """Of a field that has one of these texts today; later versions may know more."""
+    """A field with one of these texts at present; later versions may add more."""
     known = [str(text) for text in texts]
     return Meta(description=description or None, extra_json_schema={"examples": known})
 
@@ -34,7 +34,7 @@ Reason = Annotated[str, _texts(Why)]
 
 
 class Message(Struct, frozen=True):
-    """What every payload begins with."""
+    """The fields with which every payload begins."""
 
     boot: Annotated[str, Meta(description="Identifies a run of the gateway")]
     seq: Annotated[int, Meta(description="Ascends within a run, over all keys")]
@@ -64,7 +64,7 @@ class FrameMessage(Message, frozen=True):
 
 
 class DecisionMessage(Message, frozen=True):
-    """`decision`: what the controller made of one frame."""
+    """`decision`: what the controller decided on one frame."""
 
     k: GridIndex
     phase: Annotated[str, _texts(Phase)]
@@ -75,7 +75,7 @@ class DecisionMessage(Message, frozen=True):
     measure: Annotated[Reason | None, Meta(description="Why a measurement is wanted; null: none is")]
     training: Annotated[Reason | None, Meta(description="Why a training is wanted; null: none is")]
     substituted: Annotated[
-        tuple[str, ...], Meta(description="Inputs of models without a good value, for which the last good one stands")
+        tuple[str, ...], Meta(description="Inputs of models without a good value, replaced by their last good value")
     ]
     trusted: Annotated[
         dict[str, bool], Meta(description="By thermal error; false: not corrected, as no estimate is better than none")
@@ -83,7 +83,7 @@ class DecisionMessage(Message, frozen=True):
 
 
 class MeasurementMessage(Message, frozen=True):
-    """`measurement`: how a requested measurement ended; without errors when it was refused, failed or rejected."""
+    """`measurement`: how a requested measurement ended; without errors if it was refused, failed or rejected."""
 
     number: int
     why: Reason
@@ -99,7 +99,7 @@ class MeasurementMessage(Message, frozen=True):
 
 
 class ModelMessage(Message, frozen=True):
-    """`model/<error>`: what predicts this error from the step after `after_k` on."""
+    """`model/<error>`: the model that predicts this error from the step after `after_k` on."""
 
     error: str
     after_k: GridIndex
@@ -131,7 +131,7 @@ class CompensationMessage(Message, frozen=True):
     target_um: Offsets
     offsets_um: Offsets
     coefficients_um: Annotated[tuple[tuple[float, ...], ...], Meta(description="Rows X, Y, Z")]
-    bounded: Annotated[tuple[bool, bool, bool], Meta(description="Which axes the bound has cut")]
+    bounded: Annotated[tuple[bool, bool, bool], Meta(description="Axes that were limited by the bound")]
     positions: Annotated[dict[str, Number], Meta(description="X, Y, Z in mm; A, C in degrees")]
     written: bool
     read_back_um: Offsets | None
@@ -158,18 +158,18 @@ class ProbingMessage(Message, frozen=True):
 
 
 class SensorFinding(Struct, frozen=True):
-    """An input that is off, or two that are exchanged."""
+    """An input with an offset, or two exchanged inputs."""
 
     kind: Annotated[str, _texts(("offset", "swap"))]
     inputs: tuple[str, ...]
-    alternatives: Annotated[tuple[str, ...], Meta(description="Other inputs whose offset would explain it as well")]
+    alternatives: Annotated[tuple[str, ...], Meta(description="Other inputs that would explain it equally well")]
     offset_K: Number  # noqa: N815
     score: Annotated[Number, Meta(description="1 is just enough evidence")]
     text: str
 
 
 class SensorsMessage(Message, frozen=True):
-    """`sensors`: how the sensors agree with each other, each hour."""
+    """`sensors`: how well the sensors agree with each other, every hour."""
 
     k: GridIndex
     findings: tuple[SensorFinding, ...]
@@ -177,7 +177,8 @@ class SensorsMessage(Message, frozen=True):
         dict[str, Number], Meta(description="By input: the offset that this window would have shown")
     ]
     alike: Annotated[
-        tuple[tuple[str, str], ...], Meta(description="Inputs whose exchange this window would not have shown")
+        tuple[tuple[str, str], ...],
+        Meta(description="Inputs that could be exchanged unnoticed in this window"),
     ]
 
 
@@ -218,11 +219,11 @@ class StatusMessage(Message, frozen=True):
 
     phase: Annotated[str | None, _texts(Phase)]
     k: GridIndex | None
-    readings_dropped: Annotated[int, Meta(description="Not published, as the network was too slow")]
+    readings_dropped: Annotated[int, Meta(description="Readings not published because the network was too slow")]
     periods_missed: Annotated[
-        dict[str, int], Meta(description="By bus: nothing was read, as the read before took long")
+        dict[str, int], Meta(description="By bus: periods without a read because the previous one took too long")
     ]
-    config: Annotated[str | None, Meta(description="SHA-256 of the configuration that runs")]
+    config: Annotated[str | None, Meta(description="SHA-256 of the configuration in use")]
     probing: ProbingStanding | None
     storage: StorageStanding | None = None
 
@@ -254,7 +255,7 @@ TYPES: Final[Mapping[str, type[Published]]] = {
     keys.REASONS: ReasonsMessage,
     keys.STATUS: StatusMessage,
 }
-"""Kind of key to its type."""
+"""Type of each kind of key."""
 
 _ENCODER = msgspec.json.Encoder()
 _DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in TYPES.items()}
@@ -268,7 +269,7 @@ def encode(message: Published) -> bytes:
 def decode(suffix: str, payload: bytes) -> Published | None:
     """The message under a key below the root; None: a kind of key that this version does not know.
 
-    Raises ValueError naming key and field: not what the type says.
+    Raises ValueError naming key and field if the payload does not fit the type.
     """
     decoder = _DECODERS.get(keys.kind_of(suffix))
     if decoder is None:

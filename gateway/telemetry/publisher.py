@@ -1,4 +1,4 @@
-"""Publishes everything over Zenoh from a thread of its own, so that the control loop never waits for the network."""
+"""Publishes everything over Zenoh from a separate thread, so that the control loop never waits for the network."""
 
 import asyncio
 import json
@@ -41,7 +41,7 @@ class TelemetryError(OSError):
 
 
 def session_config(settings: TelemetrySettings) -> zenoh.Config:
-    """Zenoh's configuration: no multicast unless configured; peers that are absent are retried without limit."""
+    """Zenoh's configuration: multicast only if configured; absent peers are retried without limit."""
     config = zenoh.Config()
     values: dict[str, object] = {
         "mode": settings.mode,
@@ -59,10 +59,10 @@ def session_config(settings: TelemetrySettings) -> zenoh.Config:
 
 
 class TelemetryPublisher:
-    """Publishes every event. An async context manager.
+    """Publishes every event, as an async context manager.
 
-    A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`. When the network is slower
-    than the readings, readings are dropped and counted; nothing else is.
+    A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`. If the network is slower
+    than the readings, readings are dropped and counted, and nothing else.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class TelemetryPublisher:
     boot: identifies this run of the process
     simulated: whether the clock is a simulated one
 
-    Raises TelemetryError on entering when the session cannot be opened.
+    Raises TelemetryError on entry if the session cannot be opened.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class TelemetryPublisher:
         session.close()
 
     def publish(self, event: GatewayEvent) -> None:
-        """A gateway.events.Sink: puts what is published of the event into the queue."""
+        """A gateway.events.Sink: puts the event's messages into the queue."""
         match event:
             case ReadingsTaken(readings) if self._queue.qsize() > _QUEUE:
                 self._dropped += len(readings)
@@ -154,7 +154,7 @@ class TelemetryPublisher:
             self._put_status()
 
     def count_missed(self, periods_missed: Callable[[], Mapping[str, int]]) -> None:
-        """Where the status gets the number of missed periods from, by bus."""
+        """Set the source of the number of missed periods by bus, for the status."""
         self._periods_missed = periods_missed
 
     def _put_status(self) -> None:
@@ -181,7 +181,7 @@ class TelemetryPublisher:
                 log.warning("telemetry: %s was not published: %s", suffix, error)
 
     def _answer(self, query: zenoh.Query) -> None:
-        """Reply with the last value of every key asked for; called on a thread of Zenoh's."""
+        """Reply with the last value of every requested key; called in one of Zenoh's threads."""
         with self._last_lock:
             last = dict(self._last)
         for suffix, payload in last.items():

@@ -154,7 +154,8 @@ async def test_host_that_accepts_and_never_answers_is_told() -> None:
     finally:
         await silent.stop()
     assert (
-        report.remarks[0] == f"127.0.0.1:{port} accepts connections, but no unit that was asked answers (--units 1-16?)"
+        report.remarks[0]
+        == f"127.0.0.1:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
     )
 
 
