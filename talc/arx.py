@@ -1,11 +1,12 @@
 """ARX, FIR and static models by weighted least squares (Z22 eq. 2 and 5), guarded and refined.
 
-The weights are 0 and 1: a row counts when its output was measured and the outputs before it are known, measured or
-estimated (`Window.past`). Static and FIR models
-are the case na = 0. One-step least squares shrinks the poles when outputs are noisy; `refine` fits the free run
+The weights are 0 and 1: a row counts if its output was measured and the outputs before it are known, measured or
+estimated (`Window.past`). Static and FIR models are the case na = 0. One-step least squares shrinks the poles when
+outputs are noisy; starting there, `refine` fits the free run instead. For irregular or noisy measurements
+talc.output_error is the better method.
 instead, from there. For irregular or noisy measurements talc.output_error is the better way.
 
-SciPy and OSQP are imported where they are used: the default route needs neither, and a service on a small computer
+SciPy and OSQP are imported where they are used: the default route needs neither, and on a small computer this saves
 saves half a second at start and tens of megabytes.
 """
 
@@ -26,9 +27,10 @@ class LeastSquares:
 
     parameters: Coefficients
     std: FloatArray
-    """(1 + na + sum of nb_s + 1,) standard errors: intercept, a, b input by input; NaN where rows do not tell."""
+    """(1 + na + sum of nb_s + 1,) standard errors: intercept, a, b input by input; NaN where the rows do not determine
+    them."""
     freedom: int
-    """Rows less coefficients."""
+    """Rows minus coefficients."""
     residual: FloatArray
     """(n,) one-step residuals over the rows of the fit."""
 
@@ -43,7 +45,7 @@ class LeastSquares:
 
 
 class Regression:
-    """One-step rows of a window at the largest orders: which rows enter must not depend on a candidate's orders.
+    """One-step rows of a window at the largest orders, so that the rows used do not depend on a candidate's orders.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ class Regression:
 def least_squares_fit(regression: Regression, structure: Structure) -> LeastSquares:
     """Weighted least squares by QR with column pivoting on columns of unit length.
 
-    ValueError: fewer rows than coefficients. Columns that the others explain get 0, and NaN as standard error.
+    ValueError: fewer rows than coefficients. Columns that the others explain get 0, with NaN as standard error.
     """
     from scipy.linalg import qr, solve_triangular
 
@@ -149,15 +151,15 @@ def guarded_fit(
     )
     answer = problem.solve(raise_error=False)
     if answer.info.status != "solved":
-        raise RuntimeError(f"guarded fit of {structure}: OSQP says {answer.info.status!r}")
+        raise RuntimeError(f"guarded fit of {structure}: OSQP reports {answer.info.status!r}")
     theta = to_levels @ (np.asarray(answer.x) / scale)
     return _parameters(theta, structure)
 
 
 def refine(window: Window, structure: Structure, start: Coefficients, *, max_pole: float = 0.999) -> Coefficients:
-    """The free run fitted from `start` on (simulation error, Levenberg-Marquardt with filtered regressors as gradient).
+    """Fits the free run, from `start` on (simulation error, Levenberg-Marquardt with filtered regressors as gradient).
 
-    Every measured row counts, whatever came before it. Answers `start` when the result is not better or has a pole of
+    Every measured row counts, whatever preceded it. Returns `start` if the result is not better or has a pole of
     `max_pole` or more in magnitude.
     """
     from scipy.optimize import least_squares
@@ -214,7 +216,7 @@ def simulate(window: Window, structure: Structure, parameters: Coefficients) -> 
 def followed(window: Window, structure: Structure, parameters: Coefficients) -> FloatArray:
     """(T,) the output as a running control knows it: measured, else the model's own estimate then (Z22 eq. 2).
 
-    A measurement moves the model's whole output history by its residual. NaN before the first measurement and in the
+    A measurement shifts the model's whole output history by its residual. NaN before the first measurement and in the
     rows before the largest order. In scaled units.
     """
     begin, drive, a = _driven(window, structure, parameters)
@@ -231,7 +233,7 @@ def followed(window: Window, structure: Structure, parameters: Coefficients) -> 
 
 
 def _driven(window: Window, structure: Structure, parameters: Coefficients) -> tuple[int, list[float], list[float]]:
-    """First row that has all its inputs, what intercept and inputs add in each row, and the AR coefficients."""
+    """First row that has all its inputs, what intercept and inputs contribute in each row, and AR coefficients."""
     begin = max(structure.na, max(structure.nb, default=0))
     steps = np.arange(begin, len(window.y))
     drive = np.zeros(len(window.y))
@@ -248,7 +250,7 @@ def _next(drive: float, a: list[float], history: list[float]) -> float:
 
 
 def _enough(x: FloatArray) -> FloatArray:
-    """The columns, when there are rows for them."""
+    """The columns, if there are enough rows for them."""
     n, p = x.shape
     if n < p:
         raise ValueError(f"{n} rows for {p} coefficients: measure more, or lower the orders")

@@ -29,16 +29,16 @@ from talc.record import Record
 from talc.settings import TalcSettings
 
 _ENOUGH = 0.75
-"""Share of the calibration's measurements that must have come."""
+"""Share of the calibration's measurements that must have arrived."""
 _LONGEST_GAP_STEPS = 2016
-"""After a longer silence (a week at 5 min) the record starts anew; models stay."""
+"""After a longer silence (a week at 5 min) the record starts again; models stay."""
 _ERRORS = len(THERMAL_ERRORS)
 _TWO_SIDED_95 = 1.96
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ControllerState:
-    """All that a controller knows, as values; `Controller.restore` goes on from it as if nothing had happened."""
+    """The controller's whole state, as values; `Controller.restore` continues from it as if nothing had happened."""
 
     input_names: tuple[str, ...]
     inputs: FloatArray
@@ -51,39 +51,39 @@ class ControllerState:
     held: FloatArray
     """(9,) last measurement of each error."""
     learning: bool
-    """A training was asked for and nothing adopted yet."""
+    """A training was requested, and nothing has been adopted since."""
     measured_in_phase: int
     last_measured: int | None
     substituted: frozenset[str]
     bounded: frozenset[str]
     static: tuple[tuple[str, ...] | None, ...] | None
     course: CourseState | None = None
-    """The learner's; the fields from `models` on are then those of a controller without any."""
+    """The learner's state; the fields from `models` on are then those of a controller without models."""
 
 
 class Controller:
-    """Learns and corrects thermal errors, by the method that the settings name.
+    """Learns and corrects thermal errors by the method that the settings name.
 
-    `learner`: talc.learner.course.LearningCourse. It asks for no training, and takes no models.
+    `learner`: talc.learner.course.LearningCourse. It requests no training and takes no models.
 
     `models`: phases, action control limits, state and model updates (Z22 §2-3, Table 2; B19 §2-3).
 
-    `calibration` measures at every step, or each few, until enough is known for the first models. `compensation`
+    `calibration` measures at every step, or every few, until enough is known for the first models. `compensation`
     predicts at every step and measures at an interval; a measurement resets the models' output history (state update).
     A residual above its limit leads to `no_good`: measurements at every step, then a training on all that is known,
-    then `compensation` again. While a training is under way predictions go on with the models there are.
+    then `compensation` again. While a training is in progress, predictions continue with the present models.
 
-    Inputs without a good value are replaced by their last good one, or by the training's mean if there never was one;
-    a decision tells when that begins and ends for an input that a model uses. Numbers beyond LARGEST_INPUT and
-    LARGEST_ERROR (talc.frame) are no values; a decision tells of a measured one. A thermal error without a model is
-    corrected by its last measurement once other models are live.
+    Inputs without a good value are replaced by their last good one, or by the training's mean if there never was one; a
+    decision reports when that begins and ends for an input that a model uses. Numbers beyond LARGEST_INPUT and
+    LARGEST_ERROR (talc.frame) do not count as values; a decision reports a measured one. A thermal error without a
+    model is corrected by its last measurement once other models are live.
 
     Parameters
     ----------
     input_names: order of a frame's inputs
-    settings: choices; `training` is handed on to the training jobs
+    settings: choices; `training` is passed on to the training jobs
     step_s: grid step
-    prior: of the learner, from other machines; None: none
+    prior: the learner's, from other machines; None: none
     """
 
     def __init__(
@@ -144,9 +144,9 @@ class Controller:
     def restore(
         cls, state: ControllerState, settings: TalcSettings, step_s: float = 300.0, prior: Prior | None = None
     ) -> "Controller":
-        """A controller that decides as the one that gave `state` would have. ValueError: a state that is not one.
+        """A controller that decides as the one that returned `state` would have. ValueError: invalid state.
 
-        A training that was under way is not: hand its job's models to `adopt`, or run it again.
+        A training in progress is not part of the state: pass its job's models to `adopt`, or run it again.
         """
         self = cls(state.input_names, settings, step_s, prior)
         if (self._course is None) != (state.course is None):
@@ -208,7 +208,7 @@ class Controller:
         )
 
     def adopt(self, models: ModelSet) -> tuple[Event, ...]:
-        """Take new models in; they act from the next step on. An error without a new model keeps its former one.
+        """Adopt new models; they act from the next step on. An error without a new model keeps its former one.
 
         ValueError: the models were trained on other inputs.
         """
@@ -232,7 +232,7 @@ class Controller:
             events.append(Event(EventKind.MODEL_REJECTED, "no usable model was found; measuring continues"))
         else:
             if self._training.static_inputs:
-                # An error that had no model yet has its inputs chosen by the next training.
+                # The inputs of an error that had no model yet are chosen by the next training.
                 before = self._static or (None,) * _ERRORS
                 chosen = [None if m is None else m.model.inputs for m in self._models]
                 self._static = tuple(new if old is None else old for old, new in zip(before, chosen, strict=True))
@@ -242,7 +242,7 @@ class Controller:
     # Parts of a step -------------------------------------------------------------------------------------------------
 
     def _bridge(self, until_k: int) -> None:
-        """Let the models run through steps of which there is no frame, on held inputs."""
+        """Let the models run, on held inputs, through steps without a frame."""
         last = self._record.last_k
         if last is None:
             return
@@ -264,7 +264,7 @@ class Controller:
             if estimate.bounded:
                 bounded.add(THERMAL_ERRORS[i])
         events.extend(
-            Event(EventKind.PREDICTION_BOUNDED, f"{error}: far outside what training saw; held at the bound", error)
+            Event(EventKind.PREDICTION_BOUNDED, f"{error}: far outside the training data; held at the bound", error)
             for error in sorted(bounded - self._bounded)
         )
         self._bounded = frozenset(bounded)
@@ -369,5 +369,5 @@ class Controller:
 def _note_impossible(measurement: Measurement, events: list[Event]) -> None:
     for i in np.flatnonzero(np.abs(measurement.errors) > LARGEST_ERROR):
         name = THERMAL_ERRORS[i]
-        text = f"{name}: {measurement.errors[i]:g} {ERROR_UNITS[name]} cannot be, it is not used"
+        text = f"{name}: {measurement.errors[i]:g} {ERROR_UNITS[name]} is impossible and is not used"
         events.append(Event(EventKind.MEASUREMENT_REJECTED, text, name, limit=LARGEST_ERROR))

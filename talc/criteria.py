@@ -10,7 +10,7 @@ from talc.frame import FloatArray
 Criterion = Literal["adapted_bic", "bic", "aic", "mdl"]
 CRITERIA: Final[tuple[Criterion, ...]] = ("adapted_bic", "bic", "aic", "mdl")
 WORST: Final = 1e9
-"""What an unstable or impossible candidate costs: finite, so that a swarm can still compare."""
+"""Cost of an unstable or impossible candidate: finite, so that a swarm can still compare."""
 
 
 def adapted_bic(residual: FloatArray, orders: int, inputs: int, tolerance: float, safety: float) -> float:

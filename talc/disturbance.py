@@ -1,7 +1,8 @@
 """The disturbance of a model: probing noise, and a slow part of unknown pole and drift that measurements follow.
 
-A day of training cannot tell a slow drift from none, and other days drift otherwise. So no single answer is kept, but a
-grid of candidates, each an AR(1) disturbance, weighted by their likelihoods, and anew by each later measurement
+A day of training cannot distinguish a slow drift from none, and other days drift differently. So instead of one answer
+a grid of candidates is kept, each an AR(1) disturbance, weighted by likelihood and re-weighted by each later
+measurement
 (multiple-model estimation, Magill, IEEE Trans. Automatic Control 10 (1965) 434-439; the filters run in the kernel).
 """
 
@@ -18,7 +19,7 @@ _POLES: Final = (0.9, 0.97, 0.99, 0.997, 0.9995)
 _RATIOS: Final = tuple(np.geomspace(1e-4, 30.0, 12).tolist())
 """Drift variance per step over noise variance."""
 _TEMPER: Final = 0.05
-"""Share of training's log-likelihood that later measurements start from: one day's word is not final."""
+"""Fraction of training's log-likelihood with which later measurements start: one day's evidence is not final."""
 _LEAST_ROWS: Final = 24
 
 
@@ -28,10 +29,10 @@ def _empty() -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Disturbance:
-    """Candidates d[k] = pole d[k-1] + drift w[k], seen through white noise. None: a model has no such part."""
+    """Candidates d[k] = pole d[k-1] + drift w[k], observed in white noise. None: the model has no such part."""
 
     noise_std: float = 0.0
-    """Standard deviation of one measurement; µm or µm/m. 0: a measurement is taken whole."""
+    """Standard deviation of one measurement; µm or µm/m. 0: a measurement is fully believed."""
     poles: FloatArray = field(default_factory=_empty)
     """(m,) per grid step."""
     drifts: FloatArray = field(default_factory=_empty)
@@ -65,8 +66,9 @@ class Disturbance:
 def disturbance_of(residual: FloatArray, steps: IntArray) -> Disturbance:
     """Likelihood of each candidate by a scalar Kalman filter, its noise variance concentrated out.
 
-    residual: (n,) what the inputs did not explain, µm or µm/m, best on rows that the fit had not seen; steps: (n,)
-    their grid steps, ascending. Fewer than 24 rows: nothing can be told, and every measurement is taken whole.
+    residual: (n,) what the inputs did not explain, µm or µm/m, preferably on rows that the fit has not seen; steps:
+    (n,) their grid steps, ascending. With fewer than 24 rows nothing can be estimated, and each measurement is fully
+    believed.
     """
     pole, ratio = (axis.ravel() for axis in np.meshgrid(_POLES, _RATIOS, indexing="ij"))
     n = residual.size

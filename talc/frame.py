@@ -23,7 +23,7 @@ LARGEST_ERROR: Final = 1e6
 
 
 class Phase(StrEnum):
-    """Where the adaptive control stands (Z22 §2)."""
+    """State of the adaptive control (Z22 §2)."""
 
     CALIBRATION = "calibration"
     COMPENSATION = "compensation"
@@ -37,15 +37,15 @@ class Why(StrEnum):
     INTERVAL = "interval"
     """The fixed interval, or the longest one of the other policies, has passed."""
     NOVELTY = "novelty"
-    """The inputs left what training has seen."""
+    """The inputs have left the range of the training data."""
     UNCERTAINTY = "uncertainty"
-    """A prediction is no longer sure to be within its action control limit."""
+    """A prediction may no longer be within its action control limit."""
     NO_GOOD = "no_good"
     RETRY = "retry"
 
 
 class EventKind(StrEnum):
-    """What a decision reports beside its numbers."""
+    """What a decision reports besides its numbers."""
 
     PHASE_CHANGED = "phase_changed"
     STATE_UPDATE = "state_update"
@@ -56,22 +56,22 @@ class EventKind(StrEnum):
     INPUT_SUBSTITUTED = "input_substituted"
     PREDICTION_BOUNDED = "prediction_bounded"
     TRUST_CHANGED = "trust_changed"
-    """An error is corrected from now on, or no longer."""
+    """An error is corrected from now on, or is no longer corrected."""
     SENSOR_SUSPECT = "sensor_suspect"
-    """Of the service's sensor check: an offset or an exchange; `value` is an offset's estimate, K."""
+    """From the service's sensor check: an offset or an exchange; `value` is an offset's estimate, K."""
     SENSORS_AGREE = "sensors_agree"
     PROBLEM = "problem"
-    """Of the service: a bus, device, channel or the NC. The controller itself never reports one."""
+    """From the service: a bus, device, channel or the NC. The controller itself never reports one."""
     PROBLEM_ENDED = "problem_ended"
     MEASUREMENT_REJECTED = "measurement_rejected"
-    """Of the service: a probing cycle failed, or its result is not believed. Of the controller: a number cannot be."""
+    """From the service: a probing cycle failed, or its result is rejected. From the controller: impossible number."""
     OPERATOR = "operator"
-    """Of the service: somebody at the machine should know, or do something."""
+    """From the service: the operator should know or do something."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One thing worth telling; `error` is set when it concerns one thermal error."""
+    """One thing to report; `error` is set when it concerns one thermal error."""
 
     kind: EventKind
     text: str
@@ -82,7 +82,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """The nine errors found by one probing cycle."""
+    """The nine errors from one probing cycle."""
 
     errors: FloatArray
     """(9,) µm, µm/m for the last three, in the order of THERMAL_ERRORS; NaN: not determined."""
@@ -92,7 +92,7 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One grid step of everything."""
+    """Everything of one grid step."""
 
     k: int
     """Grid index: UTC seconds // grid step. Strictly increasing; gaps are allowed."""
@@ -101,15 +101,15 @@ class Frame:
     valid: BoolArray
     """(n,) False where the input had no good value in this step (its number is then meaningless)."""
     measurement: Measurement | None = None
-    """Set when a probing cycle has finished for this step."""
+    """Set if a probing cycle has finished for this step."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingJob:
-    """All that a training needs, as a value."""
+    """Everything that a training needs, as a value."""
 
     k: int
-    """Grid index of the step that asked."""
+    """Grid index of the step that requested it."""
     why: Why
     input_names: tuple[str, ...]
     inputs: FloatArray
@@ -132,7 +132,7 @@ class Decision:
     predicted: FloatArray
     """(9,) errors at k; NaN where no model exists.
 
-    When the frame held a measurement: the prediction before it."""
+    If the frame contained a measurement: the prediction before it."""
     corrected: FloatArray
     """(9,) best estimate at k, after the state update; what compensation uses. NaN: no estimate."""
     sigma: FloatArray

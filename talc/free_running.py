@@ -8,29 +8,29 @@ from talc.frame import FloatArray
 from talc.models import ErrorModel
 
 _WARM_UP_STEPS = 288
-"""Rows from which a new model's history is built: a day, longer than most of what a model remembers."""
+"""Rows from which a new model's history is built: a day, longer than most of a model's memory."""
 
 ModelState = list[list[float]]
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorEstimate:
-    """One error at one step; µm or µm/m."""
+    """The estimate of one error at one step; µm or µm/m."""
 
     predicted: float
     """Before this step's measurement."""
     corrected: float
-    """After it; the same without one."""
+    """After it; the same without a measurement."""
     sigma: float
     """Standard uncertainty of `corrected`."""
     novelty: float
-    """Leverage of the inputs relative to the largest in training; above 1: beyond what training saw."""
+    """Leverage of the inputs relative to the largest in training; above 1: beyond the training data."""
     bounded: bool
     """An input or the output was outside the model's bounds and was held at them."""
 
 
 class FreeRunningModel:
-    """A model with its state. Between measurements past outputs are its own predictions.
+    """A model with its state. Between measurements its past outputs are its own predictions.
 
     Parameters
     ----------
@@ -53,11 +53,11 @@ class FreeRunningModel:
         first = int(known[0])
         self._runner.start(float(measured[first]))
         rows = self._filled(inputs[first:])
-        # The fit has seen these measurements: they build the state, but say nothing of the disturbance.
+        # The fit has seen these measurements: they build the state, but contain no information about the disturbance.
         self._runner.run(rows, np.ascontiguousarray(measured[first:]), False, np.empty(len(rows)))
 
     def step(self, inputs: FloatArray, measured: float) -> ErrorEstimate:
-        """Go one step on. inputs: (n,) this step's row; measured: NaN without a measurement."""
+        """Advance one step. inputs: (n,) this step's row; measured: NaN without a measurement."""
         return ErrorEstimate(*self._runner.step(self._filled(inputs), measured, True))
 
     def state(self) -> ModelState:
@@ -65,10 +65,10 @@ class FreeRunningModel:
         return self._runner.state()
 
     def restore(self, state: ModelState) -> None:
-        """Go on from a state of the same model. ValueError: not one."""
+        """Continue from a state of the same model. ValueError: any other state."""
         self._runner.restore(state)
 
     def _filled(self, rows: FloatArray) -> FloatArray:
-        """The model's columns; an input that never had a good value stands at training's mean."""
+        """The model's columns; an input that never had a good value is held at training's mean."""
         own = rows[..., self._columns]
         return np.ascontiguousarray(np.where(np.isfinite(own), own, self.model.u_mean))

@@ -1,7 +1,7 @@
 """Group-LASSO on the Gram matrix: min ||y - X t||² + lambda sum_s sqrt(g_s) ||t_s|| (Z22 eq. 8), solved exactly.
 
-Thermal regressors are nearly collinear, so first-order methods stop far from the optimum without showing it. The
-kernel finds the support by a few passes and finishes on it by Newton's method; what decides is the duality gap.
+Thermal regressors are nearly collinear, so first-order methods stop far from the optimum without showing it. The kernel
+finds the support by a few passes and finishes on it by Newton's method; the duality gap decides when to stop.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,7 +14,7 @@ from talc.frame import FloatArray
 
 _ROUNDS = 200
 _LARGEST_GROUP = 64
-"""What the kernel has room for."""
+"""Largest group for which the kernel has room."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +35,7 @@ class Solution:
 
 
 class Gram:
-    """X'X, X'y and y'y of rows seen so far: later rows are added, nothing is built again.
+    """X'X, X'y and y'y of the rows seen so far: later rows are added without rebuilding anything.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class GroupLasso:
     def path(
         self, moment: FloatArray, energy: float, penalties: Iterable[float], tolerance: float = 1e-8
     ) -> Iterator[Solution]:
-        """Solutions for descending penalties, each begun from the one before."""
+        """Solutions for descending penalties, each started from the previous one."""
         last = None
         for penalty in penalties:
             last = self.solve(moment, energy, penalty, last, tolerance)

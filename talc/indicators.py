@@ -1,4 +1,4 @@
-"""Indicators that judge a compensation (B19 eq. 1-7; Z22 Tables 3 and 4). NaN means not measured and is left out."""
+"""Indicators of the quality of a compensation (B19 eq. 1-7; Z22 Tables 3 and 4). NaN: not measured, omitted."""
 
 import numpy as np
 
@@ -26,7 +26,7 @@ def p99(values: FloatArray) -> float:
 def smape(measured: FloatArray, predicted: FloatArray) -> float:
     """SMAPE, 0 to 100 %: mean of |m - p| / (|m| + |p|); a pair of zeros counts as 0. NaN without pairs.
 
-    Dominated by zero crossings: of little worth for errors that change sign. ValueError: shapes differ.
+    Dominated by zero crossings: of little value for errors that change sign. ValueError: shapes differ.
     """
     measured, predicted = np.asarray(measured, dtype=np.float64), np.asarray(predicted, dtype=np.float64)
     if measured.shape != predicted.shape:
@@ -43,7 +43,7 @@ def smape(measured: FloatArray, predicted: FloatArray) -> float:
 def productivity(measurements: int, cycle_s: float, total_s: float) -> float:
     """Pd = (1 - M T_M / T_total) · 100 %: share of the time that is not spent probing (B19).
 
-    ValueError: no time at all.
+    ValueError: total_s is zero or negative.
     """
     if not total_s > 0:
         raise ValueError(f"total_s = {total_s!r}: expected more than 0")
@@ -51,10 +51,10 @@ def productivity(measurements: int, cycle_s: float, total_s: float) -> float:
 
 
 def reduction(before: float, after: float) -> float:
-    """How much smaller, in % of `before`; negative when it became larger. NaN when there was nothing to reduce."""
+    """Reduction in % of `before`; negative if it increased. NaN if there was nothing to reduce."""
     return 100.0 * (1.0 - after / before) if before > 0 else float("nan")
 
 
 def _known(values: FloatArray) -> FloatArray:
     values = np.asarray(values, dtype=np.float64)
-    return values[~np.isnan(values)]  # an infinite residual stays, and shows
+    return values[~np.isnan(values)]  # an infinite residual stays visible

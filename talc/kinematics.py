@@ -38,10 +38,10 @@ def tcp_offsets(errors: FloatArray, positions: FloatArray, sphere_radius_m: floa
 def forward_chain(errors: FloatArray, positions: FloatArray, sphere_radius_m: float) -> FloatArray:
     """(3,) the same deviation, µm, through the chain's homogeneous transforms, without small-angle approximation.
 
-    The workpiece point that the undisturbed machine has at the tool tip goes from the table through C, A and their
+    The workpiece point at the tool tip of the undisturbed machine is transformed from the table through C, A and their
     errors into machine coordinates. Arguments and errors raised as `tcp_offsets`.
     """
-    tcp_offsets(errors, positions, sphere_radius_m)  # the same refusals
+    tcp_offsets(errors, positions, sphere_radius_m)  # raises the same errors
     ey0a, ez0a, ex0c, ey0c, ez0t, er0t, ea0c, eb0c, ec0c = np.asarray(errors, dtype=np.float64) * _UM
     a, c = float(positions[3]), float(positions[4])
     tip = np.append(np.asarray(positions[:3], dtype=np.float64) * _MM, 1.0)
@@ -56,7 +56,7 @@ def forward_chain(errors: FloatArray, positions: FloatArray, sphere_radius_m: fl
 
 @dataclass(frozen=True, slots=True)
 class AxisForm:
-    """Offsets as controls take them: K0 + tan(beta) (P - P0), for one position of A."""
+    """Offsets in the form that controls take: K0 + tan(beta) (P - P0), for one position of A."""
 
     k0: FloatArray
     """(3,) offset of X, Y, Z at the reference, µm."""
@@ -70,7 +70,7 @@ class AxisForm:
         return np.asarray(self.k0 + self.slope @ (position - self.reference), dtype=np.float64)
 
     def remainder(self, low: FloatArray, high: FloatArray) -> FloatArray:
-        """(3,) µm: what is at most missing over a travel (mm) when each axis only follows its own position.
+        """(3,) µm: the largest missing part over a travel (mm) if each axis only follows its own position.
 
         SINUMERIK's temperature compensation (SD43900, SD43910, SD43920) takes one slope per axis, over its position.
         """
@@ -106,7 +106,7 @@ def workpiece_growth(
 ) -> FloatArray:
     """(3,) µm by which a workpiece point moves away from the point where the workpiece is held (B19's outlook).
 
-    Added to the compensation, features keep their size at the reference temperature (ISO 1: 20 degC).
+    Added to the compensation, it keeps features at their size at the reference temperature (ISO 1: 20 degC).
     point_mm, fixed_mm: (3,) in workpiece coordinates; expansion_per_K: e.g. 23.1e-6 aluminium, 11.5e-6 steel.
     ValueError: a wrong shape, a value that is not finite, or an expansion outside 0 to 1e-4 per K.
     """

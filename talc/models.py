@@ -33,8 +33,8 @@ def _frozen_array(values: object) -> FloatArray:
 class ErrorModel:
     """The model of one thermal error. Arrays are copied and read-only. ValueError names an invalid field.
 
-    Bounds: every input is held inside `[u_low, u_high]` and every prediction inside `[y_low, y_high]`, which reach
-    one training range beyond what training saw on either side; a prediction for which this mattered is flagged.
+    Bounds: every input is held within `[u_low, u_high]` and every prediction within `[y_low, y_high]`, which extend one
+    training range beyond the training data on either side; a prediction that was affected is flagged.
     """
 
     error: str
@@ -60,22 +60,22 @@ class ErrorModel:
     y_high: float
     """Bounds of the prediction, µm or µm/m."""
     limit: float
-    """Largest |free-run residual| on rows that the fit had not seen: the adaptive control limit; µm or µm/m."""
+    """Largest |free-run residual| on rows that the fit has not seen: the adaptive control limit; µm or µm/m."""
     training_limit: float
-    """The same over the rows of the fit itself, as Z22 has it; too narrow for days that differ from training."""
+    """The same over the rows of the fit itself, as in Z22; too narrow for days that differ from training."""
     residual_std: float
     """Root mean square of the fit's own residuals."""
     criterion: float
-    """What the selection minimised."""
+    """The value that the selection minimised."""
     disturbance: Disturbance = field(default_factory=Disturbance)
     leverage: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     """(p, p) inverse of X'X / n of training's filtered inputs, p coefficients input by input; empty: unknown."""
     leverage_limit: float = 0.0
     """Largest leverage x' (X'X / n)^-1 x in training; beyond it an input is novel and the uncertainty grows."""
     novelty_std: float = 0.0
-    """Standard deviation that a leverage of 1 stands for; µm or µm/m."""
+    """Standard deviation that corresponds to a leverage of 1; µm or µm/m."""
     resets_history: bool = False
-    """A measurement replaces the model's past outputs (Z22's state update); else it moves the disturbance."""
+    """A measurement replaces the model's past outputs (Z22's state update); otherwise it moves the disturbance."""
 
     def __post_init__(self) -> None:
         for name in ("a", "u_mean", "u_std", "u_low", "u_high", "leverage"):
@@ -123,7 +123,7 @@ class ErrorModel:
         return np.asarray(sums / (1.0 + self.a.sum()) * self.y_std / self.u_std, dtype=np.float64)
 
     def runner(self) -> _kernel.Runner:
-        """The model set to work: it keeps the state between steps."""
+        """The model in operation: it keeps the state between steps."""
         d, coefficients = self.disturbance, sum(b.size for b in self.b)
         return _kernel.Runner(
             a=self.a,
@@ -204,7 +204,7 @@ class ModelSet:
     models: tuple[ErrorModel | None, ...]
     """In the order of THERMAL_ERRORS; None: no usable model for that error."""
     notes: tuple[str, ...] = ()
-    """What the training has to say: inputs not offered, fall-backs, errors without a model."""
+    """Remarks of the training: inputs not offered, fall-backs, errors without a model."""
 
     def __post_init__(self) -> None:
         if len(self.models) != len(THERMAL_ERRORS):

@@ -1,8 +1,8 @@
 """Output-error regression for fixed poles: filter the inputs, then everything is linear (variable projection).
 
 One-step least squares shrinks the poles when outputs are noisy, and needs each output's predecessor. Fitting the free
-run itself does neither: for y[k] = B(q) / ((1 - p_1 q^-1) (1 - p_2 q^-1) ...) u[k] + c the inputs are filtered by the
-denominator, and the numerator is a linear regression on those rows that were measured, wherever they lie.
+run avoids both: for y[k] = B(q) / ((1 - p_1 q^-1) (1 - p_2 q^-1) ...) u[k] + c the inputs are filtered by the
+denominator, and the numerator is a linear regression on the measured rows, wherever they are.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Design:
     columns: FloatArray
     """(n, inputs * lags), input by input."""
     nuisance: FloatArray
-    """(n, 1 + poles) what is not penalised: the constant and the decay of the unknown state before the record."""
+    """(n, 1 + poles) the unpenalised columns: the constant and the decay of the unknown state before the record."""
 
     @classmethod
     def make(cls, scaled: FloatArray, poles: tuple[float, ...], lags: int, rows: BoolArray) -> "Design":
@@ -45,8 +45,8 @@ class Design:
 
     @cached_property
     def scale(self) -> FloatArray:
-        """(inputs * lags,) standard deviation of each column: what a ridge is relative to."""
-        # Column by column: all at once would need the memory of the columns again.
+        """(inputs * lags,) standard deviation of each column, to which a ridge is relative."""
+        # Column by column: all at once would need as much memory as the columns again.
         return np.array([max(float(column.std()), 1e-12) for column in self.columns.T])
 
     def of(self, coefficients: tuple[int, ...]) -> list[int]:
@@ -74,9 +74,9 @@ class Fit:
 def fit(design: Design, coefficients: tuple[int, ...], y: FloatArray, ridge: float, blocks: int) -> Fit:
     """Weighted least squares (Z22 eq. 5: weight 1 where measured) with a small ridge on unit-variance columns.
 
-    coefficients: of each offered input, 0: not in the model; y: (n,) scaled outputs; ridge: added to the normal
-    equations' diagonal per row; blocks: consecutive parts of equal length that are left out in turn: what a fit leaves
-    on its own rows says too little of what it will leave on other days. ValueError: fewer than two blocks, or rows.
+    coefficients: number for each offered input, 0: not in the model; y: (n,) scaled outputs; ridge: added to the normal
+    equations' diagonal per row; blocks: consecutive parts of equal length that are left out in turn, because the
+    residual on a fit's own rows says too little about other days. ValueError: fewer than two blocks, or too few rows.
     """
     if not 2 <= blocks <= len(y):
         raise ValueError(f"blocks = {blocks} for {len(y)} rows: expected at least 2, and a row for each")

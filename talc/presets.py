@@ -29,7 +29,7 @@ PRESETS: Final = {
 
 
 def completed(given: Mapping[str, object]) -> dict[str, object]:
-    """A `[talc]` table with all that its preset says; keys that are given stay. Without a known preset: the same."""
+    """A `[talc]` table with the values of its preset; keys that are given stay. Without a known preset: unchanged."""
     name = given.get("preset")
     if not isinstance(name, str) or name not in PRESETS:
         return dict(given)

@@ -34,7 +34,7 @@ class ProbingResult:
     rank: int
     standardised: FloatArray
     """(n, 3) residuals in units of their own standard deviation, sigma·sqrt(1 - leverage), so that a single wrong
-    coordinate stands out by as much wherever it is; NaN: not measured, 0: no other coordinate can tell."""
+    coordinate stands out equally wherever it is; NaN: not measured, 0: no other coordinate can check it."""
 
 
 def rotation_x(angle: float) -> FloatArray:
@@ -87,7 +87,7 @@ def design_matrix(poses_rad: FloatArray, radius_m: float, height_m: float) -> Fl
 
 @dataclass(frozen=True, slots=True)
 class PoseReport:
-    """What a set of poses can tell."""
+    """What a set of poses can determine."""
 
     rank: int
     """Of 9."""
@@ -164,7 +164,7 @@ def solve(
 
 
 def _scaled(matrix: FloatArray, radius_m: float) -> FloatArray:
-    """Angles as the arc they make at the sphere, so that all columns are in µm per µm."""
+    """Angles as the arc that they make at the sphere, so that all columns are in µm per µm."""
     scale = np.ones(9)
     scale[6:] = 1.0 / radius_m
     return matrix * scale

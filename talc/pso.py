@@ -1,7 +1,7 @@
 """The papers' selector: a particle swarm over the Group-LASSO's penalty and all orders (Z22 §3), in one kernel call.
 
 Every candidate is an ARX Group-LASSO solved to a relative duality gap of 1e-8 on a sub-block of one Gram matrix; its
-free run over the window is judged by a criterion. A looser solver is exploited by the swarm: it finds its errors.
+free run over the window is judged by a criterion. A looser solver would be exploited: the swarm finds its errors.
 """
 
 import math
@@ -31,7 +31,7 @@ _RIDGE: Final = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What the swarm found."""
+    """The result of the swarm."""
 
     structure: Structure
     criterion: float
@@ -52,10 +52,10 @@ def select(
     iterations: int = ITERATIONS,
     progress: Progress | None = None,
 ) -> Chosen:
-    """Penalty, inputs and orders of least criterion.
+    """Penalty, inputs and orders with the least criterion.
 
     regression: rows at the largest orders; seed: of the swarm; tolerance: T of the adapted BIC, µm or µm/m; safety:
-    its ST; most: inputs in a model, None: any number.
+    its ST; most: largest number of inputs in a model, None: any number.
     ValueError: fewer than two rows.
     """
     if len(regression.y) < 2:

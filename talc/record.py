@@ -12,9 +12,9 @@ _ERRORS = len(THERMAL_ERRORS)
 class Record:
     """Rows of consecutive grid steps.
 
-    A missing input is filled with its last good value; before its first one it is taken to have stood at that, as soon
-    as it comes: a sensor that is late is not lost for good. NaN: there was none yet. Numbers that no sensor and no
-    machine can show (talc.frame) are missing ones.
+    A missing input is filled with its last good value. Values before its first good one are filled with that one as
+    soon as it arrives: a sensor that starts late is not lost. NaN: there was none yet. Numbers that no sensor and no
+    machine can report (talc.frame) count as missing.
 
     Parameters
     ----------
@@ -70,16 +70,18 @@ class Record:
         self.last_k = frame.k
 
     def append_gap(self, until_k: int) -> None:
-        """Steps without anything, up to but without `until_k`."""
+        """Empty steps, up to but not including `until_k`."""
         nothing = np.full(self._n, np.nan), np.zeros(self._n, dtype=np.bool_)
         while self.last_k is not None and self.last_k + 1 < until_k:
             self.append(Frame(self.last_k + 1, *nothing))
 
     def restore(self, inputs: FloatArray, valid: BoolArray, measured: FloatArray, last_k: int | None) -> None:
-        """Hold these rows instead. ValueError: shapes that do not fit together."""
+        """Replace the rows by these. ValueError: shapes that do not fit together."""
         rows = len(inputs)
         if inputs.shape != (rows, self._n) or valid.shape != inputs.shape or measured.shape != (rows, _ERRORS):
-            raise ValueError(f"inputs {inputs.shape}, valid {valid.shape}, measured {measured.shape}: not one record")
+            raise ValueError(
+                f"inputs {inputs.shape}, valid {valid.shape}, measured {measured.shape}: shapes of one record differ"
+            )
         self._rows, self.last_k = rows, last_k
         spare = max(_FIRST_CAPACITY - rows, rows)
         self._inputs = np.concatenate([inputs, np.empty((spare, self._n))])
@@ -87,7 +89,7 @@ class Record:
         self._measured = np.concatenate([measured, np.empty((spare, _ERRORS))])
 
     def clear(self) -> None:
-        """Forget all rows."""
+        """Delete all rows."""
         self._rows, self.last_k = 0, None
 
     def _make_room(self) -> None:

@@ -18,20 +18,20 @@ from talc.settings import TrainingSettings
 from talc.window import Coefficients, Structure, Window
 
 _FIRST_ITERATIONS = 10
-"""Of the swarm that finds a first model."""
+"""Settings of the swarm that finds a first model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """One model in scaled units, and what it leaves."""
+    """One model in scaled units, and its residual."""
 
     inputs: tuple[int, ...]
     """Positions among the offered inputs."""
     parameters: Coefficients
     residual: FloatArray
-    """Of the free run, over the measured rows it reaches."""
+    """Of the free run, over the measured rows that it reaches."""
     unseen: FloatArray
-    """The same on rows that the fit had not seen, the last ones; else as `residual`."""
+    """The same on rows that the fit has not seen, the last ones; otherwise like `residual`."""
     criterion: float
     leverage: FloatArray
     """Empty: unknown, as for ARX models; see talc.models."""
@@ -40,7 +40,7 @@ class Fitted:
 
 
 class Shared:
-    """What errors that were measured at the same steps share: the regressions of every choice of poles.
+    """The common part of errors that were measured at the same steps: the regressions of every choice of poles.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def by_arx(
     elif fixed is not None:
         kept = replace(window, u=window.u[:, fixed])
         chosen = swarm(Regression(kept, settings.max_na, settings.max_nb))
-        # An input that the penalty leaves out stays, with its present value alone.
+        # An input that the penalty leaves out stays, with its present value only.
         orders = dict(zip(chosen.structure.inputs, chosen.structure.nb, strict=True))
         structure = Structure(chosen.structure.na, fixed, tuple(orders.get(i, 0) for i in range(len(fixed))))
         criterion = chosen.criterion
@@ -151,7 +151,7 @@ def by_arx(
 
 
 def _with_past(window: Window, settings: TrainingSettings, swarm: Callable[..., pso.Chosen]) -> Window:
-    """The same with unmeasured outputs as a first model estimates them, so that every measured row counts.
+    """The rows with unmeasured outputs as a first model estimates them, so that every measured row counts.
 
     Z22 eq. 2 and 5: an unmeasured past output is the model's own prediction; the weights stand on the measured rows.
     The first model is a short swarm's on the rows whose earlier outputs were measured.

@@ -1,14 +1,14 @@
 """Chooses poles, inputs and orders by how well they predict rows that the fit has not seen. Deterministic.
 
-Each row of the record belongs to a block of consecutive rows. A candidate is fitted without one block after the other,
-and judged on that one: n ln(SSE / n) + ln(n) (poles + coefficients), a BIC on unseen residuals. The first block is
-always seen, because the decay of the unknown first state shows only there. All of it rests on each block's Gram
-matrix, so its cost does not grow with the record.
+Each row of the record belongs to a block of consecutive rows. A candidate is fitted with one block left out at a time,
+and judged on that block: n ln(SSE / n) + ln(n) (poles + coefficients), a BIC on unseen residuals. The first block is
+always seen, because the decay of the unknown first state shows only there. Everything is computed from each block's
+Gram matrix, so the cost does not grow with the record.
 
-Single steps (an input less, more, exchanged, an order up or down) go on while the cost falls. They start from the best
-set on the Group-LASSO path: the path alone adds inputs in clumps, and its bias favours strong wrong inputs over weak
-right ones; single steps alone begin from nothing. Each choice of poles is searched by itself, because the way from
-one's best set to another's may lead uphill.
+Single steps (an input less, more, exchanged, an order up or down) continue while the cost falls. They start from the
+best set on the Group-LASSO path: the path alone adds inputs in clumps, and its bias favours strong wrong inputs over
+weak right ones; single steps alone would start from nothing. Each choice of poles is searched separately, because the
+way from one's best set to another's may lead uphill.
 """
 
 import math
@@ -26,21 +26,21 @@ from talc.group_lasso import GroupLasso
 from talc.output_error import Design
 
 BLOCKS = 6
-"""Of 4 h on the first day. Fewer say less, more let a fit see what lies around each block."""
+"""Of 4 h on the first day. Fewer blocks say less; more let a fit see the neighbourhood of each block."""
 RIDGE = 1e-4
-"""Relative to unit-variance columns; tames near-equal temperatures without moving a good fit."""
+"""Relative to unit-variance columns; tames near-equal temperatures without affecting a good fit."""
 _PENALTIES = np.geomspace(0.6, 2e-3, 10)
 """Points of the path, relative to the smallest penalty that leaves no input."""
 _GAP = 1e-6
 _ROUNDING = 1e-10
-"""Share of a column that is left when all of it is projected out."""
+"""Share of a column that remains when all of it is projected out."""
 _FLOOR = 1e-12
 """Least mean square residual, in scaled units: an exact fit is not infinitely good."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What a search found."""
+    """The result of a search."""
 
     poles: tuple[float, ...]
     coefficients: tuple[int, ...]
@@ -54,10 +54,10 @@ class Candidates:
     Parameters
     ----------
     pole_sets: to choose from
-    make: the design of one of them, all with the same rows, lags and inputs. Made one after the other and not kept:
-        over weeks of data their rows are what costs memory
-    outputs: (n, m) what shall be explained, in scaled units
-    inputs: how many are offered
+    make: the design of one of them, all with the same rows, lags and inputs. They are made one after the other and not
+        kept: over weeks of data their rows are what needs memory
+    outputs: (n, m) the outputs to be explained, in scaled units
+    inputs: number of offered inputs
     """
 
     def __init__(
@@ -97,8 +97,8 @@ class Candidates:
         """The best model of one output, by its column.
 
         most: largest number of inputs; fixed: these inputs, only poles and orders are chosen; progress: reports the
-        share done and may stop the search, which then answers with the best so far; judged_by: residuals of blocks
-        left out, or of all rows as in the plain BIC.
+        share done and may stop the search, which then returns the best so far; judged_by: residuals of blocks left out,
+        or of all rows as in the plain BIC.
         """
         moment, energy = np.ascontiguousarray(self._moment[output]), np.ascontiguousarray(self._energy[output])
         rows = self._unseen_rows if judged_by == "unseen" else self._rows
@@ -171,7 +171,7 @@ def _path(lasso: GroupLasso, moment: FloatArray, energy: float, most: int) -> li
     found: list[tuple[int, ...]] = [()]
     for solution in lasso.path(moment, energy, _PENALTIES * lasso.largest(moment), _GAP):
         if len(solution.active) > most:
-            # The strongest ones still are a proposal; further down the path there are only more.
+            # The strongest ones are still a proposal; further down the path there are only more.
             strength = [np.linalg.norm(part) for part in solution.coefficients]
             found.append(tuple(sorted(int(i) for i in np.argsort(strength, kind="stable")[::-1][:most])))
             break

@@ -8,7 +8,7 @@ Hypotheses about the last window, each against "nothing happened":
   probability 1 / c at most.
 
 A residual that other loads than the learnt ones may explain is doubted: its variance grows with the leverage of the
-other inputs, those judged left out.
+other inputs, without those being judged.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,28 +34,28 @@ from talc.settings import SensorCheckSettings
 
 _LEAST_OF_WINDOW: Final = 0.5
 _CORRELATED_STEPS: Final = 12
-"""Successive half-hourly changes overlap and err alike: so many count as one."""
+"""Successive half-hourly changes overlap and err alike: this many count as one."""
 _EQUAL: Final = 2.0
-"""Explanations whose log-likelihoods differ by less cannot be told apart."""
+"""Explanations with log-likelihoods closer than this cannot be distinguished."""
 _MOST_FINDINGS: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that explains the window better than nothing does."""
+    """One explanation that fits the window better than no fault does."""
 
     kind: Literal["offset", "swap"]
     inputs: tuple[str, ...]
-    """The input that is off, or the two that are exchanged."""
+    """The input with the offset, or the two that are exchanged."""
     offset_K: float  # noqa: N815
-    """Of an offset: its estimate. NaN for a swap."""
+    """Estimate of an offset. NaN for a swap."""
     score: float
     """How far the evidence goes beyond the threshold: 1 is just enough."""
     alternatives: tuple[str, ...] = ()
-    """Of an offset: other inputs whose offset would explain it as well."""
+    """For an offset: other inputs that would explain it equally well."""
 
     def text(self) -> str:
-        """For a person."""
+        """The finding in words, for a person."""
         if self.kind == "swap":
             return f"{self.inputs[0]} and {self.inputs[1]} look exchanged: check the wiring"
         names = " or ".join((*self.inputs, *self.alternatives))
@@ -64,24 +64,24 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What one window says."""
+    """The judgement of one window."""
 
     findings: tuple[Finding, ...] = ()
     """The strongest first."""
     smallest_offset_K: Mapping[str, float] = field(default_factory=dict)  # noqa: N815
     """Input to the offset that this window would have shown. Inputs that could not be judged are missing."""
     alike: tuple[tuple[str, str], ...] = ()
-    """Pairs whose exchange this window would not have shown: sensors side by side, or a machine at rest."""
+    """Pairs that could be exchanged unnoticed in this window: sensors side by side, or a machine at rest."""
 
 
 def judge(
     model: SensorModel, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
 ) -> Judgement:
-    """What explains the last window better than nothing; each finding is taken out before the next is looked for.
+    """Explanations of the last window that fit better than no fault; each is removed before the next is searched.
 
-    inputs: (T, m) consecutive grid steps, degC, the window last; valid: (T, m). Inputs that the model does not know,
-    or with less than half a window of good rows, are left out. Nothing is said of less than half a window, nor of one
-    that is quieter than all that were learnt: how a machine settles at rest was not taught.
+    inputs: (T, m) consecutive grid steps, degC, the window last; valid: (T, m). Inputs that the model does not know, or
+    with less than half a window of good rows, are left out. Less than half a window is not judged, nor a window quieter
+    than all that were learnt: how a machine settles at rest was not learnt.
     """
     inputs, valid = masked(names, inputs, valid)
     n = settings.window_steps
@@ -126,15 +126,15 @@ class _Window:
         return dict(zip(self._model.names, (self._largest_score * self._std).tolist(), strict=True))
 
     def alike(self) -> tuple[tuple[str, str], ...]:
-        """Had two inputs been exchanged, their ratio would have been this one's inverse."""
+        """If two inputs had been exchanged, their ratio would have been the inverse of this."""
         names = self._model.names
         pairs = zip(*np.nonzero(np.isfinite(self._ratio) & (-self._ratio <= self._largest_ratio)), strict=True)
         return tuple((names[i], names[j]) for i, j in pairs)
 
     def best(self) -> Finding | None:
-        """The strongest explanation that passes its threshold. An exchange goes first: it has no parameter.
+        """The strongest explanation that exceeds its threshold. An exchange goes first, because it has no parameter.
 
-        It must leave nothing to explain, or a large offset would look like an exchange with a warmer neighbour.
+        It must leave nothing to explain; otherwise a large offset would look like an exchange with a warmer neighbour.
         """
         names = self._model.names
         ratio = np.where(self._healed, self._ratio, -np.inf)
@@ -152,7 +152,7 @@ class _Window:
         return Finding("offset", (names[first],), float(self._residual[first]), beyond, equal)
 
     def after(self, finding: Finding) -> "_Window":
-        """The window with the finding undone: exchanged back, or without the input that is off."""
+        """The window with the finding undone: exchanged back, or without the input that has the offset."""
         places = [self._model.names.index(name) for name in finding.inputs]
         if finding.kind == "swap":
             back = self._x.copy()
@@ -183,5 +183,5 @@ def _exchange(
 def _distance(pairs: FloatArray, mine: FloatArray, other: FloatArray) -> FloatArray:
     """Squared Mahalanobis distance of pairs of residuals."""
     a, b, c = pairs
-    with np.errstate(divide="ignore", invalid="ignore"):  # the diagonal is no pair
+    with np.errstate(divide="ignore", invalid="ignore"):  # the diagonal is not a pair
         return np.asarray((b * mine**2 - 2.0 * c * mine * other + a * other**2) / (a * b - c**2))

@@ -20,10 +20,10 @@ _NOISE_K2: Final = 0.003
 """Variance of a sensor's noise (0.05 K) and of steps of 0.1 K."""
 _LEAST_BLOCKS: Final = 3
 _LEAST_VALID: Final = 0.8
-"""Share of good rows below which an input is not learnt."""
+"""Inputs with a smaller share of good rows are not learnt."""
 _LEAST_OF_BLOCK: Final = 0.5
 _BLOCK_WORTH: Final = 0.3
-"""Blocks of one day err alike: so many independent ones each (for the leverage)."""
+"""Blocks of one day err alike: this many count as independent (for the leverage)."""
 _OTHER_DAYS: Final = 1.3
 """Days not learnt differ by more than blocks of the learnt ones do: factor on the offset's threshold."""
 _YEAR_STEPS: Final = 365.25 * 288
@@ -45,19 +45,19 @@ class View:
     """(3, m, m) of residuals without i and j: variance of i's, of j's, and their covariance; K²."""
 
     def part(self, keep: Sequence[int]) -> "View":
-        """The same of some inputs."""
+        """The same for some of the inputs."""
         pairs = self.pairs[:, keep][:, :, keep]
         return View(self.mean[keep], self.covariance[np.ix_(keep, keep)], pairs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorModel:
-    """What was learnt of m inputs."""
+    """What was learnt about m inputs."""
 
     names: tuple[str, ...]
     blocks: int
     offset_std: FloatArray
-    """(m,) standard deviation of a window's mean residual, K, where the other inputs are as learnt."""
+    """(m,) standard deviation of a window's mean residual, K, while the other inputs are as learnt."""
     offset_threshold: float
     """In standard deviations; for all inputs together the stated number of false alarms a year."""
     swap_threshold: float
@@ -74,11 +74,11 @@ class SensorModel:
 
     @property
     def worth(self) -> float:
-        """Independent windows that were learnt from: what a leverage is divided by."""
+        """Number of independent windows that were learnt from, by which a leverage is divided."""
         return _BLOCK_WORTH * self.blocks
 
     def part(self, names: Sequence[str]) -> "SensorModel":
-        """The same of some inputs."""
+        """The same for some of the inputs."""
         keep = [self.names.index(name) for name in names]
         return replace(
             self,
@@ -124,7 +124,7 @@ def learn(
 
 
 def _student_quantile(tail: float, freedom: float) -> float:
-    from scipy.special import stdtrit  # the gateway only judges: SciPy stays in the process that learns
+    from scipy.special import stdtrit  # the gateway itself only judges, and needs no SciPy
 
     return float(-stdtrit(freedom, tail))
 
@@ -200,7 +200,7 @@ def leave_two_out(precision: FloatArray, x: FloatArray) -> tuple[FloatArray, Flo
 
 
 def masked(names: Sequence[str], inputs: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Values that are not valid as 0, and what is valid and can be. ValueError: shapes that do not fit together."""
+    """Values with invalid ones set to 0, and a mask of the valid and possible ones. ValueError: shapes do not fit."""
     if inputs.ndim != 2 or inputs.shape[1] != len(names) or valid.shape != inputs.shape:
         raise ValueError(f"inputs {inputs.shape}, valid {valid.shape}: expected (T, {len(names)}), both")
     good: BoolArray = valid & (np.abs(inputs) <= LARGEST_INPUT)  # NaN compares false

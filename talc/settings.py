@@ -18,19 +18,19 @@ class TrainingSettings:
     """How models are found from a record (Z22 §2, eq. 1-9)."""
 
     selector: Literal["search", "pso", "tck"] = "search"
-    """`search`: output-error models by a deterministic search. The papers' ways give ARX models: `pso`, a particle
-    swarm over the Group-LASSO (Z22), and `tck`, sensor after sensor by the Time Series Cluster Kernel."""
+    """`search`: output-error models by a deterministic search. The papers' methods give ARX models: `pso`, a particle
+    swarm over the Group-LASSO (Z22), and `tck`, sensor by sensor with the Time Series Cluster Kernel."""
     judged_by: Literal["unseen", "seen"] = "unseen"
     """What `search` minimises: a BIC of the residuals on blocks of rows left out of the fit, or on all rows."""
     criterion: Literal["adapted_bic", "bic", "aic", "mdl"] = "adapted_bic"
     """What `pso` minimises, of the free run's residuals (Z22 eq. 9)."""
     estimator: Literal["least_squares", "guarded", "refined"] = "guarded"
-    """How `pso` and `tck` fit what they chose: one-step least squares (Z22 eq. 5); the same under constraints on poles
-    and gains; or the free run itself, from there."""
+    """How `pso` and `tck` fit their choice: one-step least squares (Z22 eq. 5); the same under constraints on poles and
+    gains; or the free run itself, starting from there."""
     seed: int = 0
-    """Of the swarm and of the kernel's ensemble. `search` draws nothing."""
+    """Seed of the swarm and of the kernel's ensemble. `search` uses no random numbers."""
     max_na: int = 1
-    """Largest autoregressive order: 0 only static and FIR models; `search` up to 3 poles, the others up to 5 (Z22)."""
+    """Largest autoregressive order; 0: static and FIR models only. `search` up to 3 poles, the others up to 5 (Z22)."""
     max_nb: int = 5
     """Largest input order, found for each input by itself; order + 1 coefficients (Z22: up to 5)."""
     max_inputs: int = 8
@@ -67,16 +67,17 @@ class TrainingSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlSettings:
-    """When to measure, when to learn (Z22 §2-3, Table 2; B19 §2-3). Counts are grid steps."""
+    """When to measure and when to learn (Z22 §2-3, Table 2; B19 §2-3). Counts are grid steps."""
 
     calibration_steps: int = 288
     """Length of the calibration phase (24 h at 5 min)."""
     calibration_interval_steps: int = 1
-    """Steps between its measurements (Z22: each step). A longer calibration that is measured less often sees more of
+    """Steps between its measurements (Z22: every step). A longer calibration that is measured less often sees more of
     what the machine does with fewer probing cycles (docs/studies.md, `parameters`)."""
     policy: Literal["fixed", "novelty", "uncertainty"] = "fixed"
-    """When to measure in compensation: at a fixed interval; when the inputs leave what training has seen; or when the
-    95 % interval of a prediction fills its share of the action control limit. The last two within the bounds below."""
+    """When to measure in compensation: at a fixed interval; when the inputs leave the range of the training data; or
+    when the 95 % interval of a prediction fills its share of the action control limit. The last two within the bounds
+    below."""
     measurement_interval_steps: int = 24
     """Steps between measurements of the fixed policy (B19: 2 h best)."""
     shortest_interval_steps: int = 6
@@ -90,7 +91,7 @@ class ControlSettings:
     no_good_interval_steps: int = 1
     """Steps between them (B19: 10 min)."""
     acl: Literal["adaptive", "training", "fixed"] = "adaptive"
-    """Action control limits, renewed with each model: its largest residual on rows that its fit had not seen, its
+    """Action control limits, renewed with each model: its largest residual on rows that its fit has not seen, its
     largest on all rows of its training (Z22), or the fixed values below (B19)."""
     acl_fixed_um: float = 5.0
     """Fixed limit for position errors, µm (B19)."""
@@ -124,14 +125,14 @@ class ControlSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorCheckSettings:
-    """Whether temperatures agree with each other as they did when they were learnt."""
+    """Whether temperatures still agree with each other as they did when they were learnt."""
 
     enabled: bool = True
     """Look for offsets and exchanged sensors."""
     window_steps: int = 96
-    """Judge so many grid steps together (8 h)."""
+    """Number of grid steps that are judged together (8 h)."""
     learn_steps: int = 8640
-    """Learn from the last so many grid steps at most (30 days)."""
+    """Largest number of grid steps to learn from (30 days)."""
     false_alarms_per_year: float = 1.0
     """False alarms of each kind that the thresholds allow for, all inputs together, while loads are as learnt."""
 
@@ -144,7 +145,7 @@ class SensorCheckSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnerSettings:
-    """The learner's choices. The two limits are all that an operator sets. Counts are grid steps."""
+    """The learner's choices. An operator needs to set only the two limits. Counts are grid steps."""
 
     limit_um: float = 5.0
     """A measurement is wanted when the 95 % interval of a position error is wider than this to either side, µm."""
@@ -159,9 +160,9 @@ class LearnerSettings:
     measurement_interval_steps: int = 24
     """Steps between measurements of the fixed policy."""
     no_good_measurements: int = 0
-    """Measurements at each step after a residual above its limit; 0: the learner needs none."""
+    """Measurements at every step after a residual above its limit; 0: the learner needs none."""
     noise_um: float = 1.0
-    """Standard uncertainty of a measured position error that comes without one, µm."""
+    """Standard uncertainty of a measured position error that is reported without one, µm."""
     noise_um_per_m: float = 3.0
     """The same of an orientation error, µm/m."""
 
@@ -184,14 +185,14 @@ class TalcSettings:
     """The `[talc]` section of a gateway's configuration."""
 
     preset: Literal["zimmermann-2022", "blaser-2019"] | None = None
-    """In a configuration: the papers' systems whole, as far as no other key says otherwise (docs/presets.md). In a
-    program: `talc.presets.preset`; this field alone changes nothing."""
+    """In a configuration: a paper's complete system, unless another key says otherwise (docs/presets.md). In a program:
+    `talc.presets.preset`; this field alone changes nothing."""
     method: Literal["learner", "models"] = "learner"
     """`learner`: weights of lagged inputs, learnt at every measurement. `models`: the papers' system of phases and
     trained models, by `training.selector`; `control` and `training` belong to it alone."""
     prior: str | None = None
-    """In a configuration: a file of `talc-gateway prior make` with what other machines of the kind have learnt; the
-    learner begins with it (docs/control.md). A relative path starts at the configuration's folder. In a program: an
+    """In a configuration: a file of `talc-gateway prior make` with what other machines of the same kind have learnt;
+    the learner starts with it (docs/control.md). A relative path starts at the configuration's folder. In a program: an
     argument of `talc.control.Controller`; this field alone changes nothing."""
     learner: LearnerSettings = field(default_factory=LearnerSettings)
     control: ControlSettings = field(default_factory=ControlSettings)
@@ -216,5 +217,5 @@ class TalcSettings:
             self.control.policy == "fixed" or self.training.selector == "search",
             "policy",
             self.control.policy,
-            f"'fixed' with selector {self.training.selector!r}, whose models do not tell how unsure they are",
+            f"'fixed' with selector {self.training.selector!r}, whose models do not report their uncertainty",
         )

@@ -2,7 +2,7 @@
 
 Similarity is the Time Series Cluster Kernel (Mikalsen, Bianchi, Soguero-Ruiz, Jenssen, Pattern Recognition 76 (2018)
 569-581): an ensemble of diagonal Gaussian mixtures with informative priors, fitted by MAP-EM to random segments and
-random subsets of the series; two series are similar when the mixtures assign them alike. Missing values do not count.
+random subsets of the series; two series are similar if the mixtures assign them alike. Missing values do not count.
 """
 
 from dataclasses import dataclass
@@ -127,15 +127,15 @@ def _posterior(x: FloatArray, r: FloatArray, share: FloatArray, mean: FloatArray
 
 
 def offered(u: FloatArray) -> FloatArray:
-    """(2 n, T) of inputs (T, n): as they are, and mirrored, since anticorrelated ones count as dissimilar."""
+    """(2 n, T) of inputs (T, n): as they are and mirrored, because anticorrelated ones count as dissimilar."""
     return np.vstack([u.T, -u.T])
 
 
 def select(regression: Regression, sensors: Ensemble, *, most: int = MOST_INPUTS) -> Structure:
     """Inputs one by one, at the regression's largest orders, while the BIC of the free run falls.
 
-    The first input is the most similar one to the output itself, each further one to what the model's free run leaves:
-    one-step residuals of a model with memory are nearly white, and like nothing.
+    The first input is the one most similar to the output itself, each further one the most similar to the residual of
+    the model's free run: one-step residuals of a model with memory are nearly white and similar to nothing.
     sensors: fitted to the offered inputs of the regression's window, `offered`; most: largest number of inputs.
     Clusters are those of average linkage on 1 - |correlation|.
     """
@@ -147,7 +147,7 @@ def select(regression: Regression, sensors: Ensemble, *, most: int = MOST_INPUTS
     left = regression.y - regression.y.mean()
     cost = bic(left, 1)
     while open_inputs and len(chosen) < most:
-        # What is still to be explained, where it is known.
+        # What remains to be explained, where it is known.
         target = np.full(len(window.y), np.nan)
         target[regression.steps] = left
         target = (target - np.nanmean(target)) / max(float(np.nanstd(target)), 1e-12)

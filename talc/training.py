@@ -1,4 +1,4 @@
-"""Training: a job in, the models of the nine thermal errors out. Deterministic for one job on one machine."""
+"""Training: a job in, the models of the nine thermal errors out. Deterministic for a given job and machine."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from talc.window import Window
 _POLES = (0.7, 0.88, 0.95, 0.98)
 """Time constants at 5 min: 14 min, 39 min, 97 min, 4 h."""
 _LEAST_VALID = 0.8
-"""Share of good rows below which an input is not offered."""
+"""Inputs with a smaller share of good rows are not offered."""
 _LEAST_ROWS = 24
 _LEAST_SPREAD = 1e-6
 _LEAST_OUTPUT_SPREAD = 1e-3
@@ -47,7 +47,7 @@ def train(
     gets no model, nor does one whose model would be unstable.
 
     progress: called with the share done, 0 to 1, after each model; cancelled: called before each error, True ends the
-    training; within: progress of the error under way, its `cancel` ends the training from another thread.
+    training; within: progress of the present error; its `cancel` ends the training from another thread.
     Raises Cancelled.
     """
     run = _Run(job, within)
@@ -77,7 +77,7 @@ class _Run:
     Parameters
     ----------
     job: what to train on
-    within: progress of the error under way; its `cancel` ends the training
+    within: progress of the present error; its `cancel` ends the training
     """
 
     def __init__(self, job: TrainingJob, within: Progress | None) -> None:
@@ -85,7 +85,7 @@ class _Run:
         self._offer, self.notes = _offered(job)
         self._records = {error: _record(job, e) for e, error in enumerate(THERMAL_ERRORS)}
         self._shared: dict[bytes, Shared] = {}
-        # All errors ask the same sensors, and only when inputs are to be chosen.
+        # All errors use the same sensors, and only when inputs are to be chosen.
         self._sensors = cache(lambda: tck.Ensemble(tck.offered(self._offer.scaled), seed=job.settings.seed))
 
     def model(self, error: str) -> ErrorModel:
@@ -178,7 +178,7 @@ def _pole_sets(settings: TrainingSettings) -> list[tuple[float, ...]]:
 
 def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
     columns, notes = [], []
-    # Where the inputs of all errors are kept only they cost anything.
+    # If the inputs of all errors are kept, only those cost anything.
     every = job.input_names
     kept = {name for names in job.static_inputs or () for name in (every if names is None else names)} or set(every)
     for i, name in enumerate(job.input_names):

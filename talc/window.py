@@ -16,7 +16,7 @@ class Window:
     y: FloatArray
     """(T,) measured output; NaN where nothing was measured (weight 0 in Z22 eq. 5)."""
     past: FloatArray
-    """(T,) output as one-step regressors see it: measured, else the model's own estimate then; NaN: neither."""
+    """(T,) output as one-step regressors see it: measured, or the model's own estimate at that time; NaN: neither."""
     y_std: float
     """µm or µm/m per scaled unit."""
 

@@ -77,7 +77,7 @@ def test_a_measurement_that_cannot_be_is_told_and_not_used(wild: float) -> None:
     decision = controller.step(Frame(0, np.ones(1), np.ones(1, dtype=np.bool_), Measurement(errors, np.ones(9))))
     (event,) = [e for e in decision.events if e.kind is EventKind.MEASUREMENT_REJECTED]
     assert (event.error, event.limit) == ("EX0C", LARGEST_ERROR)
-    assert event.text.endswith("µm cannot be, it is not used")
+    assert event.text.endswith("µm is impossible and is not used")
     held = controller.state().held
     assert np.isnan(held[2])
     assert np.isfinite(np.delete(held, 2)).all()

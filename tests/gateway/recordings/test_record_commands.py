@@ -140,7 +140,7 @@ async def test_commands_record_play_and_probe_alike(tmp_path: Path) -> None:
     after = await talc_gateway("probe", str(config))
     enough.set()
     played = await playing
-    assert "gone1 (me_rs485): never opened" in played.out
+    assert "gone1 (me_rs485): did not open" in played.out
     assert _without_times(after.out, tmp_path) == _without_times(before.out, tmp_path)
     assert after.code == before.code == 3
     assert not list(config.parent.glob("*1"))  # the links go with the devices

@@ -170,7 +170,7 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
             "20 lines fill 1 steps of 300 s; expected 12 or more; are the times in seconds?",
         ),
         (lambda g: g[:6], "5 lines fill 5 steps of 300 s; expected 12 or more"),
-        (lambda g: g[:1], "holds a heading and nothing else"),
+        (lambda g: g[:1], "contains nothing but a heading"),
         (lambda g: g[:0], "is empty; expected a heading"),
     ],
 )
@@ -235,7 +235,7 @@ def test_timestamps_of_parquet_need_neither_pandas_nor_their_zone(tmp_path: Path
         assert recording.k.tolist() == [begin // 300 + i for i in range(20)]
         assert recording.start_utc_s == pytest.approx(begin, abs=0.01)
     pyarrow.parquet.write_table(pyarrow.table(columns | {"stamp": times}), path)
-    with pytest.raises(RecordingError, match=r"column 'stamp': holds .*, no numbers; --ignore 'stamp' leaves it out"):
+    with pytest.raises(RecordingError, match=r"column 'stamp': holds .*, not numbers; --ignore 'stamp' leaves it out"):
         read_recording(path, Columns(), 300.0)
 
 
