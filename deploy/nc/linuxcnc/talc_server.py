@@ -13,7 +13,9 @@ from typing import Any
 
 TICK_S, LOGIN_S, QUIET_S = 0.02, 2.0, 3.0
 LONGEST_LINE = 4096
-MOST_STRANGERS = 4
+MOST_STRANGERS = 16
+"""Who has not logged in yet; one more takes the place of the one that has waited longest. Who holds the key proves it
+within milliseconds, so that those who only wait keep nobody out."""
 
 Verb = Callable[[dict[str, Any]], Any]
 
@@ -46,20 +48,25 @@ class Server:
         for key, _ in self._selector.select(TICK_S):
             if key.data is None:
                 self._welcome()
-            else:
+            elif key.data in self._clients:  # not dropped in this turn
                 self._listen(key.data)
         for client in [c for c in self._clients if c.session is None and time.monotonic() - c.heard_s > LOGIN_S]:
             self._drop(client)
 
     def _welcome(self) -> None:
-        try:
-            line, _ = self._listener.accept()
-        except OSError:
-            return
+        """Everybody who waits at the port, so that no queue forms there; at most as many as there are places."""
+        for _ in range(MOST_STRANGERS):
+            try:
+                line, _ = self._listener.accept()
+            except OSError:
+                return
+            strangers = [c for c in self._clients if c.session is None]
+            if len(strangers) >= MOST_STRANGERS:
+                self._drop(strangers[0])
+            self._admit(line)
+
+    def _admit(self, line: socket.socket) -> None:
         line.setblocking(False)
-        if sum(c.session is None for c in self._clients) >= MOST_STRANGERS:
-            line.close()
-            return
         client = Client(line)
         self._clients.append(client)
         self._selector.register(line, selectors.EVENT_READ, client)

@@ -1,0 +1,124 @@
+"""Who does not hold the agent's key cannot keep out who does. The agent's server itself, without LinuxCNC."""
+
+import importlib.util
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.base import Refused
+from drivers.linuxcnc import LinuxCncSettings
+from drivers.linuxcnc.line import LinuxCncLine
+from simulators.linuxcnc.machine import FILES
+
+KEY = b"0123456789abcdef0123456789abcdef"
+
+
+class Serving:
+    """The server in a thread, and how to reach it."""
+
+    def __init__(self, folder: Path) -> None:
+        spec = importlib.util.spec_from_file_location("talc_server", FILES / "talc_server.py")
+        assert spec is not None
+        assert spec.loader is not None
+        self.module: Any = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(self.module)
+        self._listener = socket.create_server(("127.0.0.1", 0), backlog=128)
+        self.address = self._listener.getsockname()
+        self._server = self.module.Server(self._listener, KEY, {"say": lambda command: command["what"]})
+        (folder / "talc.key").write_bytes(KEY)
+        self._settings = LinuxCncSettings(key_file=folder / "talc.key", port=self.address[1], timeout_s=5.0)
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._ending.is_set():
+            self._server.turn()
+
+    def gateway(self) -> LinuxCncLine:
+        return LinuxCncLine(self._settings)
+
+    def stop(self) -> None:
+        self._ending.set()
+        self._thread.join()
+        self._listener.close()
+
+
+@pytest.fixture
+def agent(tmp_path: Path) -> Iterator[Serving]:
+    serving = Serving(tmp_path)
+    try:
+        yield serving
+    finally:
+        serving.stop()
+
+
+@contextmanager
+def strangers(agent: Serving, count: int) -> Iterator[list[socket.socket]]:
+    """Connections that are greeted and say nothing."""
+    with ExitStack() as stack:
+        lines = [stack.enter_context(socket.create_connection(agent.address, timeout=5.0)) for _ in range(count)]
+        yield lines
+
+
+@pytest.mark.parametrize("count", [4, 16, 60])
+async def test_strangers_who_wait_keep_no_gateway_out(count: int, agent: Serving) -> None:
+    with strangers(agent, count):
+        gateway = agent.gateway()
+        await gateway.connect()
+        assert await gateway.ask("say", what="here") == "here"
+        await gateway.close()
+
+
+async def test_strangers_who_come_again_and_again_keep_no_gateway_out(agent: Serving) -> None:
+    ending = threading.Event()
+
+    def knock() -> None:
+        while not ending.is_set():
+            with suppress(OSError), socket.create_connection(agent.address, timeout=5.0) as line:
+                line.sendall(b"slowly")
+                ending.wait(0.02)
+
+    knocking = [threading.Thread(target=knock) for _ in range(8)]
+    for thread in knocking:
+        thread.start()
+    try:
+        for _ in range(10):
+            gateway = agent.gateway()
+            await gateway.connect()
+            assert await gateway.ask("say", what="here") == "here"
+            await gateway.close()
+    finally:
+        ending.set()
+        for thread in knocking:
+            thread.join()
+
+
+async def test_strangers_do_not_disturb_who_has_logged_in(agent: Serving) -> None:
+    gateway = agent.gateway()
+    await gateway.connect()
+    with strangers(agent, 40):
+        assert await gateway.ask("say", what="still here") == "still here"
+        with pytest.raises(Refused, match="another client is connected"):
+            await agent.gateway().connect()
+        assert await gateway.ask("say", what="still here") == "still here"
+    await gateway.close()
+
+
+def test_a_stranger_who_says_nothing_or_says_it_slowly_is_sent_away(agent: Serving) -> None:
+    with strangers(agent, 2) as (silent, slow):
+        began = time.monotonic()
+        for line in (silent, slow):
+            assert line.recv(4096).startswith(b'{"challenge"')
+        with suppress(OSError):
+            while time.monotonic() - began < 10.0:
+                slow.sendall(b"x")
+                time.sleep(0.1)  # the pace of who is slow
+        assert time.monotonic() - began < 6.0
+        assert silent.recv(4096) == b""
