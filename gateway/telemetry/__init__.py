@@ -1,7 +1,7 @@
 """Telemetry: the messages that are published over Zenoh, and their keys."""
 
 from gateway.telemetry import keys
-from gateway.telemetry.compose import Composer
+from gateway.telemetry.compose import Composer, Dropped
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import (
     TYPES,
@@ -31,6 +31,7 @@ __all__ = [
     "CompensationMessage",
     "Composer",
     "DecisionMessage",
+    "Dropped",
     "EventMessage",
     "FrameMessage",
     "MeasurementMessage",

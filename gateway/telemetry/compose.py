@@ -56,6 +56,14 @@ Keyed = tuple[str, Published]
 """A key below the root, and the message published under it."""
 
 
+class Dropped(NamedTuple):
+    """Messages that were not published, as the network was too slow."""
+
+    readings: int
+    """Also compensation steps and states."""
+    others: int
+
+
 class _Stamp(NamedTuple):
     """The fields of every message."""
 
@@ -114,7 +122,7 @@ class Composer:
     def status(
         self,
         decision: Decision | None,
-        readings_dropped: int,
+        dropped: Dropped,
         periods_missed: Mapping[str, int],
         config: str | None,
         outlook: Outlook | None,
@@ -128,7 +136,8 @@ class Composer:
             *self._stamp(),
             phase=None if decision is None else decision.phase.value,
             k=None if decision is None else decision.k,
-            readings_dropped=readings_dropped,
+            readings_dropped=dropped.readings,
+            messages_dropped=dropped.others,
             periods_missed=dict(periods_missed),
             config=config,
             probing=None if outlook is None else _probing_state(outlook),

@@ -226,6 +226,9 @@ class StatusMessage(Message, frozen=True):
     config: Annotated[str | None, Meta(description="SHA-256 of the configuration in use")]
     probing: ProbingStanding | None
     storage: StorageStanding | None = None
+    messages_dropped: Annotated[
+        int, Meta(description="Frames, decisions, measurements, models, events and probing states not published")
+    ] = 0
 
 
 Published = (

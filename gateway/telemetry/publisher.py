@@ -3,7 +3,6 @@
 import asyncio
 import json
 import logging
-import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Self
@@ -18,19 +17,23 @@ from gateway.events import (
     DecisionMade,
     GatewayEvent,
     OutlookChanged,
-    ReadingsTaken,
     StorageChanged,
     StoreHealth,
 )
 from gateway.probing import Outlook
 from gateway.telemetry import keys
-from gateway.telemetry.compose import Composer, Keyed
+from gateway.telemetry.backlog import Backlog
+from gateway.telemetry.compose import Composer, Dropped, Keyed
 from gateway.telemetry.messages import encode
 from talc.frame import Decision
 
 log = logging.getLogger(__name__)
 
-_QUEUE = 5000
+_MOST_LOOSE = 5000
+_MOST_FIRM, _MOST_FIRM_BYTES = 20_000, 32_000_000
+"""A day of frames, decisions and events; a subscriber that stalls for longer misses the oldest."""
+_LARGEST_QUERY = 1 << 20
+"""Bytes: Zenoh's own default is 1 GiB. What is larger is dropped piece by piece, before it is put together."""
 _JSON = zenoh.Encoding.APPLICATION_JSON
 _MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODEL, keys.EVENT, keys.PROBING})
 """Kinds for which a slow subscriber makes the publishing thread wait instead of losing a sample."""
@@ -50,6 +53,7 @@ def session_config(settings: TelemetrySettings) -> zenoh.Config:
         "scouting/multicast/enabled": settings.multicast,
         "scouting/gossip/enabled": False,
         "timestamping/enabled": True,
+        "transport/link/rx/max_message_size": _LARGEST_QUERY,
     }
     if settings.mode == "peer":
         values["connect/exit_on_failure"] = False
@@ -61,8 +65,9 @@ def session_config(settings: TelemetrySettings) -> zenoh.Config:
 class TelemetryPublisher:
     """Publishes every event, as an async context manager.
 
-    A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`. If the network is slower
-    than the readings, readings are dropped and counted, and nothing else.
+    A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`. When the network is slower
+    than what is published, the oldest readings, compensation steps and states are dropped and counted; of the rest the
+    oldest goes only beyond 20 000 messages or 32 MB, and is counted apart. A query larger than 1 MiB is not taken.
 
     Parameters
     ----------
@@ -88,10 +93,9 @@ class TelemetryPublisher:
     ) -> None:
         self._settings, self._root = settings, keys.root(settings.prefix, machine)
         self._composer = Composer(boot, input_names, clock, simulated=simulated)
-        self._queue: queue.Queue[tuple[str, bytes] | None] = queue.Queue()
+        self._backlog = Backlog(_MOST_LOOSE, _MOST_FIRM, _MOST_FIRM_BYTES)
         self._outlook: Outlook | None = None
         self._storage: StoreHealth | None = None
-        self._dropped = 0
         self._decision: Decision | None = None
         self._config: str | None = None
         self._periods_missed: Callable[[], Mapping[str, int]] = dict
@@ -102,8 +106,8 @@ class TelemetryPublisher:
 
     @property
     def dropped(self) -> int:
-        """Readings that were not published because the network was too slow."""
-        return self._dropped
+        """Readings, compensation steps and states that were not published because the network was too slow."""
+        return self._backlog.dropped_loose
 
     async def __aenter__(self) -> Self:
         try:
@@ -120,7 +124,7 @@ class TelemetryPublisher:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        self._queue.put(None)
+        self._backlog.close()
         await asyncio.to_thread(self._thread.join)
         if self._session is not None:
             await asyncio.to_thread(self._close, self._session)
@@ -133,9 +137,6 @@ class TelemetryPublisher:
     def publish(self, event: GatewayEvent) -> None:
         """A gateway.events.Sink: puts the event's messages into the queue."""
         match event:
-            case ReadingsTaken(readings) if self._queue.qsize() > _QUEUE:
-                self._dropped += len(readings)
-                return
             case CompensationStepped(write) if write.mode == "monitor":
                 return
             case ConfigurationApplied(config):
@@ -160,16 +161,23 @@ class TelemetryPublisher:
     def _put_status(self) -> None:
         missed = self._periods_missed()
         self._put(
-            self._composer.status(self._decision, self._dropped, missed, self._config, self._outlook, self._storage)
+            self._composer.status(
+                self._decision,
+                Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm),
+                missed,
+                self._config,
+                self._outlook,
+                self._storage,
+            )
         )
 
     def _put(self, keyed: Keyed) -> None:
         suffix, message = keyed
-        self._queue.put((suffix, encode(message)))
+        self._backlog.put(suffix, encode(message), firm=keys.kind_of(suffix) in _MUST_ARRIVE)
 
     def _send(self) -> None:
         session = self._session
-        while session is not None and (item := self._queue.get()) is not None:
+        while session is not None and (item := self._backlog.take()) is not None:
             suffix, payload = item
             must = keys.kind_of(suffix) in _MUST_ARRIVE
             control = zenoh.CongestionControl.BLOCK if must else zenoh.CongestionControl.DROP

@@ -25,7 +25,7 @@ from gateway.events import (
     SensorsJudged,
 )
 from gateway.probing import Outlook
-from gateway.telemetry import TYPES, Composer, DecisionMessage, ReadingMessage, decode, encode, schemas
+from gateway.telemetry import TYPES, Composer, DecisionMessage, Dropped, ReadingMessage, decode, encode, schemas
 from talc.frame import Decision
 from talc.names import THERMAL_ERRORS
 from tests.benches import telemetry_examples as example
@@ -55,7 +55,7 @@ def published() -> list[tuple[str, bytes]]:
         found.extend((key, encode(message)) for key, message in composer.messages(event))
 
     def status(decision: Decision, outlook: Outlook | None) -> None:
-        key, message = composer.status(decision, 0, {"rtu1": 3}, "the hash", outlook)
+        key, message = composer.status(decision, Dropped(0, 0), {"rtu1": 3}, "the hash", outlook)
         found.append((key, encode(message)))
 
     take(ReadingsTaken([example.READING, example.BAD_READING]))

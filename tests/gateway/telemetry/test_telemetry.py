@@ -29,26 +29,14 @@ from gateway.nc import Source, Step, Write
 from gateway.probing import Outlook, Standing
 from gateway.telemetry import TelemetryError, TelemetryPublisher
 from talc.frame import Decision, Event, EventKind, Frame, Phase, Why
+from tests.benches.free_port import free_port
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import configuration
+from tests.benches.telemetry_process import client
 
 NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
 ROOT = "talc/mill"
 NAMES = ("t0", "t1")
-
-
-def free_port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
-
-
-def client(port: int) -> zenoh.Session:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{port}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    return zenoh.open(config)
 
 
 def telemetry(port: int, clock: Clock | None = None) -> TelemetryPublisher:

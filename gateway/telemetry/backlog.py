@@ -1,0 +1,71 @@
+"""What waits to be published: bounded, oldest first out, and by a stated policy."""
+
+import threading
+from collections import deque
+from typing import NamedTuple
+
+
+class Waiting(NamedTuple):
+    """One message."""
+
+    number: int
+    suffix: str
+    payload: bytes
+
+
+class Backlog:
+    """A queue of two kinds of messages, in the order in which they came. Any thread may use it.
+
+    Of those that may be lost the oldest goes when there are too many. Those that must arrive stay longer; beyond their
+    bounds the oldest goes too: the store has them all, and a gap in `seq` shows it.
+
+    Parameters
+    ----------
+    most_loose: messages that may be lost
+    most_firm, most_firm_bytes: messages that must arrive, and their size
+    """
+
+    def __init__(self, most_loose: int, most_firm: int, most_firm_bytes: int) -> None:
+        self._changed = threading.Condition()
+        self._loose, self._firm = deque[Waiting](), deque[Waiting]()
+        self._most_loose, self._most_firm, self._most_firm_bytes = most_loose, most_firm, most_firm_bytes
+        self._firm_bytes = self._number = 0
+        self._closed = False
+        self.dropped_loose = self.dropped_firm = 0
+
+    def put(self, suffix: str, payload: bytes, *, firm: bool) -> None:
+        """Add the newest. firm: it must arrive."""
+        with self._changed:
+            self._number += 1
+            waiting = Waiting(self._number, suffix, payload)
+            if firm:
+                self._firm.append(waiting)
+                self._firm_bytes += len(payload)
+                while len(self._firm) > self._most_firm or self._firm_bytes > self._most_firm_bytes:
+                    self._firm_bytes -= len(self._firm.popleft().payload)
+                    self.dropped_firm += 1
+            else:
+                self._loose.append(waiting)
+                if len(self._loose) > self._most_loose:
+                    self._loose.popleft()
+                    self.dropped_loose += 1
+            self._changed.notify()
+
+    def take(self) -> tuple[str, bytes] | None:
+        """The oldest; waits for one. None: it was closed and is empty."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._loose or self._firm or self._closed)
+            if not (self._loose or self._firm):
+                return None
+            if self._firm and not (self._loose and self._loose[0].number < self._firm[0].number):
+                first = self._firm.popleft()
+                self._firm_bytes -= len(first.payload)
+            else:
+                first = self._loose.popleft()
+            return first.suffix, first.payload
+
+    def close(self) -> None:
+        """`take` ends when nothing is left."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
