@@ -8,9 +8,8 @@ import numpy as np
 
 from simulators.cases import SEASONS, random_axes
 from simulators.nc import LoadCase
-from simulators.plant import MACHINES, MachineDrive, Plant, PlantParameters, load, record
-from simulators.plant.parameters import assemble, reduced, tables
-from studies.loop import Days, days
+from simulators.plant import MACHINES, MachineDrive, Plant, PlantParameters, assemble, load, record, reduced, tables
+from studies import Days, days
 
 _IDLE_S = 12 * 3600.0
 

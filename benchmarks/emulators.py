@@ -10,9 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from simulators.devices.adam6015 import Adam6015
-from simulators.devices.m7015 import M7015
-from simulators.devices.modbus_servers import RtuLine, TcpHost
+from simulators.devices import M7015, Adam6015, RtuLine, TcpHost
 
 LINES, HOSTS, UNITS, CHANNELS = 10, 10, 5, 5
 """Serial lines and TCP hosts; units on each; channels used of each unit."""

@@ -13,12 +13,11 @@ import numpy as np
 
 from benchmarks.data import machine
 from benchmarks.rows import BenchRow
-from studies.loop import Days, held
+from studies import Days, held
 from talc.control import Controller
 from talc.frame import BoolArray, FloatArray, Frame, Measurement
 from talc.indicators import rms
-from talc.learner.learner import LearnerState
-from talc.learner.prior import Prior, make
+from talc.learner import LearnerState, Prior, make_prior
 from talc.settings import TalcSettings
 
 _SETTINGS = TalcSettings(method="learner")
@@ -148,7 +147,7 @@ def rows() -> list[BenchRow]:
             )
         hourly = list(pool.map(_curve, *zip(*((*m, _HOUR, None) for m in machines), strict=True)))
         table.append(_curve_row("hourly from the begin, 16 machines", hourly, "≤ 0.85, 0.42, 0.22, 0.14"))
-        prior = make(list(pool.map(_learnt, range(7))))
+        prior = make_prior(list(pool.map(_learnt, range(7))))
         mirrored = replace(prior, mean=-prior.mean)
         order = np.random.default_rng(0).permutation(len(prior.inputs))
         exchanged = replace(prior, inputs=tuple(prior.inputs[i] for i in order))

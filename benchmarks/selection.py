@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from benchmarks.data import machine
 from benchmarks.rows import BenchRow, median_s
-from studies.loop import Days
+from studies import Days
 from talc.admm import admm
 from talc.arx import Regression
 from talc.control import Controller

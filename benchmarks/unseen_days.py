@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.data import machine
 from benchmarks.rows import BenchRow
-from studies.loop import control, held
+from studies import control, held
 from talc.frame import BoolArray, FloatArray
 from talc.indicators import peak_to_peak, rms
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings

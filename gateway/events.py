@@ -8,7 +8,7 @@ from gateway.config import GatewayConfig
 from gateway.nc import Write
 from gateway.probing import Outcome, Outlook
 from talc.frame import Decision, Event, Frame
-from talc.learner.reasons import Reasons
+from talc.learner import Reasons
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
 

@@ -9,7 +9,7 @@ from gateway.report import AdoptedModels, ReportData
 from gateway.versions import versions
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement
-from talc.learner.prior import Prior
+from talc.learner import Prior
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 from talc.training import train

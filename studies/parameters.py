@@ -9,8 +9,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from simulators.cases import table_and_fluid
-from simulators.cases.table_and_fluid import Letter
+from simulators.cases import Letter, table_and_fluid
 from simulators.plant import MACHINES, MachineDrive, Plant, load, record
 from studies.frame import Run, RunParameters, Study
 from studies.loop import Course, Days, control, days, fitted_in_hindsight, held, regressed

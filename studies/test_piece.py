@@ -11,8 +11,7 @@ from typing import Any, get_args
 import numpy as np
 
 from simulators.cases import SEASONS, Axis, table_and_fluid, warm_up_and_cool_down
-from simulators.plant import MACHINES, Failure, MachineDrive, Plant, load, record
-from simulators.plant.ageing import FailureKind
+from simulators.plant import MACHINES, Failure, FailureKind, MachineDrive, Plant, load, record
 from studies.frame import RunParameters, Study
 from studies.loop import RADIUS_M, Days, control, days, filled, held, regressed
 from studies.test_piece_report import METHODS, report

@@ -19,10 +19,7 @@ from talc.frame import (
     Why,
 )
 from talc.free_running import FreeRunningModel, ModelState
-from talc.learner.course import CourseState, LearningCourse
-from talc.learner.learner import Explanation
-from talc.learner.prior import Prior
-from talc.learner.reasons import Reasons
+from talc.learner import CourseState, Explanation, LearningCourse, Prior, Reasons
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.record import Record

@@ -24,8 +24,18 @@ from gateway.config import (
     wires_toml,
 )
 from gateway.recordings import WireEvent, WireLogError, is_wire_log, read_wire_log
-from simulators.devices.playback import PlayedAdapter, PlayedGroup, PlayedHost, PlayedLine
-from simulators.devices.script import EXTENDED, Passed, Script, can_script, stream_script, unnumbered
+from simulators.devices import (
+    EXTENDED,
+    Passed,
+    PlayedAdapter,
+    PlayedGroup,
+    PlayedHost,
+    PlayedLine,
+    Script,
+    can_script,
+    stream_script,
+    unnumbered,
+)
 
 _CAN_LOGS = (".asc", ".blf", ".csv", ".log", ".trc")
 """Formats of other programs that python-can reads; .log is candump's."""

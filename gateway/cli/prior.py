@@ -11,8 +11,7 @@ import numpy as np
 
 from gateway.past import rebuilt, stored_config
 from gateway.storage import History, StoreError
-from talc.learner.learner import LearnerState
-from talc.learner.prior import make as made_of
+from talc.learner import LearnerState, make_prior
 from talc.names import THERMAL_ERRORS
 
 _Learnt = tuple[tuple[str, ...], LearnerState]
@@ -33,7 +32,7 @@ def make(databases: Sequence[Path], output: Path) -> None:
         machines.setdefault(name, database)
         learnt.append(found)
     try:
-        prior = made_of(learnt)
+        prior = make_prior(learnt)
     except ValueError as error:
         raise StoreError(f"{', '.join(map(str, databases))}: {error}; let the gateways measure longer") from None
     part = output.with_name(output.name + ".part")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
-from talc.learner.prior import Prior
+from talc.learner import Prior
 from talc.settings import TalcSettings
 
 _REMEDY = "make one with `talc-gateway prior make`, or remove this line"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Phase
-from talc.learner.reasons import Reasons
+from talc.learner import Reasons
 from talc.models import ModelSet
 
 

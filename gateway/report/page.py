@@ -12,7 +12,7 @@ from gateway.report.data import ReportData
 from gateway.report.figures import summary
 from gateway.report.plots import error_plot, inputs_plot, tool_plot
 from talc.frame import EventKind
-from talc.learner.reasons import ErrorReason
+from talc.learner import ErrorReason
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 _SENSORS = (EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE)

@@ -10,7 +10,7 @@ from gateway.storage import rows
 from gateway.storage.schema import SCHEMA_VERSION, StoreError
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import Event
-from talc.learner.reasons import Reasons
+from talc.learner import Reasons
 from talc.models import ModelSet
 
 

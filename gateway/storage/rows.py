@@ -17,7 +17,7 @@ from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
-from talc.learner.reasons import ErrorReason, Reasons
+from talc.learner import ErrorReason, Reasons
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 

@@ -47,7 +47,7 @@ from gateway.telemetry.messages import (
     StorageStanding,
 )
 from talc.frame import Decision, Event, FloatArray, Frame
-from talc.learner.reasons import Reasons
+from talc.learner import Reasons
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Judgement

@@ -6,10 +6,9 @@ from datetime import timedelta
 from pathlib import Path
 
 from simulators.clock import SharedClock
-from simulators.devices.source import ValueSource
+from simulators.devices import ValueSource
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
-from simulators.plant import Environment, MachineDrive, Plant, load
-from simulators.plant.plant import RADIUS_MM, STEP_S
+from simulators.plant import RADIUS_MM, STEP_S, Environment, MachineDrive, Plant, load
 from talc.names import THERMAL_ERRORS
 
 GROWTH_GAP_UM = 250.0

@@ -1,12 +1,13 @@
 """Load cases for studies: what the machine does, row by row, and in which hall."""
 
 from simulators.cases.series import LONG_TERM_H, SEASONS, Axis, Stretch, long_term, random_axes, warm_up_and_cool_down
-from simulators.cases.table_and_fluid import table_and_fluid
+from simulators.cases.table_fluid import Letter, table_and_fluid
 
 __all__ = [
     "LONG_TERM_H",
     "SEASONS",
     "Axis",
+    "Letter",
     "Stretch",
     "long_term",
     "random_axes",

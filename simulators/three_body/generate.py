@@ -8,7 +8,7 @@ from scipy.linalg import eigh, solve_continuous_lyapunov, svd
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from simulators.plant.body import FloatArray
+from simulators.plant import FloatArray
 from simulators.three_body.model import ThreeBody
 from simulators.three_body.solid import Solid, assemble
 

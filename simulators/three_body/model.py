@@ -7,7 +7,7 @@ from importlib.resources import files
 import numpy as np
 from scipy.linalg import expm
 
-from simulators.plant.body import FloatArray
+from simulators.plant import FloatArray
 
 SOURCES = ("base_front", "spindle_top")
 """Heat inputs, W."""

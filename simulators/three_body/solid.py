@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 from skfem import Basis, BilinearForm, ElementHex2, ElementVector, FacetBasis, LinearForm, MeshHex, condense
 from skfem.helpers import ddot, div, dot, eye, grad, sym_grad, trace
 
-from simulators.plant.body import FloatArray
+from simulators.plant import FloatArray
 from simulators.three_body.model import DRIFTS, SENSORS, SOURCES
 
 CONDUCTIVITY = 60.5  # W/(m K)

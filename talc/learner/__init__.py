@@ -1,1 +1,18 @@
 """Thermal errors as weighted lags of the inputs, learnt at every measurement by a mixture of Kalman filters."""
+
+from talc.learner.course import CourseState, LearningCourse
+from talc.learner.learner import Explanation, LearnerState
+from talc.learner.prior import Prior, make_prior
+from talc.learner.reasons import KINDS, ErrorReason, Reasons
+
+__all__ = [
+    "KINDS",
+    "CourseState",
+    "ErrorReason",
+    "Explanation",
+    "LearnerState",
+    "LearningCourse",
+    "Prior",
+    "Reasons",
+    "make_prior",
+]

@@ -105,7 +105,7 @@ class Prior:
         return span, Told(self.machines, mean, covariance)
 
 
-def make(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
+def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
     """From the inputs and states of learners on machines of a kind. ValueError: none has learnt anything.
 
     Mean: of the machines that have an input. Covariance: the variances between machines, and a share of the mean of

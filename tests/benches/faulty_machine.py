@@ -15,12 +15,7 @@ from pathlib import Path
 
 from simulators.bench.machine import BenchMachine
 from simulators.clock import SharedClock
-from simulators.devices.adam6015 import Adam6015
-from simulators.devices.cia404_node import Cia404Node
-from simulators.devices.m7015 import M7015
-from simulators.devices.me_sensor import MeSensor
-from simulators.devices.modbus_servers import RtuLine, TcpHost
-from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.source import Faults, SensorFault
 from simulators.plant import load
 

@@ -11,7 +11,7 @@ from gateway.config import GatewayConfig, validate
 from gateway.nc import Source, Step, Write
 from gateway.probing import End, Outcome, Outlook, Standing
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
-from talc.learner.reasons import ErrorReason, Reasons
+from talc.learner import ErrorReason, Reasons
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Finding, Judgement

@@ -12,14 +12,10 @@ from functools import partial
 from pathlib import Path
 from struct import pack, unpack
 
-from simulators.devices.adam6015 import Adam6015
-from simulators.devices.cia404_node import Cia404Node, Nmt
-from simulators.devices.m7015 import M7015
-from simulators.devices.me_sensor import MeSensor
-from simulators.devices.modbus_servers import RtuLine, TcpHost
+from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
+from simulators.devices.cia404_node import Nmt
 from simulators.devices.modbus_unit import ModbusUnit
 from simulators.devices.pta8d08 import Pta8d08
-from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import SensorFault
 from tests.benches.command import talc_gateway
 

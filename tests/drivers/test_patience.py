@@ -15,9 +15,10 @@ from drivers.byte_stream import TcpStream
 from drivers.modbus.bus import ModbusTcpBus
 from drivers.modbus.settings import ModbusTcpSettings
 from drivers.patience import Patience
+from simulators.devices import SlcanAdapter
 from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.me_sensor import answer_frame
-from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame
 from tests.drivers.can.test_can_bytes import NODE, VALUE, talking
 from tests.drivers.micro_epsilon.test_displacement import line as me_line
 from tests.drivers.micro_epsilon.test_displacement import value

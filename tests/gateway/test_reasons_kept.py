@@ -17,7 +17,7 @@ from gateway.replay import replay
 from gateway.storage import History, Store
 from talc.control import Controller
 from talc.frame import Frame, Measurement
-from talc.learner.reasons import Reasons
+from talc.learner import Reasons
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.thermal_series import series
 

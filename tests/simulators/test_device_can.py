@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from simulators.devices.cia404_node import Cia404Node
-from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.source import SensorFault
 
 pytestmark = pytest.mark.simulated_time

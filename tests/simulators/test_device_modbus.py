@@ -4,9 +4,8 @@ import asyncio
 
 import pytest
 
-from simulators.devices.adam6015 import Adam6015
-from simulators.devices.m7015 import M7015
-from simulators.devices.modbus_servers import TcpHost, crc16
+from simulators.devices import M7015, Adam6015, TcpHost
+from simulators.devices.modbus_servers import crc16
 from simulators.devices.modbus_unit import answer
 from simulators.devices.source import SensorFault
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from simulators.devices.m7015 import M7015
+from simulators.devices import M7015
 from simulators.devices.modbus_unit import answer
 from simulators.devices.scenario import Scenario
 from tests.benches.manual_clock import ManualClock

@@ -5,8 +5,7 @@ import math
 import pytest
 
 from simulators.linuxcnc.chain import centre_mm
-from simulators.plant import Environment, MachineDrive, Plant, load
-from simulators.plant.plant import RADIUS_MM
+from simulators.plant import RADIUS_MM, Environment, MachineDrive, Plant, load
 
 HEIGHT_MM = 80.0
 POSES = ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0), (-37, 481))

@@ -8,8 +8,18 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from simulators.plant import MACHINES, Ageing, Environment, Failure, MachineDrive, Plant, PlantParameters, load, record
-from simulators.plant.ageing import FailureKind
+from simulators.plant import (
+    MACHINES,
+    Ageing,
+    Environment,
+    Failure,
+    FailureKind,
+    MachineDrive,
+    Plant,
+    PlantParameters,
+    load,
+    record,
+)
 from simulators.plant.drive import loads
 from simulators.plant.joined import FAMILIES, ZONES
 from simulators.plant.network import Network

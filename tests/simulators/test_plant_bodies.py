@@ -10,11 +10,11 @@ from scipy.sparse.linalg import splu
 from skfem import Basis, ElementHex2, ElementVector
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from simulators.plant.body import BodyModel, FloatArray
+from simulators.plant import FloatArray, reduced, tables
+from simulators.plant.body import BodyModel
 from simulators.plant.elastic import POISSON, elastic_rows, rigid_motion, stiffness, swelling
 from simulators.plant.generate import basis as chosen_basis
 from simulators.plant.joined import Joined, join
-from simulators.plant.parameters import reduced, tables
 from simulators.plant.shape import Body, Joint, Shape, read
 from simulators.plant.solid import SparseSum, assemble, conduction, mesh
 from talc.names import THERMAL_ERRORS

@@ -5,7 +5,8 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulators.devices.script import Passed, numbered, stream_script, unnumbered
+from simulators.devices import Passed, stream_script, unnumbered
+from simulators.devices.script import numbered
 
 MESSAGE = st.tuples(st.integers(0, 0xFFFF), st.binary(min_size=2, max_size=254))
 """Number, and what follows the length."""

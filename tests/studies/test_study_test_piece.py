@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from simulators.cases import Axis
-from simulators.plant import MACHINES, PlantRecording, load
-from simulators.plant.ageing import FailureKind
-from studies import STUDIES, Run
-from studies.loop import days, held, regressed
+from simulators.plant import MACHINES, FailureKind, PlantRecording, load
+from studies import STUDIES, Run, days, held
+from studies.loop import regressed
 from studies.test_piece import (
     OTHER_REPETITIONS,
     REPETITIONS,

@@ -20,8 +20,7 @@ from gateway.config import validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.nck import CEC_TABLES, MachineState, MachineUnderControl
-from simulators.plant import Environment, MachineDrive, Plant, load
-from simulators.plant.plant import RADIUS_MM
+from simulators.plant import RADIUS_MM, Environment, MachineDrive, Plant, load
 from talc.frame import Decision, FloatArray, Phase, Why
 from tests.benches.wire_clock import WireClock
 

@@ -21,8 +21,7 @@ from gateway.clock import RealClock
 from gateway.config import GatewayConfig, load
 from gateway.events import DecisionMade, FrameMade, ModelsAdopted
 from gateway.storage import Store
-from simulators.devices.adam6015 import Adam6015
-from simulators.devices.modbus_servers import TcpHost
+from simulators.devices import Adam6015, TcpHost
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import R_BEAT, Logged
 from talc.control import Controller

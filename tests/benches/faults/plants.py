@@ -8,18 +8,15 @@ from typing import Protocol
 
 from drivers.base import Bus, Driver, SystemClock
 from drivers.build import make_bus, make_device
-from simulators.devices.adam6015 import Adam6015
+from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.can_logger import CanLogger
-from simulators.devices.cia404_node import Cia404Node
 from simulators.devices.loopback import LoopbackServer
-from simulators.devices.m7015 import M7015
 from simulators.devices.me_controller import MeController
-from simulators.devices.me_sensor import MeLine, MeSensor, Payload
-from simulators.devices.modbus_servers import RtuLine, TcpHost
+from simulators.devices.me_sensor import MeLine, Payload
 from simulators.devices.modbus_unit import ModbusUnit
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.pta8d08 import Pta8d08
-from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import Faults
 from simulators.devices.spoil import Spoil
 from simulators.devices.voltage_input import VoltageInput

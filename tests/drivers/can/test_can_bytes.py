@@ -13,9 +13,9 @@ from drivers.base import BadAnswer, DriverError, NoAnswer
 from drivers.build import make_bus
 from drivers.can.interface import slcan_frame
 from drivers.canopen.bus import CanObject, CanOpenBus
-from simulators.devices.cia404_node import Cia404Node
+from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.multicast_bus import MulticastBus
-from simulators.devices.slcan_adapter import CanFrame, CanNode, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame, CanNode
 
 pytestmark = pytest.mark.simulated_time
 

@@ -11,7 +11,7 @@ import pytest
 from drivers.build import make_bus
 from drivers.can.settings import CAN_INTERFACES, CanInterfaceSettings
 from drivers.can.survey import CanSurvey, Heard
-from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices import SlcanAdapter
 from tests.benches.can_kernel import CanKernel
 from tests.benches.simulated_time import jump_wall_clock
 

@@ -17,8 +17,8 @@ from drivers.build import make_bus, make_device
 from drivers.can.dbc import CanDbcProfile, DbcSignal
 from drivers.faults import Fault as Faulty
 from drivers.profiles import load_profile
+from simulators.devices import SlcanAdapter
 from simulators.devices.can_logger import CanLogger
-from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import SensorFault
 from tests.benches.logger_files import logger_profile, logger_profile_text
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.base import NoAnswer, SystemClock
 from drivers.build import make_bus, make_device
-from simulators.devices.cia404_node import Cia404Node
+from simulators.devices import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
 
 pytestmark = pytest.mark.simulated_time

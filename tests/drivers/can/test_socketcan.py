@@ -17,8 +17,8 @@ from drivers.can.survey import CanSurvey, Heard
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.clock import RealClock
+from simulators.devices import Cia404Node
 from simulators.devices.can_logger import CanLogger
-from simulators.devices.cia404_node import Cia404Node
 from tests.benches.can_kernel import CanKernel
 from tests.benches.logger_files import logger_profile
 

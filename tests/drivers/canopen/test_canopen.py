@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from drivers.base import BadAnswer, ConnectError, Driver, NoAnswer, Quality, Reading, Refused, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.canopen.events import NodeEvents
-from simulators.devices.cia404_node import Cia404Node
-from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
+from simulators.devices import Cia404Node, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import SensorFault
 
 pytestmark = pytest.mark.simulated_time

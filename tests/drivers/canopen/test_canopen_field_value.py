@@ -11,8 +11,7 @@ import pytest
 from drivers.base import Driver, Quality, SetupError, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.profiles import load_profile
-from simulators.devices.cia404_node import Cia404Node
-from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.source import SensorFault
 
 pytestmark = pytest.mark.simulated_time

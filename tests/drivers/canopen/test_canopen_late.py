@@ -14,8 +14,8 @@ import pytest
 from drivers.base import DriverError, NoAnswer
 from drivers.build import make_bus
 from drivers.canopen.bus import CanObject, CanOpenBus
-from simulators.devices.cia404_node import Cia404Node, Nmt
-from simulators.devices.slcan_adapter import SlcanAdapter
+from simulators.devices import Cia404Node, SlcanAdapter
+from simulators.devices.cia404_node import Nmt
 from simulators.devices.spoil import Late
 
 pytestmark = pytest.mark.simulated_time

@@ -13,8 +13,8 @@ from drivers.base import Driver, NoAnswer, Quality, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.canopen.bus import CanObject
 from drivers.canopen.pdo import pdo_map
-from simulators.devices.cia404_node import Cia404Node
-from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
+from simulators.devices import Cia404Node, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame
 
 pytestmark = pytest.mark.simulated_time
 

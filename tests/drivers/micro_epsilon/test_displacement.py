@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from drivers.base import BadAnswer, NoAnswer
 from drivers.micro_epsilon.rs485 import MeRs485Bus, decode_counted, decode_float, find_answers, request_frame
 from drivers.micro_epsilon.settings import MeRs485Settings
-from simulators.devices.me_sensor import MeLine, MeSensor, answer_frame, counted_frame
+from simulators.devices import MeSensor
+from simulators.devices.me_sensor import MeLine, answer_frame, counted_frame
 from simulators.devices.pty_port import PtyPort
 
 pytestmark = pytest.mark.simulated_time

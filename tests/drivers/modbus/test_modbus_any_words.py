@@ -15,7 +15,7 @@ from drivers.base import Driver, DriverError, Quality, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import load_profile, profile_names
-from simulators.devices.modbus_servers import TcpHost
+from simulators.devices import TcpHost
 
 pytestmark = pytest.mark.simulated_time
 

@@ -6,8 +6,7 @@ import pytest
 
 from drivers.base import Driver, NoAnswer, Quality, Refused, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
-from simulators.devices.m7015 import M7015
-from simulators.devices.modbus_servers import RtuLine
+from simulators.devices import M7015, RtuLine
 
 pytestmark = pytest.mark.simulated_time
 

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.base import Driver, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
-from simulators.devices.modbus_servers import TcpHost
+from simulators.devices import TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
 
 pytestmark = pytest.mark.simulated_time

@@ -18,8 +18,7 @@ from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
-from simulators.devices.m7015 import M7015
-from simulators.devices.modbus_servers import RtuLine
+from simulators.devices import M7015, RtuLine
 
 pytestmark = pytest.mark.simulated_time
 

@@ -13,8 +13,7 @@ from gateway.acquisition.build import lines_of
 from gateway.clock import RealClock
 from gateway.config import load
 from gateway.scan.tcp import TcpScan, scan_hosts
-from simulators.devices.adam6015 import Adam6015
-from simulators.devices.modbus_servers import TcpHost
+from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
 from tests.benches.command import talc_gateway
 

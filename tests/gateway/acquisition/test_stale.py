@@ -15,8 +15,7 @@ from gateway.config import parse
 from gateway.events import GatewayEvent, ReadingsTaken
 from gateway.past import Past
 from gateway.service import Service
-from simulators.devices.adam6015 import Adam6015
-from simulators.devices.modbus_servers import TcpHost
+from simulators.devices import Adam6015, TcpHost
 from talc.control import Controller
 from tests.benches.scripted_bus import Plant
 from tests.benches.stepped_clock import EPOCH

@@ -21,8 +21,7 @@ from gateway.acquisition import Sample
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.cli.probe_watch import DeviceFigures, ProbeView
-from simulators.devices.adam6015 import Adam6015
-from simulators.devices.modbus_servers import TcpHost
+from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
 from tests.benches.command import talc_gateway
 from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice

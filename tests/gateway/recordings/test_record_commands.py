@@ -12,11 +12,8 @@ import pytest
 
 from gateway.cli.play import read_wire_recording
 from gateway.recordings import read_wire_log
+from simulators.devices import M7015, Cia404Node, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
-from simulators.devices.cia404_node import Cia404Node
-from simulators.devices.m7015 import M7015
-from simulators.devices.modbus_servers import RtuLine
-from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import SensorFault
 from tests.benches.command import Done, talc_gateway
 

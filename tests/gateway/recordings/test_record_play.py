@@ -17,13 +17,8 @@ from gateway.cli.play import play_bus, read_wire_recording
 from gateway.clock import RealClock
 from gateway.config import parse, wires_toml
 from gateway.recordings import WireLog, WireLogWriter, read_wire_log
-from simulators.devices.adam6015 import Adam6015
-from simulators.devices.cia404_node import Cia404Node
-from simulators.devices.m7015 import M7015
+from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.me_controller import MeController
-from simulators.devices.me_sensor import MeSensor
-from simulators.devices.modbus_servers import RtuLine, TcpHost
-from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Spoil
 

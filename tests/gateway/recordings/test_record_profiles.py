@@ -13,10 +13,8 @@ from drivers.modbus import ModbusProfile
 from drivers.profiles import load_profile
 from gateway.config import ConfigError, load, packed_toml, unpacked
 from gateway.recordings import read_wire_log
+from simulators.devices import M7015, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
-from simulators.devices.m7015 import M7015
-from simulators.devices.modbus_servers import RtuLine
-from simulators.devices.slcan_adapter import SlcanAdapter
 from tests.benches.command import talc_gateway
 from tests.benches.logger_files import logger_dbc, logger_profile_text
 from tests.gateway.recordings.test_record_commands import appears, text_of, until

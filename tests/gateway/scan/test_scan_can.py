@@ -14,10 +14,11 @@ from drivers.canopen import CanOpenSettings
 from gateway.config import load
 from gateway.scan.can import CanScan, scan_can
 from gateway.scan.found import ScanReport
+from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
-from simulators.devices.cia404_node import Cia404Node, Nmt
+from simulators.devices.cia404_node import Nmt
 from simulators.devices.multicast_bus import MulticastBus
-from simulators.devices.slcan_adapter import CanFrame, CanNode, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame, CanNode
 from tests.benches.command import talc_gateway
 
 TEMPERATURES = [20.0, 21.5, -3.0, 40.0]

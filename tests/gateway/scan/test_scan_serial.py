@@ -13,9 +13,8 @@ from gateway.config import ModbusRtuSection, load
 from gateway.scan.found import Found, ScanReport
 from gateway.scan.fragment import merged
 from gateway.scan.serial import SerialScan, plan, scan_line
-from simulators.devices.m7015 import M7015
-from simulators.devices.me_sensor import MeSensor
-from simulators.devices.modbus_servers import RtuLine, crc16
+from simulators.devices import M7015, MeSensor, RtuLine
+from simulators.devices.modbus_servers import crc16
 from simulators.devices.modbus_unit import ModbusUnit, answer
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.pty_port import PtyPort

@@ -8,9 +8,8 @@ from pathlib import Path
 from gateway.scan.found import ScanReport
 from gateway.scan.fragment import merged
 from gateway.scan.tcp import TcpScan, scan_hosts
-from simulators.devices.adam6015 import Adam6015
+from simulators.devices import Adam6015, TcpHost
 from simulators.devices.me_controller import MeController
-from simulators.devices.modbus_servers import TcpHost
 from simulators.devices.modbus_unit import ModbusUnit, answer
 from simulators.devices.wago464 import Wago464
 from simulators.devices.wago_coupler import WagoCoupler

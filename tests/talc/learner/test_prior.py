@@ -8,7 +8,7 @@ import pytest
 
 from talc.control import Controller
 from talc.frame import FloatArray, Frame, Measurement
-from talc.learner.prior import Prior, make
+from talc.learner import Prior, make_prior
 from talc.settings import TalcSettings
 from tests.benches.thermal_series import Series, series
 
@@ -43,7 +43,7 @@ def prior() -> Prior:
         course = run(days)[0].state().course
         assert course is not None
         learnt.append((days.names, course.learner))
-    return make(learnt)
+    return make_prior(learnt)
 
 
 def test_a_second_machine_of_a_kind_starts_nearly_where_the_first_ones_are(prior: Prior) -> None:
@@ -89,4 +89,4 @@ def test_machines_that_have_learnt_nothing_make_no_prior() -> None:
     course = Controller(days.names, SETTINGS).state().course
     assert course is not None
     with pytest.raises(ValueError, match="no error was measured 12 times on any of 1 machines"):
-        make([(days.names, course.learner)])
+        make_prior([(days.names, course.learner)])

@@ -7,8 +7,7 @@ import pytest
 
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement, Why
-from talc.learner.prior import make
-from talc.learner.reasons import KINDS
+from talc.learner import KINDS, make_prior
 from talc.settings import LearnerSettings, TalcSettings
 from tests.benches.thermal_series import Series, series
 
@@ -97,7 +96,7 @@ def test_before_the_first_measurement_nothing_is_known_but_that_it_is_wanted(day
 def test_what_other_machines_told_is_a_kind_of_its_own_and_models_give_no_reasons(days: Series) -> None:
     state = after_a_day(days)[0].state().course
     assert state is not None
-    told = Controller(days.names, TalcSettings(method="learner"), prior=make([(days.names, state.learner)]))
+    told = Controller(days.names, TalcSettings(method="learner"), prior=make_prior([(days.names, state.learner)]))
     told.step(Frame(0, days.inputs[0], GOOD, Measurement(days.measured[0], SIGMA)))
     reasons = told.reasons()
     assert reasons is not None
