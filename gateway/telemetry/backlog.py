@@ -5,7 +5,7 @@ from collections import deque
 from typing import NamedTuple
 
 
-class Waiting(NamedTuple):
+class Outgoing(NamedTuple):
     """One message."""
 
     number: int
@@ -27,7 +27,7 @@ class Backlog:
 
     def __init__(self, most_loose: int, most_firm: int, most_firm_bytes: int) -> None:
         self._changed = threading.Condition()
-        self._loose, self._firm = deque[Waiting](), deque[Waiting]()
+        self._loose, self._firm = deque[Outgoing](), deque[Outgoing]()
         self._most_loose, self._most_firm, self._most_firm_bytes = most_loose, most_firm, most_firm_bytes
         self._firm_bytes = self._number = 0
         self._closed = False
@@ -37,7 +37,7 @@ class Backlog:
         """Add the newest. firm: it must arrive."""
         with self._changed:
             self._number += 1
-            waiting = Waiting(self._number, suffix, payload)
+            waiting = Outgoing(self._number, suffix, payload)
             if firm:
                 self._firm.append(waiting)
                 self._firm_bytes += len(payload)
