@@ -1,4 +1,4 @@
-"""Criteria for candidate models: the adapted BIC of Z22, AIC, BIC and MDL. The kernel's selectors use the same."""
+"""Criteria for candidate models: the adapted BIC of Z22, and BIC. The kernel's swarm has them, AIC and MDL too."""
 
 import math
 from typing import Final, Literal
@@ -31,27 +31,10 @@ def adapted_bic(residual: FloatArray, orders: int, inputs: int, tolerance: float
 
 def bic(residual: FloatArray, parameters: int) -> float:
     """n ln(SSE / n) + d ln n (Schwarz 1978); d: estimated coefficients."""
-    return _information(residual, parameters * math.log(_rows(residual)))
-
-
-def aic(residual: FloatArray, parameters: int) -> float:
-    """n ln(SSE / n) + 2 d (Akaike 1974)."""
-    return _information(residual, 2.0 * parameters)
-
-
-def mdl(residual: FloatArray, parameters: int) -> float:
-    """SSE / n (1 + d ln n / n) (Rissanen 1978; Ljung, System Identification, eq. 16.36)."""
     n = _rows(residual)
     if not np.isfinite(residual).all():
         return WORST
-    return min(float(residual @ residual) / n * (1.0 + parameters * math.log(n) / n), WORST)
-
-
-def _information(residual: FloatArray, price: float) -> float:
-    n = _rows(residual)
-    if not np.isfinite(residual).all():
-        return WORST
-    return min(n * math.log(max(float(residual @ residual) / n, 1e-300)) + price, WORST)
+    return min(n * math.log(max(float(residual @ residual) / n, 1e-300)) + parameters * math.log(n), WORST)
 
 
 def _rows(residual: FloatArray) -> int:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from talc.frame import FloatArray
-from talc.probing import deviation_matrix, rotation_x, rotation_z
+from talc.probing import deviation_matrix, rotation_x
 
 _MM, _UM = 1e-3, 1e-6
 
@@ -35,25 +35,6 @@ def tcp_offsets(errors: FloatArray, positions: FloatArray, sphere_radius_m: floa
     return np.asarray(deviation_matrix(a, point, growth) @ errors, dtype=np.float64)
 
 
-def forward_chain(errors: FloatArray, positions: FloatArray, sphere_radius_m: float) -> FloatArray:
-    """(3,) the same deviation, µm, through the chain's homogeneous transforms, without small-angle approximation.
-
-    The workpiece point at the tool tip of the undisturbed machine is transformed from the table through C, A and their
-    errors into machine coordinates. Arguments and errors raised as `tcp_offsets`.
-    """
-    tcp_offsets(errors, positions, sphere_radius_m)  # raises the same errors
-    ey0a, ez0a, ex0c, ey0c, ez0t, er0t, ea0c, eb0c, ec0c = np.asarray(errors, dtype=np.float64) * _UM
-    a, c = float(positions[3]), float(positions[4])
-    tip = np.append(np.asarray(positions[:3], dtype=np.float64) * _MM, 1.0)
-    at_a, at_c = _transform(rotation_x(a), np.zeros(3)), _transform(rotation_z(c), np.zeros(3))
-    on_table = np.linalg.inv(at_a @ at_c) @ tip
-    grown = on_table + np.array([*(on_table[:2] * er0t / sphere_radius_m), ez0t, 0.0])
-    tilt = rotation_z(float(ec0c)) @ _rotation_y(float(eb0c)) @ rotation_x(float(ea0c))
-    moved_a = _transform(np.eye(3), np.array([0.0, ey0a, ez0a])) @ at_a
-    moved_c = _transform(tilt, np.array([ex0c, ey0c, 0.0])) @ at_c
-    return np.asarray((moved_a @ moved_c @ grown - tip)[:3] / _UM, dtype=np.float64)
-
-
 @dataclass(frozen=True, slots=True)
 class AxisForm:
     """Offsets in the form that controls take: K0 + tan(beta) (P - P0), for one position of A."""
@@ -68,15 +49,6 @@ class AxisForm:
     def offsets(self, position: FloatArray) -> FloatArray:
         """(3,) µm at a position X, Y, Z in mm."""
         return np.asarray(self.k0 + self.slope @ (position - self.reference), dtype=np.float64)
-
-    def remainder(self, low: FloatArray, high: FloatArray) -> FloatArray:
-        """(3,) µm: the largest missing part over a travel (mm) if each axis only follows its own position.
-
-        SINUMERIK's temperature compensation (SD43900, SD43910, SD43920) takes one slope per axis, over its position.
-        """
-        reach = np.maximum(np.abs(low - self.reference), np.abs(high - self.reference))
-        across = self.slope - np.diag(np.diag(self.slope))
-        return np.asarray(np.abs(across) @ reach, dtype=np.float64)
 
 
 def axis_form(errors: FloatArray, a: float, reference: FloatArray, sphere_radius_m: float) -> AxisForm:
@@ -118,14 +90,3 @@ def workpiece_growth(
     if not 0.0 <= expansion_per_K <= 1e-4:
         raise ValueError(f"expansion_per_K = {expansion_per_K}: expected 0 to 1e-4 (steel: 11.5e-6)")
     return np.asarray(expansion_per_K * (temperature_degC - reference_degC) * (point - fixed) * 1e3, dtype=np.float64)
-
-
-def _rotation_y(angle: float) -> FloatArray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
-def _transform(rotation: FloatArray, shift: FloatArray) -> FloatArray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, shift
-    return matrix

@@ -82,10 +82,6 @@ class OpcUaSession:
         self._nodes: dict[tuple[str, ...], list[NodeId]] = {}
         self._subscriptions: dict[tuple[str, ...], Subscription | None] = {}
 
-    @property
-    def connected(self) -> bool:
-        return self._client is not None
-
     async def connect(self) -> None:
         """Open the session and look up the namespace.
 

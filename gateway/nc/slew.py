@@ -11,7 +11,6 @@ import numpy as np
 from talc.frame import FloatArray
 
 Offsets = tuple[float, float, float]
-ZERO: Offsets = (0.0, 0.0, 0.0)
 
 
 class Source(StrEnum):

@@ -48,13 +48,9 @@ class History:
         if row is None:
             return None
         config, fingerprint, versions, boot = row
-        latest = [(text, mark) for number, _, text, mark in self._running() if number == boot][-1:]
+        latest = [(text, mark) for number, text, mark in self._running() if number == boot][-1:]
         config, fingerprint = latest[0] if latest else (config, fingerprint)
         return str(config), str(fingerprint), str(versions)
-
-    def fingerprints(self) -> list[tuple[datetime, str]]:
-        """UTC and fingerprint of each configuration that came into use, by a start or a reload; oldest first."""
-        return [(datetime.fromisoformat(began), fingerprint) for _, began, _, fingerprint in self._running()]
 
     def runs(self) -> list[tuple[int, str, str | None]]:
         """First grid index, canonical configuration and prior of each run that made a frame, oldest first."""
@@ -88,11 +84,11 @@ class History:
         known = "SELECT count(*) FROM sqlite_master WHERE name = ?"
         return bool(self._connection.execute(known, (table,)).fetchone()[0])
 
-    def _running(self) -> list[tuple[int, str, str, str]]:
-        """Number of the run, UTC, configuration, fingerprint; empty for a file of an earlier program."""
+    def _running(self) -> list[tuple[int, str, str]]:
+        """Number of the run, configuration, fingerprint; empty for a file of an earlier program."""
         if not self._has("running"):
             return []
-        return self._connection.execute("SELECT boot, began, config, fingerprint FROM running ORDER BY id").fetchall()
+        return self._connection.execute("SELECT boot, config, fingerprint FROM running ORDER BY id").fetchall()
 
     def steps(self) -> Iterator[StoredStep]:
         """Every grid step, oldest first."""

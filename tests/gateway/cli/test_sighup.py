@@ -10,6 +10,7 @@ from pathlib import Path
 
 from gateway.config import load
 from gateway.storage import History
+from tests.benches.database import applied
 
 TEXT = """
 [machine]
@@ -68,8 +69,9 @@ def test_a_good_file_is_applied_and_a_bad_one_changes_nothing(tmp_path: Path) ->
             process.kill()
     assert "/nowhere/other" in seen.decode()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["gateway.sqlite", "gateway.toml"], "closed, and no lock left"
-    with History(tmp_path / "gateway.sqlite") as history:
-        assert [fingerprint for _, fingerprint in history.fingerprints()] == [first, second], "only what took effect"
+    database = tmp_path / "gateway.sqlite"
+    assert [fingerprint for _, fingerprint in applied(database)] == [first, second], "only what took effect"
+    with History(database) as history:
         stored = history.config()
     assert stored is not None
     assert stored[1] == second
