@@ -41,6 +41,8 @@ _START = 'ip link set lo up 2>/dev/null; mount --bind "$1" /tmp && cd /tmp/nc &&
 _REAL_TIME_USER = 65534
 """LinuxCNC's real-time part refuses root unless it is told which user it works for: nobody."""
 _BOOT_S, _ANSWER_S, _STOP_S = 60.0, 60.0, 30.0
+_MOTION_ANSWERS_S = 30.0
+"""Without a real-time kernel, a busy computer lets LinuxCNC's motion controller wait; after 1 s it ends the program."""
 
 
 class LinuxCncMachine:
@@ -112,7 +114,7 @@ async def machine(
     shutil.copytree(FILES, nc, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(_HERE / "screen.py", nc)
     (nc / "screen.py").chmod(0o755)
-    changed = {"DISPLAY": "/tmp/nc/screen.py", **(settings or {})}
+    changed = {"DISPLAY": "/tmp/nc/screen.py", "COMM_TIMEOUT": _MOTION_ANSWERS_S, **(settings or {})}
     if key:
         changed["# HALFILE"] = "talc_agent.hal"
         (nc / "talc.key").write_text(key)

@@ -121,6 +121,13 @@ class ControlScreen:
         self.command.state(linuxcnc.STATE_ESTOP)
         self.until("emergency stop", lambda s: s.task_state == linuxcnc.STATE_ESTOP)
 
+    def messages(self) -> list[str]:
+        """What LinuxCNC has told its operator since this was last asked."""
+        found = []
+        while (message := self.errors.poll()) is not None:
+            found.append(message[1])
+        return found
+
     def state(self) -> dict[str, Any]:
         self.stat.poll()
         return {
@@ -175,6 +182,7 @@ VERBS = (
     "run",
     "abort",
     "estop",
+    "messages",
     "state",
     "hal",
     "jog",

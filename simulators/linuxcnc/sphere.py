@@ -14,7 +14,7 @@ _NEAR_MM = 0.5
 
 
 class Sphere:
-    """Follows A and C at once, and is off by the thermal errors that `deform` set last.
+    """Follows A and C, and is off by the thermal errors that `deform` set last. Its pins show the A and C it follows.
 
     radius_mm, height_mm: on the table. zero_mm: (3,) where the spindle's gauge point is, in machine coordinates, when
     the probe's tip is where A and C meet.
@@ -27,8 +27,8 @@ class Sphere:
         self._pins: Any = hal.component("sphere")
         for name in ("a", "c", "distance", "ball"):
             self._pins.newpin(name, hal.HAL_FLOAT, hal.HAL_IN)
-        for name in "xyz":
-            self._pins.newpin(f"minus-{name}", hal.HAL_FLOAT, hal.HAL_OUT)
+        for name in ("minus-x", "minus-y", "minus-z", "placed-a", "placed-c"):
+            self._pins.newpin(name, hal.HAL_FLOAT, hal.HAL_OUT)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._place()
@@ -58,6 +58,8 @@ class Sphere:
         near = self._pins["distance"] < self._pins["ball"] + _NEAR_MM
         self._lifted ^= self._near and not near
         self._near = near
-        centre = centre_mm(self._errors, self._pins["a"], self._pins["c"], self._radius, self._height)
+        a, c = self._pins["a"], self._pins["c"]
+        centre = centre_mm(self._errors, a, c, self._radius, self._height)
         for name, zero, at in zip("xyz", self._zero, centre, strict=True):
             self._pins[f"minus-{name}"] = -(zero + at + (self._play_mm if name == "z" and self._lifted else 0.0))
+        self._pins["placed-a"], self._pins["placed-c"] = a, c
