@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from fcntl import ioctl
+from functools import partial
 from math import nan
 from pathlib import Path
 from signal import SIGINT
@@ -24,6 +25,7 @@ from gateway.cli.probe_watch import DeviceFigures, ProbeView
 from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
 from tests.benches.command import talc_gateway
+from tests.benches.counted_source import CountedSource
 from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice
 from tests.benches.stepped_clock import SteppedClock
 
@@ -130,7 +132,7 @@ kind = "modbus_tcp"
 host = "127.0.0.1"
 port = {port}
 period_s = 0.1
-timeout_s = 0.05
+timeout_s = 5.0
 [[device]]
 name = "adam"
 bus = "tcp1"
@@ -143,12 +145,15 @@ column = 1
 
 async def test_lines_tell_values_and_problems_where_there_is_no_terminal(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
-    adam = Adam6015(lambda: [20.0, 30.0, *[0.0] * 5])
+    source = CountedSource([20.0, 30.0, *[0.0] * 5])
+    adam = Adam6015(source)
     adam.faults.set(1, SensorFault.OPEN)
     host = TcpHost({1: adam})
     file.write_text(CONFIG.format(port=await host.start()), encoding="utf-8")
     try:
-        done = await talc_gateway("probe", str(file), "--watch", "--seconds", "1", "--every", "0.5")
+        # Asked for the third time, it has taken the second answer.
+        enough = partial(source.reads, 3)
+        done = await talc_gateway("probe", str(file), "--watch", "--every", "0.5", interrupt=enough)
     finally:
         await host.stop()
     first, *_, last = done.out.splitlines()

@@ -16,6 +16,7 @@ from simulators.devices import M7015, Cia404Node, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.source import SensorFault
 from tests.benches.command import Done, talc_gateway
+from tests.benches.counted_source import CountedSource
 
 FRAMES = CanLogger(lambda: [20.0, -3.3, 40.0, 99.9, 22.2], lambda _: None).frames()
 
@@ -72,7 +73,7 @@ name = "rtu1"
 kind = "modbus_rtu"
 port = "{rtu}"
 period_s = 0.2
-timeout_s = 0.1
+timeout_s = 1.0
 [[bus]]
 name = "can1"
 kind = "canopen"
@@ -114,18 +115,23 @@ channels = {{ growth = 0 }}
 
 async def test_commands_record_play_and_probe_alike(tmp_path: Path) -> None:
     """With a broken sensor, a unit that is silent, and a port that is not there."""
-    broken, silent = M7015(lambda: [20.0] * 6), M7015(lambda: [20.0] * 6)
+    temperatures, fluids = CountedSource([20.0] * 6), CountedSource([30.0])
+    broken, silent = M7015(temperatures), M7015(lambda: [20.0] * 6)
     broken.faults.set(4, SensorFault.OPEN)
     silent.faults.silent = True
-    line, node = RtuLine({1: broken, 2: silent}), Cia404Node(5, lambda: [30.0], inputs=1)
+    line, node = RtuLine({1: broken, 2: silent}), Cia404Node(5, fluids, inputs=1)
     adapter = SlcanAdapter([node])
     file = tmp_path / "gateway.toml"
     ports = {"rtu": await line.start(), "can": await adapter.start(), "gone": f"{tmp_path}/absent"}
     file.write_text(CONFIG.format(**ports), encoding="utf-8")
     wire = tmp_path / "field.wire"
+
+    async def several_reads() -> None:
+        await asyncio.gather(temperatures.reads(20), fluids.reads(20))
+
     try:
         before = await talc_gateway("probe", str(file))
-        recorded = await talc_gateway("record", str(file), "-o", str(wire), "--seconds", "1.5")
+        recorded = await talc_gateway("record", str(file), "-o", str(wire), interrupt=several_reads)
     finally:
         await line.stop()
         await adapter.stop()
@@ -144,8 +150,9 @@ async def test_commands_record_play_and_probe_alike(tmp_path: Path) -> None:
 
 
 def _without_times(table: str, folder: Path) -> str:
-    """Without latencies, ports' names and the padding that their width makes."""
-    text = re.sub(r"\S*(absent|gone1)(?=[ :'])", "PORT", re.sub(r"[\d.]+ ms", "", table.replace(str(folder), "")))
+    """Without latencies, how long an answer was waited for, ports' names and the padding that their width makes."""
+    timeless = re.sub(r"[\d.]+ (ms|s)\b", "", table.replace(str(folder), ""))
+    text = re.sub(r"\S*(absent|gone1)(?=[ :'])", "PORT", timeless)
     return re.sub(r"[ ━─]+", " ", text)
 
 

@@ -22,6 +22,8 @@ from simulators.devices.me_controller import MeController
 from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Spoil
 
+pytestmark = pytest.mark.simulated_time
+
 TIMEOUT_S = 0.3
 BEGAN = datetime(2026, 11, 23, 8, tzinfo=UTC)
 
