@@ -42,7 +42,7 @@ namespace {
 using Nanoseconds = int64_t;
 constexpr Nanoseconds second = 1'000'000'000, never = INT64_MAX;
 constexpr Nanoseconds cost_of_a_look = 200;  // so that who polls the clock sees it go on, however fast the computer
-constexpr long rest_ns = 30'000;             // real time between two looks of the governor
+constexpr long rest_ns = 30'000, longest_rest_ns = 240'000;  // real time between two looks of the governor
 
 std::atomic<bool> active{false};
 std::atomic<Nanoseconds> simulated{0}, wall_offset{0};
@@ -456,9 +456,10 @@ pthread_t governor;
 
 void* govern(void*) {
   Threads threads;
-  const timespec rest{0, rest_ns};
+  timespec rest{0, rest_ns};
   while (active) {
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
+    rest.tv_nsec = std::min(2 * rest.tv_nsec, longest_rest_ns);  // work goes on; looks cost, too
     const uint64_t before = waits;
     if (!threads.all_sleep()) continue;
     if (!wires_are_quiet() || !threads.all_sleep()) continue;
@@ -474,6 +475,7 @@ void* govern(void*) {
     for (auto* wait : waiting)
       if (wait->deadline <= simulated) expire(*wait);
     ++steps;
+    rest.tv_nsec = rest_ns;
   }
   return nullptr;
 }

@@ -19,6 +19,8 @@ from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoad
 from simulators.nc.nck import AUTO, JOG
 from tests.benches.emulated_bench import Rigid
 
+pytestmark = pytest.mark.simulated_time
+
 
 class Counting(EmulatedControl):
     """Counts how often a client asks."""

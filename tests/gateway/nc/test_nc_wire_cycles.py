@@ -17,6 +17,8 @@ from simulators.nc.variables import ALARMS_SHOWN
 from talc.frame import Why
 from tests.benches.nc_line_bench import bench, wants
 
+pytestmark = pytest.mark.simulated_time
+
 
 async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_has_another_number() -> None:
     async with bench() as at:

@@ -21,6 +21,8 @@ from simulators.nc.variables import AccessRight
 from talc.frame import Why
 from tests.benches.nc_line_bench import SLEW_UM_PER_S, bench, driver_of_the_other, wants
 
+pytestmark = pytest.mark.simulated_time
+
 
 async def test_a_control_that_is_absent_at_the_start_is_told_once_and_compensated_when_it_comes() -> None:
     async with bench(start=False) as at:
