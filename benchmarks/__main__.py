@@ -1,4 +1,4 @@
-"""`python -m benchmarks [SUBJECT ...]`: run, print, and renew the subjects' tables in README.md."""
+"""`python -m benchmarks [SUBJECT ...]`: runs the subjects, prints their tables and renews them in README.md."""
 
 import importlib
 import os
@@ -23,7 +23,7 @@ _README = Path(__file__).parents[1] / "README.md"
 def main(wanted: list[str]) -> None:
     unknown = set(wanted) - set(_SUBJECTS)
     if unknown:
-        raise SystemExit(f"no such subject: {', '.join(sorted(unknown))}; there are {', '.join(_SUBJECTS)}")
+        raise SystemExit(f"no such subject: {', '.join(sorted(unknown))}; available: {', '.join(_SUBJECTS)}")
     for subject in wanted or _SUBJECTS:
         module = importlib.import_module(f"benchmarks.{subject}")
         rows: list[BenchRow] = module.rows()

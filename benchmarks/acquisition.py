@@ -1,7 +1,7 @@
-"""Cost of the whole service at real time: `talc-gateway run` in its own process, the emulated devices in others.
+"""Cost of the whole service in real time: `talc-gateway run` in one process, the emulated devices in others.
 
-The processor time is the service's process' alone, all its threads, from /proc; periods are those of the stored
-readings, by their source times. Each is taken over three windows in a row, and the median is shown.
+Processor time is that of the service's process with all its threads, from /proc; periods are those of the stored
+readings, by their source times. Each is measured over three successive windows, and the median is shown.
 """
 
 import json
@@ -37,16 +37,16 @@ from talc.control import Controller
 from talc.frame import Frame, Measurement
 
 _WINDOWS, _WINDOW_S = 3, 17.0
-"""Windows one after the other and how long each is; figures are medians of them."""
+"""Number of windows and the length of each; figures are medians over them."""
 _SETTLE_S = 5.0
 _READY_S = 30.0
 _LISTENER = "tcp/127.0.0.1:17447"
-"""Where this process listens to what the service publishes: without a subscriber Zenoh has little to do."""
+"""Where this process subscribes to the service: without a subscriber Zenoh has little to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a service took. Medians of the windows, except where it says otherwise."""
+    """What a service used. Medians of the windows, except where stated otherwise."""
 
     share: float
     """Of one core."""
@@ -57,13 +57,13 @@ class Cost:
     worst_p99_ms: float
     """The same in the worst window."""
     training: bool
-    """Whether a training ran at the begin of the first window and at the end of the last."""
+    """Whether a training ran at the start of the first window and at the end of the last."""
     waited: float
-    """Share of the time in which its event loop could have run and had no core, as other programs ran."""
+    """Share of the time in which its event loop was ready but other programs had the cores."""
     first_s: float = math.nan
     """From the start of the process until a Zenoh subscriber had a good value of every channel."""
     heard: int = 0
-    """Messages that came to it in all."""
+    """Total number of messages that it received."""
 
 
 def _ticks(pid: int) -> float:
@@ -87,7 +87,7 @@ def _children(pid: int) -> set[str]:
 
 
 class _Ear:
-    """A subscriber that counts, and notes when it first had a good value of every channel."""
+    """A subscriber that counts messages, and records when it first had a good value of every channel."""
 
     def __init__(self, channels: Collection[str]) -> None:
         self._missing = set(channels)
@@ -131,7 +131,7 @@ def _wait_for_child(pid: int) -> None:
     until = time.monotonic() + _READY_S
     while not _children(pid):
         if time.monotonic() > until:
-            raise RuntimeError("the service began no training")
+            raise RuntimeError("the service did not start a training")
         time.sleep(0.1)
 
 
@@ -162,7 +162,7 @@ def _measured(path: Path, config: GatewayConfig, training: bool) -> Cost:
 
 
 def _late_p99_ms(config: GatewayConfig, since: float, until: float) -> float:
-    """p99 of |interval - period| over the good readings of a window, by the time of day of its ends."""
+    """p99 of |interval - period| over the good readings of a window, given by its wall-clock ends."""
     times: dict[str, list[float]] = {channel.name: [] for channel in config.channels}
     with closing(sqlite3.connect(config.storage.path)) as database:
         for channel, at in database.execute(
@@ -176,7 +176,7 @@ def _late_p99_ms(config: GatewayConfig, since: float, until: float) -> float:
 
 @contextmanager
 def _process(*module: str) -> Iterator[dict[str, Any]]:
-    """Emulators in a process of their own, and the addresses it prints when ready."""
+    """Emulators in a separate process, and the addresses that it prints when ready."""
     process = subprocess.Popen(
         [sys.executable, "-m", *module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
@@ -252,7 +252,7 @@ max_inputs = 12
 
 
 def want_training(config: GatewayConfig) -> None:
-    """Fill the store with an earlier run's calibration whose training has not been done: a start takes it up."""
+    """Fill the store with an earlier run's calibration and its pending training, which a start then resumes."""
     steps = config.talc.control.calibration_steps
     draw, n, step_s = np.random.default_rng(0), len(config.input_names), config.grid.step_s
     inputs = 22.0 + np.cumsum(draw.normal(0, 0.1, (steps, n)), axis=0)

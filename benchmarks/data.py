@@ -49,9 +49,9 @@ def _scatter(draw: np.random.Generator, sigma: float) -> float:
 def machine(
     kind: str, seed: int, hours: int, *, noise_seed: int | None = None, off: Callable[[int], bool] | None = None
 ) -> Days:
-    """`day`: a shop's day of operations (simulators.nc.LoadCase); `axes`: Z22's random loads. The seed chooses machine,
-    loads, weather and noise; noise_seed: other sensor and probing noise on the same physics; off: the rows in which the
-    machine is switched off."""
+    """`day`: a shop's day of operations (simulators.nc.LoadCase); `axes`: Z22's random loads. The seed determines
+    machine, loads, weather and noise; noise_seed: other sensor and probing noise on the same physics; off: the rows in
+    which the machine is switched off."""
     noise = seed if noise_seed is None else noise_seed
     season = ("spring", "winter", "summer")[seed % 3]
     plant = Plant(varied(seed), SEASONS[season], seed + 1000)

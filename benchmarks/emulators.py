@@ -1,4 +1,4 @@
-"""`python -m benchmarks.emulators`: 500 channels on 20 Modbus buses in a process of their own.
+"""`python -m benchmarks.emulators`: 500 channels on 20 Modbus buses in a separate process.
 
 Prints one JSON line, the pseudo-terminals and the ports, and ends when its standard input closes.
 """

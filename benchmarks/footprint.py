@@ -6,7 +6,7 @@ import sys
 
 from benchmarks.rows import BenchRow
 
-# Not getrusage: a child's peak there begins with what its parent had at the fork.
+# Not getrusage: there a child's peak starts with its parent's memory at the fork.
 _PEAK = "print([int(x.split()[1]) / 1024 for x in open('/proc/self/status') if x.startswith('VmHWM')][0])"
 _TRAIN = """
 import numpy as np

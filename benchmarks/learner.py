@@ -1,6 +1,6 @@
 """The learner on the simulated machines: dense and sparse beginnings, the first hours, a prior, and its cost.
 
-E_RMS is judged before each measurement, against the truth. Beside it: measure-and-hold with the same moments, or none.
+E_RMS is judged before each measurement, against the truth, beside measure-and-hold at the same times, or nothing.
 """
 
 import os
@@ -25,7 +25,7 @@ _HOUR, _DAY, _HOURS = 12, 288, 96
 _SEEDS = range(8)
 _POSITIONS = 6
 _STRETCHES = ((0, 2), (2, 6), (6, 24), (24, _HOURS))
-"""Hours of which the learning curve is made."""
+"""Edges of the learning curve, in hours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class LearnerOutcome:
     """One machine's four days; per thermal error."""
 
     left: FloatArray
-    """(T, 9) truth less estimate."""
+    """(T, 9) truth minus estimate."""
     inside: FloatArray
     """(9,) share of the unmeasured rows in which the 95 % interval held the truth, after the first day."""
     state: LearnerState | None
@@ -56,7 +56,7 @@ def run(m: Days, used: BoolArray, prior: Prior | None = None, keep: bool = False
 
 
 def moments(every: int, then: int, rows: int) -> BoolArray:
-    """(rows,) a day with a measurement each `every` steps, and each `then` after it."""
+    """(rows,) a day with a measurement every `every` steps, and every `then` steps after it."""
     used = np.zeros(rows, dtype=np.bool_)
     used[: _DAY + 1 : every] = True
     used[_DAY::then] = True
@@ -129,7 +129,7 @@ def _cost() -> list[BenchRow]:
 
 
 def rows() -> list[BenchRow]:
-    """All of it; a few minutes."""
+    """All rows of the table; takes a few minutes."""
     table = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         machines = [(kind, seed) for kind in ("day", "axes") for seed in _SEEDS]

@@ -1,7 +1,7 @@
 """`python -m benchmarks.pymodbus_poll SECONDS WINDOWS WHERE`: a bare polling loop with pymodbus' own client.
 
-The same requests to the same units at the same rate; nothing is decoded, checked, stored or published. Prints JSON:
-share of a core, and p99 of |interval - 1 s| in ms of each of so many windows of so many seconds.
+It makes the same requests to the same units at the same rate; nothing is decided, checked, stored or published. Prints
+JSON: share of a core, and p99 of |interval - 1 s| in ms for each of WINDOWS windows of SECONDS seconds.
 """
 
 import asyncio

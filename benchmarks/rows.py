@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class BenchRow:
-    """One measured figure beside what was wanted."""
+    """One measured figure beside its goal."""
 
     work: str
     ours: str

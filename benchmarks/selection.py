@@ -1,4 +1,4 @@
-"""Whole selections of nine models, beside the same swarm in textbook form, and a replay without training."""
+"""Whole selections of nine models, compared with a textbook implementation of the same swarm; and a replay."""
 
 import time
 from functools import partial
@@ -21,9 +21,9 @@ from talc.training import train
 from talc.window import Structure, Window
 
 _TRIALS = 12
-"""Candidates of the textbook route that are timed."""
+"""Number of candidates of the textbook implementation that are timed."""
 _PLACED = 240
-"""Of ours: enough that what a swarm prepares once does not count."""
+"""Number of our candidates: enough that the swarm's one-off preparation does not count."""
 
 
 def _job(m: Days, settings: TrainingSettings) -> TrainingJob:
@@ -83,7 +83,7 @@ def rows() -> list[BenchRow]:
     y = (day.measured[:, 1] - day.measured[:, 1].mean()) / day.measured[:, 1].std()
     scaled = (u - u.mean(axis=0)) / u.std(axis=0)
     regression = Regression(Window(scaled, y, y, float(day.measured[:, 1].std())), 5, 5)
-    # A swarm converges to candidates that are cheaper than random ones: only like is compared with like.
+    # A swarm converges to candidates that are cheaper than random ones; compare only like with like.
     ours = median_s(partial(select, regression, seed=0, swarm=_PLACED, iterations=0), 3) / _PLACED
     textbook = {}
     for loop in (True, False):

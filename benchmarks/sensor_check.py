@@ -1,8 +1,8 @@
 """Offset and exchanged sensors on simulated machines: how often they are found, and how many alarms are false.
 
-Sixteen varied machines, each twelve days under a shop's day and under random loads of single axes. False alarms: the
-gateway's own watch over all days, learning and telling as in service. Detection: a window that is wholly under the
-fault, after so many days of learning, faults and windows drawn.
+Sixteen varied machines run for twelve days each, under a shop's day and under random loads of single axes. False
+alarms: the gateway's own watch over all days, learning and reporting as in service. Detection: a window entirely with
+the fault, after a given number of days of learning; faults and windows are drawn at random.
 """
 
 import asyncio
@@ -113,7 +113,7 @@ def run(kind: str, seed: int) -> SensorOutcome:
 
 
 def _is_off(k: int) -> bool:
-    """Of grid step k since Monday, 6 h: at night, on Saturday, on Sunday."""
+    """Whether each grid step k since Monday, 6 h, is at night, on Saturday or on Sunday."""
     return k % _DAY >= 16 * 12 or k // _DAY % 7 >= 5
 
 

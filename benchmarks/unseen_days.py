@@ -1,8 +1,8 @@
-"""Methods on unseen days: the whole control loop over 16 simulated machines, beside measure-and-hold.
+"""Methods on unseen days: the whole control loop over 16 simulated machines, compared with measure-and-hold.
 
-A first day, then three days with a measurement each two hours (and those a model update asks for), on eight
-machines (benchmarks.data.varied) under a shop's day and under random loads of single axes. The peer corrects by the
-last measured error, measured at the same moments. Errors are judged before each measurement, against the truth.
+A first day, then three days with a measurement every two hours (and those that a model update requests), on eight
+machines (benchmarks.data.varied) under a shop's day and under random loads of single axes. Measure-and-hold corrects
+by the last measured error, measured at the same times. Errors are judged before each measurement, against the truth.
 """
 
 import os
@@ -48,10 +48,10 @@ class Way:
     training: TrainingSettings = field(default_factory=TrainingSettings)
     control: ControlSettings = field(default_factory=ControlSettings)
     learner_each: int | None = None
-    """The learner, in the first day measured each so many steps, and then each 2 h; None: the models."""
+    """The learner, measured every so many steps in the first day and then every 2 h; None: the models."""
 
     def measured(self, rows: int) -> BoolArray | None:
-        """(rows,) when the learner is measured; None: when the models ask."""
+        """(rows,) when the learner is measured; None: when the models request it."""
         if self.learner_each is None:
             return None
         used = np.zeros(rows, dtype=np.bool_)
@@ -117,7 +117,7 @@ _GOALS = {
 
 
 def _line(way: Way, outcomes: list[UnseenOutcome], default: list[UnseenOutcome]) -> BenchRow:
-    """default: of the first way; its peer's moments are one yardstick for ways that measure more and less often."""
+    """default: of the first way; its measurement times are the common yardstick for all ways."""
     ratio = np.array([o.rms / o.hold for o in outcomes])
     common = np.array([o.rms / d.hold for o, d in zip(outcomes, default, strict=True)])
     inside = np.concatenate([o.inside for o in outcomes])

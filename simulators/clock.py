@@ -1,4 +1,4 @@
-"""One simulated clock for the processes of a bench: real time, scaled, that waits for the work of its owner."""
+"""One simulated clock for the processes of a bench: scaled real time that waits for its owner's work."""
 
 import asyncio
 import math
@@ -18,9 +18,9 @@ _SHORTEST_SLEEP_S = 0.0005
 class SharedClock:
     """Simulated seconds = base + (real - real base) * speed, at most the limit; in a small file that all processes map.
 
-    The file's owner starts, stops and holds the clock; others only read it. The limit is the earliest time that a task
-    of the owner sleeps until: on a busy computer simulated time waits for the owner and does not pass it.
-    CLOCK_MONOTONIC is common to all processes of a Linux machine, so nothing is exchanged while it runs.
+    The file's owner starts, stops and holds the clock; others only read it. The limit is the earliest time until which
+    one of the owner's tasks sleeps: on a busy computer simulated time waits for the owner and does not pass it.
+    CLOCK_MONOTONIC is common to all processes of a Linux machine, so no messages are exchanged while it runs.
     """
 
     def __init__(self, path: Path, *, epoch: datetime, speed: float = 1.0, owner: bool = False) -> None:
@@ -29,7 +29,7 @@ class SharedClock:
         self._holds = 0
         self._lock = Lock()
         self._due: list[float] = []
-        """Until when the owner's tasks sleep."""
+        """The time until which the owner's tasks sleep."""
         self._owner = owner
         if owner:
             path.write_bytes(_LAYOUT.pack(0, time.monotonic(), 0.0, 0.0, math.inf))
@@ -75,7 +75,7 @@ class SharedClock:
                 self._apply()
 
     async def sleep_until(self, monotonic_s: float) -> None:
-        """Sleep; the owner wakes at that time exactly, others at that time or later."""
+        """Sleep; the owner wakes at exactly that time, others at that time or later."""
         if monotonic_s <= self.monotonic():
             return
         self._wait_for(monotonic_s)

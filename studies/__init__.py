@@ -1,4 +1,4 @@
-"""Studies that repeat the papers on simulated machines, with naive peers beside them. See docs/studies.md."""
+"""Studies that repeat the papers on simulated machines, compared with simple methods. See docs/studies.md."""
 
 from studies.adaptive_inputs import STUDY as _ADAPTIVE_INPUTS
 from studies.arx_vs_static import STUDY as _ARX_VS_STATIC

@@ -1,4 +1,4 @@
-"""`python -m studies NAME`: run one of the papers' studies, with a progress bar, and renew its table in README.md."""
+"""`python -m studies NAME`: runs one of the papers' studies, with a progress bar, and renews its table in README.md."""
 
 import os
 from pathlib import Path
@@ -13,10 +13,10 @@ from studies import STUDIES, carry_out, renew
 @click.command()
 @click.argument("name", required=False)
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Default: out/studies/NAME, NAME-small.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes. Default: one per core.")
+@click.option("--workers", type=click.IntRange(min=1), help="Number of processes. Default: one per core.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-@click.option("--small", is_flag=True, help="A few runs only, to see it work.")
-@click.option("--readme", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Renew its table there.")
+@click.option("--small", is_flag=True, help="Only a few runs, to see that it works.")
+@click.option("--readme", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with its table.")
 def main(name: str | None, out: Path | None, workers: int | None, seed: int, small: bool, readme: Path | None) -> None:
     """Run the study NAME, or continue it; without NAME list the studies."""
     if name is None:
@@ -33,7 +33,7 @@ def main(name: str | None, out: Path | None, workers: int | None, seed: int, sma
 
 
 def run_study(name: str, folder: Path, seed: int, small: bool, workers: int, readme: Path | None) -> bool:
-    """Run what is missing in `folder`, write its report and renew its table in `readme`; False: no place for it."""
+    """Run what is missing in `folder`, write the report and renew the table in `readme`; False: it has no place."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the processes that do the runs share the cores already
     console = Console(markup=False, emoji=False)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

@@ -1,4 +1,4 @@
-"""Inputs chosen once or again at every model update, by three selectors, over Z22's 340 h in three seasons."""
+"""Inputs chosen once or at every model update, by three selectors, over Z22's 340 h in three seasons."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,16 +22,16 @@ IDLE_S = 12 * 3600.0
 CALIBRATION = 288
 """Steps: 24 h."""
 SENSOR_NOISE_K, GROWTH_NOISE_UM = 0.05, 0.2
-"""Of each repetition, beside the plant's own, which is the same in all."""
+"""Seed of each repetition; the plant's own is the same in all."""
 SHOWN_EACH = 3
-"""Steps between the points of a drawn series."""
+"""Steps between the plotted points of a series."""
 SMALL_STEPS = 456
 """The small version: 38 h of the first season."""
 
 LEARNER = "learner"
-"""Chooses no inputs: it weighs all of them, and anew at each measurement."""
+"""Chooses no inputs: it weights all of them, again at each measurement."""
 MEASURE_EACH = 24
-"""Steps between the learner's measurements after the first day: 2 h, as the others'."""
+"""Steps between the learner's measurements after the first day: 2 h, as for the others."""
 
 SELECTORS: dict[str, tuple[TrainingSettings, ControlSettings]] = {
     "pso": (
@@ -44,7 +44,8 @@ SELECTORS: dict[str, tuple[TrainingSettings, ControlSettings]] = {
     ),
     "search": (TrainingSettings(), ControlSettings()),
 }
-"""pso: Z22's Group-LASSO and swarm with its largest orders. tck: the earlier sequential way. search: the default."""
+"""pso: Z22's Group-LASSO and swarm with its largest orders. tck: the earlier sequential selector. search: the
+default."""
 
 
 def runs(seed: int, small: bool) -> list[RunParameters]:
@@ -67,7 +68,8 @@ def runs(seed: int, small: bool) -> list[RunParameters]:
 
 
 def plainly_measured(here: Days) -> BoolArray:
-    """(T,) each step of the first day, then each 2 h, and where a stretch begins: no more, whatever is found."""
+    """(T,) every step of the first day, then every 2 h and at the start of a stretch; nothing that is found adds
+    more."""
     used = np.zeros(len(here.truth), dtype=np.bool_)
     used[: CALIBRATION + 1] = True
     used[CALIBRATION::MEASURE_EACH] = True
@@ -76,7 +78,7 @@ def plainly_measured(here: Days) -> BoolArray:
 
 
 def series(seed: int, repetition: int, small: bool) -> Days:
-    """The three seasons one after the other; errors count from the begin of the first."""
+    """The three seasons one after the other; errors count from the start of the first."""
     parts: list[PlantRecording] = []
     parameters, first = load(), None
     for n, stretch in enumerate(long_term(seed, step_s=STEP_S)[: 1 if small else None]):
@@ -105,7 +107,7 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
         course = control(here, TalcSettings(method="learner"), measured=plainly_measured(here))
     else:
         course = control(here, TalcSettings(method="models", control=settings, training=own))
-    # What stood there when a stretch begins is from another season, and replaced at once by its first measurement.
+    # At the start of a stretch the estimate is from another season; its first measurement replaces it at once.
     judged = np.arange(len(here.truth)) > CALIBRATION
     judged[list(here.begins)] = False
     result: dict[str, Any] = {
@@ -132,7 +134,7 @@ def _figures(left: FloatArray) -> dict[str, list[float]]:
 
 
 def _drawn(here: Days, course: Course) -> dict[str, Any]:
-    """Truth, what was left and limits, each third step, rounded for the picture; None: not known yet."""
+    """Truth, residual and limits, every third step, rounded for the plot; None: not known yet."""
     shown = slice(None, None, SHOWN_EACH)
 
     def rounded(values: FloatArray) -> list[list[float | None]]:

@@ -1,6 +1,6 @@
-"""Static, FIR and ARX models of a three-body machine, with TALC's own estimators and naive peers beside them.
+"""Static, FIR and ARX models of a three-body machine, with TALC's own estimators and simple methods for comparison.
 
-The paper's orders; one load case to learn from, another one to be judged on, free run without any measurement.
+The paper's orders; one load case to learn from and another one for judging, in free run without any measurement.
 """
 
 from collections.abc import Mapping
@@ -24,10 +24,10 @@ PAIRS = 30
 STEPS = 576
 """48 h at 5 min, each of the two load cases."""
 REST = 12
-"""Steps without load at the begin of each: the longest model's past; they are not judged."""
+"""Steps without load at the start of each: the longest model's past; they are not judged."""
 HIGHEST_W = (150.0, 90.0)
 HOLD_STEPS = (12, 48)
-"""A load stands for 1 to 4 h."""
+"""A load lasts 1 to 4 h."""
 ORDERS = {"Y": (2, 4), "Z": (10, 10)}
 """nb of the base's and the spindle's sensor, the paper's."""
 PLACES = {"near": ("base_near", "spindle_near"), "far": ("base_far", "column_far")}
@@ -118,7 +118,7 @@ def predictions(
     scaled = (y - y_mean) / y_std
     window = Window((u - u_mean) / u_std, scaled, scaled, y_std)
     inputs, orders = (0, 1), ORDERS[direction]
-    # Which rows enter must not depend on the model.
+    # The rows used must not depend on the model.
     regression = Regression(window, 1, max(orders))
 
     def free_run(structure: Structure, coefficients: Coefficients) -> FloatArray:
@@ -164,7 +164,7 @@ def _by_training(
 
 
 def _by_learner(u: FloatArray, y: FloatArray, new_u: FloatArray, start: float) -> FloatArray:
-    """From the same rows, then a day off, one measurement, and the free run."""
+    """The learner from the same rows, then a day off, one measurement, and the free run."""
     controller = Controller(("first", "second"), TalcSettings(method="learner"))
     valid, errors = np.ones(2, dtype=np.bool_), len(THERMAL_ERRORS)
     sigma = np.full(errors, PROBING_NOISE_um)

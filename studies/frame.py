@@ -1,4 +1,4 @@
-"""The runs of a study: keyed by their parameters, done once, in parallel, kept as one JSON file each."""
+"""The runs of a study: identified by their parameters, done once, in parallel, and kept as one JSON file each."""
 
 import hashlib
 import json
@@ -23,9 +23,9 @@ from studies.page import Origin, Report, write
 from talc import _kernel
 
 RunParameters = Mapping[str, Any]
-"""JSON-able; says all that a run depends on, its seed included."""
+"""JSON-able; contains everything that a run depends on, including its seed."""
 _PHYSICS = ("plant", "cases", "three_body")
-"""Packages of the simulators that studies rest on."""
+"""Packages of the simulators that studies use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,32 +34,32 @@ class Run:
 
     parameters: RunParameters
     result: Mapping[str, Any]
-    """JSON-able; None stands for a figure that does not exist."""
+    """JSON-able; None stands for a missing figure."""
     seconds: float | None = None
     """How long it took in its process, if that was kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A question, as runs that do not depend on each other, and a report on them."""
+    """A question, as independent runs, and a report on them."""
 
     name: str
     summary: str
     """One line."""
     runs: Callable[[int, bool], list[RunParameters]]
-    """From a seed, and whether the small version is wanted."""
+    """Called with a seed, and whether the small version is wanted."""
     run: Callable[[RunParameters], Mapping[str, Any]]
     """A function of a module, so that other processes find it; the same parameters give the same result."""
     report: Callable[[list[Run]], Report]
     then: Callable[[list[Run]], list[RunParameters]] | None = None
-    """Runs that rest on what the first ones gave, such as other seeds for what was chosen among them."""
+    """Runs that depend on the results of the first ones, such as other seeds for what was chosen among them."""
     goal_min: float | None = None
     """How long all of it may take on two cores."""
 
 
 @cache
 def code_fingerprint(module: str) -> str:
-    """SHA-256 over the code that the results of a study's module rest on, in hexadecimal; not over how they are shown.
+    """SHA-256, hexadecimal, over the code that determines a study's results; not over how they are shown.
 
     That is talc with its compiled kernel, the simulated physics, the module itself and the control's loop.
     """
@@ -86,9 +86,9 @@ def key(study: Study, parameters: RunParameters) -> str:
 
 
 def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) -> Iterator[tuple[int, int]]:
-    """Do what is not done yet, then write the report. Yields (runs done, runs in all), first with what was there.
+    """Do what is not done yet, then write the report. Yields (runs done, runs in all), first those already there.
 
-    A study that was stopped goes on where it was. ValueError: no worker. An exception of a run ends the study.
+    A study that was stopped continues where it was. ValueError: no worker. An exception of a run ends the study.
     """
     if workers < 1:
         raise ValueError(f"workers = {workers}: expected 1 or more")
@@ -103,7 +103,7 @@ def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) 
 def _do(
     study: Study, kept: Path, wanted: list[RunParameters], workers: int, before: int
 ) -> Generator[tuple[int, int], None, list[Run]]:
-    """Runs that `kept` does not have yet, in parallel; `before` runs were done already. Returns all that is wanted."""
+    """Runs that `kept` does not have yet, in parallel; `before` runs are done already. Returns all that are wanted."""
     files = [kept / f"{key(study, parameters)}.json" for parameters in wanted]
     runs = {file: run for file in files if (run := _stored(file)) is not None}
     yield before + len(runs), before + len(wanted)
@@ -132,7 +132,7 @@ def _timed(run: Callable[[RunParameters], Mapping[str, Any]], parameters: RunPar
 
 
 def _end_with_parent() -> None:
-    """A worker whose study was terminated would else go on with its run, for a minute or two."""
+    """Without this, a worker of a terminated study would continue its run for a minute or two."""
     parent = parent_process()
     if parent is not None:
         Thread(target=_exit_after, args=[parent], daemon=True).start()
@@ -171,7 +171,7 @@ def _origin(study: Study, runs: list[Run], seed: int, small: bool, workers: int)
 
 
 def _took(study: Study, runs: list[Run], small: bool, workers: int) -> str:
-    """All runs' time spread over the workers, also when they were done at several goes; beside the goal, if any."""
+    """The total time of all runs divided among the workers, even over several sessions; with the goal, if any."""
     goal = "" if study.goal_min is None or small else f" (goal: {study.goal_min:g} min on 2)"
     known = [run.seconds for run in runs if run.seconds is not None]
     if len(known) < len(runs):

@@ -1,4 +1,4 @@
-"""A machine's days as the controller sees them, the controller run over them, and naive peers."""
+"""A machine's days as the controller sees them, the controller run over them, and simple methods for comparison."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ CYCLE_S = 120.0
 STEP_S = 300.0
 TEMPERATURES = 29
 PAUSE = 288
-"""Steps between two stretches: a day. After more than a week the record would start anew."""
+"""Steps between two stretches: a day. After more than a week the record would start again."""
 _RIDGE = 1e-3
-"""Of the static regression, relative to the number of rows: 36 inputs that nearly repeat each other need one."""
+"""Ridge of the static regression, relative to the number of rows: 36 nearly collinear inputs need one."""
 _LEAST_ROWS = 24
 
 
@@ -37,16 +37,16 @@ class Days:
     truth: FloatArray
     """(T, 9)"""
     measured: FloatArray
-    """(T, 9) what a six-pose probing cycle would tell in that row."""
+    """(T, 9) the result of a six-pose probing cycle in that row."""
     sigma: FloatArray
-    """(9,) of a measurement."""
+    """(9,) standard uncertainty of a measurement."""
     begins: tuple[int, ...] = (0,)
-    """Rows at which a stretch begins: `PAUSE` steps after the row before, and with a measurement."""
+    """Rows at which a stretch starts: `PAUSE` steps after the row before, and with a measurement."""
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """What a controller made of them."""
+    """The controller's course over the days."""
 
     estimate: FloatArray
     """(T, 9) in force when a row's measurement is made, or would be; NaN before the first models."""
@@ -58,7 +58,7 @@ class Course:
     """(T,) a measurement was made."""
     phases: tuple[Phase, ...]
     updates: tuple[tuple[int, ModelSet], ...]
-    """Row after which models were adopted, and what the training gave; the first ones end the calibration."""
+    """Row after which models were adopted, and the training's result; the first ones end the calibration."""
 
 
 def days(recording: PlantRecording, seed: int) -> Days:
@@ -99,7 +99,7 @@ def control(
             asked = bool(given[k])
         measurement = Measurement(series.measured[k], series.sigma) if asked else None
         decision = controller.step(Frame(k + pauses, series.inputs[k], valid[k], measurement))
-        # An error without a model is corrected by what was measured last.
+        # An error without a model is corrected by its last measurement.
         estimate[k] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
         sigma[k], limits[k], used[k], in_force = decision.sigma, decision.limits, asked, decision.corrected
         phases.append(decision.phase)
@@ -155,7 +155,7 @@ def _fitted(inputs: FloatArray, known: NDArray[np.intp], errors: FloatArray) -> 
 
 
 def filled(inputs: FloatArray) -> FloatArray:
-    """An input that reads nothing keeps its last value, or that of the first row in which it read."""
+    """An input without a reading keeps its last value, or that of the first row with one."""
     good = np.isfinite(inputs)
     rows = np.arange(len(inputs))[:, None]
     last = np.maximum.accumulate(np.where(good, rows, -1), axis=0)

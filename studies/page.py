@@ -53,7 +53,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """An SVG and what it shows."""
+    """An SVG and its caption."""
 
     svg: str
     caption: str
@@ -85,7 +85,7 @@ class Report:
     asked: str
     """What was asked, and how it was done; paragraphs divided by an empty line."""
     summary: Table
-    """The figures that also stand in the README."""
+    """The figures that also appear in the README."""
     claims: tuple[Claim, ...]
     sections: tuple[PageSection, ...]
     figures: Sequence[Sequence[object]] = field(default_factory=list)
@@ -94,13 +94,13 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where the figures come from."""
+    """Origin of the figures."""
 
     runs: int
     seed: int
     versions: str
     code: str
-    """Begin of the fingerprint of the code that the figures rest on: another one, and they are of other code."""
+    """Start of the fingerprint of the code behind the figures; another one means other code."""
     took: str
     """How long it took, on how many cores."""
     again: str
@@ -109,7 +109,7 @@ class Origin:
 
 
 def figure(width: float, height: float) -> Figure:
-    """An empty figure in inches, in the studies' style once it is drawn inside `style`."""
+    """An empty figure, size in inches, in the studies' style once it is drawn inside `style`."""
     return Figure(figsize=(width, height), layout="constrained")
 
 

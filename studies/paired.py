@@ -10,17 +10,17 @@ from talc.frame import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Paired:
-    """Mean of what the second leaves less than the first, and twice its standard error; NaN for a single pair."""
+    """Mean reduction of the second relative to the first, and twice its standard error; NaN for a single pair."""
 
     less: float
     reach: float
     better: int
-    """Pairs in which the second is less."""
+    """Pairs in which the second is smaller."""
     pairs: int
 
     @property
     def sure(self) -> bool:
-        """The second leaves less, by more than twice the standard error; of a single pair its sign tells."""
+        """The second is smaller by more than twice the standard error; for a single pair its sign decides."""
         return bool(self.less > (0.0 if np.isnan(self.reach) else self.reach))
 
     def __str__(self) -> str:

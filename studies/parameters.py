@@ -1,6 +1,6 @@
 """How long to calibrate, how often to measure, how much to relearn, as in B19: every combination on four load cases.
 
-Then policies that decide by themselves when to measure, on the same series, against the same limits.
+Then policies that decide by themselves when to measure, on the same series, with the same limits.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +23,7 @@ from talc.settings import ControlSettings, LearnerSettings, TalcSettings, Traini
 from talc.training import train
 
 STEP_S = 600.0
-"""B19's no-good measurements come each 10 min."""
+"""B19's no-good measurements come every 10 min."""
 HOURS = 96.0
 IDLE_S = 12 * 3600.0
 CYCLE_S = 95.0
@@ -31,28 +31,28 @@ CYCLE_S = 95.0
 CALIBRATION_H = (4.0, 5.0, 6.5, 8.0, 9.5, 11.0, 12.5, 14.0, 16.0, 18.0, 20.0, 22.0, 24.0)
 INTERVAL_H = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 NO_GOOD = tuple(range(2, 27, 2))
-"""13 x 13 x 13 = 2,197 combinations; B19 has 2,191, whose list is not at hand. Its best set is among ours."""
+"""13 x 13 x 13 = 2,197 combinations; B19 has 2,191, of which no list is available. Its best set is among ours."""
 BEST_NO_GOOD = 12
-"""Of the paper's best common set: 6.5 h, then 2 h, no good 12 x 10 min."""
+"""The paper's best common set: 6.5 h, then 2 h, no good 12 x 10 min."""
 SHARES, SOONEST_H = (1.0, 1.5, 2.0, 3.0), 0.5
-"""Of the policy `uncertainty`: share of the limit that an interval may fill; it measures at most this often."""
+"""For the policy `uncertainty`: share of the limit that an interval may fill; it measures at most this often."""
 SHORTEST_H = (2.0, 4.0)
-"""Of the policy `novelty`."""
+"""For the policy `novelty`."""
 LONGEST_H, POLICY_NO_GOOD = (8.0, 16.0), (2, 4)
 SPARSE, LEAST_CALIBRATION = (2, 3, 6), 24
-"""Of calibrations measured less often than each 10 min: steps between measurements; the fewest a training takes."""
+"""Steps between measurements of sparse calibrations; the least number of measurements that a training needs."""
 LEARNT_H, HOURLY = (12.0, 24.0), 6
-"""The learner is measured each hour at first, for so long; steps."""
+"""The learner is measured every hour at first, for this number of steps."""
 LEARNT_UM = (2.5, 3.5, 5.0, 7.0, 10.0)
 """Limits under which it asks for measurements itself."""
 OTHER_SEEDS = 3
-"""On which the chosen sets are judged again."""
+"""Seeds and machines on which the chosen sets are judged again."""
 SPARSE_INTERVAL_H, SPARSE_NO_GOOD = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0), (2, 4, 8, 12)
 """Fixed intervals after such a calibration: as many sets as there are policies."""
 _SMALL = ("uncertainty 2, 0.5 to 16 h, 4", "each 4 h, 4")
 """What the small version has of each kind."""
 TRAINING = TrainingSettings(static_inputs=True, max_nb=1)
-"""Inputs are chosen in the calibration and stay, as B19's do; orders to 1 and parameters are renewed."""
+"""Inputs are chosen in the calibration and kept, as B19's are; orders up to 1 and parameters are renewed."""
 _LEARNER_WAYS = (
     *(f"learner each {h:g} h" for h in SPARSE_INTERVAL_H),
     *(f"learner within {um:g} µm" for um in LEARNT_UM),
@@ -118,7 +118,7 @@ def _grid(parameters: RunParameters) -> Mapping[str, Any]:
     first: dict[tuple[int, int], ModelSet] = {}
 
     def learn(job: TrainingJob) -> ModelSet:
-        # The first training sees the same rows whatever comes after it.
+        # The first training sees the same rows whatever follows.
         if job.static_inputs is not None:
             return train(job)
         seen = (job.k, int(np.isfinite(job.measured).any(axis=1).sum()))
@@ -291,7 +291,7 @@ def _settings(chosen: Sequence[Any]) -> ControlSettings:
 def judged(truth: FloatArray, estimate: FloatArray, used: BoolArray, calibration_h: float) -> dict[str, float]:
     """P99 and RMSE of the six position errors together, µm; mean SMAPE of the nine, %; all after the calibration.
 
-    Pd over the whole series, calibration included: else a long calibration would cost nothing.
+    Pd over the whole series including the calibration: otherwise a long calibration would cost nothing.
     """
     after = slice(_steps(calibration_h) + 1, None)
     left = (truth - estimate)[after]

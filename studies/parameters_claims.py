@@ -23,7 +23,7 @@ from studies.parameters_points import (
 )
 
 _GOAL = 0.5
-"""Of a fixed interval's measurements, at equal P99."""
+"""Fraction of a fixed interval's measurements, at equal P99."""
 _FEW = {45: 2.3, 36: 2.8}
 """Measurements, and the P99 that the learner should reach with them, µm."""
 

@@ -1,4 +1,4 @@
-"""The chosen sets of the study parameters on series on which they were not chosen, and closer peers where they were."""
+"""The chosen sets of the study parameters on other series, and more comparisons on the series of their choice."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

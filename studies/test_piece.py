@@ -20,7 +20,7 @@ from talc.kinematics import tcp_offsets, workpiece_growth
 from talc.settings import TalcSettings
 
 REPETITIONS, OTHER_REPETITIONS = 20, 4
-"""Of the test itself, and of each variation."""
+"""Repetitions of the test itself, and of each variation."""
 STEP_S = 300.0
 HOUR = 12
 """Steps."""
@@ -103,7 +103,7 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
         "learner": learnt.estimate,
     }
     table, air = series.names.index("c_table"), [series.names.index(n) for n in ("space_left", "space_right")]
-    # The workpiece does not care about failing sensors; the growth term does.
+    # Failing sensors do not affect the workpiece; they affect the growth term.
     piece = workpiece(whole.inputs[:, table], whole.inputs[:, air].mean(axis=1))
     assumed = filled(series.inputs)[:, table]
     result: dict[str, Any] = {
@@ -114,7 +114,7 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
     for method in METHODS:
         left = np.array([deviations(series.truth[k] - estimates[method][k]) for k in sets])
         for term in (False, True):
-            # Without the term the workpiece is taken to stay as warm as it was.
+            # Without the term the workpiece is assumed to stay as warm as it was.
             believed = assumed if term else np.full(len(assumed), assumed[first])
             grown = np.array([growth(piece[k] - piece[first]) - growth(believed[k] - assumed[first]) for k in sets])
             seen = left + grown
@@ -146,7 +146,7 @@ def deviations(errors: FloatArray) -> FloatArray:
 
 
 def growth(warmer_K: float) -> FloatArray:
-    """(features,) µm that a workpiece warmer by so much loses there when it has cooled."""
+    """(features,) µm that a warmer workpiece loses there after cooling."""
     found = []
     for point, _, _, direction in FEATURES.values():
         shift = workpiece_growth(

@@ -1,4 +1,4 @@
-"""The TOML file beside a recording: which columns are what, in which unit, how noisy, and when the machine was off."""
+"""The TOML file beside a recording: the columns' roles and units, their noise, and when the machine was off."""
 
 import tomllib
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from gateway.config import ConfigError, Problem, place
 
 Unit = Literal["nm", "um", "µm", "mm", "m", "um/m", "µm/m", "urad", "µrad", "mrad", "rad", "arcsec", "deg"]
 POSITION: Mapping[str, float] = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}
-"""µm in one of each."""
+"""µm per unit."""
 ANGLE: Mapping[str, float] = {
     "um/m": 1.0,
     "µm/m": 1.0,
@@ -25,7 +25,7 @@ ANGLE: Mapping[str, float] = {
     "arcsec": 4.84813681109536,
     "deg": 17453.292519943295,
 }
-"""µm/m in one of each."""
+"""µm/m per unit."""
 ColumnKind = Literal["temperature", "speed", "power", "length", "state", "other"]
 _TABLES = (".csv", ".parquet")
 
@@ -35,7 +35,7 @@ class _Section(BaseModel):
 
 
 class ErrorColumn(_Section):
-    """One error; what is not given here is as given for all."""
+    """One error; fields that are not given here are those given for all."""
 
     unit: Unit | None = None
     noise: NotNegative | None = None
@@ -47,7 +47,7 @@ class InputColumn(_Section):
 
     kind: ColumnKind | None = None
     span: Positive | None = None
-    """What the input typically moves by, in its own unit."""
+    """By how much the input typically changes, in its own unit."""
 
 
 class TimeColumn(_Section):
@@ -55,37 +55,37 @@ class TimeColumn(_Section):
 
     column: str = "time"
     unit: Literal["s", "ms", "min", "h", "days"] = "s"
-    """Of numbers; ISO 8601 date-times are recognised."""
+    """Unit of numeric times; ISO 8601 date-times are recognised."""
     format: str | None = None
-    """Of other date-times, as Python's strptime has it."""
+    """Format of other date-times, for Python's strptime."""
 
 
 class Runs(_Section):
     """Stretches between which the machine was off."""
 
     column: str | None = None
-    """Another value begins another run."""
+    """A column: another value starts another run."""
     gap_min: Positive = 60.0
-    """A longer silence begins one, too."""
+    """A longer silence also starts one."""
     off_h: NotNegative | tuple[NotNegative, ...] | None = None
-    """Hours off before each next run, where each run's time begins anew: one for all, or one for each gap."""
+    """Hours off before each next run, if each run's time starts again from zero: one for all, or one for each gap."""
     measure_first: bool = True
     """Measure at the beginning of each run."""
 
 
 class Description(_Section):
-    """What a recording's TOML file says."""
+    """The content of a recording's TOML file."""
 
     name: str = ""
     file: str = ""
     errors: dict[str, ErrorColumn] = Field(min_length=1)
     inputs: dict[str, InputColumn] = {"*": InputColumn()}
-    """By name or pattern; the name itself counts before patterns, and these in their order."""
+    """By name or pattern; an exact name has precedence over patterns, which apply in their order."""
     ignore: tuple[str, ...] = ()
     """Names or patterns of columns that are neither."""
     unit: Unit = "um"
     noise: NotNegative = 0.5
-    """Standard deviation of what the recorded errors have in noise, in their own unit."""
+    """Standard deviation of the noise in the recorded errors, in their own unit."""
     probing: NotNegative = 0.0
     """Standard deviation of noise that is added to each measurement that a method receives."""
     seed: int = Field(default=0, ge=0)
@@ -118,7 +118,7 @@ class Description(_Section):
         return any(fnmatchcase(column, pattern) for pattern in self.ignore)
 
     def input_of(self, column: str) -> InputColumn | None:
-        """What is said of a column as an input; None: it is not one."""
+        """The description of a column as an input; None if it is not one."""
         if column in self.inputs:
             return self.inputs[column]
         return next((said for pattern, said in self.inputs.items() if fnmatchcase(column, pattern)), None)
@@ -127,7 +127,7 @@ class Description(_Section):
         return self.errors[error].unit or self.unit
 
     def scale_of(self, error: str) -> float:
-        """µm or µm/m in one of the error's unit."""
+        """µm or µm/m per unit of the error."""
         return {**POSITION, **ANGLE}[self.unit_of(error)]
 
     def is_angle(self, error: str) -> bool:
@@ -145,7 +145,7 @@ class Description(_Section):
 
 
 def describe(path: Path) -> tuple[Description, Path]:
-    """What a TOML file says, and the table that it is about. ConfigError names file, field and value."""
+    """The content of a TOML file, and its table. ConfigError names file, field and value."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -1,4 +1,4 @@
-"""Equal moments of measurement for all methods; what each leaves of the errors, before a row's own measurement."""
+"""Measurements at the same times for all methods, and the residuals, judged before a row's own measurement."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,19 +11,19 @@ from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
 
 FIRST_HOURS = (0.0, 2.0, 6.0, 24.0, np.inf)
-"""Edges of the learning curve's windows, hours since the beginning."""
+"""Edges of the learning curve's windows, in hours since the beginning."""
 _TWO_SIDED_95 = 1.96
 _MOVED = 1000.0
-"""By how much measurements are moved to see who looked at them too early: standard uncertainties."""
+"""By how much measurements are shifted to detect methods that used them too early: standard uncertainties."""
 
 
 class Peeked(Exception):
-    """A method's estimate rests on a measurement that was not made yet."""
+    """A method's estimate is based on a measurement that had not been made yet."""
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Of all errors of one unit together, in that unit."""
+    """Figures of all errors of one unit together, in that unit."""
 
     rms: float
     p99: float
@@ -31,7 +31,7 @@ class Figures:
     inside: float
     """Share of the recorded values inside the 95 % interval; NaN: no interval was stated."""
     curve: tuple[float, ...]
-    """RMSE over that of no compensation in each window of FIRST_HOURS; NaN: no row there."""
+    """RMSE divided by that of no compensation in each window of FIRST_HOURS; NaN: no row there."""
     by_error: tuple[float, ...]
     """RMSE of each error."""
 
@@ -62,7 +62,7 @@ def steps_of(interval_min: float, step_s: float) -> int:
 def carry_out(
     method: Method, series: Series, used: BoolArray, seed: int, dense_h: float, interval_min: float
 ) -> MethodCourse | None:
-    """The method's course; of several the one that leaves least. None: it cannot start from this."""
+    """The method's course; if it has several, the one with the smallest residual. None: it cannot start from this."""
     dense_steps = round(dense_h * 3600.0 / series.step_s)
     given = given_of(series, used, seed, dense_steps, steps_of(interval_min, series.step_s))
     courses = method.courses(given)
@@ -78,7 +78,7 @@ def _left(series: Series, course: MethodCourse, dense_h: float) -> float:
 
 
 def check_causal(method: Method, given: Given, seed: int = 0) -> None:
-    """Raise Peeked when measurements from some row on, that row's included, change an estimate up to that row."""
+    """Raise Peeked if changing the measurements from some row on changes an estimate up to that row."""
     rows = np.flatnonzero(given.used)
     if len(rows) < 3:
         return
@@ -97,7 +97,7 @@ def check_causal(method: Method, given: Given, seed: int = 0) -> None:
 
 
 def residual(series: Series, course: MethodCourse) -> FloatArray:
-    """(T, m) what is left; an estimate that does not exist corrects nothing."""
+    """(T, m) the residual; without an estimate nothing is corrected."""
     return series.truth - np.where(np.isfinite(course.estimate), course.estimate, 0.0)
 
 

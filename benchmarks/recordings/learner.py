@@ -1,4 +1,4 @@
-"""The learner through the controller: measured at given moments, or when it asks."""
+"""The learner run through the controller, measured at given times or on request."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ _ERRORS = len(THERMAL_ERRORS)
 
 @dataclass(frozen=True, slots=True)
 class Learning:
-    """The default method with its default settings: nothing is set for a recording."""
+    """The default method with its default settings: nothing is adjusted to a recording."""
 
     name: str = "learner"
     settings: LearnerSettings = field(default_factory=LearnerSettings)
@@ -26,7 +26,8 @@ class Learning:
         return [_run(given, self.settings, given.used)[0]]
 
     def decide(self, given: Given, limit: float) -> tuple[MethodCourse, BoolArray]:
-        """Measured through the dense beginning, and then whenever the learner asks. limit: µm; µm/m in proportion."""
+        """Measured throughout the dense beginning, and then whenever the learner asks. limit: µm; µm/m in
+        proportion."""
         share = self.settings.limit_um_per_m / self.settings.limit_um
         settings = replace(self.settings, policy="uncertainty", limit_um=limit, limit_um_per_m=share * limit)
         return _run(given, settings, None)

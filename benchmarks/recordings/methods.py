@@ -1,4 +1,4 @@
-"""The interface of a method: what it is given and what it returns; and the peers that need no model."""
+"""The interface of a method, what it is given and what it returns, and the methods that need no model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _LEAST_SPREAD = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Given:
-    """Everything a method may know; nothing of the truth but the measurements."""
+    """Everything that a method may know; of the truth, only the measurements."""
 
     step_s: float
     k: IntArray
@@ -31,13 +31,13 @@ class Given:
     angle: BoolArray
     """(m,) in µm/m, not in µm."""
     measured: FloatArray
-    """(T, m); NaN in a row without a measurement. The estimate of its own row must not rest on it."""
+    """(T, m); NaN in a row without a measurement. The estimate of a row must not be based on its own measurement."""
     sigma: FloatArray
     """(m,) standard uncertainty of a measurement."""
     dense_steps: int
-    """Grid steps at the beginning that are measured at each step."""
+    """Grid steps at the beginning with a measurement at every step."""
     interval_steps: int
-    """Between measurements after that."""
+    """Grid steps between measurements after that."""
 
     @property
     def used(self) -> BoolArray:
@@ -46,33 +46,33 @@ class Given:
 
     @property
     def on_steps(self) -> IntArray:
-        """(T,) grid steps since the beginning, without those between runs."""
+        """(T,) grid steps since the beginning, not counting those between runs."""
         return steps_on(self.k, self.run)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodCourse:
-    """What a method answers."""
+    """The result of a method."""
 
     estimate: FloatArray
-    """(T, m) in each row, before its own measurement; NaN: none, which corrects nothing."""
+    """(T, m) the estimate in each row, before its own measurement; NaN: none, so nothing is corrected."""
     sigma: FloatArray
     """(T, m) standard deviation of the truth about it; NaN: not stated."""
 
 
 class Method(Protocol):
-    """A way to know errors between measurements."""
+    """A way to estimate errors between measurements."""
 
     @property
     def name(self) -> str: ...
 
     def courses(self, given: Given) -> Sequence[MethodCourse]:
-        """One; several when the best is to be chosen in hindsight; none when the method cannot start from this."""
+        """One course; several if the best is chosen in hindsight; none if the method cannot start from this."""
         ...
 
 
 def given_of(series: Series, used: BoolArray, seed: int, dense_steps: int, interval_steps: int) -> Given:
-    """The series with measurements in the used rows alone. A row's noise is the same whatever else is measured."""
+    """The series with measurements in the used rows only. A row's noise does not depend on the other rows used."""
     draw = np.random.default_rng([seed, 17]).normal(size=series.truth.shape)
     measured = np.where(used[:, None], series.truth + series.probing * draw, np.nan)
     return Given(
@@ -118,10 +118,10 @@ class HoldLast:
 
 @dataclass(frozen=True, slots=True)
 class Ridge:
-    """Linear in all inputs, fitted anew at each measurement to all so far.
+    """A linear regression on all inputs, fitted again at each measurement to all so far.
 
-    Strengths, and whether its level is the fit's or the last measurement's, are for hindsight to choose. Inputs are
-    scaled by their spread over the whole recording: that, too, is hindsight in the peer's favour.
+    Its strength, and whether its level is the fit's or the last measurement's, are chosen in hindsight. Inputs are
+    scaled by their spread over the whole recording, which is also hindsight in its favour.
     """
 
     name: str = "ridge, best in hindsight"

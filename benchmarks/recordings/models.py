@@ -1,4 +1,4 @@
-"""The papers' methods and the sparse models run through the whole controller: calibration, limits, updates."""
+"""The papers' methods and the sparse models, run through the whole controller: calibration, limits, updates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -39,7 +39,7 @@ class Models:
     name: str
     training: TrainingSettings = field(default_factory=TrainingSettings)
     gaps: bool = True
-    """Steps that were not recorded are missing values; else each recorded step follows on the one before."""
+    """Steps that were not recorded are missing values; otherwise each recorded step follows the one before."""
     most_trainings: int = 8
     """The first models and so many updates less one: weeks of measurements each hour would take a swarm hours."""
 
@@ -57,7 +57,7 @@ class Models:
         return [MethodCourse(estimate, sigma)]
 
     def _settings(self, given: Given) -> TalcSettings | None:
-        """None: this selector needs a calibration that is measured at each step."""
+        """None: this selector needs a calibration with a measurement at every step."""
         each_step = self.training.selector != "search"
         if given.dense_steps >= _LEAST_MEASUREMENTS:
             control = ControlSettings(calibration_steps=given.dense_steps)
@@ -73,7 +73,7 @@ class Models:
 def _controlled(
     given: Given, places: list[int], errors: list[int], settings: TalcSettings, most_trainings: int
 ) -> MethodCourse:
-    """(T, 9) of one controller that is measured when the others are; a training ends within its step."""
+    """(T, 9) of one controller, measured when the others are; a training ends within its step."""
     controller = Controller(given.input_names, settings)
     rows = len(given.k)
     estimate, stated = np.full((2, rows, _ERRORS), np.nan)
@@ -87,7 +87,7 @@ def _controlled(
             values[places] = given.measured[row, errors]
             measurement = Measurement(values, uncertainty)
         decision = controller.step(Frame(k, given.inputs[row], valid[row], measurement))
-        # What stood on the control before this row's measurement: an error without a model is held.
+        # The offsets on the control before this row's measurement: an error without a model is held.
         estimate[row] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
         if not used[row]:  # afterwards it is the uncertainty with the measurement
             stated[row] = decision.sigma
@@ -105,8 +105,8 @@ _MOST_BY_SWARM = 3
 
 
 def papers(*, gaps: bool) -> tuple[Models, ...]:
-    """What the learner stands beside. gaps: the recording has some, which leave these models few good rows; so they are
-    also run as if there were none."""
+    """The methods that the learner is compared with. gaps: the recording has some, which leave these models few good
+    rows; they are therefore also run as if there were none."""
     if not gaps:
         return Models("`search`", _SEARCH), Models("`pso`", _SWARM, most_trainings=_MOST_BY_SWARM)
     return (

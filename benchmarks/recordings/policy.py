@@ -1,4 +1,4 @@
-"""Policies compared with a fixed interval: how many measurements for equal errors."""
+"""Policies compared with a fixed interval: how many measurements they need for equal errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,12 +18,12 @@ FIXED_MIN = (20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0, 72
 
 
 class Deciding(Method, Protocol):
-    """A method that says itself when to measure."""
+    """A method that decides itself when to measure."""
 
     def decide(self, given: Given, limit: float) -> tuple[MethodCourse, BoolArray]:
         """Its course and the rows in which it measured, from a record of measurements in all rows.
 
-        limit: what its 95 % interval may reach, µm or µm/m.
+        limit: the largest half-width of its 95 % interval, µm or µm/m.
         """
         ...
 
@@ -53,7 +53,7 @@ class Saving:
 def point_of(
     what: str, series: Series, course: MethodCourse, used: BoolArray, dense_h: float, errors: Sequence[int]
 ) -> Point:
-    """What a way came to, after the beginning."""
+    """The result of one way, after the beginning."""
     found: Figures = judge(series, course, dense_h, errors)
     return Point(what, int(used[series.on_h >= dense_h].sum()), found.rms, found.p99, found.inside)
 
@@ -67,7 +67,7 @@ class Sweep:
     interval_min: float | None = None
 
     def points(self, method: Deciding, series: Series, seed: int, measure_first: bool) -> list[Point]:
-        """One for the errors in µm, and one for those in µm/m, where there are such."""
+        """One result for the errors in µm, and one for those in µm/m, if any."""
         what = f"{self.limit} µm"
         used: BoolArray = np.asarray(np.isfinite(series.truth).any(axis=1))
         course: MethodCourse | None
@@ -99,7 +99,7 @@ def savings(policy: Sequence[Point], fixed: Sequence[Point]) -> list[Saving]:
 def _needed(measurements: Sequence[int], left: Sequence[float], target: float) -> float:
     """Measurements at which a fixed interval leaves `target`, between the intervals that were run; NaN beyond them.
 
-    Where a denser interval happens to leave more than a sparser one, the sparser one counts.
+    Where a denser interval happens to leave a larger error than a sparser one, the sparser one counts.
     """
     order = np.argsort(measurements)
     n = np.log(np.asarray(measurements, dtype=np.float64)[order])
@@ -111,7 +111,7 @@ def _needed(measurements: Sequence[int], left: Sequence[float], target: float) -
 
 
 def check_asked(method: Deciding, given: Given, limit: float) -> None:
-    """Raise Peeked when measurements that the method did not make change what it says."""
+    """Raise Peeked if measurements that the method did not make change its estimates."""
     course, used = method.decide(given, limit)
     other = np.where(used[:, None], given.measured, given.measured + 1000.0 * given.sigma)
     moved, moved_used = method.decide(replace(given, measured=other), limit)

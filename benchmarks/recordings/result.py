@@ -197,7 +197,7 @@ def _error_table(result: Result, unit: str) -> list[str]:
 
 
 def as_json(result: Result) -> str:
-    """All figures; a figure that does not exist is null."""
+    """All figures; a missing figure is null."""
     content = {
         "recording": result.series.name,
         "step_s": result.series.step_s,

@@ -1,4 +1,4 @@
-"""A recording on the grid: inputs, errors in µm and µm/m, runs, and the true length of what lies between them."""
+"""A recording on the grid: inputs, errors in µm and µm/m, runs, and the true time between them."""
 
 import math
 from collections.abc import Sequence
@@ -25,17 +25,17 @@ _SPACED = 1.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """T grid steps with anything in them."""
+    """T grid steps that contain any values."""
 
     name: str
     step_s: float
     k: IntArray
-    """(T,) grid index, ascending; a step that is missing was not recorded."""
+    """(T,) grid index, ascending; missing steps were not recorded."""
     run: IntArray
     """(T,) number of the run, from 0."""
     input_names: tuple[str, ...]
     about: tuple[InputColumn, ...]
-    """What is said of each input."""
+    """The description of each input."""
     inputs: FloatArray
     """(T, n); NaN without a value."""
     error_names: tuple[str, ...]
@@ -46,18 +46,18 @@ class Series:
     noise: FloatArray
     """(m,) standard deviation of the recorded values' own noise."""
     probing: FloatArray
-    """(m,) of what is added to a measurement."""
+    """(m,) standard deviation of the noise added to a measurement."""
     notes: tuple[str, ...]
-    """What was found on reading."""
+    """Remarks from reading the file."""
 
     @property
     def on_h(self) -> FloatArray:
-        """(T,) hours recorded since the beginning: what lies between runs does not count."""
+        """(T,) recorded hours since the beginning, not counting the time between runs."""
         return np.asarray(steps_on(self.k, self.run) * self.step_s / 3600.0, dtype=np.float64)
 
 
 def steps_on(k: IntArray, run: IntArray) -> IntArray:
-    """(T,) grid steps since the beginning, without those between runs."""
+    """(T,) grid steps since the beginning, not counting those between runs."""
     steps = np.diff(k, prepend=k[0])
     steps[1:][np.diff(run) != 0] = 1
     return np.asarray(np.cumsum(steps))
@@ -74,24 +74,24 @@ def read_series(description: Path) -> tuple[Description, Series]:
     columns, places = _cells(table, wanted, problems)
     time_s, run = _times(columns, places, table.word, said, description, problems)
     problems.refuse()
-    notes = [f"column {name!r}: holds no numbers; left out" for name in strange_kinds]
+    notes = [f"column {name!r}: does not hold numbers; left out" for name in strange_kinds]
     errors = [_values(columns[e], e, said.scale_of(e), LARGEST_ERROR, table, places, problems) for e in said.errors]
     problems.refuse()
     kept, read = [], []
     for name in inputs:
         values, strange = _tolerant(columns[name])
         if np.isfinite(values).mean() < _NUMERIC and strange:
-            notes.append(f"column {name!r}: {strange} of {len(values)} cells are no numbers; left out")
+            notes.append(f"column {name!r}: {strange} of {len(values)} cells are not numbers; left out")
             continue
         if not np.isfinite(values).any():
             notes.append(f"column {name!r}: empty; left out")
             continue
         if strange:
-            notes.append(f"column {name!r}: {strange} cells are no numbers; taken as missing")
+            notes.append(f"column {name!r}: {strange} cells are not numbers; taken as missing")
         kept.append(name)
         read.append(values)
     if not kept:
-        raise ConfigError(description, [Problem("inputs", f"no column of numbers is left as an input in {path.name}")])
+        raise ConfigError(description, [Problem("inputs", f"no column of numbers remains as an input in {path.name}")])
     return said, _gridded(said, description, time_s, run, errors, kept, read, notes)
 
 
@@ -198,7 +198,7 @@ def _cells(
         for name, cells in zip(others, chunk.columns, strict=True):
             columns[name] += cells
     if not places:
-        problems.add("", "holds a heading and nothing else")
+        problems.add("", "contains nothing but a heading")
     problems.refuse()
     return columns, places
 
@@ -225,17 +225,17 @@ def _times(
     back = np.diff(time_s, prepend=time_s[0]) < 0
     for i in np.flatnonzero(back & ~begins).tolist():
         what = f"{shown(cells[i])} comes before {shown(cells[i - 1])} of the row above"
-        hint = "sort the rows, or name the column that tells runs apart ([runs] column)"
+        hint = "sort the rows, or name the column that distinguishes runs ([runs] column)"
         problems.add(f"{word} {places[i]}, column {said.time.column!r}", f"{what}; {hint}")
     problems.refuse()
     anew = np.flatnonzero(back & begins)
     off = said.runs.off_h
     if anew.size and off is None:
-        what = f"missing: time begins anew at {word} {places[anew[0]]}, so the hours off before it are unknown"
+        what = f"missing: time starts again at {word} {places[anew[0]]}, so the hours off before it are unknown"
         raise ConfigError(description, [Problem("[runs] off_h", what)])
     hours = off if isinstance(off, tuple) else (off or 0.0,) * int(anew.size)
     if len(hours) != anew.size and anew.size:
-        what = f"has {len(hours)} entries; time begins anew {anew.size} times"
+        what = f"has {len(hours)} entries; time starts again {anew.size} times"
         raise ConfigError(description, [Problem("[runs] off_h", what)])
     for i, gap_h in zip(anew.tolist(), hours, strict=False):
         time_s[i:] += time_s[i - 1] - time_s[i] + gap_h * 3600.0

@@ -34,29 +34,29 @@ _DEFAULT = "learner"
 
 
 def folder() -> Path:
-    """RECORDINGS of the environment, else the recording that the project ships."""
+    """RECORDINGS of the environment; by default the recording that the project ships."""
     return Path(os.environ.get("RECORDINGS") or SHIPPED)
 
 
 def is_shipped() -> bool:
-    """Whether the figures belong into README.md."""
+    """Whether the figures belong in README.md."""
     return folder().resolve() == SHIPPED.resolve() and not os.environ.get("METHODS")
 
 
 def methods(series: Series) -> list[Method]:
-    """All, or those that METHODS of the environment names, set off by commas. SystemExit: an unknown one."""
+    """All methods, or those that METHODS of the environment names, separated by commas. SystemExit: an unknown one."""
     gaps = bool(np.diff(series.k).max() > 1)
     known: list[Method] = [Nothing(), HoldLast(), Ridge(), *papers(gaps=gaps), Learning()]
     wanted = [name.strip() for name in os.environ.get("METHODS", "").split(",") if name.strip()]
     words = [method.name.split(",")[0].strip("`") for method in known]
     unknown = [name for name in wanted if name not in words]
     if unknown:
-        raise SystemExit(f"METHODS: no method {unknown[0]!r}; there are {', '.join(dict.fromkeys(words))}")
+        raise SystemExit(f"METHODS: no method {unknown[0]!r}; available: {', '.join(dict.fromkeys(words))}")
     return [method for method, word in zip(known, words, strict=True) if not wanted or word in wanted]
 
 
 def rows() -> list[BenchRow]:
-    """Every recording; one that cannot be used is reported and passed over. SystemExit: none could be used."""
+    """Every recording; one that cannot be used is reported and skipped. SystemExit: none could be used."""
     found, wrong = [], []
     try:
         descriptions = recordings_in(folder())
@@ -83,7 +83,7 @@ def rows() -> list[BenchRow]:
 
 
 def carry_out_all(said: Description, series: Series, chosen: Sequence[Method], pool: ProcessPoolExecutor) -> Result:
-    """Every method after every beginning at every interval, at equal moments of measurement."""
+    """Every method after every beginning at every interval, with measurements at the same times."""
     hours = [h for h in said.beginnings_h if h < series.on_h[-1]]
     ways = list(product(hours, said.intervals_min))
     jobs = [(said, series, method, h, minutes) for h, minutes in ways for method in chosen]

@@ -1,4 +1,4 @@
-"""The machine on the bench: plant, load case and control on one clock, as the devices' wires see them."""
+"""The machine on the bench: plant, load case and control on one clock, as the devices measure them."""
 
 import csv
 from collections.abc import Callable, Sequence
@@ -14,9 +14,9 @@ from talc.names import THERMAL_ERRORS
 GROWTH_GAP_UM = 250.0
 """Gap at which the eddy-current sensor was mounted: the middle of its range."""
 IDLE_S = 12 * 3600.0
-"""Switched on but idle for so long before simulated time begins: the reference is not taken on a cold machine."""
+"""Time switched on but idle before simulated time begins: the reference is not taken on a cold machine."""
 REST_S = 900.0
-"""The machine rests so long at first."""
+"""The machine rests for this long at first."""
 TRUTH_STEP_S = 60.0
 TRUTH_COLUMNS = ("utc_s", *THERMAL_ERRORS, "dx", "dy", "dz", "rx", "ry", "rz", "probing")
 """Simulated UTC; the nine errors; tool-to-workpiece deviation without (d) and with compensation (r), µm;
@@ -28,7 +28,7 @@ class BenchMachine:
 
     Parameters
     ----------
-    seed: of weather, loads, sensor noise and probing noise
+    seed: determines weather, loads, sensor noise and probing noise
     clock: simulated time, read only
     hours: simulated hours that the load case must cover
     """
@@ -45,7 +45,7 @@ class BenchMachine:
         self.control = EmulatedControl(self, clock, program, cycle=CycleSettings(radius_mm=RADIUS_MM), seed=seed)
 
     def advance(self, time_s: float) -> None:
-        """Bring the plant to a time until now, with what the control made the machine do in each inner step."""
+        """Advance the plant to a past or present time, with the drives of each inner step from the control."""
         while (begin := self.plant.time_s - IDLE_S) + STEP_S <= time_s:
             loads = self.control.nck.mean_loads(begin, begin + STEP_S)
             drive = MachineDrive(
@@ -64,7 +64,7 @@ class BenchMachine:
     def tool_deviation_um(
         self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
     ) -> tuple[float, float, float]:
-        """What the control's probe and tool meet; the plant's inner step decides how fine time is."""
+        """What the control's probe and tool meet; the plant's inner step determines the time resolution."""
         self.advance(time_s)
         x, y, z = (float(v) for v in self.plant.deviation_um(x_mm, y_mm, z_mm, a_deg, c_deg))
         return x, y, z
@@ -89,7 +89,7 @@ class BenchMachine:
         return values
 
     def truth(self) -> list[list[float]]:
-        """Rows of TRUTH_COLUMNS since the last call, noted as the plant passed them: later it has no past to ask."""
+        """Rows of TRUTH_COLUMNS since the last call, recorded as the plant passed them, because it keeps no past."""
         rows, self._truth = self._truth, []
         return rows
 
@@ -118,7 +118,7 @@ class TruthRecorder:
         self._path = path
 
     async def run(self, stopped: Callable[[], bool]) -> None:
-        """Until stopped."""
+        """Run until stopped."""
         with self._path.open("w", newline="", encoding="ascii") as file:
             writer = csv.writer(file)
             writer.writerow(TRUTH_COLUMNS)

@@ -1,4 +1,4 @@
-"""The emulated machine as a process: starts everything, prints the addresses, ends when its starter is gone."""
+"""The emulated machine as a process: starts everything, prints the addresses, and ends when its parent has ended."""
 
 import asyncio
 import json
@@ -22,7 +22,7 @@ _RTU, _TCP, _CAN = _SENSORS[:18], _SENSORS[18:25], _SENSORS[25:]
 
 
 async def _start(machine: BenchMachine, stack: AsyncExitStack) -> dict[str, str | int]:
-    """Start every device and the control; their addresses under the names that gateway.toml uses."""
+    """Start every device and the control; returns their addresses under the names that gateway.toml uses."""
     units = {unit: M7015(machine.temperatures(_RTU[6 * (unit - 1) : 6 * unit])) for unit in (1, 2, 3)}
     line = RtuLine(units)
     host = TcpHost({1: Adam6015(machine.temperatures(_TCP))})
@@ -46,7 +46,7 @@ async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: fl
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
-    # Standard input closes when the starter ends, however it ends: no machine stays behind.
+    # Standard input closes when the parent ends, however it ends, so no machine stays behind.
     loop.add_reader(sys.stdin.fileno(), stop.set)
     clock = SharedClock(folder / "clock", epoch=epoch, speed=speed)
     async with AsyncExitStack() as stack:

@@ -18,12 +18,12 @@ SEASONS = {
     "spring": Environment(),
     "summer": Environment(mean_degC=24.5, daily_amplitude_K=3.0, door_drop_K=1.0),
 }
-"""Halls within 18-28 degC at working height but for the door, +-2 to 3 K a day. In summer the door lets in air little
-colder than the hall's (choice)."""
+"""Halls at 18-28 degC at working height but for the door, with a daily swing of +-2 to 3 K. In summer the air from the
+door is little colder than the hall's (choice)."""
 
 
 LONG_TERM_H = {"winter": 196, "spring": 72, "summer": 72}
-"""Z22's hours. Which season comes first is our choice."""
+"""Z22's hours. The order of the seasons is our choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Stretch:
 
 
 def random_axes(seed: int, steps: int, *, wet_share: float = 0.3) -> tuple[MachineDrive, ...]:
-    """A new random load at each row, one axis or the spindle at a time (Z22 §5), or none.
+    """A new random load in each row, on one axis or the spindle at a time (Z22 §5), or no load.
 
     Speeds are uniform up to HIGHEST; cutting fluid is on in `wet_share` of the rows (choice: the paper gives no
     distributions). Z never moves: only its standby heat is there.
@@ -78,7 +78,7 @@ def warm_up_and_cool_down(
 
 
 def _with(rest: MachineDrive, axis: str, part: float) -> MachineDrive:
-    """`rest` with one speed at a part of its highest."""
+    """`rest`, with one speed at a fraction of its highest."""
     match axis:
         case "speed_x":
             return replace(rest, speed_x=part * HIGHEST.speed_x)

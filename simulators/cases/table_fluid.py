@@ -16,7 +16,7 @@ STAND_SHARE = 0.25
 SPEED_HOLD_H = (0.5, 3.0)
 FLUID_HOLD_H = (2.0, 8.0)
 SHIFT_H = 16.0
-"""Working hours of a day in case D, from the series' begin on."""
+"""Working hours of a day in case D, from the start of the series."""
 
 
 def table_and_fluid(letter: Letter, seed: int, *, hours: float = 120.0, step_s: float = 300.0) -> Stretch:
@@ -27,7 +27,8 @@ def table_and_fluid(letter: Letter, seed: int, *, hours: float = 120.0, step_s: 
     C: the same speeds; cutting fluid changes between on and off each 2-8 h.
     D: as C for 16 h a day, the rest of the day everything off but the machine powered.
 
-    B19 varies C speed and cutting fluid in four load cases; lengths, speeds and what tells them apart are our choice.
+    B19 varies C speed and cutting fluid in four load cases; lengths, speeds and the differences between them are our
+    choice.
     The same seed gives A to D the same speeds (D: while it works). ValueError: another letter, or hours not positive.
     """
     if letter not in get_args(Letter):

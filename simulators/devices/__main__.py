@@ -1,6 +1,6 @@
 """Emulated devices on real wires, driven by a scenario: `python -m simulators.devices m7015 scenario.toml`.
 
-Prints where it listens, as the configuration of a gateway wants it, and runs until it is interrupted.
+Prints its address in the form of a gateway's configuration, and runs until it is interrupted.
 """
 
 import argparse
@@ -46,7 +46,7 @@ class ComputerClock:
 
 Module = M7015 | Pta8d08 | VoltageInput | Adam6015 | Wago464
 Started = tuple[str, Actions]
-"""Bus settings to reach the device, and what a scenario can do to it."""
+"""Bus settings for reaching the device, and what a scenario can do to it."""
 Start = Callable[[ValueSource, int, AsyncExitStack], Awaitable[Started]]
 
 
@@ -123,11 +123,11 @@ class EmulatedDevice:
 
     start: Start
     least: int
-    """Inputs; a scenario has a value for each."""
+    """Number of inputs; a scenario has a value for each."""
     most: int
 
     def check(self, name: str, scenario: Scenario) -> None:
-        """Raises ValueError when the scenario has not as many values as the device can have inputs."""
+        """Raises ValueError if the number of the scenario's values cannot be the device's number of inputs."""
         if not self.least <= scenario.channels <= self.most:
             possible = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
             raise ValueError(f"`values` has {scenario.channels} entries, but {name} has {possible} inputs")
@@ -155,11 +155,11 @@ async def emulate(
     stop: asyncio.Event,
     clock: PlayClock | None = None,
 ) -> None:
-    """Run the device until `stop`; `told` gets its bus settings.
+    """Run the device until `stop`; `told` is called with its bus settings.
 
-    clock: in which the scenario is played; None: the computer's
+    clock: the time in which the scenario is played; None: the computer's
 
-    Raises ValueError for too many or too few values, NotOfThisDeviceError for something that cannot happen to it.
+    Raises ValueError for too many or too few values, NotOfThisDeviceError for an event that this device cannot have.
     """
     DEVICES[device].check(device, scenario)
     clock = clock or ComputerClock()

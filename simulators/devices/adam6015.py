@@ -19,7 +19,7 @@ _FULL_SCALE = 65535
 
 
 class Adam6015:
-    """A unit for a TcpHost. Coils 120.. (function 1) tell burnout, registers 200.. (function 3) the type codes."""
+    """A unit for a TcpHost. Coils 120.. (function 1) report burnout, registers 200.. (function 3) the type codes."""
 
     def __init__(self, source: ValueSource, *, type_codes: Sequence[int] = (PT100_150,) * INPUTS) -> None:
         self._source, self._type_codes = source, list(type_codes)
@@ -30,7 +30,7 @@ class Adam6015:
         return self.faults.silent
 
     def set_type_code(self, channel: int, code: int) -> None:
-        """What a service man does with the maker's tool."""
+        """Sets a type code, as a technician does with the maker's tool."""
         self._type_codes[channel] = code
 
     def memory(self, function: int) -> Mapping[int, int]:

@@ -1,4 +1,4 @@
-"""An emulated CAN temperature logger: sends its inputs by itself, int16 little-endian in 0.1 degC, four to a frame."""
+"""An emulated CAN temperature logger: sends its inputs unasked, int16 little-endian in 0.1 degC, four to a frame."""
 
 import asyncio
 import struct
@@ -42,7 +42,7 @@ class CanLogger:
             self._send(self.frames())
 
     def frames(self) -> list[CanFrame]:
-        """What one cycle sends."""
+        """The frames of one cycle."""
         counts = [
             _SENT[fault] if (fault := self.faults.by_channel.get(i)) is not None else round(value * 10)
             for i, value in enumerate(self._source())

@@ -22,7 +22,7 @@ _SIZES = {0x7100: 2, 0x7130: 2, 0x9100: 4, 0x9130: 4}
 """Bytes of the objects that hold values."""
 
 _FIELD_ZERO, _FIELD_GAIN = 4000, 20
-"""What the converter sends, in counts: at 0 degC, and per degC."""
+"""The converter's raw counts: at 0 degC, and per degC."""
 
 _VENDOR_IDS = {"axiomatic": 0x55, "esd": 0x17}
 _PRODUCT, _REVISION, _SERIAL = 404, 0x0001_0002, 4711
@@ -48,7 +48,7 @@ _HEARTBEAT_STATE = {Nmt.PRE_OPERATIONAL: 0x7F, Nmt.START: 0x05, Nmt.STOP: 0x04}
 
 
 class Cia404Node:
-    """A node for an SlcanAdapter: SDO server (expedited uploads), TPDOs on SYNC or by timer, boot-up, heartbeat.
+    """A node for an SlcanAdapter: SDO server (expedited uploads), TPDOs after SYNC or by timer, boot-up, heartbeat.
 
     Between `start` and `stop` it sends its heartbeat every `heartbeat_ms` (object 1017, real time; 0: never) and, when
     operational, its TPDOs every `event_ms` (objects 18xx:05; 0: after each SYNC instead).
@@ -80,16 +80,16 @@ class Cia404Node:
         self._heartbeat_ms, self._event_ms = heartbeat_ms, event_ms
         self._timers: dict[str, asyncio.TimerHandle] = {}
         self.heartbeat_stopped = False
-        """The program that sends the heartbeat hangs; the SDO server does not."""
+        """The program that sends the heartbeat hangs; the SDO server keeps running."""
         self.faults = Faults()
 
     def start(self, send: Callable[[Sequence[CanFrame]], None]) -> None:
-        """Send by itself from now on."""
+        """Start sending unasked."""
         self._every(self._heartbeat_ms, self._beat, send)
         self._every(self._event_ms, self._event, send)
 
     def stop(self) -> None:
-        """Send nothing by itself any more."""
+        """Stop sending unasked."""
         for timer in self._timers.values():
             timer.cancel()
         self._timers.clear()
@@ -120,12 +120,12 @@ class Cia404Node:
         self._transmission_type = kind
 
     def reboot(self) -> Sequence[CanFrame]:
-        """It was without power and is back: it says so, and waits for somebody to start it."""
+        """It has lost power and is back: it sends its boot-up and waits to be started."""
         self.faults.silent = False
         return self._network_management(Nmt.RESET_NODE)
 
     def emergency(self, code: int) -> Sequence[CanFrame]:
-        """What it sends when an error of its own begins; codes 00xx take it back (CiA 301)."""
+        """Send an emergency when an error begins; codes 00xx clear it (CiA 301)."""
         register = 1 if code & 0xFF00 else 0
         return ((0x80 + self._node_id, code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0))),)
 

@@ -5,13 +5,13 @@ from collections.abc import Callable
 
 
 class Connection(asyncio.Protocol):
-    """One client; it is known to its server from the moment it comes until it goes."""
+    """One client; its server knows it from the moment it connects until it disconnects."""
 
     def __init__(self) -> None:
         self.transport: asyncio.Transport | None = None
         self.known: set[Connection] = set()
         self.forgotten = False
-        """The device's end is gone without a word and never comes back: whatever comes is not answered."""
+        """The device's end disappears silently and for good: nothing is answered any more."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         if isinstance(transport, asyncio.Transport):
@@ -36,12 +36,12 @@ class LoopbackServer:
         self._forgets = False
 
     async def start(self, port: int = 0) -> int:
-        """Port 0: one that is free. Raises OSError when the port is taken."""
+        """Start listening; port 0: a free one. Raises OSError when the port is taken."""
         self._server = await asyncio.get_running_loop().create_server(self._made, "127.0.0.1", port)
         return int(self._server.sockets[0].getsockname()[1])
 
     async def stop(self) -> None:
-        """Nobody listens any more, and every client is cut off."""
+        """Stop listening, and disconnect every client."""
         if self._server is None:
             return
         self._server.close()
@@ -52,7 +52,7 @@ class LoopbackServer:
         await asyncio.sleep(0)
 
     def forget(self, forgets: bool) -> None:
-        """Who is connected now, and who connects until this is called with False, is never answered any more."""
+        """Present clients, and those that connect until this is called with False, never get another answer."""
         self._forgets = forgets
         for connection in self.connections if forgets else ():
             connection.forgotten = True

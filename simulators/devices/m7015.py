@@ -22,14 +22,14 @@ class M7015:
         self._source, self._type_codes = source, list(type_codes)
         self.faults = Faults()
         self.engineering = True
-        """Data format; what a service man sets with the maker's tool."""
+        """Data format, as a technician sets it with the maker's tool."""
 
     @property
     def silent(self) -> bool:
         return self.faults.silent
 
     def set_type_code(self, channel: int, code: int) -> None:
-        """What a service man does with the maker's tool."""
+        """Sets a type code, as a technician does with the maker's tool."""
         self._type_codes[channel] = code
 
     def memory(self, function: int) -> Mapping[int, int]:

@@ -12,7 +12,7 @@ _ORDER, _SERIAL = 2303021, 1001
 
 
 class MeController:
-    """Sends a block of one frame to everybody connected, `rate_hz` times a second (real time).
+    """Sends a block of one frame to every client, `rate_hz` times a second (real time).
 
     Its source gives distances in µm, 0 to `range_um`. `await start()` gives the port.
     """

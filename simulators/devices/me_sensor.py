@@ -47,7 +47,7 @@ class MeSensor:
         return counted_frame(self.address, self._counter, [self._counts()])
 
     def _counts(self) -> int:
-        """0 to F00000 hex over the measuring range; there is no code for a missing probe: it reads beyond the end."""
+        """0 to F00000 hex over the measuring range; a missing probe has no code: it reads beyond the end."""
         unscaled = self._unscaled()
         return _COUNTS if isnan(unscaled) else round(unscaled * _FULL_SCALE)
 

@@ -36,7 +36,7 @@ def crc16(data: bytes) -> bytes:
 class RtuLine:
     """Several units on one pseudo-terminal. `await start()` gives its path.
 
-    baud: what the units are set to; at another speed they hear nonsense and stay silent. 0: they understand any
+    baud: the units' speed; at any other speed they receive garbage and stay silent. 0: they understand any
     """
 
     def __init__(self, units: Mapping[int, ModbusUnit], *, baud: int = 0) -> None:
@@ -53,7 +53,7 @@ class RtuLine:
         await self._port.stop()
 
     def _on_bytes(self, data: bytes) -> None:
-        """Read requests of 8 bytes each; a byte that starts no valid request is skipped."""
+        """Read requests of 8 bytes each; a byte that does not start a valid request is skipped."""
         if self._baud and self._port.baud != self._baud:
             return
         self._heard += data

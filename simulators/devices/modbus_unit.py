@@ -1,6 +1,6 @@
 """The application layer of an emulated Modbus unit: function codes 1 to 4 on four address spaces.
 
-Written from the MODBUS Application Protocol V1.1b3, apart from any client's code.
+Written from the MODBUS Application Protocol V1.1b3, independently of any client's code.
 """
 
 import struct
@@ -20,7 +20,7 @@ class ModbusUnit(Protocol):
 
     @property
     def silent(self) -> bool:
-        """True: hears, and does not answer."""
+        """True: receives requests, but does not answer."""
         ...
 
     def memory(self, function: int) -> Mapping[int, int]:

@@ -16,7 +16,7 @@ _WAIT_S = 0.05
 
 
 class MulticastBus:
-    """Nodes on one group and port, never beyond this computer. A thread runs between start and stop."""
+    """Nodes on one group and port, restricted to this computer. A thread runs between start and stop."""
 
     def __init__(self, nodes: Sequence[CanNode], group: str, port: int) -> None:
         self._nodes, self._group, self._port = tuple(nodes), group, port
@@ -42,7 +42,7 @@ class MulticastBus:
             self._thread = self._bus = None
 
     def send(self, frames: Sequence[CanFrame]) -> None:
-        """Frames that nodes send by themselves."""
+        """Frames that nodes send unasked."""
         for identifier, data in frames:
             if self._bus is None:
                 return
@@ -63,7 +63,7 @@ class MulticastBus:
             sender.sendto(data, (self._group, self._port))
 
     def _listen(self, bus: can.BusABC) -> None:
-        """In the thread. Packets of strangers, which python-can cannot read, are passed over."""
+        """Runs in the thread. Packets of other programs that python-can cannot read are skipped."""
         while not self._ended.is_set():
             if not select.select([bus.fileno()], [], [], _WAIT_S)[0]:  # python-can itself would wait by the wall clock
                 continue

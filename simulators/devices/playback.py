@@ -34,7 +34,7 @@ class PlayedLine:
         await self._port.stop()
 
     def _on_bytes(self, data: bytes) -> None:
-        """Requests are told by the recorded ones; bytes that begin none of them are passed over."""
+        """Requests are recognised by comparison with the recorded ones; bytes that begin none of them are skipped."""
         self._heard += data
         while self._heard:
             request = next((r for r in self._script.answers if self._heard.startswith(r)), None)
@@ -53,7 +53,7 @@ class PlayedLine:
 
 
 class PlayedHost:
-    """A recorded TCP connection; `await start()` gives the loopback port. Every connection hears the same script.
+    """A recorded TCP connection; `await start()` gives the loopback port. Every connection gets the same script.
 
     numbered: Modbus TCP, whose answers carry the number of their request
     """
@@ -128,7 +128,7 @@ class PlayedAdapter:
         await self._adapter.stop()
 
     def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
-        """As a node on the adapter's bus: what was said to this frame, when it was said."""
+        """The answers to this frame as a node on the adapter's bus, with their recorded delays."""
         self._timers.say(self._script.answer(frame_key(identifier, data)), self._say)
         return ()
 
@@ -138,7 +138,7 @@ class PlayedAdapter:
 
 
 class PlayedGroup:
-    """A recorded CAN bus on a UDP multicast group of this computer, for as many readers as like."""
+    """A recorded CAN bus on a UDP multicast group of this computer, for any number of readers."""
 
     def __init__(self, script: Script, group: str, port: int) -> None:
         self._script = script
@@ -158,7 +158,7 @@ class PlayedGroup:
         await asyncio.to_thread(self._bus.stop)
 
     def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
-        """In the bus's thread: it is answered from the event loop."""
+        """Runs in the bus's thread: the event loop sends the answer."""
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._heard, frame_key(identifier, data))
         return ()
@@ -176,7 +176,7 @@ class PlayedGroup:
 
 
 class _Timers:
-    """What is still to be said, on the event loop's time."""
+    """The answers that are still to be sent, on the event loop's time."""
 
     def __init__(self) -> None:
         self._waiting: set[asyncio.TimerHandle] = set()
@@ -187,7 +187,7 @@ class _Timers:
             self._later(delay_s, to, data)
 
     def repeat(self, script: Script, to: Transmit) -> None:
-        """What is unasked, over and over."""
+        """Sends the unasked messages, over and over."""
         if not script.unasked:
             return
         self.say(script.unasked, to)
@@ -195,7 +195,7 @@ class _Timers:
         self._after(period_s, lambda: self.repeat(script, to))
 
     def stop(self) -> None:
-        """Nothing more is said."""
+        """Send nothing more."""
         for timer in self._waiting:
             timer.cancel()
         self._waiting.clear()

@@ -34,7 +34,7 @@ class PtyPort:
 
     @property
     def baud(self) -> int:
-        """The speed that who has the path open has set: a pseudo-terminal keeps it and carries bytes regardless.
+        """The speed set by whoever has the path open: a pseudo-terminal stores it and carries bytes regardless.
 
         Raises OSError when not started.
         """
@@ -44,7 +44,7 @@ class PtyPort:
         return int(_TERMIOS2.unpack(state)[-1])
 
     async def stop(self) -> None:
-        """Hang up: who has the path open reads end of file."""
+        """Hang up: a client that has the path open reads end of file."""
         if self._ours is None or self._theirs is None:
             return
         asyncio.get_running_loop().remove_reader(self._ours)
@@ -53,7 +53,7 @@ class PtyPort:
         self._ours = self._theirs = None
 
     def write(self, data: bytes) -> None:
-        """Send; what does not fit the terminal's buffer because nobody reads is lost, as on a wire."""
+        """Send; bytes that do not fit the terminal's buffer because no client reads are lost, as on a wire."""
         if self._ours is not None:
             try:
                 os.write(self._ours, data)

@@ -2,14 +2,14 @@
 
 A scenario is TOML: `[[at]]` tables in the order of time, each with `s` and some of
 
-- `values`: of all channels; between two of these a channel runs in a straight line, before the first and after the last
-  it stands;
+- `values`: of all channels; between two of these a channel changes linearly, and before the first and after the last it
+  is constant;
 - `fault` and `channel`: the channel's sensor breaks (`open`, `short`, `over`, `under`);
 - `mend`: number of the channel whose sensor is whole again;
-- `type_code` and `channel`: somebody sets the channel to another type of sensor;
-- the keys of SWITCHES, with what each expects. Each stays as it is until another entry changes it.
+- `type_code` and `channel`: the channel is set to another type of sensor;
+- the keys of SWITCHES, with the values they expect. Each stays as it is until another entry changes it.
 
-Not every device has every one of them: `check` compares.
+Not every device can have all of them: `check` compares.
 """
 
 import bisect
@@ -41,22 +41,22 @@ def _is_whole(most: int) -> Callable[[object], bool]:
 _TRUTH = "true or false"
 _CODE = 0xFFFF
 SWITCHES: Mapping[str, tuple[str, Callable[[object], bool]]] = {
-    "silent": (_TRUTH, _is_truth),  # it hears and does not answer
-    "delay_s": ("seconds, 0 to end it", _is_duration),  # each answer comes so late
+    "silent": (_TRUTH, _is_truth),  # it receives requests and does not answer
+    "delay_s": ("seconds, 0 to end it", _is_duration),  # each answer is delayed by this
     "crc": (_TRUTH, _is_truth),  # its answers have a wrong checksum
     "truncated": (_TRUTH, _is_truth),  # its answers end too early
     "exception": ("a Modbus exception code up to 255, 0 to end it", _is_whole(255)),
     "abort": ("an SDO abort code of 32 bits, 0 to end it", _is_whole(0xFFFF_FFFF)),
-    "heartbeat": (_TRUTH, _is_truth),  # false: it stops, the rest goes on
+    "heartbeat": (_TRUTH, _is_truth),  # false: it stops, everything else continues
     "emcy": ("an emergency's code up to 0xFFFF; 0 takes it back", _is_whole(_CODE)),  # sent once
-    "reboot": ("true", lambda value: value is True),  # it starts anew and says so, also after `silent`
+    "reboot": ("true", lambda value: value is True),  # it restarts and sends its boot-up, also after `silent`
 }
-"""What a device or its wire suffers, in the order in which one entry's are done: the value expected, and its check."""
+"""Faults of a device or its wire, in the order in which those of one entry take effect: expected value, and check."""
 _KEYS = {"s", "values", "fault", "channel", "mend", "type_code", *SWITCHES}
 
 
 class NotOfThisDeviceError(ValueError):
-    """The scenario does something to a device that cannot happen to it."""
+    """The scenario contains an event that this device cannot have."""
 
 
 class PlayClock(Protocol):
@@ -78,13 +78,13 @@ class _Change:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Channels' values and faults by seconds since the scenario began."""
+    """The channels' values and faults, by seconds since the start of the scenario."""
 
     _times: list[float] = field(default_factory=list)
     _values: list[Sequence[float]] = field(default_factory=list)
     _changes: list[_Change] = field(default_factory=list)
     _named: list[tuple[str, int]] = field(default_factory=list)
-    """Channels to which something happens, and where that stands."""
+    """Channels with an event, and where the scenario states it."""
 
     @classmethod
     def parse(cls, text: str) -> "Scenario":
@@ -116,7 +116,7 @@ class Scenario:
         for change in self._changes:
             if change.action not in actions:
                 has = ", ".join(sorted(actions))
-                raise NotOfThisDeviceError(f"{change.where}: cannot happen to {device}; what can: {has}")
+                raise NotOfThisDeviceError(f"{change.where}: {device} cannot have this; possible: {has}")
 
     def values(self, time_s: float) -> list[float]:
         """Of all channels at this time."""
@@ -130,12 +130,12 @@ class Scenario:
         return [a + (b - a) * part for a, b in zip(self._values[after - 1], self._values[after], strict=True)]
 
     def source(self, clock: PlayClock) -> ValueSource:
-        """A value source for a device; the scenario begins now."""
+        """A value source for a device; the scenario starts now."""
         began = clock.monotonic()
         return lambda: self.values(clock.monotonic() - began)
 
     async def play(self, actions: Actions, clock: PlayClock) -> None:
-        """Break and mend the device in time; the scenario begins now. Ends with its last change."""
+        """Break and repair the device over time; the scenario starts now. Ends with its last change."""
         began = clock.monotonic()
         for change in self._changes:
             await clock.sleep_until(began + change.at_s)

@@ -1,6 +1,6 @@
-"""A recorded device's answers to each request, and what it sent without one. No wire, no clock.
+"""A recorded device's answers to each request, and the messages that it sent unasked. No wire, no clock.
 
-A request that is made again gets the next of its recorded answers; after the last one the first comes again.
+A repeated request gets the next of its recorded answers; after the last one the first follows again.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,19 +30,19 @@ class Passed:
 
 @dataclass(slots=True)
 class Script:
-    """What to say. Keys are requests as `Playback` makes them comparable."""
+    """What to send. Keys are requests in the form in which `Playback` compares them."""
 
     answers: Mapping[bytes, Sequence[Sequence[Said]]]
     unasked: Sequence[Said] = ()
-    """Sent by itself since the start of the connection, in order."""
+    """Sent unasked since the start of the connection, in order."""
     lasts_s: float = 0.0
-    """Length of the recording: what is unasked comes again after it."""
+    """Length of the recording, after which the unasked messages are repeated."""
     unknown: int = 0
     """Requests that were not in the recording."""
     _turns: dict[bytes, int] = field(default_factory=dict)
 
     def answer(self, request: bytes) -> Sequence[Said]:
-        """What was said to this request, this time; nothing when it was never made."""
+        """The next answers to this request; empty if it was never made."""
         said = self.answers.get(request)
         if said is None:
             self.unknown += 1
@@ -53,7 +53,7 @@ class Script:
 
 
 def stream_script(events: Sequence[Passed]) -> Script:
-    """Of a serial line or a TCP connection: what came after a request and before the next one answers it."""
+    """The script of a serial line or TCP connection: bytes after a request and before the next one answer it."""
     answers: dict[bytes, list[list[Said]]] = {}
     unasked: list[Said] = []
     current: list[Said] | None = None
@@ -74,7 +74,8 @@ _SDO_ANSWER, _SDO_REQUEST, _HEARTBEAT = 0x580, 0x600, 0x700
 
 
 def can_script(events: Sequence[Passed]) -> Script:
-    """Of a CAN bus. Frames are keyed as `frame_key`; SDO answers belong to their node's request, process data to SYNC.
+    """The script of a CAN bus. Frames are keyed by `frame_key`; SDO answers belong to their node's request, process
+    data to SYNC.
 
     Everything else, and process data when no SYNC was sent, is unasked: heartbeats, emergencies, plain CAN.
     """
@@ -116,7 +117,7 @@ def frame_key(identifier: int, data: bytes) -> bytes:
 
 
 def frame_of(key: bytes) -> tuple[int, bytes]:
-    """Back from `frame_key`."""
+    """The inverse of `frame_key`."""
     return int.from_bytes(key[:4], "big"), key[4:]
 
 

@@ -26,7 +26,7 @@ class CanNode(Protocol):
 class SlcanAdapter:
     """`await start()` gives the path of its serial port. Frames pass only while the channel is open (`O`).
 
-    bitrate: what the nodes are set to; at another rate nothing passes. 0: any
+    bitrate: the nodes' bit rate; at any other rate nothing passes. 0: any
     """
 
     def __init__(self, nodes: Sequence[CanNode], *, bitrate: int = 0) -> None:
@@ -47,7 +47,7 @@ class SlcanAdapter:
         await self._port.stop()
 
     def send(self, frames: Sequence[CanFrame]) -> None:
-        """Frames that nodes send by themselves: boot-up, heartbeat, emergency."""
+        """Frames that nodes send unasked: boot-up, heartbeat, emergency."""
         if self._open and not self.bus_off and self._set == self._bitrate:
             self._pass(frames)
 
@@ -86,7 +86,7 @@ class SlcanAdapter:
             return _ERROR
         if count > 8 or len(data) != count:
             return _ERROR
-        if self._set != self._bitrate:  # nobody acknowledges
+        if self._set != self._bitrate:  # no node acknowledges
             return _ERROR
         self._port.write(_OK)
         self._pass([frame for node in self._nodes for frame in node.on_frame(identifier, data)])

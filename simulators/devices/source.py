@@ -1,4 +1,4 @@
-"""What drives an emulated device: a value source and its faults."""
+"""The input of an emulated device: a value source and its faults."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from typing import Any
 ValueSource = Callable[[], Sequence[float]]
 """Physical values of all channels (degC, or µm) at this moment; called once per request for values."""
 Actions = dict[str, Callable[[Any], None]]
-"""What a scenario can do to a device: its key to what takes the key's value."""
+"""What a scenario can do to a device: each key, and the function that takes its value."""
 
 
 class SensorFault(StrEnum):
@@ -26,17 +26,17 @@ class Faults:
 
     by_channel: dict[int, SensorFault] = field(default_factory=dict)
     silent: bool = False
-    """The device hears and does not answer."""
+    """The device receives requests, but does not answer."""
 
     def set(self, channel: int, fault: SensorFault | None) -> None:
-        """Break a channel's sensor, or mend it with None."""
+        """Break a channel's sensor, or repair it with None."""
         if fault is None:
             self.by_channel.pop(channel, None)
         else:
             self.by_channel[channel] = fault
 
     def actions(self) -> Actions:
-        """What can happen to every device; `fault` takes a channel and what it has."""
+        """The events that every device can have; `fault` takes a channel and its fault."""
         return {"fault": lambda told: self.set(*told), "silent": self._silence}
 
     def _silence(self, silent: bool) -> None:
@@ -44,5 +44,5 @@ class Faults:
 
 
 def clamp(value: float, low: float, high: float) -> float:
-    """The value, or the limit that it passes."""
+    """The value, or the limit that it exceeds."""
     return min(max(value, low), high)

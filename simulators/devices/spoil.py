@@ -5,11 +5,11 @@ from collections.abc import Callable, Collection, Sequence
 from time import monotonic
 
 Spoil = Callable[[int, bytes], Sequence[tuple[float, bytes]]]
-"""Takes who answers (unit or node) and the whole frame; gives what is heard instead, each after so many seconds."""
+"""Takes the sender (unit or node) and the whole frame; returns the frames received instead, each with a delay in s."""
 
 
 def send(write: Callable[[bytes], None], spoil: Spoil | None, sender: int, frame: bytes) -> None:
-    """Write the frame, or what the fault makes of it; late pieces come when the event loop's time has passed."""
+    """Write the frame, or what the fault makes of it; late pieces follow on the event loop's time."""
     for delay_s, heard in ((0.0, frame),) if spoil is None else spoil(sender, frame):
         if delay_s > 0:
             asyncio.get_running_loop().call_later(delay_s, write, heard)
@@ -18,7 +18,7 @@ def send(write: Callable[[bytes], None], spoil: Spoil | None, sender: int, frame
 
 
 class Late:
-    """A spoil under which some answer late, and in the order of the requests, as one device always does.
+    """A fault that delays some senders' answers, in the order of the requests, as a single device always does.
 
     Each of their answers is kept, the last of each sender. It comes in the time of another answer, just before it.
 

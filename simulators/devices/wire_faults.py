@@ -1,6 +1,6 @@
 """Wire faults that a scenario switches on and off: late, corrupted, truncated and refused answers.
 
-What each kind of wire can suffer is its Framing. TCP and CAN have checksums of their own below us: there is no `crc`.
+Framing describes which faults each kind of wire can have. TCP and CAN have lower-level checksums, hence no `crc`.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,12 +13,12 @@ from simulators.devices.source import Actions
 Change = Callable[[bytes], bytes]
 _CUT_BYTES = 3
 _UNIT = 6
-"""Where the unit id stands behind a Modbus TCP header's numbers and length."""
+"""Position of the unit id after a Modbus TCP header's numbers and length."""
 
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """What becomes of one frame of this kind of wire; None: the wire does not have this fault."""
+    """The faulty form of one frame on this kind of wire; None: the wire does not have this fault."""
 
     cut: Change
     """It ends too early."""
@@ -28,11 +28,11 @@ class Framing:
     abort: Callable[[bytes, int], bytes] | None = None
     """The same SDO answered with an abort code."""
     concerns: Callable[[bytes], bool] = lambda _: True
-    """Whether this frame is one that suffers."""
+    """Whether this frame can be affected."""
 
 
 class WireFaults:
-    """The faults in force on one device's wire. `spoil` is what its line, host or adapter calls.
+    """The faults in force on one device's wire. Its line, host or adapter calls `spoil`.
 
     `actions` gives what can be switched, by the scenario's key.
     """
@@ -42,7 +42,7 @@ class WireFaults:
         self._delay_s = 0.0
         self._changes: dict[str, Change] = {}
 
-    def spoil(self, sender: int, frame: bytes) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002 - it is alone there
+    def spoil(self, sender: int, frame: bytes) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002 - it is the only sender
         if not self._framing.concerns(frame):
             return ((0.0, frame),)
         for change in self._changes.values():
@@ -106,7 +106,7 @@ def _half(line: bytes) -> bytes:
 
 
 def _sdo_abort(line: bytes, code: int) -> bytes:
-    """The same object, refused; what is no SDO answer passes."""
+    """The same object, refused; frames that are not SDO answers pass."""
     if not 0x580 <= int(line[1:4], 16) < 0x600:
         return line
     return line[:5] + b"80" + line[7:13] + code.to_bytes(4, "little").hex().upper().encode() + b"\r"

@@ -1,7 +1,7 @@
-"""Starts the real LinuxCNC with the files of deploy/nc/linuxcnc, headless, in namespaces of its own.
+"""Starts the real LinuxCNC with the files of deploy/nc/linuxcnc, headless, in separate namespaces.
 
-Its own IPC namespace because there is one LinuxCNC in each; its own process and network namespaces because its stop
-script kills by name and its server takes a fixed port.
+The IPC namespace is separate because each holds only one LinuxCNC; the process and network namespaces are separate
+because its stop script kills processes by name and its server uses a fixed port.
 """
 
 import asyncio
@@ -32,14 +32,14 @@ HURRY: Mapping[str, object] = {
     "FINE_REACH": 0.05,
     "FIND_FEED": 600,
 }
-"""Settings of a machine without mass: a cycle takes half a minute, as the touches themselves stay slow."""
+"""Settings of a machine without mass: a cycle takes half a minute, because the touches themselves stay slow."""
 
 _NAMESPACES = ("--ipc", "--pid", "--mount", "--net", "--fork", "--mount-proc", "--kill-child")
 _AS_ORDINARY_USER = ("--user", "--map-current-user", "--keep-caps")
-"""Where the kernel lets ordinary users have namespaces."""
+"""Where the kernel lets unprivileged users create namespaces."""
 _START = 'ip link set lo up 2>/dev/null; mount --bind "$1" /tmp && cd /tmp/nc && exec linuxcnc -r /tmp/nc/talc.ini'
 _REAL_TIME_USER = 65534
-"""LinuxCNC's real-time part refuses root unless it is told which user it works for: nobody."""
+"""LinuxCNC's real-time part refuses root unless it is told which user it works for: `nobody`."""
 _BOOT_S, _ANSWER_S, _STOP_S = 60.0, 60.0, 30.0
 _MOTION_ANSWERS_S = 30.0
 """Without a real-time kernel, a busy computer lets LinuxCNC's motion controller wait; after 1 s it ends the program."""
@@ -52,7 +52,7 @@ class LinuxCncMachine:
         self.process = process
 
     async def ask(self, verb: str, *arguments: str | float | list[float]) -> Any:
-        """Raises RuntimeError with what the control said."""
+        """Run a command. Raises RuntimeError with the control's message."""
         if self.process.stdin is None:
             raise RuntimeError("LinuxCNC's process has no pipes")
         self.process.stdin.write(json.dumps([verb, *arguments]).encode() + b"\n")
@@ -66,7 +66,7 @@ class LinuxCncMachine:
         return float(await self.ask("hal", kind, name))
 
     async def line(self, timeout_s: float) -> dict[str, Any]:
-        """The operator's next line; LinuxCNC's own talk is passed over. Raises ConnectionError with it when it ends."""
+        """The operator's next line; LinuxCNC's other output is skipped. Raises ConnectionError with it when it ends."""
         if self.process.stdout is None:
             raise RuntimeError("LinuxCNC's process has no pipes")
         said = []
@@ -80,7 +80,7 @@ class LinuxCncMachine:
 
 
 def missing() -> str | None:
-    """What keeps LinuxCNC from running here, and what to do; None: nothing."""
+    """Why LinuxCNC cannot run here, and what to do; None if it can."""
     if not FILES.is_dir():
         return f"{FILES} is missing: run this from the source tree"
     if shutil.which("linuxcnc") is None:
@@ -156,7 +156,7 @@ async def machine(
 
 
 def _with(changed: Mapping[str, object], ini: str) -> str:
-    """Raises ValueError for a key that the file does not have."""
+    """The file with other values. Raises ValueError for a key that the file does not have."""
     for key, value in changed.items():
         ini, count = re.subn(rf"(?m)^{key} = .*$", f"{key.removeprefix('# ')} = {value}", ini)
         if count == 0:

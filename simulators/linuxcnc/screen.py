@@ -77,10 +77,10 @@ class ControlScreen:
             self.command.jog(linuxcnc.JOG_CONTINUOUS, False, 0, speed)
         else:
             self.command.jog(linuxcnc.JOG_STOP, False, 0)
-        self.until("X as told", lambda s: bool(s.axis[0]["velocity"]) == bool(speed))
+        self.until("X as commanded", lambda s: bool(s.axis[0]["velocity"]) == bool(speed))
 
     def listening(self, port: int) -> list[str]:
-        """Addresses at which connections are taken on this port: as the kernel writes them, host byte order in hex."""
+        """Listening addresses on this port, as the kernel writes them, in host byte order and hexadecimal."""
         rows = [
             row.split() for table in ("tcp", "tcp6") for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
         ]
@@ -88,26 +88,26 @@ class ControlScreen:
         return [address for address, at in local if int(at, 16) == port]
 
     def greeting(self, port: int) -> str:
-        """What the agent says to who connects from this computer."""
+        """The agent's greeting to a connection from this computer."""
         with socket.create_connection(("127.0.0.1", port), LIMIT_S) as line, line.makefile() as lines:
             return lines.readline()
 
     def freeze(self, name: str) -> None:
-        """A part of LinuxCNC does nothing more until `thaw`, as if its computer hung."""
+        """Freeze a part of LinuxCNC until `thaw`, as if its computer hung."""
         _signal(name, signal.SIGSTOP)
 
     def thaw(self, name: str) -> None:
         _signal(name, signal.SIGCONT)
 
     def kill_agent(self) -> None:
-        """As the kernel does when memory runs out: no warning, no last word."""
+        """Kill it as the kernel does when memory runs out, without warning."""
         listed = re.search(r"^\s*\d+\s+User\s+talc\s+(\d+)", self.hal("show", "comp"), re.MULTILINE)
         if listed is None:
             raise RuntimeError("no component talc")
         os.kill(int(listed[1]), signal.SIGKILL)
 
     def deform(self, errors: list[float]) -> None:
-        """From now on the sphere is off by these nine thermal errors."""
+        """From now on the sphere is displaced by these nine thermal errors."""
         if self.sphere is None:
             raise RuntimeError("this machine has no sphere")
         self.sphere.deform(errors)
@@ -151,7 +151,7 @@ class ControlScreen:
 
 
 def _signal(name: str, number: signal.Signals) -> None:
-    """To every process of this name in this namespace."""
+    """Send the signal to every process of this name in this namespace."""
     found = [path.parent.name for path in Path("/proc").glob("[0-9]*/comm") if path.read_text().strip() == name]
     if not found:
         raise RuntimeError(f"no process {name}")

@@ -10,7 +10,7 @@ from simulators.linuxcnc.chain import centre_mm
 
 _PERIOD_S = 0.002
 _NEAR_MM = 0.5
-"""The probe has left the sphere, and the touch is over, when it is so far away."""
+"""The touch is over when the probe is this far away from the sphere."""
 
 
 class Sphere:
@@ -47,7 +47,7 @@ class Sphere:
         self._errors = tuple(errors)
 
     def loosen(self, play_um: float) -> None:
-        """From one touch to the next it is lifted by so much, or falls back; 0: it is fixed."""
+        """From one touch to the next it is lifted by this much, or falls back; 0: it is fixed."""
         self._play_mm = play_um * 1e-3
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""An emulated numerical control: load case, probing cycle, NC kernel, and an OPC UA server that shows them."""
+"""An emulated numerical control: load case, probing cycle, NC kernel, and an OPC UA server that exposes them."""
 
 from simulators.nc.access import Security, User
 from simulators.nc.control import EmulatedControl

@@ -24,7 +24,7 @@ NOBODY = Session(role=UserRole.Anonymous)
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """Someone the control lets in, and what for."""
+    """A user of the control, and the user's rights."""
 
     password: str
     rights: frozenset[AccessRight] = ALL_RIGHTS
@@ -38,11 +38,11 @@ class Security:
     """The control's, .pem or .der; its application URI is APPLICATION_URI."""
     private_key: Path
     trusted: tuple[Path, ...]
-    """Certificates of the clients that are let in."""
+    """Certificates of the accepted clients."""
 
 
 def only(files: tuple[Path, ...]) -> CertificateValidatorMethod:
-    """Let in who shows one of the certificates, while it is valid."""
+    """Accept clients with one of the certificates while it is valid."""
 
     async def validate(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:
         if certificate not in [await load_certificate(file) for file in files]:
@@ -54,7 +54,7 @@ def only(files: tuple[Path, ...]) -> CertificateValidatorMethod:
 
 
 class Users(UserManager):
-    """Checks name and password, and knows everybody's rights. None: everybody may do everything."""
+    """Checks name and password, and knows all users' rights. None: everybody has all rights."""
 
     def __init__(self, users: Mapping[str, User] | None) -> None:
         self._users = users
@@ -72,7 +72,7 @@ class Users(UserManager):
         return Session(role=UserRole.User, name=username) if user is not None and user.password == password else None
 
     def rights(self, session: Session) -> frozenset[AccessRight]:
-        """What somebody who logged in may do."""
+        """The rights of a logged-in user."""
         if self._users is None:
             return ALL_RIGHTS
         user = self._users.get(session.name or "")

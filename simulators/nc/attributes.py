@@ -1,4 +1,4 @@
-"""The attribute service of the emulated control: reads and writes of its variables, with the rights they take."""
+"""The attribute service of the emulated control: reads and writes its variables, subject to the users' rights."""
 
 from collections.abc import Callable, Mapping
 from datetime import datetime
@@ -21,10 +21,10 @@ PROBING = f"/Channel/Parameter/R[u1,{R_STATE}]"
 
 
 class Kernel(Protocol):
-    """What the service asks of the control."""
+    """What the service needs of the control."""
 
     def now(self) -> float:
-        """Simulated seconds, with everything worked off that was due."""
+        """Simulated seconds, after everything that was due has been processed."""
         ...
 
     def utc(self) -> datetime: ...
@@ -34,12 +34,12 @@ class Kernel(Protocol):
         ...
 
     def wake(self) -> None:
-        """Something was written: there may be something new to wait for."""
+        """A value was written: there may be something new to wait for."""
         ...
 
 
 class Attributes(AttributeService):
-    """Answers for the control's variables itself; everything else is the server's own business."""
+    """Answers for the control's variables; the library's server answers for everything else."""
 
     def __init__(
         self, aspace: AddressSpace, namespace: int, table: Mapping[str, Variable], kernel: Kernel, users: Users
@@ -52,7 +52,7 @@ class Attributes(AttributeService):
         self._reader = NOBODY
 
     def note_reader(self, event: ServerItemCallback, _: object) -> None:
-        """The library tells who reads only here, just before `read`."""
+        """The library reveals the reading user only here, just before `read`."""
         self._reader = event.user
 
     def _variable(self, node: NodeId, attribute: AttributeIds) -> Variable | None:
@@ -111,7 +111,7 @@ def _variant(value: Value) -> ua.Variant:
 async def add_nodes(server: Server, index: int, table: Mapping[str, Variable], kernel: Kernel) -> None:
     """The variables as nodes, so that clients can browse and monitor them.
 
-    R-parameters are left out but for the one that tells whether it probes: like a real control, this one answers for
+    R-parameters are omitted, except for the one with the probing state: like a real control, this one answers for
     names that it does not list.
     """
 

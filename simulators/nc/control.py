@@ -1,4 +1,4 @@
-"""The emulated control on the wire: an OPC UA server that maps the NC kernel's variables to nodes, nothing else."""
+"""The emulated control on the wire: an OPC UA server that only maps the NC kernel's variables to nodes."""
 
 import asyncio
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ NAMESPACE_URI = "SinumerikVarProvider"
 
 
 class SimulatedClock(Protocol):
-    """Time as the bench runs it."""
+    """The bench's time."""
 
     def monotonic(self) -> float: ...
 
@@ -34,7 +34,8 @@ class SimulatedClock(Protocol):
 class EmulatedControl:
     """A SINUMERIK-like control behind OPC UA, on loopback.
 
-    Values are computed when they are read; a task wakes, in simulated time, only for what the probing cycle does by
+    Values are computed when they are read; a task wakes, in simulated time, only for the events of the probing cycle.
+    Without `users` everybody has all rights.
     itself. Without `users` everybody may do everything.
 
     Parameters
@@ -43,8 +44,8 @@ class EmulatedControl:
     clock: simulated or real time
     users: name to password and rights
     security: None speaks without any
-    subscriptions: False refuses them, as a control with too many clients does
-    port: 0 takes a free one
+    subscriptions: False refuses them, like a control with too many clients
+    port: 0 uses a free one
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class EmulatedControl:
         """Listen on loopback; returns the URL."""
         server = Server(StandardServer(self._users))
         await server.init()
-        server.disable_clock()  # a task that only shows the time, and delays stopping by a second
+        server.disable_clock()  # a task that only publishes the time and delays stopping by a second
         server.set_server_name("emulated SINUMERIK")
         server.set_endpoint(f"opc.tcp://127.0.0.1:{self._port}")
         await server.set_application_uri(APPLICATION_URI)
@@ -111,14 +112,14 @@ class EmulatedControl:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._tasks = []
         if self._server is not None:
-            # The library keeps a session with subscriptions for a client that may come back; here nobody will.
+            # The library keeps a session with subscriptions for a client that may reconnect; here none will.
             for session in list(self._server.iserver._external_sessions.values()):
                 await session.close_session()
             await self._server.stop()
             self._server = None
 
     def now(self) -> float:
-        """Simulated seconds, with everything worked off that was due."""
+        """Simulated seconds, after everything that was due has been processed."""
         now = self._clock.monotonic()
         self.nck.advance(now)
         return now

@@ -1,4 +1,4 @@
-"""The probing cycle as the part program runs it: a state machine stepped by time. Knows no protocol.
+"""The probing cycle as the part program runs it: a state machine stepped by time, independent of any protocol.
 
 state      leaves when                        to
 idle       asked                              waiting, or refused when the control cannot probe
@@ -42,7 +42,7 @@ class ReasonCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class CycleSettings:
-    """Where the sphere is and how long a cycle takes (Z22: 120 s, six poses)."""
+    """Position of the sphere and duration of a cycle (Z22: 120 s, six poses)."""
 
     poses_deg: tuple[tuple[float, float], ...] = ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0))
     """A, C of each pose, degrees."""
@@ -70,7 +70,7 @@ class CycleSettings:
 
 @dataclass(frozen=True, slots=True)
 class CycleAnswer:
-    """What the control says about the last request it dealt with."""
+    """The control's answer to the last request that it processed."""
 
     number: int
     state: CycleState
@@ -102,7 +102,7 @@ class ProbingCycle:
         self._pose = 0
         self._centres: list[Centre] = []
         self.started_s: float | None = None
-        """Safe point at which the cycle under way began; None when none is."""
+        """Safe point at which the cycle in progress began; None if there is none."""
         self.ended: list[tuple[float, float]] = []
         """Start and end of every cycle that was begun and is over, in order."""
         self.answer = CycleAnswer(0, CycleState.IDLE)
@@ -110,11 +110,11 @@ class ProbingCycle:
 
     @property
     def next_event_s(self) -> float | None:
-        """When `advance` next has something to do; None: not before somebody asks."""
+        """When `advance` next has something to do; None: not before a request."""
         return self._due_s if math.isfinite(self._due_s) else None
 
     def ask(self, now_s: float, number: int, valid_for_s: float = math.inf) -> None:
-        """Ask for cycle `number`; while another is under way this one waits for its end."""
+        """Request cycle `number`; while another is in progress this one waits for its end."""
         self._waiting = (number, now_s + valid_for_s)
         if self.started_s is None:
             if self._inhibited is not ReasonCode.NONE:
@@ -123,26 +123,26 @@ class ProbingCycle:
                 self._due_s = self._next_chance(now_s)
 
     def withdraw(self, now_s: float, number: int) -> None:
-        """Take request `number` back; a cycle under way stops and fails. Other numbers change nothing."""
+        """Withdraw request `number`; a cycle in progress stops and fails. Other numbers change nothing."""
         if self._waiting is not None and self._waiting[0] == number:
             self._refuse(ReasonCode.WITHDRAWN)
         elif self.started_s is not None and self.answer.number == number:
             self.interrupt(now_s, ReasonCode.WITHDRAWN)
 
     def inhibit(self, now_s: float, reason: ReasonCode) -> None:
-        """Forbid probing for a reason (NONE: allow it again): refuses who waits, ends the cycle under way."""
+        """Forbid probing for a reason (NONE: allow it again): refuses a waiting request, ends a cycle in progress."""
         self._inhibited = reason
         if reason is not ReasonCode.NONE:
             self.interrupt(now_s, reason)
             self._refuse(reason)
 
     def interrupt(self, now_s: float, reason: ReasonCode) -> None:
-        """End the cycle under way as failed."""
+        """End the cycle in progress as failed."""
         if self.started_s is not None:
             self._end(now_s, CycleAnswer(self.answer.number, CycleState.FAILED, reason))
 
     def advance(self, now_s: float) -> None:
-        """Do all that was due until now, in order."""
+        """Process everything that was due until now, in order."""
         while self._due_s <= now_s:
             self._step(self._due_s)
 

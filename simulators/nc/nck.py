@@ -1,4 +1,4 @@
-"""The NC kernel: program, axes, R-parameters, setting data, probing; stepped by time. Knows no protocol."""
+"""The NC kernel: program, axes, R-parameters, setting data, probing; stepped by time, independent of any protocol."""
 
 import math
 from bisect import bisect_right
@@ -37,7 +37,7 @@ REFERENCED, NOT_REFERENCED = 3, 2
 
 
 class MachineUnderControl(Protocol):
-    """The machine's mechanics, as far as the control can feel them."""
+    """The machine's mechanics, as far as the control is affected by them."""
 
     def tool_deviation_um(
         self, time_s: float, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float
@@ -131,14 +131,14 @@ class Nck:
         return self.cycle.next_event_s
 
     def advance(self, now_s: float) -> None:
-        """Work off what was due until now and show the cycle's answer in the R-parameters."""
+        """Process what was due until now, and write the cycle's answer to the R-parameters."""
         self.cycle.advance(now_s)
         self.watchdog.advance(now_s)
         self._note(now_s, ramped=True)
         self._show_answer()
 
     def state(self, time_s: float) -> MachineState:
-        """The machine at a time until now, or later if nobody asks for a cycle until then."""
+        """The machine's state at a time until now, or later if no cycle is requested until then."""
         began = self._cycle_at(time_s)
         block = self.program.at(time_s)
         if began is None:
@@ -216,17 +216,17 @@ class Nck:
         self.referenced = True
 
     def emergency_stop(self, now_s: float) -> None:
-        """Drives off; offsets stay as they are. It ends with `clear_alarms`."""
+        """Drives off; offsets stay as they are. Ends with `clear_alarms`."""
         self.raise_alarm(EMERGENCY_STOP, now_s)
 
     def raise_alarm(self, number: int, now_s: float) -> None:
-        """An alarm stops the program and a cycle under way."""
+        """An alarm stops the program and a cycle in progress."""
         self.advance(now_s)
         self.alarms = (*self.alarms, number)
         self._inhibit(now_s)
 
     def clear_alarms(self, now_s: float) -> None:
-        """Acknowledge all alarms; the program goes on."""
+        """Acknowledge all alarms; the program continues."""
         self.advance(now_s)
         self.alarms = ()
         self._inhibit(now_s)
@@ -297,7 +297,7 @@ class Nck:
         deviation = self._machine.tool_deviation_um(time_s, *nominal, *self.cycle_settings.poses_deg[pose])
         shift, noise = self.shift_um(nominal), self._noise_um()[pose]
         chip = self.chip_um.get(pose, (0.0, 0.0, 0.0))
-        # Every point is touched twice; the second touch only tells whether the first is to be believed.
+        # Every point is touched twice; the second touch only confirms the first.
         apart = float(np.max(np.abs(self._again[pose] - noise))) * 1e-3
         self._spread_mm = apart if pose == 0 else max(self._spread_mm, apart)
         x, y, z = (
@@ -320,7 +320,7 @@ class Nck:
         return self._noise
 
     def _cycle_at(self, time_s: float) -> float | None:
-        """Begin of the cycle that is under way at a time."""
+        """Start of the cycle in progress at a time."""
         started = self.cycle.started_s
         if started is not None and time_s >= started:
             return started
@@ -356,7 +356,7 @@ _A_STROKE_DEG = 120.0
 
 
 def _positions(block: DayPart, time_s: float) -> dict[str, float]:
-    """Axes go to and fro at their mean speed; C turns."""
+    """Axes move back and forth at their mean speed; C turns."""
     since = max(0.0, time_s - block.start_s)
     loads = block.loads
     positions = {
@@ -369,7 +369,7 @@ def _positions(block: DayPart, time_s: float) -> dict[str, float]:
 
 
 def _triangle(path: float, stroke: float) -> float:
-    """Position after a path to and fro over a stroke, starting in its middle."""
+    """Position on a path back and forth over a stroke, starting in its middle."""
     phase = math.fmod(path + stroke / 2.0, 2.0 * stroke)
     return (phase if phase <= stroke else 2.0 * stroke - phase) - stroke / 2.0
 

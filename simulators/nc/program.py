@@ -1,8 +1,8 @@
 """The machine's program as a pure function of time: a seeded sequence of operations with mean speeds.
 
 Z22 loads the machine with random load cases of five minutes; B19 varies C axis speed and cutting fluid in longer
-blocks, with standstill between. A load case here mixes both. It is indexed by the clock, not by parts made: what
-probing takes away does not shift the rest of the day, so runs of different methods see the same loads.
+blocks, with standstill between them. A load case here combines both. It is indexed by the clock, not by parts made:
+time lost to probing does not shift the rest of the day, so runs of different methods see the same loads.
 """
 
 import math
@@ -20,7 +20,7 @@ _OPERATION_S = 45.0
 
 
 class Activity(StrEnum):
-    """What a block of the day does."""
+    """The activity in a block of the day."""
 
     ROUGHING = "roughing"
     FINISHING = "finishing"
@@ -67,7 +67,7 @@ class DayPart:
 
 
 class LoadCase:
-    """Consecutive blocks from 0 s on; the last one lasts for ever.
+    """Consecutive blocks from 0 s on; the last one never ends.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class LoadCase:
     def next_safe_point(self, time_s: float) -> float:
         """First time from `time_s` on when the program may be interrupted.
 
-        At standstill that is at once; else at the end of the running operation or block.
+        At standstill that is at once; otherwise at the end of the running operation or block.
         """
         block = self.at(time_s)
         if not block.cutting:

@@ -12,7 +12,7 @@ _PERIOD_S = 0.05
 
 
 class Sampler:
-    """Looks at monitored nodes and reports changes; rests while nobody monitors anything."""
+    """Samples monitored nodes and reports changes; rests while no node is monitored."""
 
     def __init__(self, server: Server, namespace: int) -> None:
         self._aspace = server.iserver.aspace
@@ -28,7 +28,7 @@ class Sampler:
         self._wanted.set()
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Run until cancelled."""
         while True:
             if not self._seen:
                 self._wanted.clear()

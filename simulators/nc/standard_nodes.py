@@ -13,7 +13,7 @@ from asyncua.ua.uatypes import NodeId
 
 
 class StandardServer(InternalServer):
-    """A server of the library that copies what it uses of the standard nodes."""
+    """A server of the library that copies the standard nodes it uses."""
 
     async def load_standard_address_space(self, shelf_file: Path | None = None) -> None:  # noqa: ARG002
         """In place of making them anew. As in the library's own loading from a shelf, nodes come when they are used."""
@@ -25,11 +25,11 @@ class StandardServer(InternalServer):
 def _standard() -> Mapping[NodeId, NodeData]:
     space = AddressSpace()
     standard_address_space.fill_address_space(NodeManagementService(space))  # type: ignore[no-untyped-call]
-    return {key: space[key] for key in space.keys()}  # noqa: SIM118 - it is no mapping
+    return {key: space[key] for key in space.keys()}  # noqa: SIM118 - it is not a mapping
 
 
 class _Copied(MutableMapping[NodeId, NodeData]):
-    """The nodes of one server: the first look at a standard node copies it."""
+    """The nodes of one server: the first access to a standard node copies it."""
 
     def __init__(self, standard: Mapping[NodeId, NodeData]) -> None:
         self._left, self._own = dict(standard), dict[NodeId, NodeData]()

@@ -1,4 +1,4 @@
-"""The control's variables under their OPC UA names, and the rights to write them. Knows no protocol.
+"""The control's variables under their OPC UA names, and the rights to write them, independent of any protocol.
 
 Names as in the SINUMERIK Access MyMachine / OPC UA manual: R-parameters `/Channel/Parameter/R[u1,10]`, machine axes
 `/Channel/MachineAxis/...[u1,axis]`, setting data `/NC/_N_AX_SEA_ACX/$SA_...[u<axis>]`, PLC bits `/Plc/M120.0`.
@@ -36,10 +36,10 @@ class Variable:
 COOLANT = "/Plc/M120.0"
 PROBE_IN_SPINDLE = "/Plc/M120.1"
 DRIVES_ON = "/Plc/M120.2"
-"""Bits that a machine builder would wire; the emulated control's choice."""
+"""Bits that a machine builder would define; their addresses are the emulated control's choice."""
 
 ALARMS_SHOWN = 16
-"""The oldest first, as the control lists them."""
+"""The oldest first, in the order of the control."""
 
 
 def variables(nck: Nck) -> Mapping[str, Variable]:

@@ -1,4 +1,4 @@
-"""The NC side's watchdog as TALC_WATCH describes it: silence takes the offsets to zero, or holds them. No protocol.
+"""The watchdog on the NC as in TALC_WATCH: silence ramps the offsets to zero, or holds them. Knows no protocol.
 
 state     leaves when                                          to
 off       the beat changes                                     alive
@@ -30,7 +30,7 @@ class Logged:
 
 
 class Watchdog:
-    """Steps with time; works on the control's own R-parameters and offsets.
+    """Advances with time; works on the control's own R-parameters and offsets.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Watchdog:
             self._r[R_WATCH] = WatchState.ALIVE
 
     def advance(self, now_s: float) -> None:
-        """Let time pass; exact however rarely it is called."""
+        """Let time pass; the result is exact however rarely it is called."""
         silent_from = self._now_s
         if self._r[R_WATCH] == WatchState.ALIVE:
             silent_from = max(self._now_s, self._heard_s + self._r[R_SILENCE]) if self._r[R_OWNER] > 0 else now_s

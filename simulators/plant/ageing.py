@@ -13,7 +13,7 @@ _HOUR_S = 3600.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ageing:
-    """Slow drift of friction and of sensors. `Ageing(friction_sigma=0, sensor_K_per_100h=0)` is none."""
+    """Slow drift of friction and of sensors. `Ageing(friction_sigma=0, sensor_K_per_100h=0)` has no drift."""
 
     friction_sigma: float = 0.08
     """Standard deviation of each loss's logarithm: grease moves, preload settles (choice)."""
@@ -24,7 +24,7 @@ class Ageing:
 
 
 class Drift:
-    """Factors of the losses and offsets of the channels at any time, on an hourly grid with lines between."""
+    """Factors of the losses and offsets of the channels at any time, interpolated linearly on an hourly grid."""
 
     def __init__(self, ageing: Ageing, seed: int, sources: int, channels: int) -> None:
         self._ageing, self._seed = ageing, seed
@@ -33,7 +33,7 @@ class Drift:
         self._offset = [np.zeros(channels)]
 
     def friction(self, time_s: float) -> FloatArray:
-        """(s,) factors of the losses; before the start as at the start."""
+        """(s,) factors of the losses; before the start those of the start."""
         k, part = self._at(time_s)
         return np.asarray(np.exp(self._log[k] + part * (self._log[k + 1] - self._log[k])), dtype=np.float64)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Matrix = Any
-"""A NumPy array where it is reduced; where it is whole, a sparse matrix of SciPy, which running does not need."""
+"""A NumPy array if reduced; otherwise a sparse SciPy matrix, which is not needed at run time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +42,8 @@ class BodyModel:
     def project(self, basis: FloatArray) -> "BodyModel":
         """Galerkin: every matrix X becomes V' X V, so symmetry, definiteness and stability stay for any films h >= 0.
 
-        basis (n, r) must hold an even warming, else a body would conduct heat within itself at even temperature.
-        ValueError if it does not.
+        basis (n, r) must contain uniform warming; otherwise a body at uniform temperature would conduct heat within
+        itself. ValueError if it does not.
         """
         weighted = basis.T @ (self.C @ basis)
         even = np.linalg.solve(weighted, basis.T @ (self.C @ self.even))

@@ -1,4 +1,4 @@
-"""The hall: daily cycle, weather, vertical gradient, door. Every draw is fixed by the seed and the date alone."""
+"""The hall: daily cycle, weather, vertical gradient, door. Every draw depends only on the seed and the date."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from simulators.plant.joined import ZONES
 _WEATHER_STEP_S = 600.0
 _DAY_S = 86400.0
 _FORGOTTEN = 10.0
-"""After so many recovery times a door has left less than a millikelvin."""
+"""After this many recovery times less than a millikelvin of a door's effect is left."""
 _HEIGHT_M = {"left": 1.0, "right": 1.0, "front": 1.0, "rear": 1.3, "high": 2.6, "ground": 0.0}
 """Of each zone's air beside the machine above the hall's floor (assumed: panels' middle, portal's top)."""
 _DOOR_SHARE = {"left": 1.0, "right": 0.5, "front": 0.9, "rear": 0.4, "high": 0.3, "ground": 0.0}
@@ -24,7 +24,7 @@ _WORKING_S, _OPEN_S, _FALL_S = (6 * 3600.0, 20 * 3600.0), (120.0, 900.0), 180.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
-    """A hall without air conditioning, within 18-28 degC most of the year; docs/plant.md says what is assumed."""
+    """A hall without air conditioning, within 18-28 degC most of the year; docs/plant.md states the assumptions."""
 
     mean_degC: float = 23.0  # noqa: N815
     daily_amplitude_K: float = 2.0  # noqa: N815

@@ -22,9 +22,9 @@ CONDITIONS = ((0, 0, 0, 0), (1, 0, 0, 0), (1, 1, 0, 0), (1, 0, 1, 1))
 SHIFTS = (1e-7, *np.logspace(-5.5, -2.5, 7).tolist())
 """1/s: from the steady state to below the 5-min step."""
 TOLERANCE_K = 0.2
-"""Directions that bring less than this to all causes' snapshots together are left out."""
+"""Directions that contribute less than this to the snapshots of all causes are omitted."""
 TOLERANCE_WATCHED = 1.0
-"""The same for what the errors watch, whose snapshots are scaled to 1 K in the mean."""
+"""The same for what determines the errors; those snapshots are scaled to 1 K on average."""
 _ZONE_K, _CHILLER_W = 3.0, 1000.0
 
 
@@ -51,7 +51,7 @@ def snapshots(joined: Joined, table: Mapping[str, Any]) -> tuple[FloatArray, Flo
 
 
 def basis(body: BodyModel, there: FloatArray, back: FloatArray) -> FloatArray:
-    """(n, r) the even warming and the directions that the snapshots need most, orthonormal in C."""
+    """(n, r) the uniform warming and the directions that the snapshots need most, orthonormal in C."""
     heat = float(body.even @ (body.C @ body.even))
 
     def principal(columns: FloatArray, tolerance: float) -> FloatArray:
@@ -65,7 +65,7 @@ def basis(body: BodyModel, there: FloatArray, back: FloatArray) -> FloatArray:
 
 
 def reduce(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> dict[str, BodyModel]:
-    """Each body by its own basis, so that joints, films and losses can still be changed afterwards."""
+    """Each body in its own basis, so that joints, films and losses can still be changed afterwards."""
     there, back = snapshots(join(table, bodies, SparseSum), table)
     small, at = {}, 0
     for name, body in bodies.items():

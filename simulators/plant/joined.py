@@ -38,7 +38,7 @@ class Joined:
 
 
 class Sum(Protocol):
-    """A matrix (n, n) that is added up, starting at zero; dense or sparse."""
+    """A matrix (n, n) that is accumulated, starting at zero; dense or sparse."""
 
     def __init__(self, n: int) -> None: ...
     def block(self, at: int, matrix: Matrix, weight: float) -> None:
@@ -67,7 +67,7 @@ class DenseSum:
 
 
 class _Joiner:
-    """Where each place is in the joint vector."""
+    """The position of each place in the joint vector."""
 
     def __init__(self, table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> None:
         self.bodies, self.nodes = bodies, tuple(table["node"])
@@ -84,7 +84,7 @@ class _Joiner:
         return whole
 
     def place(self, name: str, where: str) -> FloatArray:
-        """(n,) row of a mean temperature. ValueError if there is no such patch or node."""
+        """(n,) row of a mean temperature. ValueError if the patch or node does not exist."""
         if name in self.nodes:
             whole = np.zeros(self.n)
             whole[self._first_node + self.nodes.index(name)] = 1.0
@@ -96,7 +96,7 @@ class _Joiner:
         return self.spread(body, face.g / face.area)
 
     def between(self, total: Sum, first: str, second: str, row: Mapping[str, Any], where: str) -> None:
-        """Add what lets heat flow between two places: symmetric, positive semidefinite."""
+        """Add heat flow between two places: symmetric, positive semidefinite."""
         a, b = self.place(first, where), self.place(second, where)
         if "G_W_K" in row:
             total.outer(a - b, a - b, row["G_W_K"])
@@ -125,7 +125,7 @@ class _Joiner:
 
 
 def join(table: Mapping[str, Any], bodies: Mapping[str, BodyModel], kind: type[Sum] = DenseSum) -> Joined:
-    """The network of `table` over `bodies`; `kind` sums up their matrices. ValueError names an entry that cannot be."""
+    """The network of `table` over `bodies`; `kind` accumulates their matrices. ValueError names an invalid entry."""
     j = _Joiner(table, bodies)
     storage, rate, films = kind(j.n), kind(j.n), [kind(j.n) for _ in FAMILIES]
     outside = np.zeros((j.n, len(ZONES)))

@@ -47,7 +47,7 @@ class PlantParameters:
     """(f, n, n) W/K at factor 1, in the order of FAMILIES; all but `flow` symmetric"""
     laws: tuple[HeatLaw, ...]
     heat_to: FloatArray
-    """(n, s) what 1 W of each source does; transposed, the temperature that the source feels"""
+    """(n, s) effect of 1 W of each source; transposed, the temperature that affects the source"""
     channels: tuple[str, ...]
     sensor_at: FloatArray
     """(c, n + z) weights"""
@@ -67,7 +67,7 @@ class PlantParameters:
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """What a machine is made from."""
+    """The data from which a machine is made."""
 
     machine: dict[str, Any]
     """machine.toml with the variant's changes"""
@@ -88,7 +88,7 @@ def tables(name: str = "base") -> Tables:
 
 
 def load(name: str = "base") -> PlantParameters:
-    """A machine by name: "base", or a variant of variants.toml. ValueError names what cannot be."""
+    """A machine by name: "base", or a variant of variants.toml. ValueError names an invalid name or entry."""
     chosen = tables(name)
     return assemble(chosen.machine, reduced(chosen.reduced))
 
@@ -113,7 +113,7 @@ def reduced(name: str) -> dict[str, BodyModel]:
 
 
 def assemble(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> PlantParameters:
-    """A table's machine over reduced bodies. ValueError names an entry that cannot be."""
+    """A table's machine over reduced bodies. ValueError names an invalid entry."""
     joined, flow = join(table, bodies), table["flow"]
     laws = []
     for row in table["heat"].values():

@@ -24,7 +24,7 @@ _MONDAY = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
 
 
 class Plant:
-    """Advances on a fixed grid of 30 s, whatever the caller's steps; between grid points values stand still.
+    """Advances on a fixed grid of 30 s, whatever the caller's steps; between grid points values are constant.
 
     Heat and films are averaged over a grid step, so polling changes neither physics nor any random draw. Before
     `start_utc` the machine stood 72 h switched off in the same hall; errors are relative to the start.
@@ -72,11 +72,11 @@ class Plant:
 
     @property
     def time_s(self) -> float:
-        """Seconds since the start up to which the plant was advanced."""
+        """Seconds since the start to which the plant has advanced."""
         return self._time_s
 
     def advance(self, time_s: float, drive: MachineDrive) -> None:
-        """Apply `drive` from the present time until time_s. A time that has passed already changes nothing."""
+        """Apply `drive` from the present time until time_s. A time in the past changes nothing."""
         now = self._of(drive)
         while self._time_s < time_s:
             end = (self._index + 1) * STEP_S
@@ -92,10 +92,9 @@ class Plant:
                 self._note_stuck()
 
     def zero(self, like: "Plant | None" = None) -> None:
-        """Let errors and spindle growth count from the present state, as after a reference measurement.
+        """Set the reference of errors and spindle growth to the present state, as after a reference measurement.
 
-        like: from the state that another plant of the same machine counts from, as in another season. ValueError:
-        another machine.
+        like: to the reference of another plant of the same machine, as in another season. ValueError: another machine.
         """
         if like is not None and like.parameters is not self.parameters:
             raise ValueError("like: expected a plant of the same parameters")
@@ -176,7 +175,7 @@ class Plant:
         self.state = self._network.step(self.state, load.films, heat, self._air, dt_s)
 
     def _note_stuck(self) -> None:
-        """What a sensor shows from now on; noted here and not when it is read, so that polling changes nothing."""
+        """A sensor's reading from now on; drawn here and not on reading, so that polling changes nothing."""
         for failure in self._failures:
             if (
                 failure.kind is FailureKind.STUCK

@@ -24,7 +24,7 @@ class PlantRecording:
 
 
 def record(plant: Plant, drives: Sequence[MachineDrive], step_s: float = 300.0) -> PlantRecording:
-    """Advance the plant through one drive per step and note inputs and true errors after each."""
+    """Advance the plant through one drive per step, and record inputs and true errors after each."""
     start = plant.time_s
     inputs, errors = [], []
     for k, drive in enumerate(drives):

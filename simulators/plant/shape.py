@@ -69,7 +69,7 @@ class Shape:
 
 
 def inside(places: NDArray[np.float64], boxes: tuple[Box, ...]) -> NDArray[np.bool_]:
-    """(k,) which of the places (3, k) m lie in any of the boxes, to a micrometre."""
+    """(k,) which of the places (3, k), m, are in any of the boxes, to within a micrometre."""
     found = np.zeros(places.shape[1], dtype=np.bool_)
     for x0, x1, y0, y1, z0, z1 in boxes:
         low, high = np.array([[x0], [y0], [z0]]) - 1e-6, np.array([[x1], [y1], [z1]]) + 1e-6
@@ -87,7 +87,7 @@ def merge(table: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read(change: Mapping[str, Any] | None = None) -> Shape:
-    """The shape of `shape.toml`, with a variant's changes. ValueError names an entry that cannot be."""
+    """The shape of `shape.toml`, with a variant's changes. ValueError names an invalid entry."""
     table = merge(tomllib.loads((HERE / "shape.toml").read_text(encoding="utf-8")), change or {})
     bodies = {}
     for name, row in table["body"].items():

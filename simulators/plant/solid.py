@@ -69,7 +69,7 @@ def conduction(shape: Shape, name: str, cells: MeshHex) -> BodyModel:
 
 
 class SparseSum:
-    """A sparse matrix that is added up, for `join` over whole bodies."""
+    """A sparse matrix that is accumulated, for `join` over whole bodies."""
 
     def __init__(self, n: int) -> None:
         self._n, self._total = n, csc_matrix((n, n))

@@ -79,13 +79,13 @@ def test_time_that_begins_anew_needs_the_hours_off(tmp_path: Path) -> None:
     lines = ["run,time,t1,drift"]
     lines += [f"{run},{line}" for run in (1, 2, 3) for line in rows_each(300, 20)]
     toml = 'errors = ["drift"]\n[runs]\ncolumn = "run"\n'
-    with pytest.raises(ConfigError, match=r"lathe\.toml: \[runs\] off_h: missing: time begins anew at line 22"):
+    with pytest.raises(ConfigError, match=r"lathe\.toml: \[runs\] off_h: missing: time starts again at line 22"):
         read_series(written(tmp_path, toml, lines))
     _, series = read_series(written(tmp_path, toml + "off_h = [8.0, 60.0]", lines))
     assert series.run.tolist() == [0] * 20 + [1] * 20 + [2] * 20
     assert [int(series.k[i] - series.k[i - 1]) for i in (20, 40)] == [8 * 12, 60 * 12]
     assert series.input_names == ("t1",)
-    with pytest.raises(ConfigError, match="has 1 entries; time begins anew 2 times"):
+    with pytest.raises(ConfigError, match="has 1 entries; time starts again 2 times"):
         read_series(written(tmp_path, toml + "off_h = [8.0]", lines))
 
 
@@ -115,7 +115,7 @@ def test_cells_of_unknown_quality(tmp_path: Path) -> None:
     assert series.input_names == ("t1", "t2")
     assert np.flatnonzero(np.isnan(series.inputs).any(axis=1)).tolist() == [3, 4]
     assert np.flatnonzero(np.isnan(series.truth[:, 0])).tolist() == [5]
-    assert any("'t2': 1 cells are no numbers" in note for note in series.notes)
+    assert any("'t2': 1 cells are not numbers" in note for note in series.notes)
     assert any("'operator': 40 of 40" in note for note in series.notes)
     assert any("'spare': empty" in note for note in series.notes)
 
@@ -141,7 +141,7 @@ def test_patterns_choose_inputs_and_say_what_they_are(tmp_path: Path) -> None:
         ("step_s = 300", "errors: missing"),
         ('errors = ["drift"]\nfile = "other.csv"', "file: other.csv is not beside it"),
         ('errors = ["drift"]\n[time]\ncolumn = "zeit"', "time, column: the recording has no column 'zeit'"),
-        ('errors = ["drift"]\ninputs = ["x*"]', "inputs: no column of numbers is left as an input in lathe.csv"),
+        ('errors = ["drift"]\ninputs = ["x*"]', "inputs: no column of numbers remains as an input in lathe.csv"),
         ("errors = [", "is not valid TOML"),
     ],
 )
