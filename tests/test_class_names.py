@@ -1,4 +1,4 @@
-"""A class name means one thing in the whole tree: two rooms do not give the same name to different things."""
+"""A class name means one thing in the whole tree: no two rooms use the same name for different things."""
 
 import ast
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""Every page of the documentation wraps its prose at one width, the code's, and its links lead somewhere."""
+"""Every page of the documentation wraps its prose at the code's width, and its links resolve."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Break the code behind each promise of docs/safety.md: the test that shows it must fail.
+"""Breaks the code behind each promise of docs/safety.md: the test that guards it must fail.
 
 Each mutation runs its one test in a copy of the tree, in a process of its own.
 """

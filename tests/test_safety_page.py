@@ -1,4 +1,4 @@
-"""Each line of docs/safety.md names tests that exist, and code that can be broken to see that they fail.
+"""Each line of docs/safety.md names tests that exist, and code that can be broken to make them fail.
 
 That they do fail is the subject of test_safety_mutations, which takes minutes.
 """

@@ -1,4 +1,4 @@
-"""What several test files share stands in tests/benches; no test file is imported by another."""
+"""Code that several test files share is in tests/benches; no test file is imported by another."""
 
 import ast
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The kernel's raw CAN sockets as python-can meets them, where there is no CAN: frames and errors of linux/can.h."""
+"""The kernel's raw CAN sockets as python-can sees them, on computers without CAN: frames and errors of linux/can.h."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""The command line as a user has it: a process of its own, while the emulated devices live in the test."""
+"""The command line as a user runs it: in a separate process, with the emulated devices inside the test."""
 
 import asyncio
 import os

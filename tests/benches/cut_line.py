@@ -1,4 +1,4 @@
-"""A line to a server that can be cut, go silent while it stays open, or spoil what the server answers."""
+"""A line to a server that can be cut, go silent while it stays open, or corrupt the server's answers."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable

@@ -1,4 +1,4 @@
-"""The emulated control behind its real protocol, in time that the test moves, with the driver connected."""
+"""The emulated control behind its real protocol, in time that the test advances, with the driver connected."""
 
 import asyncio
 import math

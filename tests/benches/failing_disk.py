@@ -1,4 +1,4 @@
-"""A store in a process of its own, on a disk that the test lets fail.
+"""A store in a separate process, on a disk that the test can make fail.
 
 As a program it is that process: it takes a command a line and answers each with a line of JSON.
 """

@@ -1,4 +1,4 @@
-"""A TCP port of the loopback that nobody has."""
+"""A TCP port of the loopback interface that is not in use."""
 
 import socket
 

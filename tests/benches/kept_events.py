@@ -1,4 +1,4 @@
-"""A sink that keeps every event for a test to look at."""
+"""A sink that keeps every event for a test to examine."""
 
 from typing import TypeVar
 

@@ -1,4 +1,4 @@
-"""A Modbus slave made by libmodbus (Debian package libmodbus5), run as a process of its own by test_modbus_libmodbus.
+"""A Modbus slave made with libmodbus (Debian package libmodbus5); test_modbus_libmodbus runs it as a process.
 
 Usage: libmodbus_slave.py tcp          prints its port
        libmodbus_slave.py rtu PATH     unit 3, 19200 8N1; prints "ready"

@@ -1,4 +1,4 @@
-"""An agent of LinuxCNC that knows the key and the form of lines only, and a line to it."""
+"""A fake agent of LinuxCNC that knows only the key and the form of lines, and a line to it."""
 
 import asyncio
 import hmac

@@ -1,4 +1,4 @@
-"""Every numerical control that the gateway can speak to, with what the contract's tests do to it.
+"""Every numerical control that the gateway supports, with the actions of the contract's tests on it.
 
 Another implementation joins by a class that derives from NcBench and an entry in BENCHES.
 """

@@ -1,4 +1,4 @@
-"""Simulated time for a whole process: clocks that go on only when every thread sleeps and every wire is quiet.
+"""Simulated time for a whole process: clocks that advance only when every thread sleeps and every wire is quiet.
 
 A test marked `simulated_time` runs on it, fixtures included, with the real event loop, threads, sockets and
 pseudo-terminals. Work takes no time, however slow or busy the computer is; waiting takes none of the computer's. It is

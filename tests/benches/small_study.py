@@ -1,4 +1,4 @@
-"""A study's small version by the command line, as a user runs it."""
+"""A study's small version, run from the command line as a user does."""
 
 import json
 import re

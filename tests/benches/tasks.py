@@ -1,4 +1,4 @@
-"""Tasks that run for as long as a test looks at them."""
+"""Tasks that run for as long as a test observes them."""
 
 import asyncio
 from collections.abc import AsyncIterator, Coroutine

@@ -1,4 +1,4 @@
-"""One value of each kind that a gateway publishes, with the numbers that are awkward in JSON."""
+"""One value of each kind that a gateway publishes, with numbers that are awkward in JSON."""
 
 import math
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""A telemetry publisher in a process of its own, which has published one event; and a client of it."""
+"""A telemetry publisher in a separate process, which has published one event; and a client of it."""
 
 import asyncio
 import sys

@@ -1,4 +1,4 @@
-"""Simulated time for tests in which something real is on the wire."""
+"""Simulated time for tests with a real device or control on the wire."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""Boxes of modules with one mistake each, on real wires; what the commands say of them stands in docs/wiring.md.
+"""Boxes of modules with one mistake each, on real wires; docs/wiring.md shows what the commands report.
 
 `python -m tests.benches.wiring_faults` renews the document's blocks.
 """

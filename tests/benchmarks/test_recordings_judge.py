@@ -1,4 +1,4 @@
-"""Judging on recordings: equal moments, estimates before measurements, closed forms of the peers, coverage, savings."""
+"""Judging on recordings: equal times, estimates before measurements, closed forms for the peers, coverage, savings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

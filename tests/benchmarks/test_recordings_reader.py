@@ -1,4 +1,4 @@
-"""Reading of described recordings: units, gaps, runs, cells of unknown quality, and what is reported as wrong."""
+"""Reading of described recordings: units, gaps, runs, cells of unknown quality, and reported problems."""
 
 from pathlib import Path
 

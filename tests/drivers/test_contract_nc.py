@@ -1,4 +1,4 @@
-"""What every numerical control must do, whichever it is and however it is spoken to; see nc_benches for which."""
+"""What every numerical control must do, whatever its kind and protocol; nc_benches lists them."""
 
 import asyncio
 import itertools

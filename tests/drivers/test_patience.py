@@ -1,4 +1,4 @@
-"""How long answers are waited for, and what comes after a wait that was cut short."""
+"""How long the drivers wait for answers, and what follows a wait that was cut short."""
 
 import asyncio
 import socket

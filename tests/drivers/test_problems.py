@@ -1,4 +1,4 @@
-"""What is said of settings that cannot be: every mistake, its place, its value and what would be right."""
+"""Messages about invalid settings: every mistake, its place, its value and what is expected."""
 
 from types import MappingProxyType
 from typing import Literal

@@ -1,4 +1,4 @@
-"""Profiles: those supplied are right, those of users are checked key by key."""
+"""Profiles: the supplied ones are valid, and users' profiles are checked key by key."""
 
 from math import inf, nan
 from pathlib import Path

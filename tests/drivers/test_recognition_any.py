@@ -1,4 +1,4 @@
-"""Whatever a device answers when it is asked what it is: a recognition that holds, or an error that is stated.
+"""Whatever a device answers during recognition: a recognition that holds, or an error with its reason.
 
 The buses are made of what theirs may return or raise; that they return nothing else is tested where they are.
 """

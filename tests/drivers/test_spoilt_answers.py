@@ -1,4 +1,4 @@
-"""Whatever the bytes of a device's answers are, its driver gives whole readings or one of the drivers' errors."""
+"""Whatever the bytes of a device's answers are, its driver returns complete readings or raises a driver's error."""
 
 import asyncio
 import random

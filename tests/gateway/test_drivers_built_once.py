@@ -1,4 +1,4 @@
-"""A command makes each bus and device once, and the check of a configuration makes none."""
+"""A command builds each bus and device once, and the check of a configuration builds none."""
 
 import asyncio
 from collections import Counter

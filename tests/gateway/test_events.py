@@ -1,4 +1,4 @@
-"""Several sinks in order: what must be on the disk first is, or reaches nobody."""
+"""Several sinks in order: an event that cannot be stored reaches no other sink."""
 
 import sqlite3
 from contextlib import closing

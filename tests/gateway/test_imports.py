@@ -1,4 +1,4 @@
-"""The service loads what it needs and no more: memory and seconds on a small computer."""
+"""The service loads only what it needs: memory and seconds on a small computer."""
 
 import subprocess
 import sys

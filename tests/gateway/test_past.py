@@ -1,4 +1,4 @@
-"""What a restart takes up from the store: what was seen, since when it is suspect, and a training that had failed."""
+"""What a restart resumes from the store: frames, the age of suspicions, and a training that had failed."""
 
 import json
 import math

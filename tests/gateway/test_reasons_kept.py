@@ -1,4 +1,4 @@
-"""What the learner says of itself is stored, compared by a replay, and shown by the report."""
+"""The learner's reasons are stored, compared by a replay, and shown in the report."""
 
 import sqlite3
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What the service makes of its NC link: its owner's number, what a restart takes up, and how it lets go."""
+"""The service and its NC link: the owner's number, what a restart resumes, and how the service releases the control."""
 
 import asyncio
 import sqlite3

@@ -1,4 +1,4 @@
-"""A running service takes another configuration, or goes on as it was."""
+"""A running service applies another configuration, or continues unchanged."""
 
 import asyncio
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What is reported of the store: failures and a disk that fills up, each once, and each end."""
+"""Reports about the store: failures and a disk that fills up, each beginning and each end once."""
 
 from pathlib import Path
 

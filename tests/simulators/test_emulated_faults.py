@@ -1,4 +1,4 @@
-"""Every fault that a scenario can do to an emulated device, on its wire, read by the gateway's acquisition."""
+"""Every fault that a scenario can inflict on an emulated device, read on its wire by the gateway's acquisition."""
 
 import asyncio
 import subprocess

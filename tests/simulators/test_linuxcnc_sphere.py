@@ -1,4 +1,4 @@
-"""The sphere under LinuxCNC's probe moves as the plant says. LinuxCNC's Python does not have what the plant needs."""
+"""The sphere under LinuxCNC's probe moves like the plant's. LinuxCNC's Python lacks what the plant needs."""
 
 import math
 

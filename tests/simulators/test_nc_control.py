@@ -1,4 +1,4 @@
-"""The emulated control on the wire, asked by a plain OPC UA client rather than by our driver."""
+"""The emulated control on the wire, queried by a plain OPC UA client instead of our driver."""
 
 import asyncio
 from collections.abc import AsyncIterator

@@ -1,4 +1,4 @@
-"""The machine's day: reproducible, without gaps, and its integral is what a fine sum gives."""
+"""The machine's day: reproducible, without gaps, and its integral equals a fine sum."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Load cases: lengths, one axis at a time, and what they do to the plant."""
+"""Load cases: lengths, one axis at a time, and their effect on the plant."""
 
 import numpy as np
 import pytest

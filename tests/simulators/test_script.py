@@ -1,4 +1,4 @@
-"""What a recorded device said to Modbus TCP: the numbers of its answers are right however the bytes were cut."""
+"""A recorded Modbus TCP device's answers: their numbers are correct however the bytes were split."""
 
 from itertools import pairwise
 

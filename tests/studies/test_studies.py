@@ -1,4 +1,4 @@
-"""The study frame goes on where it was stopped; the small comparison against a regression done here by hand."""
+"""The study frame resumes where it was stopped; the small comparison against a regression done here by hand."""
 
 import csv
 import json

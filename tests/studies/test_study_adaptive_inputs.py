@@ -1,4 +1,4 @@
-"""Adaptive inputs: seasons one after the other, repetitions on the same physics, and the small version whole."""
+"""Adaptive inputs: seasons in sequence, repetitions on the same physics, and the whole small version."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The parameter study: its figures from their definitions, its choice of the best set, and the small version whole."""
+"""The parameter study: its figures from their definitions, its choice of the best set, and the whole small version."""
 
 from collections.abc import Mapping
 from typing import Any

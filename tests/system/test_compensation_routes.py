@@ -1,4 +1,4 @@
-"""What is left of the machine's thermal error at the tool, by the route that offsets take to the control.
+"""The residual thermal error at the tool, for each route by which offsets reach the control.
 
 A warm machine of the simulators, moving; the errors are known exactly, so that only the routes differ.
 """

@@ -1,4 +1,4 @@
-"""The whole loop in short: emulated machine, drivers, TALC, NC, Zenoh; then what it left behind."""
+"""The whole loop in short: emulated machine, drivers, TALC, NC, Zenoh; then the files that it left."""
 
 import csv
 import os

@@ -1,4 +1,4 @@
-"""A simulated day of faults on every wire and on the control: the whole service keeps its size."""
+"""A simulated day of faults on every wire and on the control: the whole service does not grow."""
 
 import asyncio
 import gc

@@ -1,4 +1,4 @@
-"""The whole gateway, killed at random moments while it compensates: what the control's own record shows.
+"""The whole gateway, killed at random moments while it compensates, judged by the control's own record.
 
 Real processes, real time, the real wire; only faster than on a machine: ten cycles a second, 20 µm/s.
 """

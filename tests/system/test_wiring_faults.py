@@ -1,4 +1,4 @@
-"""docs/wiring.md shows what the commands really say of each mistake."""
+"""docs/wiring.md shows what the commands really report for each mistake."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""ARX by least squares, guarded and refined, against NumPy, closed forms and the traps of noisy thermal data."""
+"""ARX by least squares, guarded and refined, against NumPy, closed forms and the pitfalls of noisy thermal data."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""One model at work, against a plain NumPy twin of the kernel's equations and closed forms."""
+"""One model in operation, against a plain NumPy twin of the kernel's equations and closed forms."""
 
 import numpy as np
 import pytest

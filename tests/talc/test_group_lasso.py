@@ -1,4 +1,4 @@
-"""The exact Group-LASSO against an interior-point solver, the reference ADMM and the conditions of optimality."""
+"""The exact Group-LASSO against an interior-point solver, the reference ADMM and the optimality conditions."""
 
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Offsets follow the workpiece point, consistently with what probing sees."""
+"""Offsets follow the workpiece point, consistently with what probing measures."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Presets against the figures that the papers print."""
+"""Presets against the figures printed in the papers."""
 
 from talc.presets import PRESETS, completed
 

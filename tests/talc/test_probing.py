@@ -1,4 +1,4 @@
-"""The probing equations against finite rotations, known ranks, and the noise they are said to have."""
+"""The probing equations against finite rotations, known ranks, and their stated noise."""
 
 import math
 

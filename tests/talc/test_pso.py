@@ -1,4 +1,4 @@
-"""The swarm: its best candidate is judged again by an independent path; and the criteria by hand."""
+"""The swarm: an independent path judges its best candidate; and the criteria by hand."""
 
 import math
 

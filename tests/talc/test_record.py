@@ -1,4 +1,4 @@
-"""What the controller keeps of what it sees: gaps filled, late sensors not lost, impossible numbers left out."""
+"""The controller's record: gaps are filled, late sensors are not lost, impossible numbers are omitted."""
 
 import numpy as np
 import pytest

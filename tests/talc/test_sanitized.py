@@ -1,4 +1,4 @@
-"""The kernel's tests once more on a kernel built with address and undefined-behaviour sanitizers."""
+"""The kernel's tests repeated on a kernel built with address and undefined-behaviour sanitizers."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Training finds what made the record, predicts what it has not seen, and never hands out something unusable."""
+"""Training finds what made the record, predicts unseen rows, and never returns an unusable model."""
 
 from concurrent.futures import ThreadPoolExecutor
 

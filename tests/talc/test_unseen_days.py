@@ -1,4 +1,4 @@
-"""The whole loop on days that no training saw: never worse than the last measurement held, and honest about itself."""
+"""The whole loop on unseen days: never worse than the last measurement held, with honest uncertainties."""
 
 import numpy as np
 import pytest

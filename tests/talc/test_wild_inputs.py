@@ -1,4 +1,4 @@
-"""Whatever the inputs and measurements do, no estimate diverges: bounded by what was measured, and nothing raises."""
+"""Whatever the inputs and measurements do, no estimate diverges: it stays bounded, and nothing raises."""
 
 from dataclasses import dataclass, replace
 

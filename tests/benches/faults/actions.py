@@ -1,4 +1,4 @@
-"""What is done to a plant: plugs pulled, devices silenced, sensors broken, frames spoilt on their way."""
+"""Faults inflicted on a plant: plugs pulled, devices silenced, sensors broken, frames corrupted on the wire."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Collection, Sequence

@@ -1,4 +1,4 @@
-"""An acquisition on real wires, and what was heard of it."""
+"""An acquisition on real wires, and a record of what it reported."""
 
 import asyncio
 import logging

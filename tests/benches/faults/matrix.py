@@ -1,4 +1,4 @@
-"""The table of faults: what is done to which wire, what becomes of the channel, and what the user reads.
+"""The table of faults: what is done to which wire, what happens to the channel, and what the user reads.
 
 `test_fault_matrix` plays each row; docs/faults.md is written from it by `page`.
 """

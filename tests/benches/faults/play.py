@@ -1,4 +1,4 @@
-"""Playing many faults at once, each on its own wire: the whole table in the time of a few rows."""
+"""Plays many faults at once, each on its own wire: the whole table in the time of a few rows."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping

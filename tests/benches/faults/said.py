@@ -1,4 +1,4 @@
-"""Value sources that say something else each time, and know when they said what."""
+"""Value sources that return a different value each time and remember when they returned it."""
 
 from collections import deque
 from collections.abc import Sequence

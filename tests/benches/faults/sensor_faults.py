@@ -1,4 +1,4 @@
-"""What each device says of a broken sensor: rows of the fault matrix."""
+"""What each device reports about a broken sensor: rows of the fault matrix."""
 
 from collections.abc import Sequence
 

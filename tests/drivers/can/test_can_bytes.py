@@ -1,4 +1,4 @@
-"""Whatever an adapter, a group or a node sends: a right value or an error; never a crash, a hang, another value."""
+"""Whatever an adapter, a group or a node sends: a correct value or an error; never a crash, a hang or a wrong value."""
 
 import asyncio
 import socket

@@ -1,4 +1,4 @@
-"""Interfaces of the kernel: what is asked of it, what its errors become, and that the buses come back."""
+"""Interfaces of the kernel: the requests to it, the errors made from its errors, and the buses' recovery."""
 
 import asyncio
 import errno

@@ -1,4 +1,4 @@
-"""CANopen: nodes that start anew, emergencies, foreign frames; and a node of a library that is not ours."""
+"""CANopen: restarting nodes, emergencies, foreign frames; and a node of a third-party library."""
 
 import asyncio
 import time

@@ -1,4 +1,4 @@
-"""Field values of CANopen nodes: what the converter sends, scaled as the profile says, for the node does not."""
+"""Field values of CANopen nodes: raw counts scaled by the profile, because the node does not state the scaling."""
 
 import re
 from collections.abc import AsyncIterator

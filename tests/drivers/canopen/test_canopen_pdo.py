@@ -1,4 +1,4 @@
-"""TPDOs after SYNC or by timer: the node's mapping is read and believed, or refused with a reason."""
+"""TPDOs after SYNC or by timer: the node's mapping is read and used, or refused with a reason."""
 
 import asyncio
 import time

@@ -1,4 +1,4 @@
-"""The agent of deploy/nc/linuxcnc in the real LinuxCNC, seen from the wire: who may speak to it and what it refuses.
+"""The agent of deploy/nc/linuxcnc in the real LinuxCNC, seen from the wire: who may talk to it and what it refuses.
 
 Needs Debian's linuxcnc-uspace.
 """

@@ -1,4 +1,4 @@
-"""Whatever the agent's bytes and values are, the driver gives what its interface says or one of the drivers' errors."""
+"""Whatever the agent's bytes and values are, the driver returns what its interface says or raises a driver's error."""
 
 import asyncio
 import random

@@ -1,4 +1,4 @@
-"""What comes over the line from LinuxCNC's agent: a signed answer is given as it is, anything else ends the line."""
+"""What arrives from LinuxCNC's agent: a signed answer is returned unchanged, anything else closes the line."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""Who does not hold the agent's key cannot keep out who does. The agent's server itself, without LinuxCNC."""
+"""A client without the agent's key cannot lock out one that has it. The agent's server itself, without LinuxCNC."""
 
 import importlib.util
 import socket

@@ -1,4 +1,4 @@
-"""Micro-Epsilon's Ethernet stream: blocks are found whole, newest first, among whatever else comes."""
+"""Micro-Epsilon's Ethernet stream: complete blocks are found, newest first, among any other bytes."""
 
 import asyncio
 from itertools import accumulate, pairwise

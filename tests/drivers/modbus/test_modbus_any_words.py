@@ -1,4 +1,4 @@
-"""Whatever a Modbus device's registers and bits hold: a number that its profile allows, or a fault, over loopback."""
+"""Whatever a Modbus device's registers and bits contain: a number within its profile, or a fault, over loopback."""
 
 import asyncio
 from collections.abc import Mapping

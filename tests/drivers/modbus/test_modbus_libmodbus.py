@@ -1,4 +1,4 @@
-"""The Modbus drivers against a slave that is not ours: libmodbus (Debian package libmodbus5)."""
+"""The Modbus drivers against a third-party slave: libmodbus (Debian package libmodbus5)."""
 
 import subprocess
 import sys

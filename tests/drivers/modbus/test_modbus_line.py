@@ -1,4 +1,4 @@
-"""Modbus RTU on a bad line: late, foreign, broken and doubled answers never become a value."""
+"""Modbus RTU on a bad line: late, foreign, broken and duplicated answers never become a value."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable

@@ -1,4 +1,4 @@
-"""A module that is set to another data format sends other numbers for the same temperatures: it is refused."""
+"""A module set to another data format sends other numbers for the same temperatures: it is refused."""
 
 from collections.abc import AsyncIterator
 

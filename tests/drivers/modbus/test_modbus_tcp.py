@@ -1,4 +1,4 @@
-"""Modbus TCP against a peer that misbehaves: each answer is taken by its number, or not at all."""
+"""Modbus TCP against a misbehaving peer: each answer is matched by its number, or rejected."""
 
 import asyncio
 import struct

@@ -1,4 +1,4 @@
-"""The driver and the emulated control in detail: what the contract of all controls (test_contract_nc) leaves open."""
+"""The driver and the emulated control in detail, beyond the contract of all controls (test_contract_nc)."""
 
 import math
 from collections.abc import AsyncIterator

@@ -1,4 +1,4 @@
-"""What goes wrong between the gateway and a control, and what the driver makes of it."""
+"""Faults between the gateway and a control, and the driver's reaction to them."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""Whatever the server answers, the driver raises nothing but its own errors: counts, nulls, types, bytes."""
+"""Whatever the server answers, the driver raises only its own errors: counts, nulls, types, bytes."""
 
 import asyncio
 import logging

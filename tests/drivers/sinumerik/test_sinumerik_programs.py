@@ -1,4 +1,4 @@
-"""The NC programs that are shipped keep to the handshake that the driver speaks.
+"""The supplied NC programs follow the handshake that the driver uses.
 
 They cannot run here: this reads them, it does not prove that a control takes them.
 """

@@ -1,4 +1,4 @@
-"""Signed, encrypted, with user and certificates; and what is said when one of them is wrong."""
+"""Signed, encrypted, with user and certificates; and the messages when one of them is wrong."""
 
 import asyncio
 from collections.abc import AsyncIterator

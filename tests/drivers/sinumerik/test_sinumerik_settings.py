@@ -1,4 +1,4 @@
-"""Settings that cannot work are told when they are made, without any network."""
+"""Invalid settings are reported on construction, without any network."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""K0, tanβ, P0 and sag tables over the real wire: what is asked for is what the emulated control adds, everywhere."""
+"""K0, tanβ, P0 and sag tables over the real wire: the emulated control adds what was requested, everywhere."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Snapshots without asking: the control tells of changes, and is asked when it does not."""
+"""Snapshots without polling: the control reports changes, and is polled when it does not."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable

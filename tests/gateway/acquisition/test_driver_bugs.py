@@ -1,4 +1,4 @@
-"""Whatever a driver or its library raises or returns, it is a fault of its device; the neighbours notice nothing."""
+"""Whatever a driver or its library raises or returns is a fault of its device; the neighbours are not affected."""
 
 import asyncio
 import math

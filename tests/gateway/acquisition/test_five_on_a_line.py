@@ -1,4 +1,4 @@
-"""Five units on one RTU line, over the real wire: what some of them do must not cost the others' period.
+"""Five units on one RTU line, over the real wire: faults of some must not cost the others their period.
 
 The period is the default one, and the timeout half of it: were each miss to cost that, three would cost a period and a
 half.

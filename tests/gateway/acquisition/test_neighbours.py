@@ -1,4 +1,4 @@
-"""What devices that fall silent, waver or are slow cost the others on their bus. The drivers here are scripts."""
+"""How devices that are silent, intermittent or slow affect the others on their bus. The drivers here are scripts."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A line read once: every device has its turn, whatever became of the one before, and nothing stays open."""
+"""Reading a line once: every device has its turn, whatever happened to the one before, and nothing stays open."""
 
 import pytest
 

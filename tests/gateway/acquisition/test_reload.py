@@ -1,4 +1,4 @@
-"""Another configuration while the gateway runs."""
+"""A new configuration while the gateway runs."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A value that is no longer renewed: the board's judgement, and that it is told while a read hangs."""
+"""A value that is no longer renewed: the board reports it as stale, even while a read hangs."""
 
 import asyncio
 import math

@@ -1,4 +1,4 @@
-"""`probe --watch`: what it counts, that it fits a small terminal, and that it is lines where there is none."""
+"""`probe --watch`: its figures, its fit on a small terminal, and its lines where there is no terminal."""
 
 import asyncio
 import os

@@ -1,4 +1,4 @@
-"""Brackets and colons of names reach the terminal as they are."""
+"""Brackets and colons in names reach the terminal unchanged."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`[nc]`: what the file says reaches the driver, and what is less safe than it could be is told."""
+"""`[nc]`: the file's settings reach the driver, and unsafe ones cause a warning."""
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path

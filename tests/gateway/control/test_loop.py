@@ -1,4 +1,4 @@
-"""The grid loop between controller, schedule and NC: who is asked when, and what is told."""
+"""The grid loop between controller, schedule and NC: its requests and its reports."""
 
 import asyncio
 from collections.abc import AsyncIterator

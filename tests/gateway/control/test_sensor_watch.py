@@ -1,4 +1,4 @@
-"""The sensor watch on days of a plant: what is told and when, what is learnt from, and what a restart keeps."""
+"""The sensor watch on days of a plant: what it reports and when, what it learns from, and what a restart keeps."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""Training apart: the same models as in this process, a clear word when it fails, and no process left behind."""
+"""Training in a separate process: the same models, a clear message on failure, and no process left behind."""
 
 import asyncio
 import logging

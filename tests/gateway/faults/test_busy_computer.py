@@ -1,4 +1,4 @@
-"""Every core is busy with other work: the periods stay, but for what the computer takes.
+"""Every core is busy with other work: the periods hold, except for the time that the computer takes.
 
 Real time, as the subject is the computer's own. Tolerance: a fifth of a period, and twice the most time that a thread
 which wants nothing lost within one period, as this test measures it.

@@ -1,4 +1,4 @@
-"""Many faults in a row leave nothing behind: no descriptor, thread, task, nor memory that grows with each.
+"""Many faults in a row leave nothing behind: no descriptor, thread or task, and no growing memory.
 
 Every row of the fault matrix on every wire, one after the other, each until it is seen and mended; ten rounds, of which
 eight are measured. Of each wire that is some 350 to 850 polls in half a minute, as many as in a quarter of an hour at

@@ -1,4 +1,4 @@
-"""The page for users is what the tests play."""
+"""The page for users matches the faults that the tests play."""
 
 from pathlib import Path
 

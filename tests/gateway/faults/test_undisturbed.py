@@ -1,4 +1,4 @@
-"""What must not touch a value: noise between frames, storms; a frozen one."""
+"""Disturbances that must not affect a value: noise between frames, storms; and a frozen value."""
 
 import asyncio
 import time

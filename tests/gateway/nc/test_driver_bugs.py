@@ -1,4 +1,4 @@
-"""Whatever a control's driver raises or returns, the link says so, reconnects and leaves no step; nothing else ends."""
+"""Whatever a control's driver raises or returns, the link reports it, reconnects and causes no step."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""A control whose values stand still is told from a machine that stands still."""
+"""A control with frozen values is distinguished from a machine that stands still."""
 
 from datetime import UTC, datetime
 

@@ -1,4 +1,4 @@
-"""What the link makes of offsets that moved while it did not write: it begins from where they are, or leaves them."""
+"""Offsets that moved while the link did not write: it starts from where they are, or leaves them alone."""
 
 import asyncio
 

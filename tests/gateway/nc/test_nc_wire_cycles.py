@@ -1,4 +1,4 @@
-"""What goes wrong over the real protocol while the control probes or is asked to, and what the link makes of it."""
+"""Faults over the real protocol around a probing cycle, and the link's reaction to them."""
 
 import asyncio
 import math

@@ -1,4 +1,4 @@
-"""What goes wrong between the gateway's link and a control over its real protocol, and what the link makes of it.
+"""Faults between the gateway's link and a control over its real protocol, and the link's reaction to them.
 
 Faults of the driver alone are in tests/drivers/sinumerik/test_sinumerik_faults.py, _security.py and _subscription.py.
 """

@@ -1,4 +1,4 @@
-"""The safe-state contract of docs/safety.md, on the wire to an emulated control, by the control's own record."""
+"""The safe-state contract of docs/safety.md on the wire to an emulated control, judged by the control's own record."""
 
 import asyncio
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Whatever is asked of it, the slew stays inside its bounds and its rate."""
+"""Whatever the requested offsets are, the slew stays within its bounds and its rate."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What the offsets are made to cancel, and until when it counts. Times are handed in."""
+"""Which errors the offsets cancel, and for how long they count. Times are arguments."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What is reported of problems that come once, turn into others, or come and go."""
+"""Reports of problems that come once, change into others, or are intermittent."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""A chip on the sphere must not become a model; a machine that really changed must still be believed."""
+"""A chip on the sphere must not become a model, but a machine that really changed must be accepted."""
 
 import math
 

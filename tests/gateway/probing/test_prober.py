@@ -1,4 +1,4 @@
-"""One probing cycle from the link's side: what stands still meanwhile, what is believed, and what is not."""
+"""One probing cycle from the link's side: what stands still during it, and which results are accepted."""
 
 import asyncio
 import math

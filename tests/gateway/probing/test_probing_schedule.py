@@ -1,4 +1,4 @@
-"""When a measurement is asked for: never because of a cut, rather at rest, after a while in any case; and why not."""
+"""When a measurement is requested: never in a cut, preferably at rest, after a while in any case; and why not."""
 
 import math
 from dataclasses import replace

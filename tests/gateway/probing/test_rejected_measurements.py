@@ -1,4 +1,4 @@
-"""A whole run with chips on the sphere: what is rejected is stored and asked for again, and never reaches a model."""
+"""A whole run with chips on the sphere: rejected results are stored, requested again, and never reach a model."""
 
 import asyncio
 import math

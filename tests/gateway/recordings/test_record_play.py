@@ -1,4 +1,4 @@
-"""A field problem becomes a test: what was recorded on a faulty wire, played back, is read with the same outcome."""
+"""A field problem becomes a test: a recording of a faulty wire, played back, is read with the same outcome."""
 
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""A recording holds the user's own profiles and DBC files: it is played where these never were."""
+"""A recording contains the user's own profiles and DBC files, so it can be played where these do not exist."""
 
 import asyncio
 import shutil

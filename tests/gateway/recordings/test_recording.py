@@ -1,4 +1,4 @@
-"""A user's own recording: what is wrong with it is told by line, column and value; what is right runs as if live."""
+"""A user's own recording: problems are reported by line, column and value; a valid one runs as if live."""
 
 import csv
 import sys

@@ -1,4 +1,4 @@
-"""What a column is: told once, found by its name, and no error ever among the inputs."""
+"""Roles of columns: stated once, found by name, and no error is ever among the inputs."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A recording's rows come late and early, drift and pause; each reaches the step it belongs to."""
+"""A recording's rows are late and early, drift and pause; each reaches the step that it belongs to."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The page of a recording says how it was made, and what nobody looked for; replay says how long a calibration is."""
+"""The page of a recording says how it was made and what was not checked; replay says how long a calibration takes."""
 
 import hashlib
 import html

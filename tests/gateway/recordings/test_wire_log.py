@@ -1,4 +1,4 @@
-"""The form of a recording, version 1: what `docs/wire-log.md` promises of the file."""
+"""The form of a recording, version 1: the promises of `docs/wire-log.md` about the file."""
 
 import re
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""Whatever stands in a recording, and wherever a power failure cut it: what was recorded, or an error with its line."""
+"""Whatever a recording contains, and wherever a power failure cut it: its events, or an error with its line."""
 
 import re
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""Free ports for the tests of this folder."""
+"""Free ports for the tests in this folder."""
 
 import socket
 

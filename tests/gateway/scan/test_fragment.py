@@ -1,4 +1,4 @@
-"""What a scan found, added to configurations of many kinds."""
+"""Scan results added to configurations of many kinds."""
 
 from pathlib import Path
 

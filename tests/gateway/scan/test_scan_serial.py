@@ -1,4 +1,4 @@
-"""Scanning a serial line: who is there, at which speed, and that nobody is disturbed."""
+"""Scanning a serial line: which units there are, at which speed, without disturbing any other program."""
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence

@@ -1,4 +1,4 @@
-"""Scanning hosts: units behind one port, devices that do not look at the unit id, controllers that stream."""
+"""Scanning hosts: units behind one port, devices that ignore the unit id, controllers that stream."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping

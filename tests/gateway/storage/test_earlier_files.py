@@ -1,4 +1,4 @@
-"""A database of schema version 3, as the program wrote it when its values were in one module, stays readable."""
+"""A database of schema version 3, written by an earlier program, stays readable."""
 
 import sqlite3
 from collections.abc import Iterator

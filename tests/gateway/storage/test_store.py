@@ -1,4 +1,4 @@
-"""The database: exact, bounded, one writer, and whole after any death."""
+"""The database: exact, bounded, one writer, and intact however the process ends."""
 
 import math
 import os

@@ -1,4 +1,4 @@
-"""A disk that is full, fails or hangs, and a file that another program locks: nothing ends, and no decision is lost."""
+"""A disk that is full, fails or hangs, or a locked file: nothing ends, and no decision is lost."""
 
 import sqlite3
 import time

@@ -1,4 +1,4 @@
-"""What waits for a slow network is bounded, and so is what a stranger's query can make the process hold."""
+"""The backlog for a slow network is bounded, and so is the memory that a foreign query can occupy."""
 
 import subprocess
 import sys

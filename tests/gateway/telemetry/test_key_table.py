@@ -1,4 +1,4 @@
-"""The README's table of keys: what is published, field by field."""
+"""The README's table of keys matches what is published, field by field."""
 
 import math
 import re

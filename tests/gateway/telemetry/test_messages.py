@@ -1,4 +1,4 @@
-"""What is published, as a subscriber sees it: names, their order, values and their types."""
+"""The published messages as a subscriber sees them: names, their order, values and their types."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What stands for a missing input, against the closed form of a joint normal distribution."""
+"""The substitute for a missing input, against the closed form of a joint normal distribution."""
 
 import numpy as np
 import pytest

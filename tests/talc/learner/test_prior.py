@@ -1,4 +1,4 @@
-"""What a second machine of a kind gains from the first ones, and what a wrong prior costs."""
+"""What a second machine of the same kind gains from the first ones, and what a wrong prior costs."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What the learner says of itself: contributions, beliefs, and what comes true of what it expects."""
+"""The learner's reasons: contributions, weights, and how its expectations come true."""
 
 from dataclasses import replace
 
