@@ -211,7 +211,7 @@ def bench_config(folder: Path, addresses: dict[str, Any], *, nc: bool) -> Path:
         "folder": folder,
         "zenoh_port": 0,
         "zenoh_connect": f'["{_LISTENER}"]',
-        "calibration_steps": 288,
+        "talc": "",
     }
     for name, value in fillings.items():
         text = text.replace("{" + name + "}", str(value))
@@ -243,6 +243,8 @@ def _written(folder: Path, text: str) -> Path:
 
 
 _LONG_TRAINING = """
+[talc]
+method = "models"
 [talc.training]
 selector = "pso"
 max_na = 5

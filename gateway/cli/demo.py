@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from sys import executable
+from typing import Literal
 
 import click
 
@@ -21,6 +22,8 @@ from gateway.cli.terminal import terminal
 from gateway.cli.view import LiveView, ViewState, feeding
 from gateway.config import GatewayConfig, load
 from simulators.clock import SharedClock
+from talc.presets import PRESETS
+from talc.settings import ControlSettings
 
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 """A Monday morning."""
@@ -35,7 +38,11 @@ class Demo:
     """What to run."""
 
     hours: float
-    calibration_hours: float
+    method: Literal["learner", "models"]
+    preset: str | None
+    """One of talc.presets.PRESETS; its method is `models`."""
+    calibration_hours: float | None
+    """Of `models`; None: as the preset or the default has it."""
     speed: float
     seed: int
     folder: Path
@@ -46,10 +53,7 @@ class Demo:
 
 def run_demo(demo: Demo) -> None:
     """Run it, then print the table and write the report."""
-    if demo.calibration_hours >= demo.hours:
-        raise click.UsageError(
-            f"--calibration-hours {demo.calibration_hours:g} leaves no time in --hours {demo.hours:g}"
-        )
+    _check_calibration(demo)
     _check_port(demo.zenoh_port)
     demo.folder.mkdir(parents=True, exist_ok=True)
     for name in _LEAVINGS:
@@ -123,13 +127,33 @@ def _config(demo: Demo, addresses: dict[str, str | int]) -> GatewayConfig:
         "folder": str(demo.folder.resolve()),
         "zenoh_port": demo.zenoh_port,
         "zenoh_connect": json.dumps(demo.connect),
-        "calibration_steps": round(demo.calibration_hours * _STEPS_PER_HOUR),
+        "talc": talc_section(demo),
     }
     for name, value in fillings.items():
         text = text.replace("{" + name + "}", str(value))
     path = demo.folder / "gateway.toml"
     path.write_text(text, encoding="utf-8")
     return load(path)
+
+
+def talc_section(demo: Demo) -> str:
+    """The keys of `[talc]`, and of `[talc.control]` below it."""
+    lines = [f'method = "{demo.method}"' if demo.preset is None else f'preset = "{demo.preset}"']
+    if demo.calibration_hours is not None:
+        lines += ["[talc.control]", f"calibration_steps = {round(demo.calibration_hours * _STEPS_PER_HOUR)}"]
+    return "\n".join(lines)
+
+
+def _check_calibration(demo: Demo) -> None:
+    """Raises UsageError when it is not there, or longer than the run."""
+    if demo.method == "learner":
+        if demo.calibration_hours is not None:
+            raise click.UsageError("--calibration-hours is for --method models and --preset: the learner has none")
+        return
+    control = ControlSettings() if demo.preset is None else PRESETS[demo.preset].control
+    hours = demo.calibration_hours or control.calibration_steps / _STEPS_PER_HOUR
+    if hours >= demo.hours:
+        raise click.UsageError(f"the calibration of {hours:g} h leaves no time in --hours {demo.hours:g}")
 
 
 def _check_port(port: int) -> None:

@@ -3,6 +3,7 @@
 import logging
 import sys
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -176,7 +177,11 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
 
 @main.command()
 @click.option("--hours", type=click.FloatRange(min=1), default=72.0, show_default=True, help="Simulated hours.")
-@click.option("--calibration-hours", type=click.FloatRange(min=1), default=24.0, show_default=True)
+@click.option("--method", type=click.Choice(["learner", "models"]), help="What learns. Default: the learner.")
+@click.option("--preset", type=click.Choice(["zimmermann-2022", "blaser-2019"]),
+              help="A paper's system whole, instead of the learner (docs/presets.md).")  # fmt: skip
+@click.option("--calibration-hours", type=click.FloatRange(min=1),
+              help="Of models and presets. Default: 24 h, of blaser-2019 6.5 h.")  # fmt: skip
 @click.option(
     "--speed",
     type=click.FloatRange(1, 20000),
@@ -198,7 +203,9 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
 )
 def demo(
     hours: float,
-    calibration_hours: float,
+    method: Literal["learner", "models"] | None,
+    preset: str | None,
+    calibration_hours: float | None,
     speed: float,
     seed: int,
     folder: Path,
@@ -215,7 +222,10 @@ def demo(
         return
     from gateway.cli.demo import Demo, run_demo
 
-    run_demo(Demo(hours, calibration_hours, speed, seed, folder, zenoh_port, connect, plain))
+    if preset is not None and method == "learner":
+        raise click.UsageError(f"--preset {preset} is a system of models, not the learner")
+    chosen = method or ("learner" if preset is None else "models")
+    run_demo(Demo(hours, chosen, preset, calibration_hours, speed, seed, folder, zenoh_port, connect, plain))
 
 
 @main.command()

@@ -32,6 +32,7 @@ HOURS, SETTLED_HOURS, COMPARED_HOURS = 24.0, 8.0, 3.0
 SPEED = 6000.0
 SEED = 5
 CALIBRATION_STEPS = 60
+TALC = f'method = "models"\n[talc.control]\ncalibration_steps = {CALIBRATION_STEPS}'
 SAMPLE_S = 600.0
 FRAME_BYTES = 3_000
 """What a grid step may leave: the controller, the sensor watch and the store's cache keep frames."""
@@ -75,7 +76,7 @@ def config(folder: Path, ports: dict[str, int]) -> GatewayConfig:
     text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
     fillings = {
         **ports, "rtu_port": folder / "rtu", "can_port": folder / "can", "growth_port": folder / "growth",
-        "folder": folder, "zenoh_port": free_port(), "zenoh_connect": "[]", "calibration_steps": CALIBRATION_STEPS,
+        "folder": folder, "zenoh_port": free_port(), "zenoh_connect": "[]", "talc": TALC,
     }  # fmt: skip
     for name, value in fillings.items():
         text = text.replace("{" + name + "}", str(value))

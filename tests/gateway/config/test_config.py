@@ -22,7 +22,7 @@ CASES = Path(__file__).parent / "cases"
 BENCH = Path(__file__).parents[3] / "simulators" / "bench" / "gateway.toml"
 PLACES = {
     "zenoh_connect": "[]",
-    "calibration_steps": "288",
+    "talc": "",
     "folder": "/tmp",
     "zenoh_port": "7447",
     "rtu_port": "/dev/pts/1",
