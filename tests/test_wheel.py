@@ -1,0 +1,68 @@
+"""What is installed beside a machine: the service and the demo's machine, no studies, benchmarks or tests."""
+
+import shutil
+import subprocess
+import sys
+from email import message_from_bytes
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[1]
+INSTALLED = {"gateway", "drivers", "talc", "simulators"}
+NOT_BESIDE_A_MACHINE = {"celer", "clarabel", "hypothesis", "matplotlib", "pyarrow", "pytest", "scikit-fem", "skglm"}
+
+
+def pip(*arguments: str | Path) -> None:
+    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy: the environment of these tests uses the tree's own build folder."""
+    folder = tmp_path_factory.mktemp("wheel")
+    here = shutil.ignore_patterns(".*", "build", "dist", "out", "__pycache__", "*.so")
+    shutil.copytree(ROOT, folder / "source", ignore=here)
+    pip("wheel", "--no-deps", "--wheel-dir", folder, folder / "source")
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+def test_the_wheel_holds_the_service_and_no_studies_benchmarks_or_tests(wheel: Path) -> None:
+    with ZipFile(wheel) as archive:
+        names = archive.namelist()
+    tops = {name.partition("/")[0] for name in names}
+    assert {top for top in tops if not top.endswith(".dist-info")} == INSTALLED
+    assert not [name for name in names if Path(name).name.startswith(("test_", "conftest"))]
+    assert not [name for name in names if name.endswith((".cpp", ".hpp", ".lock"))]
+    for needed in ("drivers/profiles/icpdas_m7015.toml", "simulators/bench/gateway.toml", "gateway/__main__.py"):
+        assert needed in names
+    assert [name for name in names if name.startswith("talc/_kernel") and name.endswith(".so")]
+
+
+def test_an_installation_needs_nothing_that_only_studies_benchmarks_or_tests_need(wheel: Path) -> None:
+    with ZipFile(wheel) as archive:
+        (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        requirements = message_from_bytes(archive.read(metadata)).get_all("Requires-Dist", [])
+    plain = [requirement for requirement in requirements if "extra ==" not in requirement]
+    assert any(requirement.startswith("numpy") for requirement in plain)
+    assert not [r for r in plain if r.startswith(tuple(NOT_BESIDE_A_MACHINE))]
+
+
+def test_what_is_installed_has_no_studies_benchmarks_or_tests(wheel: Path, tmp_path: Path) -> None:
+    pip("install", "--no-deps", "--no-index", "--target", tmp_path / "site", wheel)
+    found = {entry.name for entry in (tmp_path / "site").iterdir() if not entry.name.endswith(".dist-info")}
+    assert found == INSTALLED | {"bin"}
+    assert [entry.name for entry in (tmp_path / "site" / "bin").iterdir()] == ["talc-gateway"]
+
+
+def test_the_lock_of_an_installation_adds_the_report_alone() -> None:
+    lines = (ROOT / "requirements" / "run.lock").read_text("utf-8").splitlines()
+    locked = {line.partition("==")[0] for line in lines if "==" in line and not line.startswith(" ")}
+    assert "numpy" in locked
+    assert locked & NOT_BESIDE_A_MACHINE == {"matplotlib"}
