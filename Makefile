@@ -37,7 +37,7 @@ types: $(VENV)/.ready
 	$(BIN)/mypy
 
 imports: $(VENV)/.ready
-	PYTHONPATH=. $(BIN)/lint-imports
+	PYTHONPATH=. $(BIN)/lint-imports --no-cache  # a cache from before a rename reports imports that are gone
 
 # Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them,
 # and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the others.
