@@ -11,7 +11,7 @@ _HEAD = """\
 
 One TOML file describes one gateway. `python -m gateway.config.reference` generates this page from the program; a test
 fails when it is out of date. Unknown keys are errors, and types are strict: `"9600"` is not `9600`. Relative paths
-start at the folder of the file. `talc-gateway check FILE` reads it, builds every device without using the network, and
+start at the folder of the file. `talc-gateway check FILE` reads it, checks every device without using the network, and
 reports every mistake with file, field, value and what is expected.
 
 A fingerprint identifies the configuration in use: SHA-256 of the configuration with all defaults written out, so
