@@ -113,6 +113,8 @@ class StoreHealth:
     """Rows that had to go because too many waited: raw readings, steps of the compensation, events; never more."""
     free_mb: float | None = None
     """Free space on the disk; None: unknown."""
+    mended: str = ""
+    """What became of a damaged database, in words; empty: it was whole."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from gateway.config import GatewayConfig, parse_prior, validate
 from gateway.control import SeenBefore
-from gateway.storage import History, StoredStep, StoreError
+from gateway.storage import History, Store, StoredStep, StoreError
 from talc.control import Controller
 from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
@@ -101,6 +101,22 @@ def rebuilt(steps: Iterable[StoredStep], config: GatewayConfig) -> Rebuilt:
             controller.adopt(stored)
             found.job = None
     return found
+
+
+def past_in(store: Store, config: GatewayConfig) -> Past:
+    """`past_of` what a store holds. A damaged one is set aside first, and what can be read of it counts.
+
+    Raises StoreError as `past_of`, or when the damaged one cannot be set aside.
+    """
+    try:
+        with store.same_file() as file, History(config.storage.path) as history:
+            return past_of(history, config)
+    except StoreError:
+        raise
+    except Exception as error:  # noqa: BLE001 - anything comes of a damaged row; of a whole database it is raised again
+        store.repair(error, file)
+    with store.same_file(), History(config.storage.path) as history:
+        return past_of(history, config)
 
 
 def past_of(history: History, config: GatewayConfig) -> Past:

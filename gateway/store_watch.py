@@ -6,7 +6,7 @@ from collections.abc import Callable
 from gateway.clock import ServiceClock
 from gateway.config import Storage
 from gateway.events import Sink, StorageChanged, StoreHealth
-from gateway.polling import Notify, Periodic, Problems
+from gateway.polling import Notice, Notify, Periodic, Problems
 
 log = logging.getLogger(__name__)
 
@@ -39,7 +39,8 @@ class StoreWatch:
         self._health, self._settings, self._sink = health, settings, sink
         self._periodic = Periodic(clock, period_s)
         self._problems = Problems(clock, period_s, notify, log)
-        self._low = False
+        self._notify = notify
+        self._low, self._mended = False, ""
         self._told = ("", False)
 
     async def run(self) -> None:
@@ -53,6 +54,10 @@ class StoreWatch:
             self._problems.report(_STORE, health.problem, text)
         else:
             self._problems.clear(_STORE, f"storage: {path} is written again")
+        if health.mended != self._mended:
+            self._mended = health.mended
+            log.error("%s", health.mended)
+            self._notify(Notice("database", health.mended))
         limit_mb = self._settings.warn_free_mb
         if health.free_mb is not None:
             self._low = health.free_mb < limit_mb * (_ENOUGH if self._low else 1.0)

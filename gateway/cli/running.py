@@ -8,10 +8,10 @@ from contextlib import AsyncExitStack
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, GatewayEvent, Sink, in_order
-from gateway.past import past_of
+from gateway.past import past_in
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
-from gateway.storage import History, Store, boot_id
+from gateway.storage import Store, boot_id
 from gateway.telemetry import TelemetryPublisher
 from gateway.versions import versions
 
@@ -47,8 +47,7 @@ async def serve(
                 keep_samples_days=config.storage.keep_samples_days,
             )
         )
-        with History(config.storage.path) as history:
-            past = past_of(history, config)
+        past = past_in(store, config)
         if past.former_method is not None:
             log.warning(
                 "[talc] method: %s continues the record that %s made, with all that it learns from the record; "

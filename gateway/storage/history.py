@@ -99,7 +99,11 @@ class History:
         found = self._connection.execute(
             f"SELECT {rows.STEP_COLUMNS}, {trusted} FROM frame f JOIN decision d ON d.k = f.k {trust} ORDER BY f.k"
         )
+        last = -1
         for row in found:
+            if row[0] <= last:  # of a damaged page
+                raise ValueError(f"{self._path}: step {row[0]} follows step {last}")
+            last = row[0]
             yield rows.step_of(row, adopted.get(row[0], ()))
 
     def reasons(self) -> Reasons | None:

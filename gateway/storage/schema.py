@@ -7,6 +7,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 
 SCHEMA_VERSION = 3
+_PAGE = 4096
 SCHEMA = """
 CREATE TABLE boot (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, began TEXT NOT NULL,
     config TEXT NOT NULL, fingerprint TEXT NOT NULL,
@@ -43,8 +44,16 @@ CREATE TABLE IF NOT EXISTS prior_of_boot (boot INTEGER PRIMARY KEY, hash TEXT NO
 """Tables that later programs added; in a file without them, nothing of the kind has happened."""
 
 
+UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
+"""What reading a damaged file raises: SQLite's own messages may contain what is in it."""
+
+
 class StoreError(Exception):
     """The database cannot be used; the message says which file, why and what to do."""
+
+
+class DamagedError(StoreError):
+    """What the file holds is damaged."""
 
 
 class FileLock:
@@ -89,10 +98,24 @@ def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
     try:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
-    except sqlite3.Error:  # not a database, or locked: the caller says which
+    except UNREADABLE:  # not a database, or locked: the caller says which
         connection.close()
         raise
     return connection
+
+
+def is_damage(error: BaseException) -> bool:
+    """Whether this was raised because of what the file holds."""
+    if isinstance(error, UnicodeDecodeError | DamagedError):
+        return True
+    code = getattr(error, "sqlite_errorcode", None)
+    return code is not None and code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+
+
+def looks_like_a_database(path: Path) -> bool:
+    """Whether a file that SQLite does not take for a database can be one with a damaged first page."""
+    size = path.stat().st_size
+    return size > 0 and size % _PAGE == 0
 
 
 def make_schema(path: Path) -> None:
@@ -106,8 +129,9 @@ def make_schema(path: Path) -> None:
                 connection.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
             if version in (0, SCHEMA_VERSION) and not foreign:
                 connection.executescript(ADDED)
-    except sqlite3.Error as error:
-        raise StoreError(f"{path}: is not a database of this gateway: {error}") from error
+    except UNREADABLE as error:
+        kind = DamagedError if is_damage(error) and looks_like_a_database(path) else StoreError
+        raise kind(f"{path}: is not a database of this gateway: {error}") from error
     if foreign:
         raise StoreError(f"{path}: is the database of another program; give [storage] another path")
     if version not in (0, SCHEMA_VERSION):

@@ -6,7 +6,7 @@ committed in groups, after at most `commit_s`.
 """
 
 import sqlite3
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from datetime import timedelta
 from pathlib import Path
 from typing import Self, assert_never
@@ -30,7 +30,8 @@ from gateway.events import (
     StoreHealth,
 )
 from gateway.storage import rows
-from gateway.storage.schema import FileLock, StoreError, connect, make_schema
+from gateway.storage.damage import Known, mend, unreadable_rows
+from gateway.storage.schema import UNREADABLE, DamagedError, FileLock, StoreError, connect, is_damage, make_schema
 from gateway.storage.waiting import Kind
 from gateway.storage.writer import DatabaseWriter
 
@@ -70,13 +71,46 @@ class Store:
         except OSError as error:
             raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
         self._lock = FileLock(path)
+        self._path, self._known, mended = path, Known(), ""
         try:
-            make_schema(path)
-            self._number = _next_boot(path)
+            try:
+                self._open()
+            except (DamagedError, *UNREADABLE) as error:
+                if not (isinstance(error, DamagedError) or is_damage(error)):
+                    raise
+                mended = self._mend(str(error))
+                self._open()
         except BaseException:
             self._lock.release()
             raise
-        self._writer = DatabaseWriter(path, commit_s, self._prune, retry_s)
+        self._writer = DatabaseWriter(path, commit_s, self._prune, self._mend, retry_s, mended)
+
+    def _open(self) -> None:
+        make_schema(self._path)
+        with closing(connect(self._path)) as connection:
+            self._number = _next_boot(connection)
+            _remove_torn_step(connection)
+            reference = connection.execute(
+                "SELECT * FROM measurement WHERE errors IS NOT NULL AND centres IS NOT NULL ORDER BY id LIMIT 1"
+            ).fetchone()
+        self._known.reference = None if reference is None else reference[1:]
+
+    def same_file(self) -> AbstractContextManager[int]:
+        """Inside, the file at the path stays the same, also when it is damaged; gives its number for `repair`."""
+        return self._writer.same_file()
+
+    def repair(self, error: Exception, file: int) -> None:
+        """After `error` while a file was read: set it aside and go on with what can be read.
+
+        Raises StoreError when that fails, or the error itself when nothing is damaged.
+        """
+        try:
+            damaged = is_damage(error) or unreadable_rows(self._path) > 0
+        except UNREADABLE:
+            damaged = True
+        if not damaged:
+            raise error
+        self._writer.mend(str(error), file)
 
     def __enter__(self) -> Self:
         self._writer.start()
@@ -100,12 +134,10 @@ class Store:
         """Record what runs: configuration text and hash, relevant versions, hash and text of a prior."""
         if prior is not None:
             self._writer.put("INSERT OR IGNORE INTO prior VALUES (?, ?)", [prior])
-            self._writer.put("INSERT INTO prior_of_boot VALUES (?, ?)", [(self._number, prior[0])])
-        self._writer.put(
-            "INSERT INTO boot VALUES (?, ?, ?, ?, ?, ?)",
-            [(self._number, self._boot, self._clock.utc().isoformat(), config, fingerprint, versions)],
-            commit=True,
-        )
+            self._writer.put("INSERT OR IGNORE INTO prior_of_boot VALUES (?, ?)", [(self._number, prior[0])])
+        row = self._number, self._boot, self._clock.utc().isoformat(), config, fingerprint, versions
+        self._known.boot = row
+        self._writer.put("INSERT OR IGNORE INTO boot VALUES (?, ?, ?, ?, ?, ?)", [row], commit=True)
 
     def record(self, event: GatewayEvent) -> None:
         """A gateway.events.Sink. Returns at once; of ProbingRequested, when it is on the disk.
@@ -124,6 +156,8 @@ class Store:
                     kind=Kind.READINGS,
                 )
             case FrameMade(frame):
+                if self._known.first_k is None:
+                    self._known.first_k = frame.k
                 put("INSERT INTO frame VALUES (?, ?, ?, ?, ?, ?)", [rows.of_frame(self._boot, frame)])
             case DecisionMade(decision):
                 put("INSERT OR REPLACE INTO trust VALUES (?, ?)", [rows.of_trust(decision)])
@@ -136,6 +170,8 @@ class Store:
                 self._writer.flush((Kind.KEPT,), _NUMBER_WITHIN_S)
             case MeasurementEnded(outcome):
                 row = rows.of_outcome(outcome)
+                if self._known.reference is None and outcome.measurement is not None and outcome.centres_mm is not None:
+                    self._known.reference = row
                 put("INSERT INTO measurement VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row], commit=True)
             case ModelsAdopted(models, after_k):
                 put("INSERT INTO model VALUES (NULL, ?, ?, ?)", [rows.of_models(models, after_k)], commit=True)
@@ -153,6 +189,9 @@ class Store:
             case _:
                 assert_never(event)
 
+    def _mend(self, why: str) -> str:
+        return mend(self._path, why, self._clock.utc(), self._known)
+
     def _prune(self, connection: sqlite3.Connection) -> None:
         oldest = self._clock.utc() - timedelta(seconds=self._keep_s)
         connection.execute("DELETE FROM sample WHERE time < ?", (oldest.timestamp(),))
@@ -160,13 +199,21 @@ class Store:
         connection.execute("DELETE FROM compensation WHERE time < ?", (oldest.isoformat(),))
 
 
-def _next_boot(path: Path) -> int:
+def _next_boot(connection: sqlite3.Connection) -> int:
     """Number of this run in this file: readings contain it instead of the long boot id."""
-    with closing(connect(path)) as connection:
-        row = connection.execute(
-            "SELECT max(coalesce((SELECT max(number) FROM boot), 0), coalesce((SELECT max(boot) FROM sample), 0))"
-        ).fetchone()
+    row = connection.execute(
+        "SELECT max(coalesce((SELECT max(number) FROM boot), 0), coalesce((SELECT max(boot) FROM sample), 0))"
+    ).fetchone()
     return int(row[0]) + 1
+
+
+def _remove_torn_step(connection: sqlite3.Connection) -> None:
+    """Remove what follows the last whole step: a frame on which nothing was decided counts as not made."""
+    whole = connection.execute("SELECT f.k FROM frame f JOIN decision d ON d.k = f.k ORDER BY f.k DESC LIMIT 1")
+    (last,) = whole.fetchone() or (-1,)
+    for table in ("frame", "decision", "trust"):
+        connection.execute(f"DELETE FROM {table} WHERE k > ?", (last,))
+    connection.commit()
 
 
 def boot_id() -> str:

@@ -11,12 +11,12 @@ import shutil
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Collection
-from contextlib import closing
+from collections.abc import Callable, Collection, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from gateway.events import StoreHealth
-from gateway.storage.schema import StoreError, connect
+from gateway.storage.schema import DamagedError, StoreError, connect, is_damage
 from gateway.storage.waiting import Item, Kind, Rows, Waiting
 
 log = logging.getLogger(__name__)
@@ -38,13 +38,24 @@ class DatabaseWriter:
     path: the database; its tables exist
     commit_s: commits at least this often, in real seconds
     prune: deletes what is too old; called in the thread, when it opens the file and each ten minutes
+    mend: sets a damaged file aside for a reason, begins another, and says so; called in the thread, which then has no
+        connection
     retry_s: how long another program's lock is waited for, and how long between two attempts, real seconds
+    mended: what became of a file that was damaged before
     """
 
     def __init__(
-        self, path: Path, commit_s: float, prune: Callable[[sqlite3.Connection], None], retry_s: float = 5.0
+        self,
+        path: Path,
+        commit_s: float,
+        prune: Callable[[sqlite3.Connection], None],
+        mend: Callable[[str], str],
+        retry_s: float = 5.0,
+        mended: str = "",
     ) -> None:
         self._path, self._commit_s, self._prune, self._retry_s = path, commit_s, prune, retry_s
+        self._mend, self._mended, self._to_mend = mend, mended, ""
+        self._mending, self._times_mended = threading.Lock(), 0
         self._changed = threading.Condition()
         self._waiting = Waiting()
         self._open: list[Item] = []
@@ -68,6 +79,7 @@ class DatabaseWriter:
                 waiting=self._waiting.rows,
                 dropped=sum(self._waiting.dropped.values()),
                 free_mb=self._free_mb,
+                mended=self._mended,
             )
 
     def start(self) -> None:
@@ -109,6 +121,22 @@ class DatabaseWriter:
             if self._oldest(kinds) <= number:
                 raise StoreError(f"{self._path}: {self._problem or f'nothing was stored within {limit_s} s'}")
 
+    @contextmanager
+    def same_file(self) -> Iterator[int]:
+        """Inside, the file is not set aside; gives how often it has been."""
+        with self._mending:
+            yield self._times_mended
+
+    def mend(self, why: str, times_mended: int) -> None:
+        """Return when the file that had been mended so often is set aside and another one begun. Raises StoreError."""
+        with self._changed:
+            if self._times_mended == times_mended:
+                self._to_mend = why
+                self._changed.notify_all()
+                self._changed.wait_for(lambda: not self._to_mend or self._ended)
+            if self._times_mended == times_mended:
+                raise StoreError(f"{self._path}: {self._problem}")
+
     def _oldest(self, kinds: Collection[Kind]) -> float:
         """The smallest number of what is not committed."""
         executed = (item.number for item in self._open if item.kind in kinds)
@@ -137,11 +165,29 @@ class DatabaseWriter:
                 return
             except Exception as error:  # noqa: BLE001 - whatever it is, the gateway goes on without its store
                 self._failed(error)
+                if is_damage(error) or self._to_mend:
+                    self._renew(self._to_mend or str(error))
+                    continue
             if last:
                 return
             with self._changed:
                 self._changed.wait_for(lambda: self._closing, self._retry_s)
             self._look()
+
+    def _renew(self, why: str) -> None:
+        try:
+            with self._mending:
+                mended = self._mend(why)
+                self._times_mended += 1
+        except Exception as error:  # noqa: BLE001 - tried again as any failure
+            self._failed(error)
+            with self._changed:
+                self._to_mend = ""
+                self._changed.wait_for(lambda: self._closing, self._retry_s)
+            return
+        with self._changed:
+            self._mended, self._to_mend = mended, ""
+            self._changed.notify_all()
 
     def _failed(self, error: Exception) -> None:
         with self._changed:
@@ -152,7 +198,7 @@ class DatabaseWriter:
                 self._failing_since = time.monotonic()
             self._changed.notify_all()
         if first:
-            expected = isinstance(error, sqlite3.Error | OSError)
+            expected = isinstance(error, sqlite3.Error | OSError | StoreError)
             log.log(logging.INFO if expected else logging.ERROR, "%s: %s", self._path, error, exc_info=not expected)
 
     def _write_to(self, connection: sqlite3.Connection) -> None:
@@ -180,7 +226,9 @@ class DatabaseWriter:
 
     def _next(self) -> Item | None:
         with self._changed:
-            self._changed.wait_for(lambda: len(self._waiting) or self._closing, self._commit_s)
+            self._changed.wait_for(lambda: len(self._waiting) or self._closing or self._to_mend, self._commit_s)
+            if self._to_mend:
+                raise StoreError(self._to_mend)
             item = self._waiting.take()
             if item is not None:
                 self._open.append(item)
@@ -191,6 +239,10 @@ class DatabaseWriter:
             connection.executemany(item.statement, item.rows)
         except _REFUSED as error:
             if not self._refused:
+                # Of pages that contradict each other no row may be added either.
+                (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+                if found != "ok":
+                    raise DamagedError(str(found)) from error
                 log.exception("%s: refuses %s", self._path, item.statement)
             with self._changed:
                 self._refused += len(item.rows)

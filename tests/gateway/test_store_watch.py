@@ -61,3 +61,13 @@ async def test_a_disk_whose_space_is_unknown_is_no_problem() -> None:
     async with running(at.watch.run()):
         await at.clock.run_until(20.0)
     assert at.told() == []
+
+
+async def test_what_became_of_a_damaged_database_is_reported_once() -> None:
+    at = Watched()
+    text = "storage: gateway.sqlite was damaged (malformed) and is set aside as gateway.sqlite.damaged-20260302T060000"
+    async with running(at.watch.run()):
+        await at.clock.run_until(10.0)
+        at.health = StoreHealth(free_mb=9000.0, mended=text)
+        await at.clock.run_until(60.0)
+    assert at.told() == [(text, False)]

@@ -1,0 +1,281 @@
+"""A damaged database is set aside, and what can be read of it is copied to a new one.
+
+Damage is what SQLite finds (a page that is none, a file that is no database) and rows that are no values of this
+gateway. SQLite keeps no checksums of its pages: a bit that flips within a number changes the number.
+"""
+
+import json
+import sqlite3
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gateway.storage import rows
+from gateway.storage.schema import ADDED, SCHEMA, SCHEMA_VERSION, UNREADABLE, connect
+
+_NOT_COPIED = "sample"
+"""Raw readings stay in the file that is set aside: they are many, and nothing is learnt from them."""
+_LEARNT = ("frame", "decision", "measurement", "model")
+_ALSO_LEARNT = ("trust", "reasons")
+_FARTHEST = 2**40
+_LARGEST = 1e9
+"""Of any input, error or uncertainty."""
+_NUMBERS_SKIPPED = 100
+"""Requests that may have been made after the last one that can be read."""
+
+Row = tuple[Any, ...]
+
+
+@dataclass(slots=True)
+class Known:
+    """Rows that the running gateway has in memory."""
+
+    boot: Row | None = None
+    """Of this run."""
+    first_k: int | None = None
+    """Of this run's steps; an earlier run's that was not read when this one began counts as lost."""
+    reference: Row | None = None
+    """The first measurement that was used, from which all others count; without its id."""
+
+
+def unreadable_rows(path: Path) -> int:
+    """How many rows are no values of this gateway, and one for pages that contradict each other.
+
+    Raises sqlite3.Error or UnicodeDecodeError where SQLite finds damage.
+    """
+    with closing(sqlite3.connect(path, timeout=10.0)) as source:
+        source.text_factory = _text
+        (found,) = source.execute("PRAGMA quick_check(1)").fetchone()
+        return int(found != "ok") + sum(
+            not _checked(table, row) for table in _columns() for row in source.execute(f"SELECT * FROM {table}")
+        )
+
+
+def mend(path: Path, why: str, now: datetime, known: Known) -> str:
+    """Set the file aside and begin a new one with what can be read. Returns what was done, in words.
+
+    Nobody else may have the file open. Raises sqlite3.Error, OSError, after which the file stands under its new name.
+    """
+    aside = path.with_name(f"{path.name}.damaged-{now:%Y%m%dT%H%M%S}")
+    for ending in ("-wal", "-shm", ""):
+        with suppress(FileNotFoundError):
+            path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
+    with closing(connect(path)) as target:
+        target.executescript(f"BEGIN;{SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
+        counts, lost = _copy(aside, target)
+        _restore(target, known)
+        anew = _settle(target, counts, reference_known=known.reference is not None)
+        target.commit()
+    kept = ", ".join(f"{counts[table]} of {table}" for table in _LEARNT)
+    text = (
+        f"storage: {path} was damaged ({' '.join(why.split())}) and is set aside as {aside.name}; read from it: {kept}"
+    )
+    text += f"; at least {lost} other rows are lost" if lost else ""
+    return text + (f"; {anew}" if anew else "; raw readings stay there")
+
+
+def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
+    """How many rows of each table were read, and how many were found and are no values."""
+    counts, lost = Counter[str](), 0
+    with closing(sqlite3.connect(source, timeout=10.0)) as connection:
+        connection.text_factory = _text
+        for table in _columns():
+            names = [str(name) for _, name, *_ in target.execute(f"PRAGMA table_info({table})")]
+            insert = _insert(table, len(names))
+            for row in _all_that_can_be_read(connection, table, names):
+                if not _checked(table, row):
+                    lost += 1
+                    continue
+                with suppress(sqlite3.IntegrityError):
+                    counts[table] += target.execute(insert, row).rowcount
+    return counts, lost
+
+
+def _restore(target: sqlite3.Connection, known: Known) -> None:
+    if known.boot is not None:
+        target.execute(_insert("boot", len(known.boot)), known.boot)
+        if known.first_k is not None:
+            target.execute("DELETE FROM frame WHERE k >= ? AND boot <> ?", (known.first_k, known.boot[1]))
+    if known.reference is None:
+        return
+    found = target.execute("SELECT count(*) FROM measurement WHERE number = ?", known.reference[:1]).fetchone()
+    if not found[0]:
+        (first,) = target.execute("SELECT coalesce(min(id), 1) FROM measurement").fetchone()
+        target.execute(_insert("measurement", 1 + len(known.reference)), (first - 1, *known.reference))
+
+
+def _insert(table: str, columns: int) -> str:
+    return f"INSERT OR IGNORE INTO {table} VALUES ({', '.join('?' * columns)})"
+
+
+def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known: bool) -> str:
+    """Leave nothing that contradicts what is lost; returns what that means, in words."""
+    latest = target.execute("SELECT config FROM boot ORDER BY number DESC LIMIT 1").fetchone()
+    if latest is not None and (inputs := _inputs_of(latest[0])) is not None:
+        target.execute("DELETE FROM frame WHERE length(inputs) <> ?", (8 * inputs,))
+    target.execute("DELETE FROM frame WHERE k NOT IN (SELECT k FROM decision)")
+    target.execute("DELETE FROM decision WHERE k NOT IN (SELECT k FROM frame)")
+    if not counts["request"]:
+        (last,) = target.execute("SELECT max(number) FROM measurement").fetchone()
+        if last is not None:
+            target.execute("INSERT INTO request VALUES (?, '')", (last + _NUMBERS_SKIPPED,))
+    first, last_id, cycles = target.execute("SELECT min(id), max(id), count(*) FROM measurement").fetchone()
+    measured = target.execute("SELECT count(*) FROM frame WHERE errors IS NOT NULL").fetchone()[0]
+    whole = first == 1 and last_id == cycles if cycles else not measured
+    (boots,) = target.execute("SELECT count(*) FROM boot").fetchone()
+    if boots and (whole or reference_known):
+        return ""
+    # The first measurement is the reference of all others: with another one they would mean something else.
+    for table in (*_LEARNT, *_ALSO_LEARNT):
+        target.execute(f"DELETE FROM {table}")
+        counts[table] = 0
+    target.execute("DELETE FROM running")
+    target.execute("DELETE FROM prior_of_boot")
+    target.execute("DELETE FROM boot")
+    return "the reference of the measurements or the configuration is lost: learning begins again"
+
+
+def _inputs_of(config: str) -> int | None:
+    """How many inputs a frame of a stored configuration has."""
+    try:
+        data = json.loads(config)
+        return sum(len(device["channels"]) for device in data["device"]) + len(data["state"])
+    except (ValueError, TypeError, KeyError):
+        return None
+
+
+def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequence[str]) -> Iterator[Row]:
+    """Rows in the order of their numbers; behind a damaged page it goes on with the next that can be read."""
+    if table == "prior":  # has no row numbers
+        with suppress(*UNREADABLE):
+            yield from source.execute(f"SELECT {', '.join(names)} FROM {table}")
+        return
+    query = f"SELECT rowid, {', '.join(names)} FROM {table} WHERE rowid > ? ORDER BY rowid"
+    low: int | None = -_FARTHEST
+    while low is not None:
+        try:
+            for number, *row in source.execute(query, (low,)):
+                low = max(low, number)
+                yield tuple(row)
+            return
+        except UNREADABLE:
+            low = _behind(lambda at: source.execute(query + " LIMIT 1", (at,)).fetchone(), low)
+
+
+def _behind(first_after: Callable[[int], Row | None], low: int) -> int | None:
+    """The smallest number above `low` behind which a row can be read; None: none can."""
+    low, gap = max(low, 0), 1
+    while gap < _FARTHEST:
+        with suppress(*UNREADABLE):
+            if first_after(low + gap) is None:
+                return None if gap == 1 else _between(first_after, low + gap // 2, low + gap)
+            return _between(first_after, low + gap // 2, low + gap)
+        gap *= 2
+    return None
+
+
+def _between(first_after: Callable[[int], Row | None], bad: int, good: int) -> int:
+    """By bisection: the first number from which on reading works."""
+    while good - bad > 1:
+        middle = (bad + good) // 2
+        try:
+            first_after(middle)
+        except UNREADABLE:
+            bad = middle
+        else:
+            good = middle
+    return good
+
+
+def _checked(table: str, row: Row) -> bool:
+    """Whether the row holds values of this gateway."""
+    try:
+        for value, (kinds, required) in zip(row, _columns()[table], strict=True):
+            if not isinstance(value, kinds) and (required or value is not None):
+                return False
+            if isinstance(value, str):
+                value.encode("utf-8")
+        _CHECKS.get(table, bool)(row)
+    except Exception:  # noqa: BLE001 - whatever a flipped bit makes of it
+        return False
+    return True
+
+
+@cache
+def _columns() -> Mapping[str, Sequence[tuple[tuple[type, ...], bool]]]:
+    """Of each table's columns: what a value may be, and whether there must be one."""
+    kinds = {"INTEGER": (int,), "REAL": (int, float), "TEXT": (str,), "BLOB": (bytes,)}
+    with closing(sqlite3.connect(":memory:")) as connection:
+        connection.executescript(SCHEMA + ADDED)
+        tables = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+        return {
+            table: [
+                (kinds[kind], bool(required or key))
+                for _, _, kind, required, _, key in connection.execute(f"PRAGMA table_info({table})")
+            ]
+            for (table,) in tables
+            if table != _NOT_COPIED
+        }
+
+
+def _text(data: bytes) -> str:
+    """Any bytes; those that are no UTF-8 cannot be encoded again, by which `_checked` knows them."""
+    return data.decode("utf-8", "surrogateescape")
+
+
+_NINE = bytes(72)
+
+
+def _check_frame(row: Row) -> None:
+    k, _, inputs, valid, errors, sigma = row
+    rows.step_of((k, inputs, valid, errors, sigma, "calibration", *[_NINE] * 4, None, None, "[]", None), ())
+    if any(blob is not None and len(blob) != len(_NINE) for blob in (errors, sigma)):
+        raise ValueError("expected nine errors")
+    for blob in (inputs, errors, sigma):
+        if blob is not None and np.any(np.abs(np.frombuffer(blob, "<f8")) > _LARGEST):
+            raise ValueError("a value is beyond all that is measured")
+    if sigma is not None and np.any(np.frombuffer(sigma, "<f8") < 0):
+        raise ValueError("an uncertainty is negative")
+
+
+def _check_decision(row: Row) -> None:
+    k, phase, *blobs, measure, training, events = row
+    rows.step_of((k, b"", b"", None, None, phase, *blobs, measure, training, events, None), ())
+    if any(len(blob) != len(_NINE) for blob in blobs):
+        raise ValueError("expected nine errors")
+
+
+def _check_measurement(row: Row) -> None:
+    _, number, why, _, ended, centres, in_force, errors, _, _, reason = row
+    rows.measurement_of((int(number), why, ended, centres, in_force, errors, reason))
+
+
+def _check_model(row: Row) -> None:
+    *_, fingerprint, text = row
+    if rows.models_of(text).fingerprint() != fingerprint:
+        raise ValueError("another fingerprint")
+
+
+def _check_compensation(row: Row) -> None:
+    _, time, mode, source, _, _, offsets, _, written, *_ = row
+    rows.compensation_of((time, mode, source, offsets, written))
+
+
+_CHECKS: Mapping[str, Callable[[Row], object]] = {
+    "boot": lambda row: json.loads(row[3]),
+    "running": lambda row: json.loads(row[3]),
+    "frame": _check_frame,
+    "decision": _check_decision,
+    "measurement": _check_measurement,
+    "model": _check_model,
+    "reasons": lambda row: rows.reasons_of(row[2]),
+    "event": lambda row: rows.event_of(row[1:]),
+    "compensation": _check_compensation,
+}
