@@ -109,7 +109,8 @@ def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
     """From the inputs and states of learners on machines of a kind. ValueError: none has learnt anything.
 
     Mean: of the machines that have an input. Covariance: the variances between machines, and a share of the mean of
-    what each machine itself is unsure of.
+    what each machine itself is unsure of. Of an error that most machines found to be zero nothing is told: the next one
+    would believe in it from the start.
     """
     names = tuple(dict.fromkeys(name for own, _ in learners for name in own))
     span = np.zeros(len(names))
@@ -119,9 +120,11 @@ def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
     n = len(names) * _LAGS
     machines, mean, covariance = np.zeros(9), np.zeros((9, n)), np.zeros((9, n, n))
     for j in range(9):
-        told = [_placed(own, state, j, names, span) for own, state in learners if _has_learnt(state, j)]
-        if not told:
+        learnt = [(own, state) for own, state in learners if state.mixture.count[j] >= _LEAST_MEASUREMENTS]
+        believed = sum(state.mixture.null[j] < 0.0 for _, state in learnt)
+        if not learnt or 2 * believed < len(learnt):
             continue
+        told = [_placed(own, state, j, names, span) for own, state in learnt]
         machines[j] = len(told)
         weights, present = np.array([w for w, _, _ in told]), np.array([m for _, _, m in told])
         count = np.maximum(present.sum(axis=0), 1)
@@ -131,12 +134,11 @@ def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
         unsure = np.mean([p for _, p, _ in told], axis=0)
         covariance[j] = np.diag(few) + _POSTERIOR_SHARE * unsure
     if not machines.any():
-        raise ValueError(f"no error was measured {_LEAST_MEASUREMENTS} times on any of {len(learners)} machines")
+        raise ValueError(
+            f"no error was measured {_LEAST_MEASUREMENTS} times and found to be more than zero "
+            f"by most of {len(learners)} machines"
+        )
     return Prior(names, span, machines, mean, covariance)
-
-
-def _has_learnt(state: LearnerState, j: int) -> bool:
-    return bool(state.mixture.count[j] >= _LEAST_MEASUREMENTS)
 
 
 def _placed(

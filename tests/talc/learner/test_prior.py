@@ -52,6 +52,28 @@ def test_a_second_machine_of_a_kind_starts_nearly_where_the_first_ones_are(prior
     assert rms(told[72:]) < rms(without[72:])
 
 
+def without_the_ninth(days: Series) -> Series:
+    """The same, while EC0C stays zero."""
+    truth = days.truth.copy()
+    truth[:, 8] = 0.0
+    return replace(days, truth=truth, measured=days.measured - days.truth + truth)
+
+
+def test_an_error_that_was_zero_on_other_machines_is_not_believed_in_on_the_next() -> None:
+    learnt = []
+    for seed in range(10, 13):
+        days = without_the_ninth(machine(seed))
+        course = run(days)[0].state().course
+        assert course is not None
+        learnt.append((days.names, course.learner))
+    told = make_prior(learnt)
+    assert told.machines.tolist() == [3.0] * 8 + [0.0]
+    left = run(without_the_ninth(machine(20)), told)[1]
+    assert rms(left[:, 8]) < 0.05
+    some = [learnt[0], (learnt[1][0], run(machine(11))[0].state().course.learner)]  # type: ignore[union-attr]
+    assert make_prior(some).machines[8] == 2, "half of them believe in it"
+
+
 @pytest.mark.parametrize("wrong", ["mirrored", "exchanged"])
 def test_a_wrong_prior_is_forgotten_within_hours(prior: Prior, wrong: str) -> None:
     false = replace(prior, mean=-prior.mean) if wrong == "mirrored" else replace(prior, inputs=prior.inputs[::-1])
@@ -88,5 +110,7 @@ def test_machines_that_have_learnt_nothing_make_no_prior() -> None:
     days = machine(23)
     course = Controller(days.names, SETTINGS).state().course
     assert course is not None
-    with pytest.raises(ValueError, match="no error was measured 12 times on any of 1 machines"):
+    with pytest.raises(
+        ValueError, match="no error was measured 12 times and found to be more than zero by most of 1 machines"
+    ):
         make_prior([(days.names, course.learner)])
