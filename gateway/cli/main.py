@@ -177,11 +177,11 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
 
 @main.command()
 @click.option("--hours", type=click.FloatRange(min=1), default=72.0, show_default=True, help="Simulated hours.")
-@click.option("--method", type=click.Choice(["learner", "models"]), help="What learns. Default: the learner.")
+@click.option("--method", type=click.Choice(["learner", "models"]), help="Learning method. Default: the learner.")
 @click.option("--preset", type=click.Choice(["zimmermann-2022", "blaser-2019"]),
-              help="A paper's system whole, instead of the learner (docs/presets.md).")  # fmt: skip
+              help="A paper's complete system, instead of the learner (docs/presets.md).")  # fmt: skip
 @click.option("--calibration-hours", type=click.FloatRange(min=1),
-              help="Of models and presets. Default: 24 h, of blaser-2019 6.5 h.")  # fmt: skip
+              help="For models and presets. Default: 24 h; blaser-2019 6.5 h.")  # fmt: skip
 @click.option(
     "--speed",
     type=click.FloatRange(1, 20000),

@@ -1,4 +1,4 @@
-"""The border between the link and a control's driver: beyond it there are driver errors and valid answers only."""
+"""The boundary between the link and a control's driver: beyond it there are only driver errors and valid answers."""
 
 import logging
 import math
@@ -29,14 +29,14 @@ _AXES = LINEAR_AXES + ROTARY_AXES
 
 
 class UnexpectedError(DriverError):
-    """A driver or its library raised what no driver declares, or answered what its interface excludes.
+    """A driver or its library raised an undeclared exception, or answered what its interface excludes.
 
-    `__cause__` is what was raised.
+    `__cause__` is the original exception.
     """
 
 
 def contained(nc: NumericalControl) -> NumericalControl:
-    """The control behind the border: it raises DriverError, and NotSendable where that is declared."""
+    """The control behind the boundary: it raises DriverError, and NotSendable where that is declared."""
     return _ContainedSlopes(nc) if isinstance(nc, FollowsPosition) else _Contained(nc)
 
 
@@ -144,7 +144,7 @@ class _ContainedSlopes(_Contained):
 
 
 def _check_numbers(values: Mapping[str, float], names: tuple[str, ...]) -> None:
-    """Raises TypeError, ValueError unless all are finite numbers and the named ones are there."""
+    """Raises TypeError or ValueError unless all are finite numbers and the named ones are present."""
     if missing := [name for name in names if name not in values]:
         raise ValueError(f"no value of {', '.join(missing)}")
     for name, value in values.items():

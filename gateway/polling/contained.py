@@ -1,4 +1,4 @@
-"""Keeps what a driver's library does inside the call: nothing it raises reaches the task that called it unnoticed."""
+"""Contains a driver library's own cancellations, so that none of them reaches the calling task unnoticed."""
 
 import asyncio
 from collections.abc import Awaitable
@@ -10,8 +10,8 @@ T = TypeVar("T")
 async def uncancelled(work: Awaitable[T]) -> T:
     """Await a driver. Raises RuntimeError for a cancellation that nobody requested.
 
-    A library that closes its connection cancels the futures of its own requests. Passed on, that would end the calling
-    task as if it had been told to stop, without a word.
+    A library that closes its connection cancels the futures of its own requests. Passed on, that would silently end the
+    calling task as if it had been cancelled.
     """
     try:
         return await work

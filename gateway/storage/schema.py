@@ -89,7 +89,7 @@ class FileLock:
 
 
 def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
-    """A connection for writing, which waits so long for another program's lock.
+    """A connection for writing, which waits this long for another program's lock.
 
     In WAL mode, `synchronous = NORMAL` syncs only at checkpoints: a power cut then loses minutes of commits. FULL syncs
     the log at each commit, about one write per `commit_s`, and loses at most what was not committed.

@@ -37,7 +37,7 @@ from gateway.storage.writer import DatabaseWriter
 
 _SECONDS_PER_DAY = 86400.0
 _NUMBER_WITHIN_S = 2.0
-"""How long the event loop waits until the number of a probing request is on the disk."""
+"""How long the event loop waits for the number of a probing request to be on the disk."""
 
 
 class Store:
@@ -48,9 +48,9 @@ class Store:
     path: the file; it and its folder are created if missing
     boot: identifies this run of the process; with a reading's sequence number it identifies duplicates
     clock: for the time of events
-    commit_s: readings are committed at least so often, real seconds
+    commit_s: readings are committed at least this often, in real seconds
     keep_samples_days: older readings, compensation steps and reasons are deleted
-    retry_s: after a failure it is tried again so often, real seconds
+    retry_s: interval between attempts after a failure, in real seconds
 
     Raises StoreError: not a database of this gateway, of a newer version, locked by another gateway, or not writable.
     """
@@ -123,11 +123,11 @@ class Store:
 
     @property
     def health(self) -> StoreHealth:
-        """How storing goes; also from another thread."""
+        """The state of storing; may be called from another thread."""
         return self._writer.health
 
     def flush(self) -> None:
-        """Return when everything handed in so far is committed. Raises StoreError."""
+        """Return when everything received so far is committed. Raises StoreError."""
         self._writer.flush()
 
     def begin(self, config: str, fingerprint: str, versions: str, prior: tuple[str, str] | None = None) -> None:
@@ -140,9 +140,9 @@ class Store:
         self._writer.put("INSERT OR IGNORE INTO boot VALUES (?, ?, ?, ?, ?, ?)", [row], commit=True)
 
     def record(self, event: GatewayEvent) -> None:
-        """A gateway.events.Sink. Returns at once; of ProbingRequested, when it is on the disk.
+        """A gateway.events.Sink. Returns at once; for ProbingRequested, once it is on the disk.
 
-        Raises StoreError for a ProbingRequested that could not be stored, and for nothing else: the rest waits.
+        Raises StoreError only for a ProbingRequested that could not be stored: everything else waits.
         """
         put = self._writer.put
         match event:

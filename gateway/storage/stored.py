@@ -17,7 +17,7 @@ class StoredStep:
     training_wanted: str | None
     adopted: tuple[ModelSet, ...]
     trust_known: bool = True
-    """False: of an earlier program, which did not store `decision.trusted`."""
+    """False for an earlier program, which did not store `decision.trusted`."""
 
 
 @dataclass(frozen=True, slots=True)

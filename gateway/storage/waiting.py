@@ -10,7 +10,7 @@ Rows = Sequence[Sequence[object]]
 
 
 class Kind(Enum):
-    """What rows are, and how many of a kind may wait; beyond, the oldest go. None: all wait."""
+    """Kinds of rows, and how many of each may wait; beyond that the oldest are dropped. None: all wait."""
 
     KEPT = None
     """Frames, decisions, measurements, models, configurations: a decision or a measurement is never dropped. About 0.3
@@ -32,17 +32,17 @@ class Item:
     rows: Rows
     kind: Kind
     commit: bool
-    """As soon as nothing else waits."""
+    """Commit as soon as nothing else waits."""
 
 
 class Waiting:
-    """Items in the order in which they came, those of Kind.KEPT first: no order between tables matters."""
+    """Items in order of arrival, those of Kind.KEPT first: the order between tables does not matter."""
 
     def __init__(self) -> None:
         self._items: dict[Kind, deque[Item]] = {kind: deque() for kind in Kind}
         self._rows = dict.fromkeys(Kind, 0)
         self.dropped = dict.fromkeys(Kind, 0)
-        """Rows that had to go, by kind."""
+        """Dropped rows, by kind."""
 
     def __len__(self) -> int:
         return sum(map(len, self._items.values()))
@@ -63,7 +63,7 @@ class Waiting:
         self._cut(item.kind)
 
     def oldest(self, kinds: Collection[Kind]) -> float:
-        """The smallest number of what waits of some kinds; infinity: nothing does."""
+        """The smallest number of the waiting items of some kinds; infinity: none wait."""
         return min(
             (items[0].number for kind, items in self._items.items() if items and kind in kinds), default=math.inf
         )
@@ -79,7 +79,7 @@ class Waiting:
         return item
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """What was taken, oldest first, and could not be stored."""
+        """Put back items that could not be stored, oldest first."""
         for item in reversed(list(items)):
             self._items[item.kind].appendleft(item)
             self._rows[item.kind] += len(item.rows)

@@ -1,7 +1,7 @@
 """The thread that writes to the database: statements in order, committed in groups, and tried again while that fails.
 
-A full disk, a file that another program has locked, an error of the disk: none of them ends the gateway. The rows wait
-in memory (gateway.storage.waiting says which of them for how long), and the thread opens the file again every few
+A full disk, a locked file or an error of the disk does not end the gateway. The rows wait in memory
+(gateway.storage.waiting says which of them for how long), and the thread opens the file again every few
 seconds until they are stored.
 """
 
@@ -25,9 +25,9 @@ _PRUNE_EVERY_S = 600.0
 _LOOK_EVERY_S = 10.0
 """How often the free space of the disk is read."""
 _YIELD_S = 0.05
-"""How long who writes more than the thread can store waits for it, as in a simulation that outruns the disk."""
+"""How long a producer that is faster than the thread waits for it, as in a simulation that outruns the disk."""
 _REFUSED = (sqlite3.IntegrityError, sqlite3.DataError, sqlite3.InterfaceError, sqlite3.ProgrammingError, OverflowError)
-"""What the database raises for rows that it would never take: the gateway's own mistake."""
+"""What the database raises for rows that it would never accept: the gateway's own mistake."""
 
 
 class DatabaseWriter:
@@ -71,7 +71,7 @@ class DatabaseWriter:
 
     @property
     def health(self) -> StoreHealth:
-        """How storing goes; also from another thread."""
+        """The state of storing; may be called from another thread."""
         with self._changed:
             return StoreHealth(
                 problem=self._problem or self._refusal,
@@ -95,7 +95,7 @@ class DatabaseWriter:
         self._thread.join()
 
     def check(self) -> None:
-        """After `close`. Raises StoreError when rows were not stored."""
+        """Call after `close`. Raises StoreError if rows were not stored."""
         lost, dropped = self._waiting.rows, sum(self._waiting.dropped.values())
         if lost or dropped or self._refused:
             raise StoreError(
@@ -113,7 +113,7 @@ class DatabaseWriter:
             self._changed.notify_all()
 
     def flush(self, kinds: Collection[Kind] = tuple(Kind), limit_s: float | None = None) -> None:
-        """Return when all of some kinds put so far are committed. Raises StoreError when that fails or lasts longer."""
+        """Return when all of some kinds put so far are committed. Raises StoreError when that fails or takes longer."""
         self.put("", (), commit=True)
         with self._changed:
             number = self._last
@@ -138,7 +138,7 @@ class DatabaseWriter:
                 raise StoreError(f"{self._path}: {self._problem}")
 
     def _oldest(self, kinds: Collection[Kind]) -> float:
-        """The smallest number of what is not committed."""
+        """The smallest number of the uncommitted items."""
         executed = (item.number for item in self._open if item.kind in kinds)
         return min(self._waiting.oldest(kinds), min(executed, default=math.inf))
 
@@ -156,14 +156,14 @@ class DatabaseWriter:
                 self._changed.notify_all()
 
     def _attempt(self) -> None:
-        """Write until it is closed, again and again."""
+        """Write until it is closed, again after every failure."""
         while True:
             last = self._closing
             try:
                 with closing(connect(self._path, self._retry_s)) as connection:
                     self._write_to(connection)
                 return
-            except Exception as error:  # noqa: BLE001 - whatever it is, the gateway goes on without its store
+            except Exception as error:  # noqa: BLE001 - the gateway continues without its store
                 self._failed(error)
                 if is_damage(error) or self._to_mend:
                     self._renew(self._to_mend or str(error))
@@ -202,7 +202,7 @@ class DatabaseWriter:
             log.log(logging.INFO if expected else logging.ERROR, "%s: %s", self._path, error, exc_info=not expected)
 
     def _write_to(self, connection: sqlite3.Connection) -> None:
-        """Until the writer is closed and nothing waits any more. Raises what the database raises."""
+        """Until the writer is closed and nothing waits any more. Raises the database's errors."""
         self._prune(connection)
         self._commit(connection)
         committed = pruned = time.monotonic()

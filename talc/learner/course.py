@@ -34,7 +34,7 @@ _SETTLED_S = 3600.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CourseState:
-    """All that a course knows beside the record."""
+    """Everything that a course knows besides the record."""
 
     learner: LearnerState
     phase: Phase
@@ -49,9 +49,9 @@ class CourseState:
 class LearningCourse:
     """Compensation from the first measurement on; the learner learns at every one.
 
-    An error is corrected while its estimate is better than none (`Decision.trusted`). A measurement is wanted when the
-    95 % interval of a trusted error, or of one that may become so, leaves the declared limit; after a gap; after a
-    measurement that was far from its prediction; and at the latest after the longest interval.
+    An error is corrected while its estimate is better than no correction (`Decision.trusted`). A measurement is wanted
+    when the 95 % interval of a trusted error, or of one that may become so, leaves the declared limit; after a gap;
+    after a measurement that was far from its prediction; and at the latest after the longest interval.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class LearningCourse:
         return self._phase
 
     def step(self, frame: Frame, measured: FloatArray) -> Decision:
-        """Take one frame; measured: (9,) its errors without those that cannot be."""
+        """Take one frame; measured: (9,) its errors without impossible ones."""
         events: list[Event] = []
         valid = frame.valid & (np.abs(frame.inputs) <= LARGEST_INPUT)  # NaN compares false
         gap = 0 if self._last_k is None else frame.k - self._last_k - 1
@@ -132,7 +132,7 @@ class LearningCourse:
         )
 
     def state(self) -> CourseState:
-        """A copy of all that is known."""
+        """A copy of everything that is known."""
         return CourseState(
             learner=self._learner.state(),
             phase=self._phase,
@@ -145,7 +145,7 @@ class LearningCourse:
         )
 
     def restore(self, state: CourseState) -> None:
-        """Go on from it. ValueError: of other inputs."""
+        """Continue from a state. ValueError: it has other inputs."""
         self._learner.restore(state.learner)
         self._phase, self._last_k, self._last_measured = state.phase, state.last_k, state.last_measured
         self._wanted, self._measured = state.wanted, state.measured_in_phase
@@ -156,13 +156,13 @@ class LearningCourse:
     def _note_inputs(self, valid: BoolArray, moved: BoolArray, events: list[Event]) -> None:
         missing = frozenset(name for name, ok in zip(self._names, valid, strict=True) if not ok)
         began = [
-            f"{name}: no good value; what the other inputs say is used" for name in sorted(missing - self._substituted)
+            f"{name}: no good value; estimated from the other inputs" for name in sorted(missing - self._substituted)
         ]
         events.extend(Event(EventKind.INPUT_SUBSTITUTED, text) for text in began)
         for name in sorted(self._substituted - missing):
             text = f"{name}: good again"
             if moved[self._names.index(name)]:
-                text += ", but not where the other inputs say it should be; it counts from there"
+                text += ", but far from the value expected by the other inputs; it counts from there"
             events.append(Event(EventKind.INPUT_SUBSTITUTED, text))
         self._substituted = missing
 
@@ -183,7 +183,7 @@ class LearningCourse:
                 f"{name}: {measured[i]:.1f} {ERROR_UNITS[name]} is {abs(surprise.ratio[i]):.0f} standard deviations off"
             )
             events.append(
-                Event(EventKind.MEASUREMENT_REJECTED, f"{text}; hardly learnt from unless it is so again", name)
+                Event(EventKind.MEASUREMENT_REJECTED, f"{text}; it has little effect unless the next one agrees", name)
             )
             self._wanted = Why.RETRY
         if self._phase is Phase.NO_GOOD:

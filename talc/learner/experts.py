@@ -1,4 +1,4 @@
-"""The hyper-parameters under which the same filter runs side by side."""
+"""The hyper-parameters of the filters that run side by side."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -19,17 +19,17 @@ class Expert:
     drift: float = 0.0
     """Standard deviation of the change of phi' w in 5 min while every feature is 1."""
     evidence: bool = False
-    """Each input has a prior variance of its own, found from the posterior (automatic relevance determination)."""
+    """Each input has its own prior variance, found from the posterior (automatic relevance determination)."""
 
     direct: bool = False
-    """Of inputs without lags only: a regression."""
+    """Uses only inputs without lags: a regression."""
 
     told: bool = False
-    """Begins with what other machines have learnt; `weight` then multiplies its standard deviations."""
+    """Starts with what other machines have learnt; `weight` then multiplies its standard deviations."""
 
     @property
     def name(self) -> str:
-        """As people read it."""
+        """The expert in words, for people."""
         if self.weight == 0.0:
             return f"hold {self.level:g}"
         if self.told:
@@ -52,4 +52,4 @@ while the machine's behaviour stays the same, those whose weights drift when it 
 moves fast when it changes at once."""
 
 TOLD: Final = tuple(Expert(a, level, told=True) for a, level in product((1.0, 2.0), (0.002, 0.02)))
-"""Beside the others when there is a prior from other machines."""
+"""Added to the others if there is a prior from other machines."""

@@ -5,22 +5,22 @@ import numpy as np
 from talc.frame import FloatArray
 
 _ORDINARY, _JUMP = 60.0, 15.0
-"""A temperature in degC stays within the first of its reference, and moves less than the second in one step. What does
-not is a machine state or a length, in whatever unit: its span is the largest deviation so far, in powers of two. So an
-input that moves for the first time after weeks cannot throw the prediction."""
+"""A temperature in degC stays within the first of these of its reference, and moves less than the second in one step.
+An input that does not is a machine state or a length, in whatever unit: its span is the largest deviation so far, in
+powers of two. So an input that moves for the first time after weeks cannot upset the prediction."""
 
 
 class LagBank:
     """Deviations of (n,) inputs from their reference, over their spans, through (L,) lags each.
 
-    Nothing in it is estimated, so nothing can become unstable. Before the first step the inputs stood still.
+    Nothing in it is estimated, so nothing can become unstable. Before the first step the inputs were constant.
 
     Parameters
     ----------
     inputs: n
     time_constants_s: of the lags; 0: no lag
     step_s: grid step
-    span: of every input at first, in its unit (K for temperatures)
+    span: first span of every input, in its unit (K for temperatures)
     """
 
     def __init__(self, inputs: int, time_constants_s: tuple[float, ...], step_s: float, span: float) -> None:
@@ -29,7 +29,7 @@ class LagBank:
         self._kept = np.where(constants > 0, np.exp(-step_s / np.where(constants > 0, constants, 1.0)), 0.0)
         self.span = np.full(inputs, span)
         self.wide = np.zeros(inputs, dtype=np.bool_)
-        """(n,) not a temperature: its span grows."""
+        """(n,) whether an input is not a temperature: its span grows."""
         self.level = np.zeros((inputs, self.lags))
         """(n, L) outputs of the lags, in spans; the first one has no lag."""
 
@@ -38,12 +38,12 @@ class LagBank:
         return np.append(self.level.ravel(), 1.0)
 
     def ahead(self, steps: int) -> FloatArray:
-        """The features so many steps on, if the inputs stay as they are."""
+        """The features this many steps ahead, if the inputs stay as they are."""
         kept = self._kept**steps
         return np.append((kept * self.level + (1.0 - kept) * self.level[:, :1]).ravel(), 1.0)
 
     def widen(self, deviation: FloatArray) -> FloatArray:
-        """Let spans grow where these (n,) deviations ask for it. Gives the (n,) factors by which they grew."""
+        """Let spans grow where these (n,) deviations require it. Returns the (n,) factors by which they grew."""
         size = np.abs(deviation)
         self.wide |= (size > _ORDINARY) | (np.abs(deviation - self.level[:, 0] * self.span) > _JUMP)
         factor = np.ones(len(self.span))
@@ -55,15 +55,15 @@ class LagBank:
         return factor
 
     def advance(self, deviation: FloatArray) -> None:
-        """One step on; (n,) deviations in physical units."""
+        """Advance one step; (n,) deviations in physical units."""
         now = (deviation / self.span)[:, None]
         self.level = self._kept * self.level + (1.0 - self._kept) * now
 
     def ramp(self, before: FloatArray, now: FloatArray, steps: int) -> None:
-        """So many steps on, along a straight line from the last deviations to these."""
+        """Advance this many steps, along a straight line from the last deviations to these."""
         for i in range(1, steps + 1):
             self.advance(before + (now - before) * (i / steps))
 
     def restart(self, deviation: FloatArray) -> None:
-        """As if the inputs had stood here for long."""
+        """As if the inputs had had these values for a long time."""
         self.level = np.repeat((deviation / self.span)[:, None], self.lags, axis=1)

@@ -1,4 +1,4 @@
-"""What inputs are related to, and what the others say of one that is missing."""
+"""How inputs are related to each other, and what the others imply about a missing one."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from talc.frame import BoolArray, FloatArray
 _MEMORY_ROWS = 4032
 """Rows over which means and covariances are remembered: two weeks at 5 min."""
 _LEAST_ROWS = 24
-"""Before so many, a missing input stands at its last value."""
+"""Until this many rows, a missing input keeps its last value."""
 _RIDGE = 1e-4
-"""Relative; of the regression on the other inputs."""
+"""Relative ridge of the regression on the other inputs."""
 _AWAY_STEPS = 2
 _MOVED_SIGMA, _MOVED_LEAST = 5.0, 1.0
-"""An input that comes back so far from what the others say (standard deviations, and in its unit) is another sensor,
-or sits elsewhere: its reference moves with it."""
+"""An input that returns this far from its expected value (standard deviations, and in its unit) is another sensor, or
+is mounted elsewhere: its reference moves with it."""
 
 
 class InputMemory:
@@ -26,9 +26,9 @@ class InputMemory:
 
     def __init__(self, inputs: int) -> None:
         self.reference = np.zeros(inputs)
-        """(n,) what deviations count from; follows the first good value of an input until `anchor`."""
+        """(n,) the reference of deviations; follows the first good value of an input until `anchor`."""
         self.known = np.zeros(inputs, dtype=np.bool_)
-        """(n,) there was a good value."""
+        """(n,) whether there was a good value."""
         self.last = np.zeros(inputs)
         """(n,) last values, filled."""
         self.away = np.zeros(inputs, dtype=np.int64)
@@ -42,8 +42,8 @@ class InputMemory:
         self.reference = self.last.copy()
 
     def fill(self, values: FloatArray, valid: BoolArray) -> tuple[FloatArray, FloatArray | None, BoolArray]:
-        """Take one row in: (n,) values without holes, the (n, n) covariance of what was filled in (None: nothing),
-        and (n,) which inputs came back as other sensors."""
+        """Take in one row: (n,) values without gaps, the (n, n) covariance of what was filled in (None: nothing), and
+        (n,) which inputs returned as other sensors."""
         new = valid & ~self.known
         if new.any():
             self.reference[new] = self.mean[new] = self.last[new] = values[new]

@@ -14,14 +14,14 @@ _ERRORS = len(THERMAL_ERRORS)
 TIME_CONSTANTS_S = (0.0, 900.0, 2700.0, 8100.0, 24300.0)
 """0, 15 min, 45 min, 2.25 h, 6.75 h: any smooth response of a machine is near a sum of these."""
 SPAN = 3.0
-"""Of an input: 3 K of a temperature. Whatever moves further is rescaled (`LagBank.widen`)."""
+"""Span of an input: 3 K for a temperature. Inputs that move further are rescaled (`LagBank.widen`)."""
 _SHORT_GAP_S = 3600.0
-"""Through a shorter gap inputs went straight; after a longer one lags restart at the present values."""
+"""Across a shorter gap inputs are interpolated linearly; after a longer one the lags restart at the present values."""
 _LONGEST_RAMP = 2016
 _TRUSTED = 0.5
 _SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.5, 0.8, (0.8, 3.0)
-"""sigma is scaled by how far measurements are off: mean |z| of a normal distribution is 0.8. A measurement tells of it
-as far as its own noise does not hide it."""
+"""sigma is scaled by how far measurements are off: mean |z| of a normal distribution is 0.8. A measurement counts as
+far as its own noise does not hide this."""
 
 
 _FARTHEST_Z = 4.0
@@ -29,19 +29,19 @@ _FARTHEST_Z = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """Of the nine errors, µm and µm/m."""
+    """Estimates of the nine errors, µm and µm/m."""
 
     value: FloatArray
-    """(9,) what to correct: 0 where nothing better is known, NaN before the first measurement of an error."""
+    """(9,) the correction: 0 where nothing better is known, NaN before the first measurement of an error."""
     sigma: FloatArray
     """(9,) its standard uncertainty."""
     trusted: BoolArray
-    """(9,) the estimate is better than no correction."""
+    """(9,) whether the estimate is better than no correction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnerState:
-    """All that a learner knows."""
+    """Everything that a learner knows."""
 
     mixture: MixtureState
     level: FloatArray
@@ -66,7 +66,7 @@ class Explanation:
     inputs: FloatArray
     """(9, n) what each input contributes now, µm or µm/m; with `level` they add up to the estimate."""
     level: FloatArray
-    """(9,) what no input explains."""
+    """(9,) the part that no input explains."""
     experts: FloatArray
     """(9, E) weights of the experts, which add up to 1."""
     believed: FloatArray
@@ -80,8 +80,8 @@ class Learner:
     ----------
     inputs: number of inputs
     step_s: grid step
-    noise: (9,) standard uncertainty of a measurement that comes without one
-    told: from other machines, in the spans (n,) beside it; NaN: not known
+    noise: (9,) standard uncertainty of a measurement that is reported without one
+    told: learnt by other machines, in the spans (n,) beside it; NaN: not known
     """
 
     def __init__(
@@ -102,11 +102,11 @@ class Learner:
 
     @property
     def scale(self) -> float:
-        """By which the filters' standard deviations are multiplied, as measurements were further off than they said."""
+        """Factor on the filters' standard deviations, because measurements were further off than these said."""
         return self._scale
 
     def advance(self, values: FloatArray, valid: BoolArray, gap: int) -> BoolArray:
-        """The next row, after `gap` steps without one. Gives (n,) the inputs that came back as other sensors."""
+        """The next row, after `gap` steps without one. Returns (n,) the inputs that returned as other sensors."""
         memory, bank, mixture = self._memory, self._bank, self._mixture
         before = memory.last - memory.reference
         filled, missing, moved = memory.fill(values, valid)
@@ -130,14 +130,14 @@ class Learner:
         return moved
 
     def estimate(self, ahead: int = 0) -> Estimate:
-        """Of the present row, or so many steps from now if the inputs stay as they are."""
+        """The estimates of the present row, or of this many steps ahead if the inputs stay as they are."""
         x = self._bank.ahead(ahead) if ahead else self._bank.features()
         mean, variance = self._mixture.predict(x, ahead)
         variance = self._scale**2 * variance + self._doubt
         believed = self._mixture.believed
         trusted = believed > _TRUSTED
-        # Of two hypotheses, zero and the mixture; where zero is the likelier one, it is what stands. How far off that
-        # may be is what the mixture says of it: that an error cannot be shown does not make it zero.
+        # There are two hypotheses, zero and the mixture; where zero is more likely, the estimate is zero. Its
+        # uncertainty is still the mixture's: that an error cannot be shown does not make it zero.
         value = np.where(trusted, believed * mean, 0.0)
         square = variance + (mean - value) ** 2
         none = self._mixture.count == 0
@@ -153,7 +153,7 @@ class Learner:
         x = self._bank.features()
         _, variance = self._mixture.predict(x)
         surprise = self._mixture.learn(x, errors, noise, self._doubt)
-        # Probing noise is known; it is the filters' own part that may be too sure or too unsure of itself.
+        # Probing noise is known; only the filters' own part may be over- or underconfident.
         settled = np.isfinite(surprise.ratio) & ~surprise.outlier & (self._mixture.count > 1)
         if settled.any():
             known = noise[settled] ** 2
@@ -167,14 +167,14 @@ class Learner:
         return surprise
 
     def explain(self) -> Explanation:
-        """Of the present row."""
+        """The reasons for the estimates of the present row."""
         weights, features = self._mixture.weights(), self._bank.features()
         parts = weights * features * np.where(self._mixture.believed > _TRUSTED, self._mixture.believed, 0.0)[:, None]
         inputs = parts[:, :-1].reshape(_ERRORS, -1, self._bank.lags).sum(axis=2)
         return Explanation(inputs, parts[:, -1], self._mixture.weight.copy(), self._mixture.believed)
 
     def state(self) -> LearnerState:
-        """A copy of all that is known."""
+        """A copy of everything that is known."""
         m = self._memory
         return LearnerState(
             mixture=self._mixture.state(),
@@ -194,7 +194,7 @@ class Learner:
         )
 
     def restore(self, state: LearnerState) -> None:
-        """Go on from it. ValueError: of other inputs."""
+        """Continue from a state. ValueError: it has other inputs."""
         self._mixture.restore(state.mixture)
         self._bank.level, self._bank.span = state.level.copy(), state.span.copy()
         self._bank.wide = state.wide.copy()
@@ -204,7 +204,7 @@ class Learner:
         m.rows, self._anchored, self._scale, self._doubt = state.rows, state.anchored, state.scale, state.doubt.copy()
 
     def _cross(self, before: FloatArray, now: FloatArray, gap: int) -> None:
-        """A gap: nobody knows what happened. How much it matters is how far two guesses differ."""
+        """Cross a gap, in which the inputs are unknown. Its effect is judged by the difference of two guesses."""
         bank, mixture = self._bank, self._mixture
         if gap > _LONGEST_RAMP:
             bank.restart(now)

@@ -13,24 +13,24 @@ from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
 _DRIFT_STEP_S = 300.0
-"""Drifts of an `Expert` are those of so many seconds."""
+"""Time in seconds to which the drifts of an `Expert` refer."""
 _TEMPER, _KEPT, _SHARED = 0.3, 0.97, 0.01
-"""Log-likelihoods count by so much, are discounted so at each measurement, and so much weight is spread over all."""
+"""Exponent of the likelihoods, their discount at each measurement, and the share of weight spread over all experts."""
 _NULL_FIRST, _NULL_KEPT, _NULL_BOUND = 3.0, 0.995, 10.0
 """Log-odds that an error stays zero: at first, their discount at a measurement, and their bound."""
 _TOLD_SHARE, _TOLD_NULL = 0.8, -2.0
-"""First weight of all experts that other machines told of together, and first log-odds of such an error being zero."""
+"""First weight of all experts from other machines together, and first log-odds of such an error being zero."""
 _LEAST_NOISE = 0.25
-"""µm or µm/m: no probing cycle is better."""
+"""µm or µm/m: no probing cycle is more accurate."""
 _FAR, _OUTLIER_AS, _FASTEST = 5.0, 2.5, 0.3
 """Standard deviations from which a measurement may be an outlier, and the number that its noise is enlarged to. It is
 one only if it is also that far from the last measurement of an error that changes by `_FASTEST` UNIT in 5 min: a
-machine that begins to behave in another way gives surprising measurements, which must be learnt."""
+machine that starts to behave differently gives surprising measurements, which must be learnt."""
 _FIRST_FAR = 4.0
-"""The first measurement so many standard deviations from zero: the reference is not the present state."""
+"""If the first measurement is this many standard deviations from zero, the reference is not the present state."""
 _LEAST_MIXED = 1e-3
 _RENEWED = 8
-"""Inputs of which a measurement renews the prior variance."""
+"""Number of inputs for which a measurement renews the prior variance."""
 _EVIDENCE_FROM = 6
 """Measurements before the first renewal."""
 _EVIDENCE = np.array([0.5, 0.1, 0.1, 3.0, 1e-4, 1e2])
@@ -40,7 +40,7 @@ variance over its first one."""
 
 @dataclass(slots=True, eq=False)
 class MixtureState:
-    """All that changes. E experts, n weights, the last one the level; m = n (n + 1) / 2."""
+    """The whole state. E experts, n weights, the last one the level; m = n (n + 1) / 2."""
 
     mean: FloatArray
     """(9, E, n) µm or µm/m per feature."""
@@ -65,21 +65,21 @@ class MixtureState:
     suspect: FloatArray
     """(9,) the last innovation, if it was an outlier; else 0."""
     last: FloatArray
-    """(9,) the last measurement that was no outlier; NaN before the first."""
+    """(9,) the last measurement that was not an outlier; NaN before the first."""
     cursor: int
     """The next input to be renewed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surprise:
-    """What a measurement was like beside its prediction, per error; NaN where not measured."""
+    """How a measurement compared with its prediction, per error; NaN where not measured."""
 
     ratio: FloatArray
     """(9,) innovations over their standard deviations."""
     outlier: NDArray[np.bool_]
-    """(9,) taken for an outlier: hardly learnt from."""
+    """(9,) treated as an outlier: it has little effect."""
     jump: NDArray[np.bool_]
-    """(9,) the second far measurement in a row: the level starts anew."""
+    """(9,) the second far measurement in a row: the level starts again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,11 +87,11 @@ class Told:
     """What other machines have learnt, in the order of this machine's inputs."""
 
     machines: FloatArray
-    """(9,) how many told of each error."""
+    """(9,) number of machines that know each error."""
     mean: FloatArray
     """(9, n - 1) weights."""
     covariance: FloatArray
-    """(9, n - 1, n - 1); variance 0: of an input that they do not have."""
+    """(9, n - 1, n - 1); variance 0: an input that they do not have."""
 
 
 class Mixture:
@@ -110,7 +110,7 @@ class Mixture:
     inputs, lags: features are inputs times lags, input by input
     step_s: grid step
     experts: of each error
-    told: from other machines; adds experts that begin with it
+    told: from other machines; adds experts that start with it
     """
 
     def __init__(
@@ -190,17 +190,17 @@ class Mixture:
         return deepcopy(self._s)
 
     def restore(self, state: MixtureState) -> None:
-        """Go on from a state. ValueError: of other inputs or experts."""
+        """Continue from a state. ValueError: it has other inputs or experts."""
         if state.mean.shape != self._s.mean.shape:
             raise ValueError(f"mean {state.mean.shape}: expected {self._s.mean.shape}")
         self._s = deepcopy(state)
 
     def elapse(self, steps: int) -> None:
-        """Let so many steps pass."""
+        """Let this many steps pass."""
         self._s.elapsed += steps
 
     def jolt(self, variance: FloatArray) -> None:
-        """(9,) the levels may have changed by this."""
+        """(9,) variances by which the levels may have changed."""
         self._s.jolt += variance
 
     def predict(self, x: FloatArray, ahead: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -225,7 +225,7 @@ class Mixture:
             self._remix(int(j))
 
     def learn(self, x: FloatArray, errors: FloatArray, sigma: FloatArray, doubt: FloatArray) -> Surprise:
-        """Take a measurement in: (9,) errors, NaN where there is none, and their standard uncertainties.
+        """Take in a measurement: (9,) errors, NaN where there is none, and their standard uncertainties.
 
         doubt: (9,) variance that missing inputs add to a prediction.
         """
@@ -281,7 +281,8 @@ class Mixture:
         return ratio, outlier, jump
 
     def _begin(self, j: int, y: float, noise: float) -> None:
-        """Errors are deviations from the reference: the level starts at zero, unless the first measurement is far."""
+        """Errors are deviations from the reference: the level starts at zero, unless the first measurement is far
+        off."""
         s = self._s
         s.covariance[j][:, self._diagonal] = s.prior[j]
         if self._told is not None and self._told.machines[j]:
@@ -292,7 +293,7 @@ class Mixture:
         s.elapsed[j] = s.jolt[j] = 0.0
 
     def _listen(self, j: int, e: int, told: Told) -> None:
-        """An expert begins with what other machines told; of inputs that they do not have, with the flat prior."""
+        """An expert starts with what other machines learnt; for inputs that they do not have, with the flat prior."""
         s, size = self._s, self._n - 1
         variance = np.diag(told.covariance[j])
         own = np.where(variance > 0.0, variance, UNIT**2 / size) * self._experts[e].weight ** 2

@@ -1,4 +1,4 @@
-"""What other machines of a kind have learnt, as a prior for the next one."""
+"""What other machines of the same kind have learnt, as a prior for the next one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Prior:
     span: FloatArray
     """(n,) unit of each input's features."""
     machines: FloatArray
-    """(9,) machines that told of each error; 0: nothing is known."""
+    """(9,) number of machines that know each error; 0: nothing is known."""
     mean: FloatArray
     """(9, n L) µm or µm/m per feature, input by input."""
     covariance: FloatArray
@@ -90,7 +90,7 @@ class Prior:
         return cls(inputs, spans, machines, mean, covariance)
 
     def known(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Those of these inputs that the other machines have too."""
+        """The inputs among these that the other machines have too."""
         return tuple(name for name in names if name in self.inputs)
 
     def of(self, names: Sequence[str]) -> tuple[FloatArray, Told]:
@@ -106,7 +106,7 @@ class Prior:
 
 
 def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
-    """From the inputs and states of learners on machines of a kind. ValueError: none has learnt anything.
+    """From the inputs and states of learners on machines of one kind. ValueError: none has learnt anything.
 
     Mean: of the machines that have an input. Covariance: the variances between machines, and a share of the mean of
     what each machine itself is unsure of. Of an error that most machines found to be zero nothing is told: the next one

@@ -11,30 +11,30 @@ from talc.learner.learner import Estimate, Explanation
 from talc.names import THERMAL_ERRORS
 
 _SHOWN = 5
-"""Inputs that are named for an error."""
+"""Number of inputs that are named for an error."""
 KINDS = ("last measurement held", "all inputs", "chosen inputs", "other machines")
 """Of experts: what they go by."""
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorReason:
-    """Of one thermal error; µm or µm/m. NaN: not known before its first measurement."""
+    """The reasons for one thermal error; µm or µm/m. NaN: not known before its first measurement."""
 
     error: str
     estimate: float
-    """What is corrected now: the sum of `inputs`, `other_inputs` and `level`."""
+    """The present correction: the sum of `inputs`, `other_inputs` and `level`."""
     trusted: bool
-    """It is corrected; else no estimate is better than none."""
+    """Whether it is corrected; otherwise no estimate is better than none."""
     believed: float
     """Probability that the error is not just zero."""
     inputs: tuple[tuple[str, float], ...]
     """Which inputs move it now and how far, the largest first."""
     other_inputs: float
-    """What all other inputs together do."""
+    """The effect of all other inputs together."""
     level: float
-    """What no input explains."""
+    """The part that no input explains."""
     experts: tuple[tuple[str, float], ...]
-    """Share of the belief that each kind of expert has (KINDS), the largest first."""
+    """Weight of each kind of expert (KINDS), the largest first."""
     expected: float
     """At the next measurement, if the inputs stay as they are."""
     expected_sigma: float
@@ -43,7 +43,7 @@ class ErrorReason:
 
 @dataclass(frozen=True, slots=True)
 class Reasons:
-    """Of all nine, at one grid step."""
+    """The reasons for all nine, at one grid step."""
 
     k: int
     next_k: int

@@ -2,7 +2,7 @@
 """The gateway's agent on LinuxCNC: reports the control's state, requests probing cycles, passes offsets to HAL.
 
 A HAL component named talc, started by talc_agent.hal under the system's Python. The watchdog over the gateway's
-heartbeat is not here but in real time, in that file: an agent that is killed beats no more.
+heartbeat is not here but in real time, in that file: a killed agent sends no more beats.
 """
 
 import math
@@ -22,7 +22,7 @@ AXES = "xyz"
 ALL_AXES = "XYZAC"
 MODES = {linuxcnc.MODE_MANUAL: "jog", linuxcnc.MODE_AUTO: "auto", linuxcnc.MODE_MDI: "mda"}
 SECONDS, FROZEN_S = 42, 2.0
-"""Analog input with the seconds of real time, see talc_agent.hal; when it has stood for so long nothing is believed."""
+"""Analog input with the seconds of real time, see talc_agent.hal; unchanged for this long, it is stale."""
 PROGRAM = {
     linuxcnc.INTERP_IDLE: "stopped",
     linuxcnc.INTERP_READING: "running",
@@ -32,7 +32,7 @@ PROGRAM = {
 
 
 class Settings:
-    """Section [TALC] of LinuxCNC's INI file. Ends with a message for what cannot be."""
+    """Section [TALC] of LinuxCNC's INI file. Ends with a message for an invalid value."""
 
     def __init__(self, path: Path) -> None:
         self._ini, self._path = linuxcnc.ini(str(path)), path
@@ -124,7 +124,7 @@ class Control:
         }
 
     def read(self, _: dict[str, Any] | None = None) -> list[float]:
-        """In force, µm: what stands behind the bound and the slew of talc.hal."""
+        """The offsets in force, µm: after the bound and the slew of talc.hal."""
         return [self._pins[f"{axis}-in-force"] * 1e3 for axis in AXES]
 
     def write(self, command: dict[str, Any]) -> None:
@@ -152,7 +152,7 @@ class Control:
         self._beat()
 
     def heartbeat(self, command: dict[str, Any]) -> bool:
-        """Whether the watchdog was watching until now."""
+        """Whether the watchdog was active until now."""
         if (who := owner(command)) != self._owner:
             raise Refusal(f"the control's compensation belongs to gateway {self._owner}, not to {who}")
         watched = bool(self._pins["watching"])
@@ -184,7 +184,7 @@ class Control:
             self._pins[axis] = v * 1e-3
 
     def _poll(self) -> Any:
-        """LinuxCNC's state, or None while it does not run yet or no more, or stands still."""
+        """LinuxCNC's state, or None before it runs, after it has ended, or while it stands still."""
         try:
             if self._nc is None:
                 self._nc, self._command = linuxcnc.stat(), linuxcnc.command()

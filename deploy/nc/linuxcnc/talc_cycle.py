@@ -32,7 +32,7 @@ class Pins(Protocol):
 
 
 class Cycle:
-    """What the gateway asked for and how far it is."""
+    """The gateway's request and its progress."""
 
     def __init__(self, pins: Pins, probe_tool: int) -> None:
         self._pins, self._probe_tool = pins, probe_tool
@@ -62,7 +62,7 @@ class Cycle:
         self._pins["request"] = float(number)
 
     def withdraw(self, number: int) -> None:
-        """Take back what waits; what runs looks at this before each pose and touch."""
+        """Withdraw a waiting request; a running cycle checks this before each pose and touch."""
         if number == self._number and self._state not in ("idle", *FINAL):
             self._pins["withdrawn"] = float(number)
             if self._state == "requested":
@@ -79,7 +79,7 @@ class Cycle:
         return {"state": self._state, "reason": self._reason, "centres": centres, "spread": spread}
 
     def obstacle(self, nc: Any) -> str:
-        """Why a cycle cannot begin as the machine stands; empty: it can, in a part program at its next safe point."""
+        """Why a cycle cannot begin in the present state; empty: it can, in a part program at its next safe point."""
         if nc.task_state != linuxcnc.STATE_ON or not all(nc.homed[: nc.joints]):
             return OFF
         if all(tool.id != self._probe_tool for tool in nc.tool_table):
@@ -91,7 +91,7 @@ class Cycle:
         return "somebody moves the machine by hand" if _moves(nc) else ""
 
     def step(self, now: float, nc: Any, command: Any) -> None:
-        """Look at program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""
+        """Check program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""
         if self._number and self._pins["answers"] == self._number and self._state != "idle":
             self._follow(now, nc)
         elif self._state == "requested":
@@ -101,7 +101,7 @@ class Cycle:
             self._mode_before = None
 
     def _follow(self, now: float, nc: Any) -> None:
-        """The program has taken the request: what it says holds, unless it was stopped."""
+        """The program has taken the request: its state counts, unless it was stopped."""
         told = STATES.get(round(self._pins["state"]), "accepted")
         if told == "done" and self._pins["result-of"] != self._number:
             told = "running"  # its pins are not all written yet

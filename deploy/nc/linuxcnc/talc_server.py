@@ -14,8 +14,8 @@ from typing import Any
 TICK_S, LOGIN_S, QUIET_S = 0.02, 2.0, 3.0
 LONGEST_LINE = 4096
 MOST_STRANGERS = 16
-"""Who has not logged in yet; one more takes the place of the one that has waited longest. Who holds the key proves it
-within milliseconds, so that those who only wait keep nobody out."""
+"""Connections that have not logged in; one more replaces the one that has waited longest. A holder of the key proves it
+within milliseconds, so that idle connections cannot lock it out."""
 
 Verb = Callable[[dict[str, Any]], Any]
 
@@ -54,7 +54,7 @@ class Server:
             self._drop(client)
 
     def _welcome(self) -> None:
-        """Everybody who waits at the port, so that no queue forms there; at most as many as there are places."""
+        """Accept all waiting connections, so that no queue forms; at most as many as there are places."""
         for _ in range(MOST_STRANGERS):
             try:
                 line, _ = self._listener.accept()
