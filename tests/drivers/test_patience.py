@@ -19,11 +19,11 @@ from simulators.devices import SlcanAdapter
 from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.me_sensor import answer_frame
 from simulators.devices.slcan_adapter import CanFrame
-from tests.drivers.can.test_can_bytes import NODE, VALUE, talking
-from tests.drivers.micro_epsilon.test_displacement import line as me_line
-from tests.drivers.micro_epsilon.test_displacement import value
-from tests.drivers.modbus.test_modbus_line import TWO, honest, registers
-from tests.drivers.modbus.test_modbus_line import line as rtu_line
+from tests.benches.can_talk import NODE, VALUE, talking
+from tests.benches.me_talk import line as me_line
+from tests.benches.me_talk import value
+from tests.benches.rtu_talk import TWO, honest, registers
+from tests.benches.rtu_talk import line as rtu_line
 
 pytestmark = pytest.mark.simulated_time
 

@@ -1,7 +1,6 @@
 """A running service applies another configuration, or continues unchanged."""
 
 import asyncio
-from pathlib import Path
 
 import pytest
 
@@ -12,24 +11,8 @@ from gateway.past import Past
 from gateway.service import Service
 from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
+from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import SteppedClock
-
-FILE = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
-TEXT = """
-[machine]
-name = "mill"
-[[bus]]
-name = "rtu1"
-kind = "modbus_rtu"
-port = "/nowhere/adapter"
-[[device]]
-name = "rtd1"
-bus = "rtu1"
-profile = "icpdas_m7015"
-unit = 1
-[device.channels]
-bed_front = 0
-"""
 
 
 def config(text: str = TEXT) -> GatewayConfig:

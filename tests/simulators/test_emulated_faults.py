@@ -17,9 +17,9 @@ from gateway.acquisition.line import Line
 from gateway.clock import RealClock
 from simulators.devices.__main__ import DEVICES, emulate
 from simulators.devices.scenario import SWITCHES, NotOfThisDeviceError, Scenario
+from tests.benches.emulated_profiles import PROFILES, options
 from tests.benches.logger_files import logger_profile
 from tests.benches.manual_clock import ManualClock
-from tests.simulators.test_emulate import PROFILES, options
 
 COMM, BROKEN, STALE = Quality.COMM_FAULT, Quality.SENSOR_FAULT, Quality.STALE
 NO_FRAME = "no valid answer"

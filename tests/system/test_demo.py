@@ -22,16 +22,11 @@ from gateway.report import summary
 from gateway.storage import History
 from gateway.telemetry import FrameMessage, decode
 from talc.frame import EventKind, FloatArray, Phase
+from tests.benches.free_port import free_port
 
 HOURS = 20.0
 LIMIT_S = 300.0
 GATEWAY = (sys.executable, "-m", "gateway")
-
-
-def free_port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 def demo_command(folder: Path, port: int, hours: float = HOURS, *more: str) -> list[str]:

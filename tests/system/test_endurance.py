@@ -24,8 +24,8 @@ from gateway.storage import History
 from simulators.clock import SharedClock
 from talc.frame import EventKind, Phase
 from tests.benches.faulty_machine import FAULT_EVERY_S
+from tests.benches.free_port import free_port
 from tests.benches.processes import children
-from tests.system.test_demo import free_port
 
 EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 HOURS, SETTLED_HOURS, COMPARED_HOURS = 24.0, 8.0, 3.0

@@ -10,39 +10,12 @@ from hypothesis import strategies as st
 from talc.control import Controller
 from talc.disturbance import Disturbance
 from talc.frame import Decision, EventKind, FloatArray, Frame, Measurement, Phase, Why
-from talc.models import ErrorModel, ModelSet
+from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
+from tests.benches.control_models import INPUTS, model, models
 
-INPUTS = ("warm", "idle")
 CALIBRATION = 12
-
-
-def model(error: str, limit: float = 3.0) -> ErrorModel:
-    """y = 2 warm, in physical units, as a first-order lag with pole 0.5."""
-    return ErrorModel(
-        error=error,
-        inputs=("warm",),
-        a=np.array([-0.5]),
-        b=(np.array([0.5, 0.5]),),
-        u_mean=np.zeros(1),
-        u_std=np.ones(1),
-        y_mean=0.0,
-        y_std=1.0,
-        u_low=np.full(1, -100.0),
-        u_high=np.full(1, 100.0),
-        y_low=-300.0,
-        y_high=300.0,
-        limit=limit,
-        training_limit=limit,
-        residual_std=1.0,
-        criterion=0.0,
-    )
-
-
-def models(k: int, only: tuple[str, ...] = THERMAL_ERRORS) -> ModelSet:
-    chosen = tuple(model(e) if e in only else None for e in THERMAL_ERRORS)
-    return ModelSet(k=k, why="calibration", input_names=INPUTS, models=chosen)
 
 
 def controller() -> Controller:

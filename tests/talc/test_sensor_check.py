@@ -7,26 +7,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from simulators.cases import random_axes
-from simulators.plant import Environment, MachineDrive, Plant, load, record
 from talc.sensor_check import Judgement, judge
 from talc.sensor_model import CHANGE_STEPS, SensorModel, learn, leave_one_out, leave_two_out, precision_of
 from talc.settings import SensorCheckSettings
+from tests.benches.plant_days import DAY, NAMES, Array, plant_days
 
-Array = NDArray[np.float64]
 SETTINGS = SensorCheckSettings()
-NAMES = load().channels
-DAY = 288
 WINDOW = SETTINGS.window_steps + CHANGE_STEPS
 SEEDS = (11, 12, 13, 14)
-
-
-@cache
-def plant_days(seed: int) -> Array:
-    """(5 days, 29) temperatures in steps of 0.1 K under random loads of single axes."""
-    plant = Plant(load(), Environment(), seed)
-    plant.advance(12 * 3600.0, MachineDrive())
-    return np.round(record(plant, random_axes(seed, 5 * DAY)).inputs[:, : len(NAMES)], 1)
 
 
 @cache

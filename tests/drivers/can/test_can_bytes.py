@@ -2,8 +2,8 @@
 
 import asyncio
 import socket
-from collections.abc import AsyncIterator, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from collections.abc import Sequence
+from contextlib import AsyncExitStack, suppress
 
 import pytest
 from hypothesis import given, settings
@@ -12,19 +12,18 @@ from hypothesis import strategies as st
 from drivers.base import BadAnswer, DriverError, NoAnswer
 from drivers.build import make_bus
 from drivers.can.interface import slcan_frame
-from drivers.canopen.bus import CanObject, CanOpenBus
-from simulators.devices import Cia404Node, SlcanAdapter
+from drivers.canopen.bus import CanOpenBus
+from simulators.devices import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
-from simulators.devices.slcan_adapter import CanFrame, CanNode
+from simulators.devices.slcan_adapter import CanFrame
+from tests.benches.can_talk import NODE, VALUE, talking
 
 pytestmark = pytest.mark.simulated_time
 
-NODE = 5
 SHORT_S = 0.02
 """Timeout where many requests stay without an answer."""
 TEMPERATURES = [20.0, -3.3]
 GROUP = "239.74.163.3"
-VALUE = CanObject(0x9130, 1)
 PLACE = bytes.fromhex("30 91 01")
 
 
@@ -82,19 +81,6 @@ class Talker:
         if data[1:4] == bytes.fromhex("00 10 00"):
             return ((0x580 + NODE, bytes.fromhex("43 00 10 00 94 01 02 00")),)
         return self.says
-
-
-@asynccontextmanager
-async def talking(node: CanNode, timeout_s: float = 0.3) -> AsyncIterator[tuple[CanOpenBus, SlcanAdapter]]:
-    adapter = SlcanAdapter([node])
-    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": timeout_s})
-    assert isinstance(bus, CanOpenBus)
-    try:
-        await bus.connect()
-        yield bus, adapter
-    finally:
-        await bus.close()
-        await adapter.stop()
 
 
 async def answered(bus: CanOpenBus) -> list[bytes]:

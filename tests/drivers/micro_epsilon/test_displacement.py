@@ -1,9 +1,7 @@
 """Micro-Epsilon RS-485 framing: the manual's example, bad lines, late answers."""
 
 import asyncio
-import struct
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import suppress
 
 import pytest
 from hypothesis import given, settings
@@ -14,16 +12,12 @@ from drivers.micro_epsilon.rs485 import MeRs485Bus, decode_counted, decode_float
 from drivers.micro_epsilon.settings import MeRs485Settings
 from simulators.devices import MeSensor
 from simulators.devices.me_sensor import MeLine, answer_frame, counted_frame
-from simulators.devices.pty_port import PtyPort
+from tests.benches.me_talk import line, value
 
 pytestmark = pytest.mark.simulated_time
 
 EXAMPLE = bytes.fromhex("68 0B 0B 68 01 7E 08 AE 47 61 3F 00 00 00 00 1C 16")
 """The manual's answer: 0.88 unscaled."""
-
-
-def value(data: bytes) -> float:
-    return float(struct.unpack("<ff", data)[0])
 
 
 def test_request_is_the_manuals_example() -> None:
@@ -92,26 +86,6 @@ def test_any_payload_is_decoded_or_refused(data: bytes) -> None:
             continue
         assert isinstance(number, float)
         assert len(data) == 8 if decode is decode_float else len(data) == 4 + 4 * data[2]
-
-
-@asynccontextmanager
-async def line(reply: Callable[[int], bytes], timeout_s: float = 0.05) -> AsyncIterator[MeRs485Bus]:
-    """A peer that answers its n-th request (from 1) with reply(n), and a bus connected to it."""
-    count = 0
-
-    def on_bytes(_: bytes) -> None:
-        nonlocal count
-        count += 1
-        port.write(reply(count))
-
-    port = PtyPort(on_bytes)
-    bus = MeRs485Bus("bus1", MeRs485Settings(port=await port.start(), timeout_s=timeout_s))
-    try:
-        await bus.connect()
-        yield bus
-    finally:
-        await bus.close()
-        await port.stop()
 
 
 async def _reads(junk: bytes, late: bytes, following: float) -> bytes | None:

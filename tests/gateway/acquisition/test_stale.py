@@ -18,8 +18,8 @@ from gateway.service import Service
 from simulators.devices import Adam6015, TcpHost
 from talc.control import Controller
 from tests.benches.scripted_bus import Plant
+from tests.benches.service_file import FILE
 from tests.benches.stepped_clock import EPOCH
-from tests.gateway.test_service_reload import FILE
 
 pytestmark = pytest.mark.simulated_time
 

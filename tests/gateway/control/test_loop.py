@@ -23,9 +23,9 @@ from talc.settings import ControlSettings, LearnerSettings, TalcSettings
 from talc.training import train
 from tests.benches.kept_events import KeptEvents
 from tests.benches.nc_link_bench import Bench
+from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.thermal_series import series
-from tests.gateway.test_service_reload import FILE, TEXT
 
 STEP_S = 300.0
 NOWHERE = ((0.0, 0.0, 0.0),) * 6

@@ -19,8 +19,8 @@ from talc.frame import BoolArray, EventKind, FloatArray, Frame
 from talc.sensor_check import Judgement
 from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
+from tests.benches.plant_days import DAY, NAMES, plant_days
 from tests.benches.stepped_clock import SteppedClock
-from tests.talc.test_sensor_check import DAY, NAMES, plant_days
 
 SETTINGS = SensorCheckSettings()
 INPUTS = (*NAMES, "coolant")

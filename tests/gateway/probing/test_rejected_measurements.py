@@ -19,8 +19,8 @@ from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
 from talc.training import train
 from tests.benches.nc_link_bench import Bench
+from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import EPOCH
-from tests.gateway.test_service_reload import FILE, TEXT
 
 STEP_S = 300.0
 CALIBRATION, STEPS = 24, 60

@@ -4,7 +4,6 @@ import asyncio
 import re
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import can
@@ -15,8 +14,9 @@ from gateway.recordings import read_wire_log
 from simulators.devices import M7015, Cia404Node, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.source import SensorFault
-from tests.benches.command import Done, talc_gateway
+from tests.benches.command import talc_gateway
 from tests.benches.counted_source import CountedSource
+from tests.benches.file_waits import appears, text_of, until
 
 FRAMES = CanLogger(lambda: [20.0, -3.3, 40.0, 99.9, 22.2], lambda _: None).frames()
 
@@ -57,13 +57,6 @@ async def test_plain_can_log_is_played(tmp_path: Path) -> None:
         bus.shutdown()
         enough.set()
     assert 'kind = "can"' in (await playing).out
-
-
-async def appears(path: Path, playing: "asyncio.Task[Done]") -> None:
-    """Until the file is there; the command that makes it must not have ended."""
-    while not await asyncio.to_thread(path.exists):
-        assert not playing.done(), playing.result()
-        await asyncio.sleep(0.02)
 
 
 CONFIG = """[machine]
@@ -213,17 +206,6 @@ async def test_service_keeps_what_passed_across_a_reload(tmp_path: Path) -> None
     assert ("unit = 1" in before.config, "unit = 2" in now.config) == (True, True)
     assert {event.data[0] for event in before.events if event.passed == "sent"} == {1}
     assert {event.data[0] for event in now.events if event.passed == "received"} == {2}
-
-
-def text_of(file: Path) -> str:
-    """What the file holds now."""
-    return file.read_text(encoding="utf-8") if file.exists() else ""
-
-
-async def until(seen: Callable[[], bool]) -> None:
-    """Wait for something outside."""
-    while not seen():
-        await asyncio.sleep(0.02)
 
 
 @pytest.mark.parametrize(

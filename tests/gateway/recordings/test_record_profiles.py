@@ -16,8 +16,8 @@ from gateway.recordings import read_wire_log
 from simulators.devices import M7015, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
 from tests.benches.command import talc_gateway
+from tests.benches.file_waits import appears, text_of, until
 from tests.benches.logger_files import logger_dbc, logger_profile_text
-from tests.gateway.recordings.test_record_commands import appears, text_of, until
 
 SUPPLIED = Path(__file__).parents[3] / "drivers" / "profiles" / "icpdas_m7015.toml"
 CONFIG = """[machine]

@@ -27,10 +27,10 @@ from gateway.telemetry import keys
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from talc.sensor_check import Judgement
 from tests.benches import telemetry_examples as example
+from tests.benches.control_models import models
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_examples import configuration
-from tests.gateway.telemetry.test_telemetry import NOW, ROOT, decision, last_values, reading, telemetry
-from tests.talc.test_control import models
+from tests.benches.telemetry_peer import NOW, ROOT, decision, last_values, reading, telemetry
 
 README = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
 

@@ -5,17 +5,15 @@ import json
 import math
 import socket
 import threading
-from datetime import UTC, datetime
 from typing import Any, Literal
 
 import numpy as np
 import pytest
 import zenoh
 
-from drivers.base import Clock, Quality, SystemClock
+from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli.view import ViewState, feeding, render
-from gateway.config import Telemetry as Settings
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -27,40 +25,13 @@ from gateway.events import (
 )
 from gateway.nc import Source, Step, Write
 from gateway.probing import Outlook, Standing
-from gateway.telemetry import TelemetryError, TelemetryPublisher
-from talc.frame import Decision, Event, EventKind, Frame, Phase, Why
+from gateway.telemetry import TelemetryError
+from talc.frame import Event, EventKind, Frame, Why
 from tests.benches.free_port import free_port
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import configuration
+from tests.benches.telemetry_peer import NAMES, NOW, decision, last_values, reading, telemetry
 from tests.benches.telemetry_process import client
-
-NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
-ROOT = "talc/mill"
-NAMES = ("t0", "t1")
-
-
-def telemetry(port: int, clock: Clock | None = None) -> TelemetryPublisher:
-    settings = Settings(listen=(f"tcp/127.0.0.1:{port}",))
-    return TelemetryPublisher(settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False)
-
-
-def reading(value: float, quality: Quality = Quality.GOOD) -> Sample:
-    return Sample("t0", value, "degC", quality, NOW, 0.0, sequence=1)
-
-
-def decision(k: int) -> Decision:
-    nan = np.full(9, math.nan)
-    return Decision(k, Phase.CALIBRATION, np.arange(9.0), nan, nan, nan, None, None, ())
-
-
-def last_values(port: int) -> dict[str, Any]:
-    """What a query gives of each key, once the event is there that the test published last."""
-    found: dict[str, Any] = {}
-    with client(port) as session:
-        while f"{ROOT}/event" not in found:  # the publishing thread may still be at it
-            replies = session.get(f"{ROOT}/**", timeout=5.0)
-            found = {str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok is not None}
-    return found
 
 
 class Inbox:

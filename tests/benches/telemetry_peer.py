@@ -1,0 +1,43 @@
+"""A publisher with something to publish, and a reader of what it holds ready."""
+
+import json
+import math
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from drivers.base import Clock, Quality, SystemClock
+from gateway.acquisition import Sample
+from gateway.config import Telemetry as Settings
+from gateway.telemetry import TelemetryPublisher
+from talc.frame import Decision, Phase
+from tests.benches.telemetry_process import client
+
+NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
+ROOT = "talc/mill"
+NAMES = ("t0", "t1")
+
+
+def telemetry(port: int, clock: Clock | None = None) -> TelemetryPublisher:
+    settings = Settings(listen=(f"tcp/127.0.0.1:{port}",))
+    return TelemetryPublisher(settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False)
+
+
+def reading(value: float, quality: Quality = Quality.GOOD) -> Sample:
+    return Sample("t0", value, "degC", quality, NOW, 0.0, sequence=1)
+
+
+def decision(k: int) -> Decision:
+    nan = np.full(9, math.nan)
+    return Decision(k, Phase.CALIBRATION, np.arange(9.0), nan, nan, nan, None, None, ())
+
+
+def last_values(port: int) -> dict[str, Any]:
+    """What a query gives of each key, once the event is there that the test published last."""
+    found: dict[str, Any] = {}
+    with client(port) as session:
+        while f"{ROOT}/event" not in found:  # the publishing thread may still be at it
+            replies = session.get(f"{ROOT}/**", timeout=5.0)
+            found = {str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok is not None}
+    return found
