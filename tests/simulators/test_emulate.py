@@ -36,6 +36,7 @@ mend = 0
 STEADY = "[[at]]\ns = 0\nvalues = {}\n"
 
 
+@pytest.mark.simulated_time
 @pytest.mark.parametrize("device", DEVICES)
 async def test_device_plays_its_scenario(device: str, tmp_path: Path) -> None:
     profile, inputs = PROFILES[device]
@@ -66,6 +67,7 @@ async def test_device_plays_its_scenario(device: str, tmp_path: Path) -> None:
     assert [seen[0].value, seen[2].value] == pytest.approx([42.0, 42.0], abs=0.06)
 
 
+@pytest.mark.simulated_time
 @pytest.mark.parametrize("device", ["m7015", "pta8d08", "adam6015", "wago464"])
 async def test_scan_recognises_it(device: str) -> None:
     profile, inputs = PROFILES[device]
@@ -85,6 +87,7 @@ async def test_scan_recognises_it(device: str) -> None:
     assert (what.profile, what.doubts) == (profile, ())
 
 
+@pytest.mark.simulated_time
 @pytest.mark.parametrize("device", DEVICES)
 async def test_every_possible_number_of_inputs_is_answered_and_no_other_begins(device: str) -> None:
     profile, what = PROFILES[device][0], DEVICES[device]
