@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.recognition import Recognition
-from gateway.config import ConfigError, parse
+from gateway.config import ConfigError, ModbusRtuSection, parse
 from gateway.scan.found import Found, Place
 from gateway.scan.fragment import check, merged
 
@@ -60,6 +60,14 @@ def test_unit_at_another_speed_than_the_file_s_bus_is_a_comment(baud: int, parit
     told = f"# icpdas_m7015 at unit 2 answers as modbus_rtu /dev/rs485, {baud}, {parity}: "
     assert told + "set it as bus rtu1, which is modbus_rtu /dev/rs485, 9600, N\n" in text
     assert merged(text, [rtu(baud, parity, 2)], FILE) == text, "told once"
+
+
+@pytest.mark.parametrize("baud", [300, 600, 1200, 4_000_000])
+def test_unit_found_at_any_speed_of_a_scan_is_accepted_by_the_configuration(baud: int) -> None:
+    text = merged(BEGUN, [rtu(baud, "E", 1)], FILE)
+    [bus] = parse(text, FILE).buses
+    assert isinstance(bus, ModbusRtuSection)
+    assert (bus.baud, bus.parity) == (baud, "E")
 
 
 def test_units_at_the_speed_of_the_file_join_it_though_more_have_another() -> None:
