@@ -42,6 +42,7 @@ class Expert:
 
 EXPERTS: Final = (
     *(Expert(0.0, level) for level in (0.002, 0.01, 0.04, 0.1)),
+    Expert(10.0, 0.005),
     Expert(1.0, 0.02, direct=True),
     Expert(0.5, 0.1),
     *(Expert(a, level, drift=0.02) for a, level in product((0.5, 2.5), (0.002, 0.02))),
