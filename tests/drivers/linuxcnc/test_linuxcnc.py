@@ -80,6 +80,7 @@ async def test_offsets_are_read_back_from_where_they_act(bench: Bench) -> None:
     assert await bench.nc.read_compensation() == pytest.approx((3.0, -2.0, 0.5), abs=1e-3)
 
 
+@pytest.mark.realtime
 async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends_the_ramp(bench: Bench) -> None:
     await claimed(bench, WatchdogTerms(1.0, 20.0))
     await bench.nc.write_compensation((40.0, -10.0, 0.0))
@@ -109,9 +110,10 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
         return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
 
     await until(gone)
-    assert time.monotonic() - began == pytest.approx(1.0 + from_um / 20.0, abs=0.3)
+    assert time.monotonic() - began == pytest.approx(1.0 + from_um / 20.0, abs=0.3)  # s: LinuxCNC's own real time
 
 
+@pytest.mark.realtime
 async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_same(bench: Bench) -> None:
     await claimed(bench, WatchdogTerms(0.5, 10.0))
     await bench.nc.write_compensation((5.0, 0.0, 0.0))
@@ -130,7 +132,7 @@ async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_s
         return await bench.pin("talc-x-in-force") == 0.0
 
     await until(gone)
-    assert 0.4 + 0.5 <= time.monotonic() - killed <= 0.5 + 0.5 + 0.5
+    assert 0.4 + 0.5 <= time.monotonic() - killed <= 0.5 + 0.5 + 0.5  # LinuxCNC's own real time; 0.5 s are allowed
     assert (await bench.operator.ask("state"))["on"]  # the machine itself goes on
 
 
@@ -155,7 +157,7 @@ async def test_ramp_zero_holds_and_release_acts_at_once(bench: Bench) -> None:
     async def gone() -> bool:
         return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
 
-    assert await until(gone) < 2.0
+    assert await until(gone) < 30.0  # half of the silence after which the watchdog would act
     with pytest.raises(Refused, match="belongs to gateway 0"):
         await bench.nc.heartbeat(7)
 
