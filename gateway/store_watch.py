@@ -16,15 +16,15 @@ _ENOUGH = 1.2
 
 
 class StoreWatch:
-    """Looks at the store's health once per period.
+    """Checks the store's health once per period.
 
     Parameters
     ----------
     health: of the store
     settings: path and warn_free_mb are used
-    period_s: between two looks, s
+    period_s: between two checks, s
     notify: called with every problem as it begins and as it ends
-    sink: takes StorageChanged when something changed, and at each look while rows wait for a store that fails
+    sink: receives StorageChanged when something changed, and at each check while rows wait for a store that fails
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class StoreWatch:
         self._told = ("", False)
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Run until cancelled."""
         await self._periodic.run(self._look)
 
     async def _look(self, _: float) -> None:

@@ -24,7 +24,7 @@ def test_a_room_states_its_public_names(room: str) -> None:
 
 @pytest.mark.parametrize("room", ["talc", "drivers", "simulators", "simulators.linuxcnc"])
 def test_a_room_that_names_modules_names_each_that_is_for_others(room: str) -> None:
-    """A module that is neither named nor protected by the import linter would be nobody's decision."""
+    """Every module must be named or protected by the import linter."""
     protected = (ROOT / "pyproject.toml").read_text("utf-8")
     folder = ROOT / room.replace(".", "/")
     inside = {file.stem for file in folder.glob("*.py")} | {file.parent.name for file in folder.glob("*/__init__.py")}

@@ -69,11 +69,11 @@ class ReportData:
     held: FloatArray | None = None
     """(T, 9) the last measurements used before this step; only for a recording."""
     not_compared: str = ""
-    """Why nobody looked whether temperature sensors agree with each other; empty: it was looked for."""
+    """Why the temperature sensors were not compared with each other; empty if they were."""
     trusted: BoolArray | None = None
-    """(T, 9) the error is corrected; None: not known, of an earlier program."""
+    """(T, 9) whether the error is corrected; None: unknown, from an earlier program."""
     reasons: Reasons | None = None
-    """The latest ones, of a learner."""
+    """The latest reasons of a learner."""
     made: tuple[tuple[str, str], ...] = ()
     """What is needed to make the page of a recording again: names and texts."""
 

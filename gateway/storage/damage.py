@@ -1,6 +1,6 @@
-"""A damaged database is set aside, and what can be read of it is copied to a new one.
+"""Sets a damaged database aside, and copies what can be read of it to a new one.
 
-Damage is what SQLite finds (a page that is none, a file that is no database) and rows that are no values of this
+Damage is what SQLite finds (a page that is not one, a file that is not a database) and rows that are not values of this
 gateway. SQLite keeps no checksums of its pages: a bit that flips within a number changes the number.
 """
 
@@ -42,11 +42,11 @@ class Known:
     first_k: int | None = None
     """Of this run's steps; an earlier run's that was not read when this one began counts as lost."""
     reference: Row | None = None
-    """The first measurement that was used, from which all others count; without its id."""
+    """The first measurement that was used, the reference of all others; without its id."""
 
 
 def unreadable_rows(path: Path) -> int:
-    """How many rows are no values of this gateway, and one for pages that contradict each other.
+    """How many rows are not values of this gateway, plus one for pages that contradict each other.
 
     Raises sqlite3.Error or UnicodeDecodeError where SQLite finds damage.
     """
@@ -61,7 +61,7 @@ def unreadable_rows(path: Path) -> int:
 def mend(path: Path, why: str, now: datetime, known: Known) -> str:
     """Set the file aside and begin a new one with what can be read. Returns what was done, in words.
 
-    Nobody else may have the file open. Raises sqlite3.Error, OSError, after which the file stands under its new name.
+    No other program may have the file open. Raises sqlite3.Error or OSError; the file then has its new name.
     """
     aside = path.with_name(f"{path.name}.damaged-{now:%Y%m%dT%H%M%S}")
     for ending in ("-wal", "-shm", ""):
@@ -82,7 +82,7 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> str:
 
 
 def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
-    """How many rows of each table were read, and how many were found and are no values."""
+    """How many rows of each table were read, and how many were found but are not values."""
     counts, lost = Counter[str](), 0
     with closing(sqlite3.connect(source, timeout=10.0)) as connection:
         connection.text_factory = _text
@@ -116,7 +116,7 @@ def _insert(table: str, columns: int) -> str:
 
 
 def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known: bool) -> str:
-    """Leave nothing that contradicts what is lost; returns what that means, in words."""
+    """Remove what contradicts the lost rows; returns the consequence, in words."""
     latest = target.execute("SELECT config FROM boot ORDER BY number DESC LIMIT 1").fetchone()
     if latest is not None and (inputs := _inputs_of(latest[0])) is not None:
         target.execute("DELETE FROM frame WHERE length(inputs) <> ?", (8 * inputs,))
@@ -152,7 +152,7 @@ def _inputs_of(config: str) -> int | None:
 
 
 def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequence[str]) -> Iterator[Row]:
-    """Rows in the order of their numbers; behind a damaged page it goes on with the next that can be read."""
+    """Rows in the order of their numbers; after a damaged page it continues with the next readable one."""
     if table == "prior":  # has no row numbers
         with suppress(*UNREADABLE):
             yield from source.execute(f"SELECT {', '.join(names)} FROM {table}")

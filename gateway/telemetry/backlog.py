@@ -1,4 +1,4 @@
-"""What waits to be published: bounded, oldest first out, and by a stated policy."""
+"""The messages that wait to be published: bounded by a stated policy, the oldest dropped first."""
 
 import threading
 from collections import deque
@@ -16,8 +16,8 @@ class Outgoing(NamedTuple):
 class Backlog:
     """A queue of two kinds of messages, in the order in which they came. Any thread may use it.
 
-    Of those that may be lost the oldest goes when there are too many. Those that must arrive stay longer; beyond their
-    bounds the oldest goes too: the store has them all, and a gap in `seq` shows it.
+    When there are too many messages that may be lost, the oldest of them is dropped. Those that must arrive stay
+    longer; beyond their bounds the oldest is dropped too: the store has them all, and a gap in `seq` shows it.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Backlog:
         self.dropped_loose = self.dropped_firm = 0
 
     def put(self, suffix: str, payload: bytes, *, firm: bool) -> None:
-        """Add the newest. firm: it must arrive."""
+        """Add the newest message. firm: it must arrive."""
         with self._changed:
             self._number += 1
             waiting = Outgoing(self._number, suffix, payload)

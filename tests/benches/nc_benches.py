@@ -30,7 +30,7 @@ FINAL = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
 
 
 class NcBench(ABC):
-    """A control on the bench and the driver under test, connected; nobody has claimed it."""
+    """A control on the bench and the driver under test, connected; no gateway has claimed it."""
 
     nc: NumericalControl
     working: Mapping[str, float]

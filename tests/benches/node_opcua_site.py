@@ -28,7 +28,7 @@ class Site:
         return tuple(self.folder / name for name in names)
 
     def settings(self, url: str, name: str = "gateway", *, subscribe_s: float = 0.0) -> SinumerikSettings:
-        """Of the gateway, or of somebody else with a certificate."""
+        """Of the gateway, or of another owner of a certificate."""
         return SinumerikSettings(
             url=url,
             security="Basic256Sha256",

@@ -13,7 +13,7 @@ from talc.frame import Event, EventKind
 
 
 def client(port: int) -> zenoh.Session:
-    """A session that finds nobody but the publisher."""
+    """A session that finds only the publisher."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{port}"]')

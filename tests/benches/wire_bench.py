@@ -21,7 +21,7 @@ STALE_S, INPUTS_STALE_S, SILENCE_S = 40.0, 25.0, 4.0
 
 
 class WireClock(SteppedClock):
-    """Lets no time pass while somebody holds it: what the link does on the wire takes none."""
+    """Lets no time pass while it is held: the link's work on the wire takes none."""
 
     async def _rest(self) -> None:
         await super()._rest()

@@ -110,7 +110,7 @@ async def green(box: Box) -> None:
 
 
 async def silence(box: Box) -> None:
-    """A and B swapped, no power, another unit id, another speed: nobody hears us."""
+    """A and B swapped, no power, another unit id, another speed: no module receives our requests."""
     box.write(RTU + beds())
     await box.line({1: M7015(lambda: ROOM)}, baud=115200)
     await box.run("probe", "gateway.toml")

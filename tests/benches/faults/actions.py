@@ -70,7 +70,7 @@ def bus_off(off: bool) -> Do:
 
 
 def rebooted(plant: Plant) -> None:
-    """The node is back, says so, and waits for somebody to start it."""
+    """The node is back, sends its boot-up, and waits to be started."""
     assert plant.node is not None
     talking(plant)
     plant.send(list(plant.node.on_frame(0, bytes((Nmt.RESET_NODE, VICTIM)))))
@@ -85,7 +85,7 @@ def heartbeat(stopped: bool) -> Do:
 
 
 def wrong_type(plant: Plant) -> None:
-    """Gone, and another device is in its place: seen when it is connected anew."""
+    """The device is replaced by another one, which is noticed at the next connect."""
     silent(plant)
     plant.retype(0x0FFF)
     asyncio.get_running_loop().call_later(2 * PERIOD_S, talking, plant)
@@ -118,13 +118,13 @@ def let_go(plant: Plant) -> None:
 
 
 def half_open(plant: Plant) -> None:
-    """The other end is gone without a word, and who connects anew finds it no better."""
+    """The other end disappears silently, and new connections fail in the same way."""
     assert plant.server is not None
     plant.server.forget(True)
 
 
 def served_anew(plant: Plant) -> None:
-    """Only new connections are: those of before stay as they are, for ever."""
+    """Only new connections are affected: existing ones stay as they are."""
     assert plant.server is not None
     plant.server.forget(False)
 
@@ -188,7 +188,7 @@ def aborted(message: can.Message) -> None:
 
 
 def among(*strangers: bytes) -> Do:
-    """Before and after each frame, datagrams of somebody else."""
+    """Before and after each frame, datagrams of another program."""
     foreign = [(0.0, datagram) for datagram in strangers]
     return spoilt(lambda frame: (*foreign, (0.0, frame), *foreign), None)
 
@@ -210,5 +210,5 @@ def emergencies(plant: Plant) -> None:
 
 
 def restarted(plant: Plant) -> None:
-    """Power was gone for a moment, between two reads: the node boots, and waits for somebody to start it."""
+    """Power failed briefly between two reads: the node boots, and waits to be started."""
     asyncio.get_running_loop().call_later(PERIOD_S / 2, rebooted, plant)

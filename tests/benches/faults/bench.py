@@ -86,7 +86,7 @@ async def acquiring(*plants: Plant, limits: Mapping[str, Plausible] | None = Non
 
 
 def shows_what_was_said(plant: Plant, heard: Heard) -> None:
-    """No good reading shows what belongs to an older request, or to nobody."""
+    """No good reading shows a value that belongs to an older request, or to none."""
     for driver, source in zip(plant.drivers, plant.said, strict=True):
         for channel in driver.channels:
             before_s = 0.0

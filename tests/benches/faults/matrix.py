@@ -64,13 +64,13 @@ class Case:
     """A part of what the reading says; `|` between two that depend on the moment."""
     quality: Quality = COMM
     whole_bus: bool = False
-    """The fault is one of the wire, so the neighbour on it is gone too; only the other bus is held to its period."""
+    """The fault affects the wire, so the neighbour on it is lost too; only the other bus must keep its period."""
     whole_device: bool = False
     """All channels of the victim turn, not the first alone."""
     timeout_s: float = TIMEOUT_S
     """Of the bus."""
     then: str = ""
-    """What the reading says later, when one problem turns into another; each is told once."""
+    """What the reading says later, when one problem turns into another; each is reported once."""
 
 
 EVERY = tuple(name for name in PLANTS if name != "heartbeat")

@@ -55,7 +55,7 @@ class Plant:
     node: Cia404Node | None = None
     server: LoopbackServer | None = None
     send: Callable[[list[CanFrame]], None] = lambda _: None
-    """Frames that somebody on a CAN bus sends."""
+    """Frames that another node on a CAN bus sends."""
     retype: Callable[[int], None] = lambda _: None
     """Another type code at the victim's channel 0; 0 is the right one again."""
     stop: Sequence[Do] = ()

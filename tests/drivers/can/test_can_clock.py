@@ -35,7 +35,7 @@ class Unheard:
 
 @asynccontextmanager
 async def silent(interface: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[dict[str, object]]:
-    """Options of a bus on which nobody talks."""
+    """Options of a silent bus."""
     options: dict[str, object] = {"interface": interface, "channel": "can0"}
     match interface:
         case "slcan":

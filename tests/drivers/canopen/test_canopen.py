@@ -80,7 +80,7 @@ async def test_sensors_are_checked_again_after_the_node_started_anew(node: Cia40
 
 
 class Restarting(Cia404Node):
-    """Starts anew after so many SDO requests, with other sensors at its inputs; `starts` times, each so many later."""
+    """Restarts after so many SDO requests, with other sensors at its inputs; `starts` times, each so many later."""
 
     def __init__(self, after: int, starts: int, sensor_type: int) -> None:
         super().__init__(5, lambda: [21.0 + self.booted] * 2, inputs=2)

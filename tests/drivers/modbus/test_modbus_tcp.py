@@ -159,7 +159,7 @@ def test_answer_is_found_behind_noise(before: bytes, after: bytes, words: tuple[
 
 
 def test_any_bytes_before_an_answer_give_it_or_an_error_and_the_next_is_right() -> None:
-    """Over loopback: no crash, no hang, no value that nobody sent, and no loss of step."""
+    """Over loopback: no crash, no hang, no value that was never sent, and no loss of synchronisation."""
     noise, spoilt = b"", True
 
     def reply(number: int) -> bytes:

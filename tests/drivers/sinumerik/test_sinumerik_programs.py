@@ -190,7 +190,7 @@ def test_poses_are_those_of_the_configuration_and_of_the_emulated_control() -> N
 
 
 def test_the_page_and_the_programs_speak_of_the_same_parameters() -> None:
-    """docs/nc.md is what somebody reads who writes such programs for another control."""
+    """docs/nc.md is the reference for writing such programs for another control."""
     page = (FOLDER.parents[2] / "docs" / "nc.md").read_text()
     for name, number in SETTINGS.r_numbers():
         if not name.startswith("handshake.results"):

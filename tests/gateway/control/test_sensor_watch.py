@@ -197,7 +197,7 @@ async def test_a_learning_that_fails_is_told_once_and_tried_each_hour(
 
 
 async def test_a_judgement_that_raises_ends_nothing_and_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
-    """A model whose statistics are of too few sensors: what the thread raises is nobody's expected error."""
+    """A model with the statistics of too few sensors: no caller expects the error that the thread raises."""
 
     class Wrong(Teacher):
         async def __call__(

@@ -227,7 +227,7 @@ async def test_only_reading_is_ever_asked() -> None:
 
 @pytest.mark.simulated_time
 async def test_stopping_waits_for_the_request_under_way() -> None:
-    """What is stopped leaves no unit answering into somebody else's request."""
+    """A stopped scan leaves no unit answering into another program's request."""
     asked = asyncio.Event()
     requests: list[bytes] = []
 

@@ -17,7 +17,7 @@ from tests.benches.database import applied
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 DUMP = Path(__file__).with_name("version3.sql")
-"""Never renewed: what was written then must be read for ever."""
+"""Never renewed: what was written then must stay readable."""
 SECOND = replace(example.DECISION, k=8, events=(example.LIMIT, example.PROBLEM))
 
 
