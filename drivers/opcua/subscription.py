@@ -32,6 +32,8 @@ class Subscription:
         self._interval_s = interval_s
         self._values: dict[NodeId, DataValue] = {}
         self._subscription: subscription.Subscription | None = None
+        self._number: int | None = None
+        """Of the server's subscription that the values come from."""
 
     async def start(self) -> bool:
         """Subscribe to all nodes; False when the server offers no subscription or refuses one of the nodes."""
@@ -54,6 +56,7 @@ class Subscription:
 
     def datachange_notification(self, node: Node, _value: object, data: subscription.DataChangeNotif) -> None:
         """The methods that the library calls."""
+        self._forget_the_one_before()
         self._values[node.nodeid] = data.monitored_item.Value
 
     def status_change_notification(self, _status: ua.StatusChangeNotification) -> None:
@@ -64,6 +67,15 @@ class Subscription:
         """One value per node; None while some are missing or after the server has gone silent."""
         if self._client.state is not UaClientState.CONNECTED or self._subscription is None:
             return None
+        self._forget_the_one_before()
         if self._subscription.is_stale(_MARGIN) or len(self._values) < len(self._nodes):
             return None
         return [self._values[node] for node in self._nodes]
+
+    def _forget_the_one_before(self) -> None:
+        """The library replaces a subscription that has gone silent and then counts it as alive: until the new one has
+        reported every node, no value is known."""
+        number = self._subscription.subscription_id if self._subscription is not None else None
+        if number != self._number:
+            self._values.clear()
+            self._number = number
