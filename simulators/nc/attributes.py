@@ -23,6 +23,11 @@ PROBING = f"/Channel/Parameter/R[u1,{R_STATE}]"
 class Kernel(Protocol):
     """What the service needs of the control."""
 
+    @property
+    def out_of_service(self) -> set[str]:
+        """Names of nodes whose values the control calls bad."""
+        ...
+
     def now(self) -> float:
         """Simulated seconds, after everything that was due has been processed."""
         ...
@@ -72,7 +77,8 @@ class Attributes(AttributeService):
             elif variable.readable_with not in rights:
                 results.append(ua.DataValue(StatusCode=StatusCode(UInt32(StatusCodes.BadUserAccessDenied))))
             else:
-                results.append(ua.DataValue(_variant(variable.read(state)), SourceTimestamp=time))
+                status = _status(self._kernel, str(item.NodeId.Identifier))
+                results.append(ua.DataValue(_variant(variable.read(state)), status, time))
         return results
 
     async def write(self, params: ua.WriteParameters, user: Session = NOBODY) -> list[StatusCode]:
@@ -98,6 +104,11 @@ class Attributes(AttributeService):
         return int(StatusCodes.Good)
 
 
+def _status(kernel: Kernel, path: str) -> StatusCode:
+    bad = path in kernel.out_of_service
+    return StatusCode(UInt32(StatusCodes.BadOutOfService if bad else StatusCodes.Good))
+
+
 def _variant(value: Value) -> ua.Variant:
     match value:
         case bool():
@@ -115,15 +126,15 @@ async def add_nodes(server: Server, index: int, table: Mapping[str, Variable], k
     names that it does not list.
     """
 
-    def value_of(variable: Variable) -> Callable[[NodeId, AttributeIds], ua.DataValue]:
-        return lambda _node, _attribute: ua.DataValue(_variant(variable.read(kernel.state())))
+    def value_of(path: str, variable: Variable) -> Callable[[NodeId, AttributeIds], ua.DataValue]:
+        return lambda _node, _attribute: ua.DataValue(_variant(variable.read(kernel.state())), _status(kernel, path))
 
     folder = await server.nodes.objects.add_folder(_node_id("/Sinumerik", index), "Sinumerik")
     for path, variable in table.items():
         if path.startswith("/Channel/Parameter/R[") and path != PROBING:
             continue
         node = await folder.add_variable(_node_id(path, index), path, 0.0)
-        server.set_attribute_value_callback(node.nodeid, value_of(variable))
+        server.set_attribute_value_callback(node.nodeid, value_of(path, variable))
 
 
 def _node_id(path: str, index: int) -> NodeId:

@@ -16,6 +16,7 @@ from simulators.nc.nck import MachineState, MachineUnderControl, Nck
 from simulators.nc.program import LoadCase
 from simulators.nc.sampler import Sampler
 from simulators.nc.standard_nodes import StandardServer
+from simulators.nc.subscriptions import Subscriptions
 from simulators.nc.variables import variables
 
 NAMESPACE_URI = "SinumerikVarProvider"
@@ -36,7 +37,6 @@ class EmulatedControl:
 
     Values are computed when they are read; a task wakes, in simulated time, only for the events of the probing cycle.
     Without `users` everybody has all rights.
-    itself. Without `users` everybody may do everything.
 
     Parameters
     ----------
@@ -46,6 +46,11 @@ class EmulatedControl:
     security: None speaks without any
     subscriptions: False refuses them, like a control with too many clients
     port: 0 uses a free one
+
+    Attributes
+    ----------
+    out_of_service: names of the nodes whose values the control itself calls bad
+    sampling: False reports no more changes of subscribed nodes; their subscriptions give signs of life all the same
     """
 
     def __init__(
@@ -63,6 +68,8 @@ class EmulatedControl:
         port: int = 0,
     ) -> None:
         self.nck = Nck(machine, program, cycle=cycle, seed=seed, compensation_sign=compensation_sign)
+        self.out_of_service: set[str] = set()
+        self.sampling = True
         self._clock = clock
         self._anonymous = users is None
         self._users = Users(users)
@@ -70,12 +77,14 @@ class EmulatedControl:
         self._subscriptions = subscriptions
         self._port = port
         self._server: Server | None = None
+        self._standard: StandardServer | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._wake = asyncio.Event()
 
     async def start(self) -> str:
         """Listen on loopback; returns the URL."""
-        server = Server(StandardServer(self._users))
+        standard = StandardServer(self._users)
+        server = Server(standard)
         await server.init()
         server.disable_clock()  # a task that only publishes the time and delays stopping by a second
         server.set_server_name("emulated SINUMERIK")
@@ -98,9 +107,9 @@ class EmulatedControl:
         await add_nodes(server, index, table, self)
         if not self._subscriptions:
             server.iserver.max_subscriptions = 0
-        sampler = Sampler(server, index)
+        sampler = Sampler(server, index, self)
         await server.start()
-        self._server = server
+        self._server, self._standard = server, standard
         self._port = _port(server)
         self._tasks = [asyncio.create_task(self._work_off()), asyncio.create_task(sampler.run())]
         return f"opc.tcp://127.0.0.1:{self._port}"
@@ -116,7 +125,7 @@ class EmulatedControl:
             for session in list(self._server.iserver._external_sessions.values()):
                 await session.close_session()
             await self._server.stop()
-            self._server = None
+            self._server = self._standard = None
 
     def now(self) -> float:
         """Simulated seconds, after everything that was due has been processed."""
@@ -130,6 +139,13 @@ class EmulatedControl:
 
     def utc(self) -> datetime:
         return self._clock.utc()
+
+    @property
+    def subscriptions(self) -> Subscriptions:
+        """Of its clients. Raises RuntimeError unless it runs."""
+        if self._standard is None:
+            raise RuntimeError("the emulated control does not run: start it first")
+        return self._standard.subscriptions
 
     def wake(self) -> None:
         """Tell the task that there may be something new to wait for."""

@@ -9,11 +9,19 @@ from pathlib import Path
 from asyncua.server.address_space import AddressSpace, NodeData, NodeManagementService
 from asyncua.server.internal_server import InternalServer
 from asyncua.server.standard_address_space import standard_address_space
+from asyncua.server.user_managers import UserManager
 from asyncua.ua.uatypes import NodeId
+
+from simulators.nc.subscriptions import Subscriptions
 
 
 class StandardServer(InternalServer):
-    """A server of the library that copies the standard nodes it uses."""
+    """A server of the library that copies the standard nodes it uses, and whose subscriptions can be made to fail."""
+
+    def __init__(self, users: UserManager) -> None:
+        super().__init__(users)
+        self.subscriptions = Subscriptions(self.aspace, self)
+        self.subscription_service = self.subscriptions
 
     async def load_standard_address_space(self, shelf_file: Path | None = None) -> None:  # noqa: ARG002
         """In place of making them anew. As in the library's own loading from a shelf, nodes come when they are used."""

@@ -4,13 +4,12 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from datetime import datetime
 from pathlib import Path
 from time import monotonic
+from typing import TypeVar
 
 import pytest
-from asyncua import ua
-from asyncua.ua.status_codes import StatusCodes
-from asyncua.ua.uatypes import StatusCode, UInt32
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SystemClock, WrongDevice
 from drivers.nc import OperatingMode, ProbingState
@@ -31,6 +30,20 @@ class FrozenProgram(EmulatedControl):
         return 0.0
 
 
+class NextCycle(FrozenProgram):
+    """It begins cycle 42 after so many read requests."""
+
+    requests_left: int | None = None
+
+    def utc(self) -> datetime:  # every read request stamps its values with the time, once and first
+        if self.requests_left == 0:
+            r = self.nck.r
+            r[R_ANSWERS], r[R_STATE], r[R_RESULT_OF] = 42.0, 1.0, 0.0
+        if self.requests_left is not None:
+            self.requests_left -= 1
+        return super().utc()
+
+
 @asynccontextmanager
 async def running(control: EmulatedControl) -> AsyncIterator[str]:
     url = await control.start()
@@ -41,7 +54,14 @@ async def running(control: EmulatedControl) -> AsyncIterator[str]:
         await asyncio.get_running_loop().shutdown_default_executor()
 
 
-def emulated(users: dict[str, User] | None = None, kind: type[EmulatedControl] = EmulatedControl) -> EmulatedControl:
+C = TypeVar("C", bound=EmulatedControl)
+
+
+def emulated(users: dict[str, User] | None = None) -> EmulatedControl:
+    return of_kind(EmulatedControl, users)
+
+
+def of_kind(kind: type[C], users: dict[str, User] | None = None) -> C:
     work = MeanLoads(x=60.0)  # 1 mm/s
     return kind(Rigid(), RealClock(), LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, work)]), users=users)
 
@@ -194,7 +214,7 @@ async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, 
 
 
 async def test_done_without_the_results_of_this_request_is_no_answer() -> None:
-    control = emulated(kind=FrozenProgram)
+    control = of_kind(FrozenProgram)
     async with running(control) as url:
         nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()
@@ -209,7 +229,7 @@ async def test_done_without_the_results_of_this_request_is_no_answer() -> None:
 
 
 async def test_a_slope_that_somebody_set_shows_in_what_is_in_force() -> None:
-    control = emulated(kind=FrozenProgram)
+    control = of_kind(FrozenProgram)
     async with running(control) as url:
         nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()
@@ -238,64 +258,46 @@ async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: 
 
 @pytest.mark.parametrize("state", [3.0, 4.0, 5.0])
 async def test_what_changes_between_two_looks_at_the_same_answer_is_no_answer_yet(state: float) -> None:
-    control = emulated(kind=FrozenProgram)
+    control = of_kind(NextCycle)
     async with running(control) as url:
         nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()
-        r, read = control.nck.r, nc._session.read
+        r = control.nck.r
         r[R_REQUEST] = r[R_ANSWERS] = r[R_RESULT_OF] = 41.0
         r[R_STATE] = state
-
-        async def read_and_go_on(paths: tuple[str, ...]) -> list[float | int | bool | None]:
-            values = await read(paths)
-            r[R_ANSWERS], r[R_STATE], r[R_RESULT_OF] = 42.0, 1.0, 0.0
-            return values
-
-        nc._session.read = read_and_go_on  # type: ignore[method-assign]
+        control.requests_left = 1
         assert (await nc.probing_status(41)).state is ProbingState.REQUESTED
+        assert control.requests_left == -1, "it looked twice"
         await nc.close()
-
-
-def spoil(control: EmulatedControl, path: str) -> None:
-    """The control shows a value there, and that it is not good."""
-    assert control._server is not None
-    service = control._server.iserver.attribute_service
-    read, bad = service.read, StatusCode(UInt32(StatusCodes.BadOutOfService))
-
-    def spoiled(params: ua.ReadParameters) -> list[ua.DataValue]:
-        answers = zip(params.NodesToRead, read(params), strict=True)
-        return [ua.DataValue(v.Value, StatusCode=bad) if i.NodeId.Identifier == path else v for i, v in answers]
-
-    service.read = spoiled  # type: ignore[method-assign]
 
 
 @pytest.mark.parametrize("what", ["a position", "a state", "the mode", "an alarm", "a result"])
 async def test_a_value_that_the_control_itself_calls_bad_is_no_value(what: str) -> None:
-    control = emulated(kind=FrozenProgram)
+    control = of_kind(FrozenProgram)
     async with running(control) as url:
         nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()
         good = await nc.snapshot()
         assert (good.ready, good.mode) == (True, OperatingMode.AUTO)
         if what == "a position":
-            spoil(control, "/Channel/MachineAxis/actToolBasePos[u1,2]")
+            control.out_of_service.add("/Channel/MachineAxis/actToolBasePos[u1,2]")
             with pytest.raises(BadAnswer, match=r"actToolBasePos\[u1,2\] has no value"):
                 await nc.snapshot()
         elif what == "a state":
-            spoil(control, "/Channel/Spindle/actSpeed[u1,1]")
+            control.out_of_service.add("/Channel/Spindle/actSpeed[u1,1]")
             assert set(good.states) - set((await nc.snapshot()).states) == {"spindle_speed"}
         elif what == "the mode":
-            spoil(control, "/Bag/State/opMode[u1]")
+            control.out_of_service.add("/Bag/State/opMode[u1]")
             assert (await nc.snapshot()).mode is OperatingMode.UNKNOWN
         elif what == "an alarm":
-            spoil(control, "/Nck/SequencedAlarms/textIndex[2]")
+            control.out_of_service.add("/Nck/SequencedAlarms/textIndex[2]")
             assert (await nc.snapshot()).ready is False, "it may be the emergency stop"
         else:
             r = control.nck.r
             r[R_REQUEST] = r[R_ANSWERS] = r[R_RESULT_OF] = 41.0
             r[R_STATE] = 3.0
             assert (await nc.probing_status(41)).state is ProbingState.DONE
-            spoil(control, "/Channel/Parameter/R[u1,75]")
+            control.out_of_service.add("/Channel/Parameter/R[u1,75]")
             with pytest.raises(BadAnswer, match=r"R\[u1,75\] has no value"):
                 await nc.probing_status(41)
         await nc.close()

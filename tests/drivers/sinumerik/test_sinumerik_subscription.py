@@ -6,9 +6,7 @@ from contextlib import asynccontextmanager
 from datetime import datetime
 
 import pytest
-from asyncua.server.internal_subscription import InternalSubscription
 from asyncua.ua.status_codes import StatusCodes
-from asyncua.ua.uatypes import StatusCode, UInt32
 
 from drivers.base import DriverError, SystemClock
 from drivers.nc import NcSnapshot, OperatingMode
@@ -30,10 +28,6 @@ class Counting(EmulatedControl):
     def utc(self) -> datetime:
         self.requests += 1  # every read request stamps its values with the time, once
         return super().utc()
-
-    def subscriptions(self) -> list[InternalSubscription]:
-        assert self._server is not None
-        return list(self._server.iserver.subscription_service.subscriptions.values())
 
 
 @asynccontextmanager
@@ -110,11 +104,7 @@ async def told(nc: Sinumerik, control: Counting) -> None:
 async def test_a_subscription_that_falls_silent_is_believed_no_longer() -> None:
     async with watched() as (nc, control):
         await told(nc, control)
-        assert nc._session._client is not None
-        nc._session._client._stale_check_margin = 1e9  # the library makes a new one, some time later
-        for subscription in control.subscriptions():
-            assert subscription._task is not None
-            subscription._task.cancel()  # it publishes nothing more, no sign of life either; reads are answered
+        await control.subscriptions.fall_silent()  # also those that the library makes anew; reads are answered
         control.nck.set_mode(JOG, 0.0)
         assert (await nc.snapshot()).mode is OperatingMode.AUTO, "as told last"
         await until(nc.snapshot, lambda s: s.mode is OperatingMode.JOG, limit_s=5.0)
@@ -123,10 +113,9 @@ async def test_a_subscription_that_falls_silent_is_believed_no_longer() -> None:
 async def test_a_subscription_whose_status_changes_is_believed_no_longer_though_it_gives_signs_of_life() -> None:
     async with watched() as (nc, control):
         await told(nc, control)
-        control._tasks[1].cancel()  # no changes are told any more
+        control.sampling = False  # no changes are told any more
         control.nck.set_mode(JOG, 0.0)
         await asyncio.sleep(1.5)  # longer than a sign of life takes to come
         assert (await nc.snapshot()).mode is OperatingMode.AUTO
-        for subscription in control.subscriptions():
-            await subscription.monitored_item_srv.trigger_statuschange(StatusCode(UInt32(StatusCodes.BadTimeout)))
+        await control.subscriptions.change_status(StatusCodes.BadTimeout)
         await until(nc.snapshot, lambda s: s.mode is OperatingMode.JOG)
