@@ -5,7 +5,7 @@ Another implementation joins by a class that derives from NcBench and an entry i
 
 import asyncio
 from abc import ABC, abstractmethod
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
@@ -44,7 +44,7 @@ class NcBench(ABC):
 
     @abstractmethod
     async def wait(self, seconds: float) -> None:
-        """Let the control's time pass."""
+        """Let the control's time pass: a program of others has the computer's, an emulated control the test's."""
 
     @abstractmethod
     async def work(self) -> None:
@@ -78,8 +78,12 @@ class NcBench(ABC):
     async def alive(self, owner: int, terms: WatchdogTerms) -> None:
         """Claim the control and beat until its watchdog watches."""
         await self.nc.claim(owner, terms)
-        async with asyncio.timeout(10.0):
-            while not await self.nc.heartbeat(owner):
+        await self.until(lambda: self.nc.heartbeat(owner))
+
+    async def until(self, condition: Callable[[], Awaitable[bool]]) -> None:
+        """Let the control's time pass until something is so; fails after a minute of the computer's time."""
+        async with asyncio.timeout(60.0):
+            while not await condition():
                 await self.wait(self.tick_s)
 
 

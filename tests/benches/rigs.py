@@ -53,7 +53,8 @@ class Rig:
     spoil_identity: Callable[[], None]
     wire: Spoilable
     settle_s: float = 0.0
-    """Of a device that sends by itself: how long until what changed is seen and what came before is too old."""
+    """Of a device that sends by itself: how long until what changed is seen and what came before is too old. It passes
+    on simulated time, whole, however busy the computer is."""
 
     async def break_sensor(self, channel: int, fault: SensorFault | None) -> None:
         self.faults.set(channel, fault)

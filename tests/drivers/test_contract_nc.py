@@ -27,8 +27,8 @@ async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator
 
 
 async def shows(bench: NcBench, wanted: Callable[[NcSnapshot], bool]) -> None:
-    """Within real seconds: a control that tells of changes does so a moment later."""
-    async with asyncio.timeout(5.0):
+    """A control that tells of changes does so a moment later, by the computer's time."""
+    async with asyncio.timeout(60.0):
         while not wanted(await bench.nc.snapshot()):
             await asyncio.sleep(0.02)
 
@@ -156,19 +156,27 @@ async def test_one_gateway_at_a_time_and_what_it_leaves_goes_to_zero(bench: NcBe
     with pytest.raises(Refused):
         await bench.nc.claim(8, WATCH)
     await bench.nc.release(7)
-    for _ in range(100):
-        if await bench.nc.read_compensation() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3):
-            break
-        await bench.wait(bench.tick_s)
-    else:
-        raise AssertionError("the offsets do not go away")
+
+    async def gone() -> bool:
+        return await bench.nc.read_compensation() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+
+    await bench.until(gone)
     await bench.alive(8, WATCH)
 
 
 async def test_silence_is_noticed_and_the_next_beat_says_so(bench: NcBench) -> None:
-    await bench.alive(7, WatchdogTerms(silence_s=4 * bench.tick_s, ramp_um_per_s=0.0))
+    await bench.alive(7, WatchdogTerms(silence_s=40 * bench.tick_s, ramp_um_per_s=20.0))
+    await bench.nc.write_compensation((20.0, 0.0, 0.0))
+
+    async def written() -> bool:
+        return (await bench.nc.read_compensation())[0] == pytest.approx(20.0, abs=2e-3)
+
+    async def ramping() -> bool:
+        return (await bench.nc.read_compensation())[0] < 19.0
+
+    await bench.until(written)
     assert await bench.nc.heartbeat(7) is True
-    await bench.wait(20 * bench.tick_s)
+    await bench.until(ramping)
     assert await bench.nc.heartbeat(7) is False
 
 

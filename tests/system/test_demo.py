@@ -247,6 +247,11 @@ def test_what_contradicts_itself_is_refused(tmp_path: Path, more: tuple[str, ...
     assert (done.returncode, said in done.stderr) == (2, True), done.stderr
 
 
+def measurements(database: Path) -> int:
+    with History(database) as history:
+        return len(history.measurements())
+
+
 def test_ctrl_c_ends_everything_and_the_store_can_go_on(tmp_path: Path) -> None:
     port = free_port()
     process = subprocess.Popen(
@@ -256,11 +261,10 @@ def test_ctrl_c_ends_everything_and_the_store_can_go_on(tmp_path: Path) -> None:
     connect(port, process).close()
     assert len(machine_pids(tmp_path)) == 1
     database = tmp_path / "gateway.sqlite"
-    deadline = time.monotonic() + 60.0
-    while time.monotonic() < deadline:
-        with History(database) as history:
-            if len(history.measurements()) >= 2:
-                break
+    deadline = time.monotonic() + LIMIT_S
+    while measurements(database) < 2:
+        assert process.poll() is None, "the demo ended by itself"
+        assert time.monotonic() < deadline, f"fewer than two measurements within {LIMIT_S:g} s"
         time.sleep(0.2)
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=60.0)

@@ -101,7 +101,7 @@ async def test_values_that_it_sends_by_its_timer() -> None:
             good, broken = await driver.read()
             assert good.value == pytest.approx(-12.34)
             assert broken.quality is Quality.SENSOR_FAULT
-            await asyncio.sleep(0.05)
+            await asyncio.sleep(0.05)  # the pace of its timer: the next values
 
 
 async def test_its_emergency_explains_the_fault(wire: tuple[Bus, Peer]) -> None:

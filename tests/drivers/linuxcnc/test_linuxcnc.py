@@ -1,6 +1,5 @@
 """The driver against the real LinuxCNC with the agent of deploy/nc/linuxcnc. Needs Debian's linuxcnc-uspace."""
 
-import asyncio
 import socket
 import time
 from collections.abc import AsyncIterator
@@ -21,6 +20,11 @@ pytestmark = pytest.mark.peer
 async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
     async with running(tmp_path, {"SLEW": 1.0}) as it:
         yield it
+
+
+async def pass_time(bench: Bench, seconds: float) -> None:
+    """By the clock of LinuxCNC's own real-time thread, which counts while it moves an axis from 0."""
+    await bench.operator.ask("mdi", f"G53 G1 X{50.0 * seconds} F3000")
 
 
 async def test_snapshot_tells_what_the_control_does(bench: Bench) -> None:
@@ -102,7 +106,7 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
     assert 0 < there[0] < 40.0
     assert there[1] > -10.0
     async with bench.beating(7):
-        await asyncio.sleep(0.2)
+        await pass_time(bench, 0.2)  # a ramp would take 4 µm
         assert await bench.nc.read_compensation() == pytest.approx(there, abs=0.2)
     began, from_um = time.monotonic(), there[0]
 
@@ -138,14 +142,15 @@ async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_s
 
 async def test_ramp_zero_holds_and_release_acts_at_once(bench: Bench) -> None:
     await claimed(bench, WatchdogTerms(0.2, 0.0))
-    await bench.nc.write_compensation((2.0, 0.0, 0.0))
+    async with bench.beating(7):
+        await bench.nc.write_compensation((2.0, 0.0, 0.0))
 
     async def silent() -> bool:
         return bool(await bench.operator.ask("hal", "getp", "talc.watching") == "FALSE")
 
     await until(silent)
     held = await bench.nc.read_compensation()
-    await asyncio.sleep(0.3)
+    await pass_time(bench, 0.3)
     assert await bench.nc.read_compensation() == held
     assert held[0] > 0
 

@@ -88,7 +88,7 @@ async def client(port: int) -> AsyncIterator[Line]:
     async with line(port) as it:
         assert "status" in (await it.login())["answer"]
         assert await it.ask(do="claim", owner=1, silence_s=60.0, ramp_um_per_s=1.0) == {"answer": None}
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(60.0):
             while await it.ask(do="heartbeat", owner=1) != {"answer": True}:
                 await asyncio.sleep(0.01)
         yield it
