@@ -36,8 +36,8 @@ from gateway.storage.waiting import Kind
 from gateway.storage.writer import DatabaseWriter
 
 _SECONDS_PER_DAY = 86400.0
-_NUMBER_WITHIN_S = 2.0
-"""How long the event loop waits for the number of a probing request to be on the disk."""
+_NUMBER_WITHIN_S = 5.0
+"""How long the event loop waits for the number of a probing request to be on the disk; half of the usual watchdog."""
 
 
 class Store:
@@ -161,8 +161,10 @@ class Store:
                 put("INSERT INTO frame VALUES (?, ?, ?, ?, ?, ?)", [rows.of_frame(self._boot, frame)])
             case DecisionMade(decision):
                 put("INSERT OR REPLACE INTO trust VALUES (?, ?)", [rows.of_trust(decision)])
-                put(
-                    "INSERT INTO decision VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [rows.of_decision(decision)], commit=True
+                put(  # REPLACE: a damaged table may still hide a decision on this frame
+                    "INSERT OR REPLACE INTO decision VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                    [rows.of_decision(decision)],
+                    commit=True,
                 )
             case ProbingRequested(number):
                 put("DELETE FROM request", [()])  # only the last one matters

@@ -254,6 +254,7 @@ def main() -> None:
     while not ended:
         server.turn()
         control.step()
+    server.close()
     pins.exit()
 
 

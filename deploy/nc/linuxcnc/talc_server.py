@@ -53,6 +53,13 @@ class Server:
         for client in [c for c in self._clients if c.session is None and time.monotonic() - c.heard_s > LOGIN_S]:
             self._drop(client)
 
+    def close(self) -> None:
+        """Close the port and every connection."""
+        for client in list(self._clients):
+            self._drop(client)
+        self._selector.close()
+        self._listener.close()
+
     def _welcome(self) -> None:
         """Accept all waiting connections, so that no queue forms; at most as many as there are places."""
         for _ in range(MOST_STRANGERS):

@@ -28,9 +28,9 @@ class Serving:
         assert spec.loader is not None
         self.module: Any = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(self.module)
-        self._listener = socket.create_server(("127.0.0.1", 0), backlog=128)
-        self.address = self._listener.getsockname()
-        self._server = self.module.Server(self._listener, KEY, {"say": lambda command: command["what"]})
+        listener = socket.create_server(("127.0.0.1", 0), backlog=128)
+        self.address = listener.getsockname()
+        self._server = self.module.Server(listener, KEY, {"say": lambda command: command["what"]})
         (folder / "talc.key").write_bytes(KEY)
         self._settings = LinuxCncSettings(key_file=folder / "talc.key", port=self.address[1], timeout_s=5.0)
         self._ending = threading.Event()
@@ -47,7 +47,7 @@ class Serving:
     def stop(self) -> None:
         self._ending.set()
         self._thread.join()
-        self._listener.close()
+        self._server.close()
 
 
 @pytest.fixture
