@@ -146,7 +146,7 @@ def rows() -> list[BenchRow]:
                 )
             )
         hourly = list(pool.map(_curve, *zip(*((*m, _HOUR, None) for m in machines), strict=True)))
-        table.append(_curve_row("hourly from the begin, 16 machines", hourly, "≤ 0.85, 0.42, 0.22, 0.14"))
+        table.append(_curve_row("hourly from the start, 16 machines", hourly, "≤ 0.85, 0.42, 0.22, 0.14"))
         prior = make_prior(list(pool.map(_learnt, range(7))))
         mirrored = replace(prior, mean=-prior.mean)
         order = np.random.default_rng(0).permutation(len(prior.inputs))
