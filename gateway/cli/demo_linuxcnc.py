@@ -23,7 +23,7 @@ from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
-from gateway.probing import Outcome
+from gateway.probing import End, Outcome
 from simulators.linuxcnc.machine import HURRY, LinuxCncMachine, machine, missing
 from simulators.plant import Environment, MachineDrive, Plant, load
 from talc.frame import Decision, FloatArray, Measurement, Phase, Why
@@ -37,7 +37,7 @@ _LOADS = MachineDrive(
     speed_x=6000.0, speed_y=6000.0, speed_a=15.0, speed_c=400.0, spindle_speed=6000.0, coolant_on=True
 )
 _RADIUS_MM, _HEIGHT_MM = 200.0, 80.0
-_CYCLE_LIMIT_S, _POLL_S, _PERIOD_S = 240.0, 0.2, 0.05
+_CYCLE_LIMIT_S, _REFUSED_LIMIT_S, _POLL_S, _PERIOD_S = 240.0, 60.0, 0.2, 0.05
 _MACHINE = {
     **HURRY,
     "SPHERE_RADIUS": _RADIUS_MM,
@@ -118,15 +118,13 @@ async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Anno
     link = NcLink(nc, clock, LinkSettings.of(config), Earlier(first_number=1), told)
     try:
         async with _running(link):
-            while link.present is None:
-                await clock.sleep_until(clock.monotonic() + _PERIOD_S)
             say("cycle 1, the reference: A and C to six poses, nine to eleven touches at each")
-            reference = _done(await link.measure(Why.INTERVAL)).centres_mm
+            reference = (await _measured(link)).centres_mm
             say(f"the machine works for {HOURS:g} hours")
             true = _work()
             await operator.ask("deform", true.tolist())
             say("cycle 2, without compensation")
-            outcome = _done(await link.measure(Why.INTERVAL))
+            outcome = await _measured(link)
             if reference is None or outcome.centres_mm is None or outcome.measurement is None:
                 raise DriverError("the cycle returned no centres")
             link.follow(_decision(outcome.measurement.errors))
@@ -191,11 +189,21 @@ async def _silent(operator: LinuxCncMachine) -> FloatArray:
     return np.asarray(rows)
 
 
-def _done(outcome: Outcome) -> Outcome:
-    """The result. Raises DriverError with the reason when there is none."""
-    if outcome.measurement is None:
-        raise DriverError(f"cycle {outcome.number}: {outcome.reason}")
-    return outcome
+async def _measured(link: NcLink) -> Outcome:
+    """The result of a cycle. Raises DriverError with the reason when there is none.
+
+    A control that pauses, as LinuxCNC does on a computer with other work, refuses; it is asked again when it is there.
+    """
+    until = time.monotonic() + _REFUSED_LIMIT_S
+    while True:
+        while link.present is None and time.monotonic() < until:
+            await asyncio.sleep(_POLL_S)
+        outcome = await link.measure(Why.INTERVAL)
+        if outcome.measurement is not None:
+            return outcome
+        if outcome.end is not End.REFUSED or time.monotonic() >= until:
+            raise DriverError(f"cycle {outcome.number}: {outcome.reason}")
+        await asyncio.sleep(_POLL_S)
 
 
 def _decision(errors: FloatArray) -> Decision:

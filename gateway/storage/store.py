@@ -36,6 +36,7 @@ from gateway.storage.waiting import Kind
 from gateway.storage.writer import DatabaseWriter
 
 _SECONDS_PER_DAY = 86400.0
+_MOST_BOOTS = 2**31
 _NUMBER_WITHIN_S = 5.0
 """How long the event loop waits for the number of a probing request to be on the disk; half of the usual watchdog."""
 
@@ -161,8 +162,8 @@ class Store:
                 put("INSERT INTO frame VALUES (?, ?, ?, ?, ?, ?)", [rows.of_frame(self._boot, frame)])
             case DecisionMade(decision):
                 put("INSERT OR REPLACE INTO trust VALUES (?, ?)", [rows.of_trust(decision)])
-                put(  # REPLACE: a damaged table may still hide a decision on this frame
-                    "INSERT OR REPLACE INTO decision VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                put(
+                    "INSERT INTO decision VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
                     [rows.of_decision(decision)],
                     commit=True,
                 )
@@ -206,7 +207,9 @@ def _next_boot(connection: sqlite3.Connection) -> int:
     row = connection.execute(
         "SELECT max(coalesce((SELECT max(number) FROM boot), 0), coalesce((SELECT max(boot) FROM sample), 0))"
     ).fetchone()
-    return int(row[0]) + 1
+    if not (isinstance(row[0], int) and row[0] < _MOST_BOOTS):
+        raise DamagedError("the number of a run is not one")
+    return row[0] + 1
 
 
 def _remove_torn_step(connection: sqlite3.Connection) -> None:

@@ -16,6 +16,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from gateway.events import StoreHealth
+from gateway.storage.damage import contradiction
 from gateway.storage.schema import DamagedError, StoreError, connect, is_damage
 from gateway.storage.waiting import Item, Kind, Rows, Waiting
 
@@ -239,10 +240,9 @@ class DatabaseWriter:
             connection.executemany(item.statement, item.rows)
         except _REFUSED as error:
             if not self._refused:
-                # Of pages that contradict each other no row may be added either.
-                (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-                if found != "ok":
-                    raise DamagedError(str(found)) from error
+                # Pages that contradict each other may refuse any row.
+                if found := contradiction(connection):
+                    raise DamagedError(found) from error
                 log.exception("%s: refuses %s", self._path, item.statement)
             with self._changed:
                 self._refused += len(item.rows)
