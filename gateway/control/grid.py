@@ -10,8 +10,6 @@ import numpy as np
 from drivers.base import Reading
 from talc.frame import Frame, Measurement
 
-"""Qualities that may enter a model. All others are masked, however plausible the number."""
-
 
 @dataclass(frozen=True, slots=True)
 class Instant:

@@ -1,20 +1,57 @@
-"""A small configuration that a whole service runs with, and the largest of the valid cases."""
+"""Small configurations that a whole service runs with, and the largest of the valid cases."""
 
 from pathlib import Path
 
 FILE = Path(__file__).parents[1] / "gateway" / "config" / "cases" / "valid" / "gateway.toml"
-TEXT = """
+MACHINE = """
 [machine]
 name = "mill"
+"""
+UNPUBLISHED = f"""{MACHINE}
+[telemetry]
+enabled = false
+"""
+"""A machine that opens no Zenoh session."""
+
+
+def rtu_bus(port: str = "/nowhere/adapter", fields: str = "") -> str:
+    """The bus `rtu1`."""
+    return f"""
 [[bus]]
 name = "rtu1"
 kind = "modbus_rtu"
-port = "/nowhere/adapter"
-[[device]]
-name = "rtd1"
-bus = "rtu1"
-profile = "icpdas_m7015"
-unit = 1
-[device.channels]
-bed_front = 0
+port = "{port}"
+{fields}
 """
+
+
+def m7015(
+    name: str = "rtd1", unit: int | str = 1, channels: str = "bed_front = 0", profile: str = "icpdas_m7015"
+) -> str:
+    """A thermometer module on `rtu1`."""
+    return f"""
+[[device]]
+name = "{name}"
+bus = "rtu1"
+profile = "{profile}"
+unit = {unit}
+channels = {{ {channels} }}
+"""
+
+
+def adam6015(channels: str) -> str:
+    """A thermometer module on a bus of its own, which no test connects to."""
+    return f"""
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "nowhere"
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+channels = {{ {channels} }}
+"""
+
+
+TEXT = MACHINE + rtu_bus() + m7015()

@@ -1,6 +1,6 @@
 """A record with known physics for tests of training and control: first-order responses to random heat, closed form."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,3 +36,10 @@ def series(steps: int, seed: int, *, sensors: int = 12, pole: float = 0.95) -> S
     inputs = np.round(temperatures + draw.normal(0, 0.05, temperatures.shape), 1)
     measured = truth + draw.normal(0, 0.5, truth.shape)
     return Series(tuple(f"t{i}" for i in range(sensors)), inputs, truth, measured)
+
+
+def without_ninth(made: Series) -> Series:
+    """The same with errors counted from the first step, and the ninth zero."""
+    truth = made.truth - made.truth[0]
+    truth[:, 8] = 0.0
+    return replace(made, truth=truth, measured=truth + made.measured - made.truth)

@@ -1,6 +1,7 @@
 """A command builds each bus and device once, and the check of a configuration builds none."""
 
 import asyncio
+import tomllib
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -13,34 +14,15 @@ from drivers.modbus import ModbusDevice, ModbusRtuBus
 from gateway.acquisition import Acquisition, Board, apply, lines_of
 from gateway.cli.running import serve
 from gateway.config import ConfigError, GatewayConfig, load
+from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 from tests.benches.stepped_clock import SteppedClock
 
-TEXT = """
-[machine]
-name = "mill"
-[telemetry]
-enabled = false
-[[bus]]
-name = "rtu1"
-kind = "modbus_rtu"
-port = "/nowhere/adapter"
+CAN = """
 [[bus]]
 name = "can1"
 kind = "canopen"
 interface = "slcan"
 channel = "/nowhere/can"
-[[device]]
-name = "rtd1"
-bus = "rtu1"
-profile = "icpdas_m7015"
-unit = 1
-channels = { bed_front = 0 }
-[[device]]
-name = "rtd2"
-bus = "rtu1"
-profile = "icpdas_m7015"
-unit = 2
-channels = { bed_rear = 0 }
 [[device]]
 name = "node"
 bus = "can1"
@@ -49,6 +31,7 @@ unit = 5
 options = { vendor = "jumo" }
 channels = { spindle = 0 }
 """
+TEXT = UNPUBLISHED + rtu_bus() + m7015() + m7015("rtd2", 2, "bed_rear = 0") + CAN
 EACH_ONCE = {"rtu1": 1, "can1": 1, "rtd1": 1, "rtd2": 1, "node": 1}
 
 
@@ -98,16 +81,10 @@ def test_the_check_still_finds_what_a_driver_refuses(tmp_path: Path, right: str,
     assert changed != TEXT
     with pytest.raises(ConfigError) as found:
         configuration(tmp_path, changed)
-    whole = good.model_dump(by_alias=True) | {"device": _devices(changed)}
+    whole = good.model_dump(by_alias=True) | {"device": tomllib.loads(changed)["device"]}
     with pytest.raises(SetupError) as refused:
         lines_of(GatewayConfig.model_validate(whole), SteppedClock())
     assert refused.value.what in str(found.value)
-
-
-def _devices(text: str) -> object:
-    import tomllib
-
-    return tomllib.loads(text)["device"]
 
 
 async def test_run_makes_each_once(tmp_path: Path, made: Counter[str]) -> None:

@@ -19,29 +19,17 @@ from gateway.replay import replay
 from gateway.storage import History, Store, StoreError
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement
+from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import SteppedClock
 
-TEXT = """
-[machine]
-name = "mill"
+TEXT = f"""{MACHINE}
 [storage]
 path = "gateway.sqlite"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "nowhere"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-bed = 0
-column = 1
 [talc]
 method = "models"
 [talc.control]
 calibration_steps = 36
-"""
+""" + adam6015("bed = 0, column = 1")
 STEPS = 60
 SUSPECT = Event(EventKind.SENSOR_SUSPECT, "bed is off by +2.0 K against the other sensors", value=2.0)
 AGREE = Event(EventKind.SENSORS_AGREE, "the sensors agree with each other again")

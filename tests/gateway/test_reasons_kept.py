@@ -18,25 +18,14 @@ from gateway.storage import History, Store
 from talc.control import Controller
 from talc.frame import Frame, Measurement
 from talc.learner import Reasons
+from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.thermal_series import series
 
-CHANNELS = "".join(f"t{i} = {i}\n" for i in range(6))
-TEXT = f"""
-[machine]
-name = "mill"
+TEXT = f"""{MACHINE}
 [storage]
 path = "gateway.sqlite"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "127.0.0.1"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-{CHANNELS}"""
+""" + adam6015(", ".join(f"t{i} = {i}" for i in range(6)))
 STEPS = 120
 
 

@@ -11,24 +11,9 @@ from pathlib import Path
 from gateway.config import load
 from gateway.storage import History
 from tests.benches.database import applied
+from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 
-TEXT = """
-[machine]
-name = "mill"
-[telemetry]
-enabled = false
-[[bus]]
-name = "rtu1"
-kind = "modbus_rtu"
-port = "/nowhere/adapter"
-[[device]]
-name = "rtd1"
-bus = "rtu1"
-profile = "icpdas_m7015"
-unit = 1
-[device.channels]
-bed_front = 0
-"""
+TEXT = UNPUBLISHED + rtu_bus() + m7015()
 LONGEST_S = 60.0
 
 

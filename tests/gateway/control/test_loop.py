@@ -125,7 +125,7 @@ async def test_the_learner_says_why_after_each_measurement_and_each_hour() -> No
 
 async def test_a_restart_remembers_since_when_an_input_is_missing(tmp_path: Path) -> None:
     day = series(288, seed=41)
-    channels = "\n".join(f"{name} = {i % 6}" for i, name in enumerate(day.names[:6]))
+    channels = ", ".join(f"{name} = {i % 6}" for i, name in enumerate(day.names[:6]))
     more = "\n".join(f"{name} = {i % 6}" for i, name in enumerate(day.names[6:]))
     text = (
         TEXT.replace("bed_front = 0", channels)

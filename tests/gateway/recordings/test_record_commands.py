@@ -17,6 +17,7 @@ from simulators.devices.source import SensorFault
 from tests.benches.command import talc_gateway
 from tests.benches.counted_source import CountedSource
 from tests.benches.file_waits import appears, text_of, until
+from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 
 FRAMES = CanLogger(lambda: [20.0, -3.3, 40.0, 99.9, 22.2], lambda _: None).frames()
 
@@ -159,39 +160,20 @@ async def test_existing_recording_is_not_overwritten(tmp_path: Path) -> None:
     assert file.read_text(encoding="utf-8") == "what happened last night"
 
 
-RUNNING = """[machine]
-name = "mill"
-[telemetry]
-enabled = false
-[[bus]]
-name = "rtu1"
-kind = "modbus_rtu"
-port = "{port}"
-period_s = 0.05
-timeout_s = 0.5
-[[device]]
-name = "rtd1"
-bus = "rtu1"
-profile = "icpdas_m7015"
-unit = {unit}
-channels = {{ bed = 0 }}
-"""
-
-
 async def test_service_keeps_what_passed_across_a_reload(tmp_path: Path) -> None:
     """A unit id that was wrong is mended while the gateway runs: each file holds what was then configured."""
     config, wire = tmp_path / "gateway.toml", tmp_path / "field.wire"
     wire.write_text("of an earlier run", encoding="utf-8")
     line = RtuLine({2: M7015(lambda: [20.0] * 6)})
-    port = await line.start()
-    config.write_text(RUNNING.format(port=port, unit=1), encoding="utf-8")
+    bus = UNPUBLISHED + rtu_bus(await line.start(), "period_s = 0.05\ntimeout_s = 0.5")
+    config.write_text(bus + m7015(unit=1), encoding="utf-8")
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "gateway", "run", str(config), "--record", str(wire)), stderr=asyncio.subprocess.PIPE
     )
     try:
         async with asyncio.timeout(60):
             await until(lambda: " > 01" in text_of(wire))
-            config.write_text(RUNNING.format(port=port, unit=2), encoding="utf-8")
+            config.write_text(bus + m7015(unit=2), encoding="utf-8")
             process.send_signal(signal.SIGHUP)
             await until(lambda: text_of(wire).count(" < 02") >= 3)
             process.send_signal(signal.SIGTERM)

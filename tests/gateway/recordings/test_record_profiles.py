@@ -18,30 +18,16 @@ from simulators.devices.can_logger import CanLogger
 from tests.benches.command import talc_gateway
 from tests.benches.file_waits import appears, text_of, until
 from tests.benches.logger_files import logger_dbc, logger_profile_text
+from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 
 SUPPLIED = Path(__file__).parents[3] / "drivers" / "profiles" / "icpdas_m7015.toml"
-CONFIG = """[machine]
-name = "mill"
-[telemetry]
-enabled = false
-[[bus]]
-name = "rtu1"
-kind = "modbus_rtu"
-port = "{rtu}"
-period_s = 0.2
-timeout_s = 0.5
+CAN = """
 [[bus]]
 name = "can1"
 kind = "can"
 interface = "slcan"
 channel = "{can}"
 timeout_s = 2.0
-[[device]]
-name = "rtd1"
-bus = "rtu1"
-profile = "modbus/mine.toml"
-unit = 1
-channels = {{ bed = 0, column = 4 }}
 [[device]]
 name = "logger"
 bus = "can1"
@@ -64,7 +50,9 @@ def machine(folder: Path, rtu: str = "/dev/a", can: str = "/dev/b", dbc: str = "
     described = logger_dbc() + 'CM_ "Wärme °C";\n'
     (folder / "dbc files" / "plant.dbc").write_text(described, encoding="cp1252", newline="\r\n")
     file = folder / "gateway.toml"
-    file.write_text(CONFIG.format(rtu=rtu, can=can), encoding="utf-8")
+    modbus = rtu_bus(rtu, "period_s = 0.2\ntimeout_s = 0.5")
+    module = m7015(channels="bed = 0, column = 4", profile="modbus/mine.toml")
+    file.write_text(UNPUBLISHED + modbus + module + CAN.format(can=can), encoding="utf-8")
     return file
 
 

@@ -8,7 +8,7 @@ import pytest
 from talc.control import Controller
 from talc.frame import Decision, EventKind, FloatArray, Frame, Measurement, Phase, Why
 from talc.settings import LearnerSettings, TalcSettings
-from tests.benches.thermal_series import Series, series
+from tests.benches.thermal_series import Series, series, without_ninth
 
 SETTINGS = TalcSettings(method="learner")
 SIGMA = np.full(9, 0.5)
@@ -18,10 +18,7 @@ FIELDS = ("predicted", "corrected", "sigma", "limits", "trusted")
 @pytest.fixture(scope="module")
 def days() -> Series:
     """Two days; the ninth error is zero."""
-    made = series(576, 3)
-    truth = made.truth - made.truth[0]
-    truth[:, 8] = 0.0
-    return replace(made, truth=truth, measured=truth + made.measured - made.truth)
+    return without_ninth(series(576, 3))
 
 
 def step(controller: Controller, days: Series, k: int, at: int, measured: bool) -> Decision:

@@ -9,7 +9,7 @@ from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement, Why
 from talc.learner import KINDS, make_prior
 from talc.settings import LearnerSettings, TalcSettings
-from tests.benches.thermal_series import Series, series
+from tests.benches.thermal_series import Series, series, without_ninth
 
 SIGMA = np.full(9, 0.5)
 GOOD = np.ones(12, dtype=np.bool_)
@@ -18,10 +18,7 @@ GOOD = np.ones(12, dtype=np.bool_)
 @pytest.fixture(scope="module")
 def days() -> Series:
     """A day; the ninth error is zero."""
-    made = series(288, 3)
-    truth = made.truth - made.truth[0]
-    truth[:, 8] = 0.0
-    return replace(made, truth=truth, measured=truth + made.measured - made.truth)
+    return without_ninth(series(288, 3))
 
 
 def after_a_day(days: Series, **settings: object) -> tuple[Controller, Decision]:
