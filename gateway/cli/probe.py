@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isnan
 
@@ -12,7 +13,7 @@ from gateway.acquisition import Line, lines_of, number_text, read_once
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
-from gateway.nc import control_of
+from gateway.nc import contained, control_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ async def _line(line: Line) -> list[_Row]:
 async def _nc(config: GatewayConfig) -> list[_Row]:
     if config.nc is None:
         return []
-    nc = control_of(config.nc, config, RealClock())
+    nc = contained(control_of(config.nc, config, RealClock()))
     try:
         await nc.connect()
         began = time.perf_counter()
@@ -81,6 +82,10 @@ async def _nc(config: GatewayConfig) -> list[_Row]:
         values |= {state.name: snapshot.states[state.name] for state in config.states if state.name in snapshot.states}
         texts = {name: number_text(value, 3) for name, value in values.items()}
         texts |= {"mode": snapshot.mode.value, "program": snapshot.program.value}
+        if snapshot.tool is not None:
+            texts["tool"] = str(snapshot.tool)
+        if snapshot.probe_in_spindle is not None:
+            texts["probe in spindle"] = "yes" if snapshot.probe_in_spindle else "no"
         if snapshot.alarms:
             texts["alarms"] = ", ".join(map(str, snapshot.alarms))
         missing = [state.name for state in config.states if state.name not in snapshot.states]
@@ -92,4 +97,5 @@ async def _nc(config: GatewayConfig) -> list[_Row]:
     except DriverError as error:
         return [_Row("nc", config.nc.kind, "snapshot", "", Quality.COMM_FAULT, None, str(error))]
     finally:
-        await nc.close()
+        with suppress(DriverError):  # what was read is shown all the same
+            await nc.close()

@@ -1,8 +1,20 @@
 """The link to the numerical control: offsets are bounded, slewed, written under a lease and read back."""
 
+from gateway.nc.boundary import contained
 from gateway.nc.build import control_of
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, LinkSettings, Listeners
 from gateway.nc.slew import Offsets, Source, Step, Write
 
-__all__ = ["Earlier", "LinkSettings", "Listeners", "NcLink", "Offsets", "Source", "Step", "Write", "control_of"]
+__all__ = [
+    "Earlier",
+    "LinkSettings",
+    "Listeners",
+    "NcLink",
+    "Offsets",
+    "Source",
+    "Step",
+    "Write",
+    "contained",
+    "control_of",
+]

@@ -12,7 +12,7 @@ from typing import assert_never
 from drivers.base import DriverError, Quality
 from drivers.nc import NcSnapshot, NumericalControl
 from gateway.clock import ServiceClock
-from gateway.nc.contained import contained
+from gateway.nc.boundary import contained
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
 from gateway.nc.routes import form_of, positions

@@ -6,9 +6,8 @@ from dataclasses import replace
 from drivers.base import ConnectError, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl
 from gateway.clock import ServiceClock
-from gateway.nc.contained import UnexpectedError
 from gateway.nc.motion import Motion
-from gateway.polling import Breaker, Notice, Notify, Problems
+from gateway.polling import Breaker, Notice, Notify, Problems, UnexpectedError
 
 log = logging.getLogger(__name__)
 

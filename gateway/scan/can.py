@@ -8,7 +8,8 @@ from drivers.base import BadAnswer, NoAnswer
 from drivers.can import CanSurvey, Heard, Stopped
 from drivers.canopen import CanOpenBus, CanOpenSettings
 from drivers.recognition import Recognition, recognise_canopen
-from gateway.scan.found import Found, Place, Progress, ScanReport, read_inputs
+from gateway.polling import UnexpectedError, contained
+from gateway.scan.found import Found, Place, Progress, ScanReport, opened, read_inputs
 
 _MOST_FRAMES = 8
 """How many identifiers of plain CAN are listed."""
@@ -43,7 +44,7 @@ async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> ScanR
     """Listen at each bit rate, then ask the nodes at the one where something was heard.
 
     If nothing was heard and there are several rates, the report contains a question and no node was asked: a wrong rate
-    disturbs nodes that use another. Raises ConnectError.
+    disturbs nodes that use another. Raises DriverError.
     """
     report = ScanReport(total=2 * len(scan.bitrates))
     heard = {rate: Heard() for rate in scan.bitrates}
@@ -51,7 +52,7 @@ async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> ScanR
         if stopped():
             return report
         progress(report.asked, f"listening at {rate} bit/s")
-        await asyncio.to_thread(_listen, scan, rate, heard[rate], stopped)
+        await contained(asyncio.to_thread(_listen, scan, rate, heard[rate], stopped), "listening")
         report.asked += 1
         if heard[rate].frames:
             break
@@ -68,7 +69,7 @@ async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> ScanR
         if stopped():
             break
         progress(report.asked, f"asking nodes at {rate} bit/s")
-        await asyncio.to_thread(_ask, scan, rate, heard[rate], stopped)
+        await contained(asyncio.to_thread(_ask, scan, rate, heard[rate], stopped), "asking nodes")
         report.asked += 1
         if heard[rate].nodes or talking:
             await _look(scan, rate, heard[rate], report, progress, stopped)
@@ -101,8 +102,7 @@ async def _look(
     settings = _at(scan, rate)
     bus = CanOpenBus("scan", settings.model_copy(update={"timeout_s": max(scan.wait_s, 0.1)}))
     found: list[Found] = []
-    try:
-        await bus.connect()
+    async with opened(bus):
         for node in heard.nodes:
             if stopped():
                 break
@@ -110,8 +110,6 @@ async def _look(
             what = await _recognise(bus, node, heard, report)
             if what is not None:
                 found.append(Found(node, what, await read_inputs(bus, node, what)))
-    finally:
-        await bus.close()
     for node, code in heard.emergencies.items():
         report.remarks.append(f"node {node} sent an emergency: error code 0x{code:04X}")
     for node in sorted(heard.doubled):
@@ -136,8 +134,8 @@ async def _recognise(bus: CanOpenBus, node: int, heard: Heard, report: ScanRepor
         )
         return None
     try:
-        what = await recognise_canopen(bus, node)
-    except (NoAnswer, BadAnswer) as error:
+        what = await contained(recognise_canopen(bus, node), f"the recognition of node {node}")
+    except (NoAnswer, BadAnswer, UnexpectedError) as error:
         report.remarks.append(error.what)
         return None
     if what is not None and state is not None:

@@ -1,7 +1,7 @@
 """The result of a scan: places and the devices on them."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 
 from drivers.base import Bus, ConnectError, DriverError
@@ -9,6 +9,7 @@ from drivers.build import make_device
 from drivers.recognition import Recognition
 from gateway.acquisition import Line, read_once, reading_text
 from gateway.clock import RealClock
+from gateway.polling import UnexpectedError, contained
 
 Progress = Callable[[int, str], None]
 """Receives the number of requests done, and the next one."""
@@ -57,6 +58,17 @@ class ScanReport:
         return [device for place in self.places for device in place.devices]
 
 
+@asynccontextmanager
+async def opened(bus: Bus) -> AsyncIterator[None]:
+    """The bus is connected inside, and closed at the end whatever happened. Raises DriverError."""
+    try:
+        await contained(bus.connect(), "connect")
+        yield
+    finally:
+        with suppress(UnexpectedError):
+            await contained(bus.close(), "close")
+
+
 async def read_inputs(bus: Bus, unit: int, what: Recognition) -> str:
     """A recognised device's present inputs, in short. The bus is open and stays open."""
     if not what.profile:
@@ -66,8 +78,8 @@ async def read_inputs(bus: Bus, unit: int, what: Recognition) -> str:
     driver = make_device("found", bus, what.profile, unit, names, what.options, clock)
     (answer,) = await read_once(Line(bus, (driver,)), clock, keep_open=True)
     if isinstance(answer.error, ConnectError | OSError):  # the bus was closed with it
-        with suppress(ConnectError):
-            await bus.connect()
+        with suppress(ConnectError, UnexpectedError):
+            await contained(bus.connect(), "connect")
     if isinstance(answer.error, DriverError):
         return f"{type(answer.error).__name__}: {answer.error.what}"
     if answer.took_s is None:

@@ -11,7 +11,8 @@ from drivers.can import Stopped
 from drivers.micro_epsilon import MeRs485Bus, MeRs485Settings
 from drivers.modbus import Block, ModbusRtuBus, ModbusRtuSettings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
-from gateway.scan.found import Found, Place, Progress, ScanReport, read_inputs
+from gateway.polling import UnexpectedError, contained
+from gateway.scan.found import Found, Place, Progress, ScanReport, opened, read_inputs
 
 Protocol = Literal["modbus_rtu", "me_rs485"]
 
@@ -71,17 +72,17 @@ def plan(
 async def scan_line(scan: SerialScan, progress: Progress, stopped: Stopped) -> ScanReport:
     """Ask until done or stopped. A request in progress is finished first, so no unit is left answering.
 
-    Raises ConnectError if the port cannot be opened at all.
+    Raises DriverError if the port cannot be opened at all.
     """
     report = ScanReport(total=scan.requests)
     refused: dict[str, list[str]] = {}
-    first_refusal: ConnectError | None = None
+    first_refusal: DriverError | None = None
     for attempt in scan.tries:
         if stopped():
             break
         try:
             place = await _try(scan, attempt, report, progress, stopped)
-        except ConnectError as error:
+        except (ConnectError, UnexpectedError) as error:
             first_refusal = first_refusal or error
             refused.setdefault(error.what, []).append(attempt.framing)
             report.asked += len(attempt.units)
@@ -108,8 +109,7 @@ async def _try(scan: SerialScan, attempt: LineTry, report: ScanReport, progress:
         )
     babble: list[str] = []
     found: list[Found] = []
-    try:
-        await bus.connect()
+    async with opened(bus):
         for unit in attempt.units:
             if stopped():
                 break
@@ -118,8 +118,6 @@ async def _try(scan: SerialScan, attempt: LineTry, report: ScanReport, progress:
             report.asked += 1
             if what is not None:
                 found.append(Found(unit, what, await read_inputs(bus, unit, what)))
-    finally:
-        await bus.close()
     report.remarks += [f"{attempt.framing}: {text}" for text in babble[:_MOST_BABBLE]]
     if len(babble) > _MOST_BABBLE:
         report.remarks.append(f"{attempt.framing}: and likewise from {len(babble) - _MOST_BABBLE} more")
@@ -127,21 +125,22 @@ async def _try(scan: SerialScan, attempt: LineTry, report: ScanReport, progress:
 
 
 async def _ask(bus: ModbusRtuBus | MeRs485Bus, unit: int, question: Block, babble: list[str]) -> Recognition | None:
-    """What the unit is, None if it is silent; invalid answers are recorded in `babble`. Raises ConnectError."""
+    """What the unit is, None if it is silent; invalid answers and unexpected errors are recorded in `babble`.
+
+    Raises ConnectError.
+    """
     try:
         if isinstance(bus, MeRs485Bus):
-            return await recognise_me_rs485(bus, unit)
+            return await contained(recognise_me_rs485(bus, unit), f"the request to unit {unit}")
         try:
-            await bus.read("", unit, question)
+            await contained(bus.read("", unit, question), f"the request to unit {unit}")
         except NoAnswer:
             return None
-        except BadAnswer:
-            raise
-        except ConnectError:
+        except (BadAnswer, ConnectError, UnexpectedError):
             raise
         except DriverError:  # a refusal is an answer too
             pass
-        return await recognise_modbus(bus, unit)
-    except BadAnswer as error:
+        return await contained(recognise_modbus(bus, unit), f"the recognition of unit {unit}")
+    except (BadAnswer, UnexpectedError) as error:
         babble.append(f"{error.what} ({error.hint})")
         return None

@@ -8,7 +8,8 @@ from drivers.can import Stopped
 from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
 from drivers.modbus import ModbusTcpBus, ModbusTcpSettings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
-from gateway.scan.found import Found, Place, Progress, ScanReport, read_inputs
+from gateway.polling import UnexpectedError, contained
+from gateway.scan.found import Found, Place, Progress, ScanReport, opened, read_inputs
 from gateway.scan.serial import ANY_REGISTER
 
 _MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
@@ -62,27 +63,25 @@ async def _modbus(
     found: list[Found] = []
     odd: list[str] = []
     try:
-        await bus.connect()
-        blind = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]), [])
-        for unit in scan.units:
-            if stopped() or (len(odd) >= _MOST_ODD and not found):
-                break
-            progress(report.asked, f"{host}:{port} unit {unit}")
-            report.asked += 1
-            await bus.connect()  # some hosts close the connection on an unknown unit
-            if not await _answers(bus, unit, odd):
-                continue
-            found.append(await _look(bus, unit))
-            if blind:
-                report.remarks.append(f"{host}:{port} {_ONE_DEVICE}, shown as unit {unit}")
-                break
-        if not found and not stopped():
-            nobody = f"{host}:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
-            report.remarks.append(f"Modbus: {odd[0]}" if odd else nobody)
-    except ConnectError as error:
+        async with opened(bus):
+            blind = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]), [])
+            for unit in scan.units:
+                if stopped() or (len(odd) >= _MOST_ODD and not found):
+                    break
+                progress(report.asked, f"{host}:{port} unit {unit}")
+                report.asked += 1
+                await contained(bus.connect(), "connect")  # some hosts close the connection on an unknown unit
+                if not await _answers(bus, unit, odd):
+                    continue
+                found.append(await _look(bus, unit))
+                if blind:
+                    report.remarks.append(f"{host}:{port} {_ONE_DEVICE}, shown as unit {unit}")
+                    break
+            if not found and not stopped():
+                nobody = f"{host}:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
+                report.remarks.append(f"Modbus: {odd[0]}" if odd else nobody)
+    except (ConnectError, UnexpectedError) as error:
         report.remarks.append(f"Modbus: {_said(error)}")
-    finally:
-        await bus.close()
     if found:
         report.places.append(Place("modbus_tcp", {"host": host, "port": port}, tuple(found)))
 
@@ -90,10 +89,10 @@ async def _modbus(
 async def _answers(bus: ModbusTcpBus, unit: int, odd: list[str]) -> bool:
     """Whether the unit exists. Invalid answers go to `odd`."""
     try:
-        await bus.read("", unit, ANY_REGISTER)
+        await contained(bus.read("", unit, ANY_REGISTER), f"the request to unit {unit}")
     except NoAnswer:
         return False
-    except (BadAnswer, ConnectError) as error:
+    except (BadAnswer, ConnectError, UnexpectedError) as error:
         odd.append(_said(error))
         return False
     except Refused:
@@ -103,10 +102,12 @@ async def _answers(bus: ModbusTcpBus, unit: int, odd: list[str]) -> bool:
 
 async def _look(bus: ModbusTcpBus, unit: int) -> Found:
     try:
-        what = await recognise_modbus(bus, unit)
+        what = await contained(recognise_modbus(bus, unit), f"the recognition of unit {unit}")
         return Found(unit, what, await read_inputs(bus, unit, what))
     except ConnectError:
         return Found(unit, Recognition("", (), "answers, but closes the connection when asked for its identity"))
+    except UnexpectedError as error:
+        return Found(unit, Recognition("", (), f"answers, but cannot be recognised: {error.what}"))
 
 
 def _said(error: DriverError) -> str:
@@ -116,12 +117,10 @@ def _said(error: DriverError) -> str:
 async def _controller(host: str, port: int, timeout_s: float, report: ScanReport) -> None:
     bus = MeEthernetBus("scan", MeEthernetSettings(host=host, port=port, timeout_s=timeout_s))
     try:
-        await bus.connect()
-        what = await recognise_me_ethernet(bus)
-        reads = await read_inputs(bus, 1, what)
-    except (ConnectError, NoAnswer, BadAnswer) as error:
+        async with opened(bus):
+            what = await contained(recognise_me_ethernet(bus), "the recognition")
+            reads = await read_inputs(bus, 1, what)
+    except (ConnectError, NoAnswer, BadAnswer, UnexpectedError) as error:
         report.remarks.append(f"displacement controller: {error.what}")
     else:
         report.places.append(Place("me_ethernet", {"host": host, "port": port}, (Found(1, what, reads),)))
-    finally:
-        await bus.close()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import can as python_can
 import pytest
+from canopen.sdo.client import SdoClient
 
 from drivers.can import Heard
 from drivers.canopen import CanOpenSettings
@@ -244,3 +245,20 @@ async def test_group_that_cannot_be_is_refused(options: tuple[str, ...], says: s
     done = await talc_gateway("scan", "can", *options, "--interface", "udp_multicast")
     assert done.code == 2
     assert done.err.startswith(f"error: {says}")
+
+
+@pytest.mark.simulated_time
+async def test_a_bug_in_the_library_is_a_remark_and_the_other_nodes_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    opens, failures = SdoClient.open, [KeyError("no such key")]
+
+    def buggy(client: SdoClient, *arguments: object, **named: object) -> object:
+        if failures:
+            raise failures.pop()
+        return opens(client, *arguments, **named)  # type: ignore[no-untyped-call]
+
+    monkeypatch.setattr(SdoClient, "open", buggy)
+    async with bus([node(5), node(7)]) as (_, what):
+        report = await scan(what)
+    assert not failures
+    assert [device.unit for device in report.found] == [7]
+    assert "unexpected KeyError in the recognition of node 5: 'no such key'" in report.remarks

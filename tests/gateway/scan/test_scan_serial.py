@@ -20,6 +20,7 @@ from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.pty_port import PtyPort
 from simulators.devices.source import SensorFault
 from simulators.devices.voltage_input import VoltageInput
+from tests.benches.buggy_library import BuggyDecoder
 from tests.benches.command import talc_gateway
 
 TIMEOUT_S = 0.2
@@ -359,3 +360,14 @@ async def test_what_is_no_serial_port_is_called_so(what: tuple[str, ...], path: 
     assert done.code == 3
     assert f"{path}: " in done.err
     assert "(this is not a serial port; ls -l /dev/serial/by-id lists the ports)" in done.err
+
+
+@pytest.mark.simulated_time
+async def test_a_bug_in_the_library_is_a_remark_and_the_scan_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    bug = BuggyDecoder(monkeypatch, failures=1)
+    async with line({1: M7015(lambda: SIX), 2: M7015(lambda: SIX)}) as path:
+        report = await scan(line_plan(path))
+    assert bug.failures == 0
+    assert list(by_unit(report)) == [2]
+    (remark,) = report.remarks
+    assert "unexpected KeyError in the request to unit 1: 'no such key' (please report it" in remark

@@ -5,6 +5,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
+import pytest
+
 from gateway.scan.found import ScanReport
 from gateway.scan.fragment import merged
 from gateway.scan.tcp import TcpScan, scan_hosts
@@ -13,6 +15,7 @@ from simulators.devices.me_controller import MeController
 from simulators.devices.modbus_unit import ModbusUnit, answer
 from simulators.devices.wago464 import Wago464
 from simulators.devices.wago_coupler import WagoCoupler
+from tests.benches.buggy_library import BuggyDecoder
 
 SEVEN = [20.0, 21.0, 22.0, 23.0, 24.0, 25.0, 26.0]
 
@@ -167,3 +170,13 @@ async def test_what_was_found_becomes_one_file_and_is_not_added_twice() -> None:
     assert both.startswith(text.rstrip("\n"))
     assert both.count("[[device]]") == both.count("[[bus]]") == 2
     assert merged(both, [*first.places, *second.places], path) == both
+
+
+@pytest.mark.simulated_time
+async def test_a_bug_in_the_library_is_a_remark_and_the_other_hosts_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    bug = BuggyDecoder(monkeypatch, failures=1)
+    async with host({1: Adam6015(lambda: SEVEN)}) as first, host({1: Adam6015(lambda: SEVEN)}) as second:
+        report = await scan(first, second)
+    assert bug.failures == 0
+    assert [place.options["port"] for place in report.places] == [second]
+    assert "Modbus: unexpected KeyError in the request to unit 1: 'no such key'" in report.remarks[0]

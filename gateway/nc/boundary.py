@@ -20,19 +20,12 @@ from drivers.nc import (
     Triple,
     WatchdogTerms,
 )
-from gateway.polling import uncancelled
+from gateway.polling import uncancelled, unexpected
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 _AXES = LINEAR_AXES + ROTARY_AXES
-
-
-class UnexpectedError(DriverError):
-    """A driver or its library raised an undeclared exception, or answered what its interface excludes.
-
-    `__cause__` is the original exception.
-    """
 
 
 def contained(nc: NumericalControl) -> NumericalControl:
@@ -110,8 +103,7 @@ class _Contained:
         if place not in self._logged:
             self._logged.add(place)
             log.error("NC: unexpected %s in %s", type(error).__name__, operation, exc_info=error)
-        text = f"unexpected {type(error).__name__} in {operation}: {error}"
-        raise UnexpectedError(text, device="nc", hint="please report it with the traceback in the log") from error
+        raise unexpected(error, operation, device="nc") from error
 
 
 class _ContainedSlopes(_Contained):

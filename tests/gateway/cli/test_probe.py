@@ -1,0 +1,70 @@
+"""`talc-gateway probe` shows what every device and the NC answer, whatever their drivers raise."""
+
+import struct
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from drivers.linuxcnc import LinuxCnc
+from drivers.nc import NcSnapshot
+from gateway.cli import main
+from tests.benches.service_file import TEXT
+from tests.benches.stepped_clock import SteppedClock
+
+CONFIG = (
+    TEXT
+    + """
+[nc]
+kind = "linuxcnc"
+key_file = "talc.key"
+[probing]
+poses_deg = [[0, 0], [0, 90], [0, 180], [0, 270], [90, 0], [-90, 0]]
+"""
+)
+
+
+def probe(folder: Path) -> Result:
+    file = folder / "gateway.toml"
+    file.write_text(CONFIG, encoding="utf-8")
+    return CliRunner().invoke(main, ["probe", str(file)], env={"COLUMNS": "200"})
+
+
+async def connected(_: LinuxCnc) -> None:
+    """The agent is there."""
+
+
+def spoil(monkeypatch: pytest.MonkeyPatch, *operations: str) -> None:
+    async def raises(*_: object) -> None:
+        raise struct.error("unpack requires 4 bytes")
+
+    for operation in operations:
+        monkeypatch.setattr(LinuxCnc, operation, raises)
+
+
+@pytest.mark.parametrize("operation", ["connect", "snapshot"])
+def test_an_unexpected_error_of_the_nc_is_a_row_of_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str
+) -> None:
+    monkeypatch.setattr(LinuxCnc, "connect", connected)
+    spoil(monkeypatch, operation, "close")
+    done = probe(tmp_path)
+    assert done.exit_code == 3, done.output
+    assert "bed_front" in done.output, "the devices are shown as well"
+    assert f"unexpected error in {operation}: unpack requires 4 bytes" in done.output
+
+
+@pytest.mark.parametrize(
+    ("tool", "probe_there", "shown"), [(7, True, ["7", "yes"]), (None, False, ["no"]), (None, None, [])]
+)
+def test_the_tool_and_whether_the_probe_is_in_the_spindle_are_shown_if_the_nc_reports_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tool: int | None, probe_there: bool | None, shown: list[str]
+) -> None:
+    async def snapshot(_: LinuxCnc) -> NcSnapshot:
+        axes = dict.fromkeys("XYZAC", 0.0)
+        return NcSnapshot(SteppedClock().utc(), 0.0, axes, tool=tool, probe_in_spindle=probe_there)
+
+    monkeypatch.setattr(LinuxCnc, "connect", connected)
+    monkeypatch.setattr(LinuxCnc, "snapshot", snapshot)
+    rows = [[cell.strip() for cell in line.split("│")] for line in probe(tmp_path).output.splitlines()]
+    assert [row[4] for row in rows if len(row) > 4 and row[3] in ("tool", "probe in spindle")] == shown
