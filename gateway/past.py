@@ -1,17 +1,15 @@
 """The state of an earlier run that a restart needs, rebuilt from the store."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
-
-import numpy as np
 
 from gateway.config import GatewayConfig, parse_prior, validate
 from gateway.control import SeenBefore
-from gateway.storage import History, Store, StoredStep, StoreError
+from gateway.rebuild import Interrupted, Progress, controller_of, no_matter, rebuilt_from, used
+from gateway.storage import History, Store, StoreError
 from talc.control import Controller
-from talc.frame import Decision, Event, EventKind, FloatArray, TrainingJob, Why
+from talc.frame import FloatArray, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 
@@ -33,6 +31,8 @@ class Past:
     measured: tuple[int | None, ...] = (None,) * len(THERMAL_ERRORS)
     """Grid index of each error's last measurement."""
     seen: SeenBefore | None = None
+    since_snapshot: int = 0
+    """Steps that the controller has taken since its last snapshot."""
 
     former_method: str | None = None
     """`[talc] method` of the latest run, if this configuration has another one."""
@@ -55,114 +55,72 @@ def from_stored(text: str, prior: str | None = None) -> GatewayConfig:
     return config if prior is None else config.with_prior(parse_prior(prior))
 
 
-def controller_of(config: GatewayConfig) -> Controller:
-    """A fresh controller of a configuration."""
-    prior = None if config.prior is None else config.prior.prior
-    return Controller(config.input_names, config.talc, config.grid.step_s, prior)
-
-
 def decide_alike(one: GatewayConfig, other: GatewayConfig) -> bool:
     """Whether controllers with these settings decide alike for the same inputs; unused settings do not count."""
     return _settings_alike(one.talc, other.talc) and (one.talc.method != "learner" or one.prior == other.prior)
 
 
 def _settings_alike(one: TalcSettings, other: TalcSettings) -> bool:
-    return one.method == other.method and _used(one) == _used(other)
+    return one.method == other.method and used(one) == used(other)
 
 
-def _used(talc: TalcSettings) -> object:
-    return talc.learner if talc.method == "learner" else (talc.control, talc.training)
-
-
-@dataclass(slots=True)
-class Rebuilt:
-    """A controller after stored steps, and what it was then waiting for."""
-
-    controller: Controller
-    last: Decision | None = None
-    job: TrainingJob | None = None
-    """A training that was wanted and has not ended."""
-    missing: dict[str, int] = field(default_factory=dict)
-    measured: list[int | None] = field(default_factory=lambda: [None] * len(THERMAL_ERRORS))
-
-
-def rebuilt(steps: Iterable[StoredStep], config: GatewayConfig) -> Rebuilt:
-    """The controller of a configuration, after the stored frames and models. A learner takes only the frames."""
-    controller = controller_of(config)
-    found = Rebuilt(controller)
-    for step in steps:
-        last = found.last = controller.step(step.frame)
-        found.missing = {name: found.missing.get(name, step.frame.k) for name in last.substituted}
-        found.job = last.training or found.job
-        if step.frame.measurement is not None:
-            new = np.isfinite(step.frame.measurement.errors)
-            found.measured = [step.frame.k if n else k for n, k in zip(new, found.measured, strict=True)]
-        for stored in () if config.talc.method == "learner" else step.adopted:
-            controller.adopt(stored)
-            found.job = None
-    return found
-
-
-def past_in(store: Store, config: GatewayConfig) -> Past:
+def past_in(store: Store, config: GatewayConfig, progress: Progress = no_matter) -> Past:
     """`past_of` what a store holds. A damaged one is set aside first, and what can be read of it counts.
 
-    Raises StoreError as `past_of`, or when the damaged one cannot be set aside.
+    Raises StoreError as `past_of`, or when the damaged one cannot be set aside; Interrupted as `progress`.
     """
     try:
         with store.same_file() as file, History(config.storage.path) as history:
-            return past_of(history, config)
-    except StoreError:
+            return past_of(history, config, progress)
+    except (Interrupted, StoreError):
         raise
     except Exception as error:  # noqa: BLE001 - anything comes of a damaged row; of a whole database it is raised again
         store.repair(error, file)
     with store.same_file(), History(config.storage.path) as history:
-        return past_of(history, config)
+        return past_of(history, config, progress)
 
 
-def past_of(history: History, config: GatewayConfig) -> Past:
-    """The controller as an earlier run left it, rebuilt from the record with the stored models.
+def past_of(history: History, config: GatewayConfig, progress: Progress = no_matter) -> Past:
+    """The controller as an earlier run left it, from its last snapshot and the steps after it.
 
+    Without a snapshot of these settings and this program, it is rebuilt from the whole record with the stored models.
     A fresh start if the record is empty. If the latest run used another method or prior, the controller is as if the
     present one had been used from the beginning of the record.
 
     Raises StoreError when the record was made with other inputs or other settings of the same method.
     """
     if history.config() is None:
-        return Past(rebuilt((), config).controller)
+        return Past(controller_of(config))
     before = stored_config(history)
     changed = before.talc.method != config.talc.method
     if before.input_names != config.input_names or not (changed or _settings_alike(before.talc, config.talc)):
         raise StoreError(
             "the record was made with other inputs or [talc] settings; give [storage] another path to start again"
         )
-    found = rebuilt(history.steps(), config)
-    cycles = history.measurements()
-    first = next((m for m in cycles if m.errors is not None and m.centres_mm is not None), None)
+    found = rebuilt_from(history, config, progress)
+    if not found.from_snapshot:  # all that is stored is read once, so that what is damaged is found
+        history.measurements()
+        history.events()
+    first = history.reference()
     return Past(
         found.controller,
-        last_k=None if found.last is None else found.last.k,
-        pending=(found.job, None if found.last is None else found.last.measure),
+        last_k=found.last_k,
+        pending=(found.job, found.measure),
         reference_mm=None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3,
         last_number=history.last_number(),
         missing=found.missing,
         measured=tuple(found.measured),
-        seen=_seen(found.controller, history.events()),
+        seen=_seen(history, config, found.last_k),
+        since_snapshot=found.steps,
         former_method=before.talc.method if changed else None,
         other_prior=not changed and config.talc.method == "learner" and before.prior != config.prior,
     )
 
 
-def _seen(controller: Controller, events: Sequence[tuple[datetime, int | None, Event]]) -> SeenBefore | None:
+def _seen(history: History, config: GatewayConfig, last_k: int | None) -> SeenBefore | None:
     """What the sensor check may continue from."""
-    state, since = controller.state(), None
-    for _, k, event in events:
-        match event.kind:
-            case EventKind.SENSOR_SUSPECT:
-                since = k if since is None else since
-            case EventKind.SENSORS_AGREE:
-                since = None
-            case _:
-                pass
-    if state.last_k is None:
+    if last_k is None:
         return None
-    return SeenBefore(state.last_k + 1 - len(state.inputs), state.inputs, state.valid, since)
+    check = config.sensor_check
+    frames = history.frames(last_k + 1 - check.learn_steps - check.window_steps, last_k)
+    return SeenBefore(frames, history.suspect_since())

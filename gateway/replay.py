@@ -7,7 +7,8 @@ from itertools import takewhile
 import numpy as np
 
 from gateway.control import has_failed
-from gateway.past import controller_of, decide_alike, from_stored, rebuilt, stored_config
+from gateway.past import decide_alike, from_stored, stored_config
+from gateway.rebuild import controller_of, rebuilt
 from gateway.storage import History, StoredStep
 from talc.frame import Decision
 from talc.training import train

@@ -17,6 +17,7 @@ __all__ = [
     "sensor_check",
     "sensor_model",
     "settings",
+    "snapshot",
     "training",
     "window",
 ]

@@ -39,7 +39,7 @@ class ControllerState:
 
     input_names: tuple[str, ...]
     inputs: FloatArray
-    """(T, n) filled; likewise valid (T, n) and measured (T, 9)."""
+    """(T, n) filled; likewise valid (T, n) and measured (T, 9). Of the learner the last one or two rows."""
     valid: BoolArray
     measured: FloatArray
     last_k: int | None
@@ -90,7 +90,8 @@ class Controller:
         if len(set(self._names)) != len(self._names):
             raise ValueError(f"input_names = {self._names!r}: a name occurs twice")
         self._control, self._training = settings.control, settings.training
-        self._record = Record(len(self._names), settings.training.window_steps)
+        # The learner keeps what it needs of the past itself, so that its memory does not grow with age.
+        self._record = Record(len(self._names), 1 if settings.method == "learner" else settings.training.window_steps)
         self._phase = Phase.CALIBRATION
         self._models: list[FreeRunningModel | None] = [None] * _ERRORS
         self._held = np.full(_ERRORS, np.nan)
@@ -104,6 +105,11 @@ class Controller:
         self._course: LearningCourse | None = None
         if settings.method == "learner":
             self._course = LearningCourse(self._names, settings.learner, step_s, prior)
+
+    @property
+    def learning(self) -> bool:
+        """Whether a training was requested, and nothing has been adopted since."""
+        return self._learning
 
     @property
     def phase(self) -> Phase:

@@ -104,6 +104,19 @@ class Frame:
     """Set if a probing cycle has finished for this step."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """Many frames as arrays, oldest first; steps without one are left out."""
+
+    k: IntArray
+    """(m,) grid indices."""
+    inputs: FloatArray
+    """(m, n); `valid` likewise."""
+    valid: BoolArray
+    measured: FloatArray
+    """(m, 9) errors, NaN where nothing was measured."""
+
+
 @dataclass(frozen=True, slots=True)
 class TrainingJob:
     """Everything that a training needs, as a value."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, Frame
+from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, Frame, Frames
 from talc.names import THERMAL_ERRORS
 
 _FIRST_CAPACITY = 512
@@ -54,15 +54,14 @@ class Record:
             raise ValueError(f"inputs {frame.inputs.shape}, valid {frame.valid.shape}: expected ({self._n},)")
         if self.last_k is not None and frame.k != self.last_k + 1:
             raise ValueError(f"k = {frame.k}: expected {self.last_k + 1}")
-        valid = frame.valid & (np.abs(frame.inputs) <= LARGEST_INPUT)  # NaN compares false
+        valid = _usable(frame.inputs, frame.valid)
         before = self._inputs[self._rows - 1] if self._rows else np.full(self._n, np.nan)
         self._make_room()
         self._inputs[self._rows] = np.where(valid, frame.inputs, before)
         self._valid[self._rows] = valid
         self._measured[self._rows] = np.nan
         if frame.measurement is not None:
-            errors = frame.measurement.errors
-            self._measured[self._rows] = np.where(np.abs(errors) <= LARGEST_ERROR, errors, np.nan)
+            self._measured[self._rows] = _possible(frame.measurement.errors)
         late = valid & np.isnan(before)
         if late.any():
             self._inputs[: self._rows, late] = frame.inputs[late]
@@ -101,3 +100,27 @@ class Record:
             self._inputs = np.concatenate([self._inputs, np.empty_like(self._inputs)])
             self._valid = np.concatenate([self._valid, np.empty_like(self._valid)])
             self._measured = np.concatenate([self._measured, np.empty_like(self._measured)])
+
+
+def refilled(first: FloatArray, rows: int, frames: Frames, last_k: int) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Inputs (rows, n), valid and measured of a record that ended at `last_k`, from the frames that it was made of.
+
+    first: (n,) inputs of its oldest row; what was filled in there came before the frames, or after them
+    """
+    at = frames.k - (last_k + 1 - rows)
+    own = (at >= 0) & (at < rows)
+    inputs, measured = np.full((rows, len(first)), np.nan), np.full((rows, _ERRORS), np.nan)
+    valid = np.zeros(inputs.shape, dtype=np.bool_)
+    inputs[at[own]], measured[at[own]] = frames.inputs[own], _possible(frames.measured[own])
+    valid[at[own]] = _usable(frames.inputs[own], frames.valid[own])
+    inputs[0] = first
+    latest = np.maximum.accumulate(np.where(valid, np.arange(rows)[:, None], 0), axis=0)
+    return np.take_along_axis(inputs, latest, axis=0), valid, measured
+
+
+def _usable(inputs: FloatArray, valid: BoolArray) -> BoolArray:
+    return valid & (np.abs(inputs) <= LARGEST_INPUT)  # NaN compares false
+
+
+def _possible(errors: FloatArray) -> FloatArray:
+    return np.where(np.abs(errors) <= LARGEST_ERROR, errors, np.nan)

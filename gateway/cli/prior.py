@@ -9,7 +9,8 @@ from pathlib import Path
 import click
 import numpy as np
 
-from gateway.past import rebuilt, stored_config
+from gateway.past import stored_config
+from gateway.rebuild import rebuilt
 from gateway.storage import History, StoreError
 from talc.learner import LearnerState, make_prior
 from talc.names import THERMAL_ERRORS

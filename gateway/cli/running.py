@@ -2,15 +2,18 @@
 
 import asyncio
 import logging
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, GatewayEvent, Sink, in_order
-from gateway.past import past_in
+from gateway.past import Past, past_in
+from gateway.rebuild import Interrupted
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
+from gateway.snapshots import SnapshotKeeper
 from gateway.storage import Store, boot_id
 from gateway.telemetry import TelemetryPublisher
 from gateway.versions import versions
@@ -47,7 +50,9 @@ async def serve(
                 keep_samples_days=config.storage.keep_samples_days,
             )
         )
-        past = past_in(store, config)
+        past = await _past(store, config, clock, stop)
+        if past is None:
+            return
         if past.former_method is not None:
             log.warning(
                 "[talc] method: %s continues the record that %s made, with all that it learns from the record; "
@@ -70,6 +75,7 @@ async def serve(
                 config.telemetry, config.machine.name, config.input_names, clock, boot, simulated=simulated
             )
             sinks.append((await stack.enter_async_context(telemetry)).publish)
+        sinks.append(SnapshotKeeper(past, store, config).take)
         if wire_log is not None:
             sinks.append(_reconfiguring(wire_log, packed_toml(config)))
         tap = None if wire_log is None else wire_log.tap
@@ -78,6 +84,26 @@ async def serve(
             telemetry.count_missed(lambda: service.periods_missed)
         started(service)
         await service.run(stop)
+
+
+async def _past(store: Store, config: GatewayConfig, clock: ServiceClock, stop: asyncio.Event) -> Past | None:
+    """What an earlier run left; None: stopped before it was rebuilt, which can take minutes after an update."""
+    ended = threading.Event()
+
+    def progress() -> None:
+        if ended.is_set():
+            raise Interrupted
+
+    with clock.hold():
+        rebuilding = asyncio.create_task(asyncio.to_thread(past_in, store, config, progress))
+        stopping = asyncio.create_task(stop.wait())
+        await asyncio.wait((rebuilding, stopping), return_when=asyncio.FIRST_COMPLETED)
+        ended.set()
+        stopping.cancel()
+        try:
+            return await rebuilding
+        except Interrupted:
+            return None
 
 
 def _reconfiguring(wire_log: WireLogWriter, recorded: str) -> Sink:

@@ -13,7 +13,7 @@ from gateway.apart import WorkError, apart
 from gateway.clock import ServiceClock
 from gateway.events import EventReported, SensorsJudged, Sink
 from gateway.polling import Notice, Problems
-from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame
+from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Finding, judge
 from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
 from talc.settings import SensorCheckSettings
@@ -54,10 +54,7 @@ class _Standing:
 class SeenBefore:
     """Frames and findings of an earlier run."""
 
-    first_k: int
-    inputs: FloatArray
-    """(T, n) consecutive grid steps; `valid` likewise."""
-    valid: BoolArray
+    frames: Frames
     suspect_since_k: int | None
     """When the findings that still held were first reported."""
 
@@ -108,7 +105,8 @@ class SensorWatch:
         self._suspect_since_k = None if before is None else before.suspect_since_k
         self._due = asyncio.Event()
         if before is not None:
-            for k, (inputs, valid) in enumerate(zip(before.inputs, before.valid, strict=True), before.first_k):
+            seen = before.frames
+            for k, inputs, valid in zip(seen.k.tolist(), seen.inputs, seen.valid, strict=True):
                 self._append(k, inputs, valid)
 
     def frame(self, frame: Frame) -> None:

@@ -2,7 +2,21 @@
 
 from gateway.storage.history import History
 from gateway.storage.schema import StoreError
+from gateway.storage.snapshot import Snapshot, SnapshotError, decode, encode, marks_of
 from gateway.storage.store import Store, boot_id
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 
-__all__ = ["History", "Store", "StoreError", "StoredCompensation", "StoredMeasurement", "StoredStep", "boot_id"]
+__all__ = [
+    "History",
+    "Snapshot",
+    "SnapshotError",
+    "Store",
+    "StoreError",
+    "StoredCompensation",
+    "StoredMeasurement",
+    "StoredStep",
+    "boot_id",
+    "decode",
+    "encode",
+    "marks_of",
+]

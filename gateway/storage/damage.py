@@ -19,6 +19,7 @@ import numpy as np
 
 from gateway.storage import rows
 from gateway.storage.schema import ADDED, SCHEMA, SCHEMA_VERSION, UNREADABLE, connect
+from gateway.storage.snapshot import marks_of
 
 _NOT_COPIED = "sample"
 """Raw readings stay in the file that is set aside: they are many, and nothing is learnt from them."""
@@ -147,7 +148,8 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
     for table in (*_LEARNT, *_ALSO_LEARNT):
         target.execute(f"DELETE FROM {table}")
         counts[table] = 0
-    target.execute("DELETE FROM running")
+    for table in ("snapshot", "running"):
+        target.execute(f"DELETE FROM {table}")
     target.execute("DELETE FROM prior_of_boot")
     target.execute("DELETE FROM boot")
     return "the reference of the measurements or the configuration is lost: learning begins again"
@@ -287,6 +289,7 @@ _CHECKS: Mapping[str, Callable[[Row], object]] = {
     "measurement": _check_measurement,
     "model": _check_model,
     "reasons": lambda row: rows.reasons_of(row[2]),
+    "snapshot": lambda row: marks_of(row[3]),
     "event": lambda row: rows.event_of(row[1:]),
     "compensation": _check_compensation,
 }

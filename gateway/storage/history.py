@@ -9,7 +9,7 @@ from typing import Self
 from gateway.storage import rows
 from gateway.storage.schema import SCHEMA_VERSION, StoreError
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
-from talc.frame import Event
+from talc.frame import Event, EventKind, Frames
 from talc.learner import Reasons
 from talc.models import ModelSet
 
@@ -90,16 +90,42 @@ class History:
             return []
         return self._connection.execute("SELECT boot, config, fingerprint FROM running ORDER BY id").fetchall()
 
-    def steps(self) -> Iterator[StoredStep]:
-        """Every grid step, oldest first."""
+    def snapshots(self) -> Iterator[bytes]:
+        """Those taken at steps that are stored, the latest first; gateway.storage.snapshot decodes them."""
+        if self._has("snapshot"):
+            found = "SELECT CAST(state AS BLOB) FROM snapshot WHERE k IN (SELECT k FROM decision) ORDER BY k DESC"
+            yield from (state for (state,) in self._connection.execute(found))
+
+    def frames(self, first_k: int, last_k: int) -> Frames:
+        """The frames from one grid index to another one, both included; of whole steps or not."""
+        found = self._connection.execute(
+            "SELECT k, inputs, valid, errors FROM frame WHERE k BETWEEN ? AND ? ORDER BY k", (first_k, last_k)
+        )
+        return rows.frames_of(found.fetchall())
+
+    def suspect_since(self) -> int | None:
+        """Grid index since when sensors are suspect; None: they agree."""
+        since = None
+        found = "SELECT kind, k FROM event WHERE kind IN (?, ?) ORDER BY id DESC"
+        for kind, k in self._connection.execute(found, (EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE)):
+            if kind == EventKind.SENSORS_AGREE:
+                break
+            since = k
+        return since
+
+    def steps(self, after_k: int = -1) -> Iterator[StoredStep]:
+        """Every grid step after one, oldest first."""
         adopted: dict[int, list[ModelSet]] = {}
-        for after_k, text in self._connection.execute("SELECT after_k, models FROM model ORDER BY id"):
-            adopted.setdefault(after_k, []).append(rows.models_of(text))
+        newer = "SELECT after_k, models FROM model WHERE after_k > ? ORDER BY id"
+        for k, text in self._connection.execute(newer, (after_k,)):
+            adopted.setdefault(k, []).append(rows.models_of(text))
         trusted, trust = ("t.trusted", "LEFT JOIN trust t ON t.k = f.k") if self._has("trust") else ("NULL", "")
         found = self._connection.execute(
-            f"SELECT {rows.STEP_COLUMNS}, {trusted} FROM frame f JOIN decision d ON d.k = f.k {trust} ORDER BY f.k"
+            f"SELECT {rows.STEP_COLUMNS}, {trusted} FROM frame f JOIN decision d ON d.k = f.k {trust}"
+            " WHERE f.k > ? ORDER BY f.k",
+            (after_k,),
         )
-        last = -1
+        last = after_k
         for row in found:
             if row[0] <= last:  # of a damaged page
                 raise ValueError(f"{self._path}: step {row[0]} follows step {last}")
@@ -112,6 +138,14 @@ class History:
             return None
         row = self._connection.execute("SELECT reasons FROM reasons ORDER BY k DESC LIMIT 1").fetchone()
         return None if row is None else rows.reasons_of(row[0])
+
+    def reference(self) -> StoredMeasurement | None:
+        """The first measurement that was used, the reference of all others."""
+        row = self._connection.execute(
+            f"SELECT {rows.MEASUREMENT_COLUMNS} FROM measurement WHERE errors IS NOT NULL AND centres IS NOT NULL"
+            " ORDER BY id LIMIT 1"
+        ).fetchone()
+        return None if row is None else rows.measurement_of(row)
 
     def measurements(self) -> list[StoredMeasurement]:
         """Every probing cycle, oldest first; `centres_mm` has three columns."""

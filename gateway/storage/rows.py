@@ -16,7 +16,18 @@ from gateway.acquisition import Sample
 from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
-from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
+from talc.frame import (
+    BoolArray,
+    Decision,
+    Event,
+    EventKind,
+    FloatArray,
+    Frame,
+    Frames,
+    Measurement,
+    Phase,
+    Why,
+)
 from talc.learner import ErrorReason, Reasons
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
@@ -121,6 +132,18 @@ def step_of(row: Sequence[Any], adopted: Sequence[ModelSet]) -> StoredStep:
         decision = replace(decision, trusted=_mask(trusted, len(THERMAL_ERRORS)))
     frame = Frame(k, inputs, _mask(valid, inputs.size), measurement)
     return StoredStep(frame, decision, training, tuple(adopted), trusted is not None)
+
+
+def frames_of(found: Sequence[tuple[int, bytes, bytes, bytes | None]]) -> Frames:
+    """From columns k, inputs, valid and errors of `frame`."""
+    nothing, many = bytes(8 * len(THERMAL_ERRORS)), len(found)
+    k = np.array([row[0] for row in found], dtype=np.int64)
+    inputs = _array(b"".join(row[1] for row in found)).reshape(many, -1 if many else 0)
+    masks = np.frombuffer(b"".join(row[2] for row in found), dtype=np.uint8).reshape(many, -1 if many else 0)
+    valid = np.unpackbits(masks, axis=1, count=inputs.shape[1]).astype(np.bool_)
+    measured = _array(b"".join(row[3] or nothing for row in found)).reshape(many, len(THERMAL_ERRORS))
+    measured[[row[3] is None for row in found]] = np.nan
+    return Frames(k, inputs, valid, measured)
 
 
 def reasons_of(text: str) -> Reasons:

@@ -40,6 +40,9 @@ CREATE TABLE IF NOT EXISTS trust (k INTEGER PRIMARY KEY, trusted BLOB NOT NULL);
 CREATE TABLE IF NOT EXISTS reasons (k INTEGER PRIMARY KEY, time REAL NOT NULL, reasons TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS prior (hash TEXT PRIMARY KEY, content TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS prior_of_boot (boot INTEGER PRIMARY KEY, hash TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS snapshot (slot INTEGER PRIMARY KEY, k INTEGER NOT NULL, taken TEXT NOT NULL,
+    state BLOB NOT NULL);
+CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 """
 """Tables that later programs added; in a file without them, nothing of the kind has happened."""
 

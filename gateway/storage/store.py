@@ -32,6 +32,7 @@ from gateway.events import (
 from gateway.storage import rows
 from gateway.storage.damage import Known, mend, unreadable_rows
 from gateway.storage.schema import UNREADABLE, DamagedError, FileLock, StoreError, connect, is_damage, make_schema
+from gateway.storage.snapshot import Snapshot
 from gateway.storage.waiting import Kind
 from gateway.storage.writer import DatabaseWriter
 
@@ -191,6 +192,15 @@ class Store:
                 pass  # what an operator should know about them is also an EventReported
             case _:
                 assert_never(event)
+
+    def keep(self, snapshot: Snapshot) -> None:
+        """Store a snapshot, after the step that it was taken at, in the place of the older one of two. Returns at once.
+
+        It is turned into bytes in the writer's thread.
+        """
+        slot = "coalesce((SELECT 1 - slot FROM snapshot ORDER BY k DESC LIMIT 1), 0)"
+        row = snapshot.k, self._clock.utc().isoformat(), snapshot
+        self._writer.put(f"INSERT OR REPLACE INTO snapshot VALUES ({slot}, ?, ?, ?)", [row], kind=Kind.SNAPSHOTS)
 
     def _mend(self, why: str) -> str:
         return mend(self._path, why, self._clock.utc(), self._known)

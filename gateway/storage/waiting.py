@@ -21,6 +21,8 @@ class Kind(Enum):
     """Steps of the compensation."""
     EVENTS = 10_001
     """Events in words."""
+    SNAPSHOTS = 1
+    """A newer one takes the place of the one that waits; that is no loss."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,4 +93,4 @@ class Waiting:
         while kind.value is not None and self._rows[kind] > kind.value and len(items) > 1:
             gone = len(items.popleft().rows)
             self._rows[kind] -= gone
-            self.dropped[kind] += gone
+            self.dropped[kind] += gone if kind is not Kind.SNAPSHOTS else 0

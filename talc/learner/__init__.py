@@ -2,6 +2,7 @@
 
 from talc.learner.course import CourseState, LearningCourse
 from talc.learner.learner import Explanation, LearnerState
+from talc.learner.mixture import MixtureState
 from talc.learner.prior import Prior, make_prior
 from talc.learner.reasons import KINDS, ErrorReason, Reasons
 
@@ -12,6 +13,7 @@ __all__ = [
     "Explanation",
     "LearnerState",
     "LearningCourse",
+    "MixtureState",
     "Prior",
     "Reasons",
     "make_prior",

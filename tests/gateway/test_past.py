@@ -71,8 +71,9 @@ def seen(config: GatewayConfig) -> SeenBefore:
 def test_the_sensor_watch_goes_on_from_the_stored_frames(config: GatewayConfig) -> None:
     earlier_run(config)
     before = seen(config)
-    assert (before.first_k, before.inputs.shape, before.suspect_since_k) == (0, (STEPS, 2), None)
-    assert before.valid.all()
+    assert (before.frames.k.tolist(), before.suspect_since_k) == (list(range(STEPS)), None)
+    assert before.frames.inputs.shape == (STEPS, 2)
+    assert before.frames.valid.all()
 
 
 def test_what_was_suspect_and_had_not_ended_still_is(config: GatewayConfig) -> None:

@@ -16,7 +16,8 @@ from gateway.acquisition.reload import bus_changes
 from gateway.cli import main
 from gateway.config import GatewayConfig, load
 from gateway.events import DecisionMade, FrameMade
-from gateway.past import Past, controller_of, past_of
+from gateway.past import Past, past_of
+from gateway.rebuild import controller_of
 from gateway.replay import replay
 from gateway.storage import History, Store
 from talc.control import Controller

@@ -15,7 +15,7 @@ from gateway.cli.view import ViewState, render
 from gateway.control import SeenBefore, SensorWatch
 from gateway.events import EventReported, GatewayEvent, SensorsJudged
 from gateway.telemetry import Composer, SensorsMessage, decode, encode
-from talc.frame import BoolArray, EventKind, FloatArray, Frame
+from talc.frame import BoolArray, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Judgement
 from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
@@ -70,6 +70,11 @@ def exchanged(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return y
 
 
+def before(inputs: FloatArray, since: int | None = None) -> SeenBefore:
+    frames = Frames(np.arange(K0, K0 + len(inputs)), inputs, np.ones(inputs.shape, np.bool_), np.empty((0, 9)))
+    return SeenBefore(frames, since)
+
+
 def watch(ear: Ear, teacher: Teacher, before: SeenBefore | None = None) -> SensorWatch:
     return SensorWatch(INPUTS, SETTINGS, NAMES.__contains__, ear, SteppedClock(), before, teacher)
 
@@ -105,7 +110,7 @@ async def test_an_exchange_is_told_once_and_so_is_its_end(caplog: pytest.LogCapt
 
 async def test_a_finding_is_published_and_shown() -> None:
     ear, x = Ear(), exchanged(days())
-    seen = SeenBefore(K0, days()[: 2 * DAY], np.ones((2 * DAY, len(INPUTS)), np.bool_), None)
+    seen = before(days()[: 2 * DAY])
     await run(watch(ear, Teacher(), seen), x[2 * DAY : 2 * DAY + 150], K0 + 2 * DAY)
     judgement, k = ear.judgements[-1]
     composer = Composer("boot", INPUTS, SteppedClock(), simulated=False)
@@ -133,8 +138,8 @@ async def test_a_restart_finds_the_fault_again_and_does_not_learn_it() -> None:
     ear, teacher, x = Ear(), Teacher(), days()
     faulty = np.concatenate([x[: 3 * DAY], exchanged(x[3 * DAY : 4 * DAY])])
     since = K0 + 3 * DAY + 120
-    before = SeenBefore(K0, faulty, np.ones(faulty.shape, np.bool_), since)
-    await run(watch(ear, teacher, before), exchanged(x[4 * DAY : 4 * DAY + 80]), K0 + 4 * DAY)
+    earlier = before(faulty, since)
+    await run(watch(ear, teacher, earlier), exchanged(x[4 * DAY : 4 * DAY + 80]), K0 + 4 * DAY)
     assert len(teacher.rows) == 1
     assert teacher.rows[0] < 3 * DAY
     assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT]
@@ -219,7 +224,7 @@ async def test_a_judgement_that_raises_ends_nothing_and_is_told_once(caplog: pyt
 
 async def test_runs_by_itself_and_learns_in_another_process() -> None:
     ear, x = Ear(), days()
-    seen = SeenBefore(K0, x[: 2 * DAY], np.ones((2 * DAY, len(INPUTS)), np.bool_), None)
+    seen = before(x[: 2 * DAY])
     watching = SensorWatch(INPUTS, SETTINGS, NAMES.__contains__, ear, SteppedClock(), seen)
     task = asyncio.create_task(watching.run())
     try:

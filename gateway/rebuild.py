@@ -1,0 +1,145 @@
+"""The controller of an earlier run: from its last snapshot, or from the record alone, and the steps after it."""
+
+import hashlib
+import json
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import talc
+from gateway.config import GatewayConfig
+from gateway.storage import History, Snapshot, SnapshotError, StoredStep, decode, marks_of
+from gateway.versions import versions
+from talc.control import Controller
+from talc.frame import Decision, Frame, TrainingJob, Why
+from talc.names import THERMAL_ERRORS
+from talc.settings import TalcSettings
+
+log = logging.getLogger(__name__)
+
+Progress = Callable[[], None]
+"""Called at every step of a rebuild; ends it by raising Interrupted."""
+
+
+def no_matter() -> None:
+    """Go on."""
+
+
+class Interrupted(Exception):
+    """A rebuild was ended before its end."""
+
+
+def controller_of(config: GatewayConfig) -> Controller:
+    """A fresh controller of a configuration."""
+    prior = None if config.prior is None else config.prior.prior
+    return Controller(config.input_names, config.talc, config.grid.step_s, prior)
+
+
+def used(talc_settings: TalcSettings) -> object:
+    """The settings that the method uses."""
+    if talc_settings.method == "learner":
+        return talc_settings.learner
+    return talc_settings.control, talc_settings.training
+
+
+@dataclass(slots=True)
+class Rebuilt:
+    """A controller after stored steps, and what it was then waiting for."""
+
+    controller: Controller
+    last_k: int | None = None
+    measure: Why | None = None
+    """The measurement that was wanted."""
+    job: TrainingJob | None = None
+    """A training that was wanted and has not ended."""
+    missing: dict[str, int] = field(default_factory=dict)
+    """Inputs of live models without a good value at the last step, and the grid index since when."""
+    measured: list[int | None] = field(default_factory=lambda: [None] * len(THERMAL_ERRORS))
+    """Grid index of each error's last measurement."""
+    steps: int = 0
+    """Taken since the snapshot that it began with, or since the record's begin."""
+    from_snapshot: bool = False
+
+    def follow(self, frame: Frame, decision: Decision) -> None:
+        """Take note of a step that the controller has taken."""
+        self.last_k, self.measure, self.steps = decision.k, decision.measure, self.steps + 1
+        self.missing = {name: self.missing.get(name, frame.k) for name in decision.substituted}
+        if frame.measurement is not None:
+            new = np.isfinite(frame.measurement.errors)
+            self.measured = [frame.k if n else k for n, k in zip(new, self.measured, strict=True)]
+
+    def snapshot(self, marks: str) -> Snapshot:
+        """All of it, but for a training in progress."""
+        return Snapshot(marks, self.controller.state(), self.measure, self.missing, tuple(self.measured))
+
+
+def rebuilt(
+    steps: Iterable[StoredStep], config: GatewayConfig, start: Rebuilt | None = None, progress: Progress = no_matter
+) -> Rebuilt:
+    """The controller of a configuration, after the stored frames and models. A learner takes only the frames.
+
+    start: continued from; None: a fresh controller
+    """
+    found = Rebuilt(controller_of(config)) if start is None else start
+    for step in steps:
+        progress()
+        decision = found.controller.step(step.frame)
+        found.follow(step.frame, decision)
+        found.job = decision.training or found.job
+        for stored in () if config.talc.method == "learner" else step.adopted:
+            found.controller.adopt(stored)
+            found.job = None
+    return found
+
+
+def rebuilt_from(history: History, config: GatewayConfig, progress: Progress = no_matter) -> Rebuilt:
+    """The controller after the whole record: from the latest snapshot of the same settings and program, if any."""
+    start = _restored(history, config)
+    after_k = -1 if start is None or start.last_k is None else start.last_k
+    return rebuilt(history.steps(after_k), config, start, progress)
+
+
+def _restored(history: History, config: GatewayConfig) -> Rebuilt | None:
+    wanted = marks(config)
+    for data in history.snapshots():
+        try:
+            if marks_of(data) != wanted:
+                continue
+            found = decode(data, history.frames)
+            prior = None if config.prior is None else config.prior.prior
+            controller = Controller.restore(found.state, config.talc, config.grid.step_s, prior)
+        except (SnapshotError, ValueError) as error:
+            log.warning("a snapshot is not used: %s", error)
+            continue
+        return Rebuilt(
+            controller,
+            found.k,
+            found.measure,
+            missing=dict(found.missing),
+            measured=list(found.measured),
+            from_snapshot=True,
+        )
+    return None
+
+
+def marks(config: GatewayConfig) -> str:
+    """Fingerprint of all that decisions follow from, besides the frames: settings, prior, inputs, program, numerics."""
+    prior = None if config.prior is None or config.talc.method != "learner" else config.prior.content_hash
+    settings = used(config.talc)
+    parts = settings if isinstance(settings, tuple) else (settings,)
+    told = [config.talc.method, [asdict(part) for part in parts], config.input_names, config.grid.step_s, prior]
+    return hashlib.sha256(json.dumps([*told, _program()]).encode()).hexdigest()
+
+
+@cache
+def _program() -> str:
+    """Fingerprint of the program of the decisions, its kernel included, and the versions of what it stands on."""
+    found = hashlib.sha256(versions().encode())
+    for folder in map(Path, talc.__path__):
+        for path in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".so")):
+            found.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
+    return found.hexdigest()

@@ -1,0 +1,42 @@
+"""Takes snapshots of the running controller, so that a restart need not repeat the whole record."""
+
+from gateway.config import GatewayConfig
+from gateway.events import DecisionMade, FrameMade, GatewayEvent
+from gateway.past import Past
+from gateway.rebuild import Rebuilt, marks
+from gateway.storage import Store
+from talc.frame import Frame
+
+EVERY_STEPS = 288
+"""Between two snapshots: a day at 5 min. A restart repeats no more steps than this."""
+
+
+class SnapshotKeeper:
+    """A sink, after the store's own, that takes a snapshot of the controller every so many steps.
+
+    Parameters
+    ----------
+    past: the controller, and what an earlier run left
+    store: takes the snapshots
+    config: that the controller runs with
+    every_steps: between two snapshots
+    """
+
+    def __init__(self, past: Past, store: Store, config: GatewayConfig, every_steps: int = EVERY_STEPS) -> None:
+        missing, measured = dict(past.missing), list(past.measured)
+        self._known = Rebuilt(past.controller, missing=missing, measured=measured, steps=past.since_snapshot)
+        self._store, self._marks, self._every = store, marks(config), every_steps
+        self._frame: Frame | None = None
+
+    def take(self, event: GatewayEvent) -> None:
+        """Take an event. No snapshot is taken while a training is in progress, which is no part of one."""
+        match event:
+            case FrameMade(frame):
+                self._frame = frame
+            case DecisionMade(decision) if self._frame is not None:
+                self._known.follow(self._frame, decision)
+                if self._known.steps >= self._every and not self._known.controller.learning:
+                    self._known.steps = 0
+                    self._store.keep(self._known.snapshot(self._marks))
+            case _:
+                pass

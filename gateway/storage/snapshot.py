@@ -1,0 +1,136 @@
+"""A controller's state as bytes: versioned, with a checksum, without pickle.
+
+SHA-256 of the rest (32 bytes), the format's name, the header's length (8 bytes, little-endian), the header as JSON, and
+the arrays one after the other. Of an array of numbers a bit map says which of them are not zero, and only those follow:
+a third of a learner's are zero.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from talc.control import ControllerState
+from talc.frame import Frames, Why
+from talc.snapshot import from_plain, to_plain
+
+_NAME = b"talc-gateway snapshot 1\n"
+_CHECKSUM, _LENGTH = hashlib.sha256().digest_size, 8
+_KINDS = {"f": "<f8", "i": "<i8", "b": "|b1"}
+_SPARSE = "<f8"
+
+
+class SnapshotError(Exception):
+    """It cannot be used; the message says why."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """What a run knew after a step, all that a restart needs besides the frames."""
+
+    marks: str
+    """Fingerprint of the settings and of the code that made it; others decide otherwise."""
+    state: ControllerState
+    measure: Why | None
+    """The measurement that was wanted."""
+    missing: Mapping[str, int]
+    """Inputs without a good value, and the grid index since when."""
+    measured: tuple[int | None, ...]
+    """Grid index of each error's last measurement."""
+
+    @property
+    def k(self) -> int:
+        """Grid index of its last step."""
+        return -1 if self.state.last_k is None else self.state.last_k
+
+    def __conform__(self, protocol: object) -> bytes:
+        """For SQLite: encoded when it is written, in the writer's thread."""
+        return encode(self)
+
+
+def encode(snapshot: Snapshot) -> bytes:
+    """The bytes of a snapshot."""
+    plain, arrays = to_plain(snapshot.state)
+    header = {
+        "marks": snapshot.marks,
+        "measure": snapshot.measure,
+        "missing": dict(snapshot.missing),
+        "measured": snapshot.measured,
+        "controller": plain,
+        "arrays": [[name, _KINDS[array.dtype.kind], array.shape] for name, array in arrays.items()],
+    }
+    text = json.dumps(header, separators=(",", ":")).encode()
+    parts = [_NAME, len(text).to_bytes(_LENGTH, "little"), text]
+    for array in arrays.values():
+        parts += _packed(np.ascontiguousarray(array, dtype=_KINDS[array.dtype.kind]))
+    body = b"".join(parts)
+    return hashlib.sha256(body).digest() + body
+
+
+def marks_of(data: bytes) -> str:
+    """Fingerprint of the settings and code that made a snapshot. Raises SnapshotError: it is not whole."""
+    marks = _header(data)[0]["marks"]
+    return str(marks)
+
+
+def decode(data: bytes, frames: Callable[[int, int], Frames]) -> Snapshot:
+    """The inverse of `encode`.
+
+    frames: gives those from a grid index to another one, both included
+
+    Raises SnapshotError: it is not whole, or not of this program.
+    """
+    header, start = _header(data)
+    try:
+        arrays, rest = {}, memoryview(data)[start:]
+        for name, kind, shape in header["arrays"]:
+            arrays[name], rest = _unpacked(rest, kind, tuple(shape))
+        return Snapshot(
+            marks=header["marks"],
+            state=from_plain(header["controller"], arrays, frames),
+            measure=None if header["measure"] is None else Why(header["measure"]),
+            missing=header["missing"],
+            measured=tuple(header["measured"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise SnapshotError(f"not of this program: {error}") from error
+
+
+def _header(data: bytes) -> tuple[Mapping[str, Any], int]:
+    """The header, and where the arrays begin."""
+    body = memoryview(data)[_CHECKSUM:]
+    if hashlib.sha256(body).digest() != data[:_CHECKSUM]:
+        raise SnapshotError("its checksum is wrong")
+    if body[: len(_NAME)] != _NAME:
+        raise SnapshotError("it has another format")
+    at = len(_NAME) + _LENGTH
+    end = at + int.from_bytes(body[len(_NAME) : at], "little")
+    return json.loads(bytes(body[at:end])), _CHECKSUM + end
+
+
+def _packed(array: NDArray[Any]) -> Iterator[bytes]:
+    if array.dtype != _SPARSE:
+        yield array.tobytes()
+        return
+    bits = array.reshape(-1).view("<u8")  # -0.0 is not zero here
+    there = bits != 0
+    yield np.packbits(there).tobytes()
+    yield bits[there].tobytes()
+
+
+def _unpacked(data: memoryview, kind: str, shape: tuple[int, ...]) -> tuple[NDArray[Any], memoryview]:
+    """An array of its own memory, and what follows it."""
+    dtype, size = np.dtype(kind), int(np.prod(shape))
+    if kind != _SPARSE:
+        end = size * dtype.itemsize
+        return np.frombuffer(data[:end], dtype).reshape(shape).astype(dtype.newbyteorder("=")), data[end:]
+    start = (size + 7) // 8
+    there = np.unpackbits(np.frombuffer(data[:start], np.uint8), count=size).astype(np.bool_)
+    end = start + 8 * int(there.sum())
+    bits = np.zeros(size, dtype="<u8")
+    bits[there] = np.frombuffer(data[start:end], "<u8")
+    return bits.view("<f8").reshape(shape).astype(np.float64), data[end:]

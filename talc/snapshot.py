@@ -1,0 +1,115 @@
+"""The controller's state as plain values and arrays, so that it can be kept and continued from, bit for bit."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from talc.control import ControllerState
+from talc.frame import Frames, Phase, Why
+from talc.learner import CourseState, LearnerState, MixtureState
+from talc.models import ErrorModel
+from talc.record import refilled
+
+FORMAT = 1
+Arrays = Mapping[str, NDArray[Any]]
+
+_LEARNER, _MIXTURE = "learner.", "mixture."
+
+
+def to_plain(state: ControllerState) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """JSON-able values and arrays of a state. Of its record only the oldest row: the rest follows from the frames."""
+    course = state.course
+    plain: dict[str, Any] = {
+        "format": FORMAT,
+        "input_names": state.input_names,
+        "last_k": state.last_k,
+        "rows": len(state.inputs),
+        "phase": state.phase,
+        "models": [None if known is None else [known[0].to_dict(), known[1]] for known in state.models],
+        "learning": state.learning,
+        "measured_in_phase": state.measured_in_phase,
+        "last_measured": state.last_measured,
+        "substituted": sorted(state.substituted),
+        "bounded": sorted(state.bounded),
+        "static": state.static,
+    }
+    arrays: dict[str, NDArray[Any]] = {"first": state.inputs[:1], "held": state.held}
+    if course is not None:
+        learner, mixture = course.learner, course.learner.mixture
+        arrays["trusted"] = course.trusted
+        arrays |= {_LEARNER + name: value for name, value in _values(learner) if isinstance(value, np.ndarray)}
+        arrays |= {_MIXTURE + name: value for name, value in _values(mixture) if isinstance(value, np.ndarray)}
+        plain["course"] = {
+            "phase": course.phase,
+            "last_k": course.last_k,
+            "last_measured": course.last_measured,
+            "wanted": course.wanted,
+            "measured_in_phase": course.measured_in_phase,
+            "substituted": sorted(course.substituted),
+        }
+        plain["learner"] = {name: value for name, value in _values(learner) if isinstance(value, int | float)}
+        plain["mixture"] = {name: value for name, value in _values(mixture) if isinstance(value, int | float)}
+    return plain, arrays
+
+
+def from_plain(plain: Mapping[str, Any], arrays: Arrays, frames: Callable[[int, int], Frames]) -> ControllerState:
+    """The inverse of `to_plain`.
+
+    frames: gives those from a grid index to another one, both included
+
+    Raises ValueError for another format, and KeyError or TypeError for values that no state has.
+    """
+    if plain["format"] != FORMAT:
+        raise ValueError(f"format = {plain['format']!r}: expected {FORMAT}")
+    last_k, rows = plain["last_k"], plain["rows"]
+    names = tuple(plain["input_names"])
+    inputs, valid = np.empty((0, len(names))), np.empty((0, len(names)), dtype=np.bool_)
+    measured = np.empty((0, len(arrays["held"])))
+    if rows:
+        made_of = frames(last_k + 1 - rows, last_k)
+        inputs, valid, measured = refilled(arrays["first"][0], rows, made_of, last_k)
+    return ControllerState(
+        input_names=names,
+        inputs=inputs,
+        valid=valid,
+        measured=measured,
+        last_k=last_k,
+        phase=Phase(plain["phase"]),
+        models=tuple(
+            None if known is None else (ErrorModel.from_dict(known[0]), known[1]) for known in plain["models"]
+        ),
+        held=arrays["held"],
+        learning=plain["learning"],
+        measured_in_phase=plain["measured_in_phase"],
+        last_measured=plain["last_measured"],
+        substituted=frozenset(plain["substituted"]),
+        bounded=frozenset(plain["bounded"]),
+        static=None if plain["static"] is None else tuple(None if s is None else tuple(s) for s in plain["static"]),
+        course=_course(plain, arrays) if "course" in plain else None,
+    )
+
+
+def _course(plain: Mapping[str, Any], arrays: Arrays) -> CourseState:
+    course = plain["course"]
+    mixture = MixtureState(**plain["mixture"], **_own(arrays, _MIXTURE))
+    return CourseState(
+        learner=LearnerState(mixture=mixture, **plain["learner"], **_own(arrays, _LEARNER)),
+        phase=Phase(course["phase"]),
+        last_k=course["last_k"],
+        last_measured=course["last_measured"],
+        wanted=None if course["wanted"] is None else Why(course["wanted"]),
+        measured_in_phase=course["measured_in_phase"],
+        trusted=arrays["trusted"],
+        substituted=frozenset(course["substituted"]),
+    )
+
+
+def _values(state: LearnerState | MixtureState) -> Iterator[tuple[str, Any]]:
+    return ((field.name, getattr(state, field.name)) for field in fields(state))
+
+
+def _own(arrays: Arrays, prefix: str) -> dict[str, Any]:
+    return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}

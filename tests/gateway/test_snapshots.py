@@ -1,0 +1,219 @@
+"""A restart from a snapshot decides, bit for bit, as one that repeats the whole record."""
+
+import sqlite3
+from collections.abc import Iterable
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.config import GatewayConfig, parse
+from gateway.events import DecisionMade, FrameMade, ModelsAdopted
+from gateway.past import Past, past_of
+from gateway.rebuild import Interrupted, marks
+from gateway.replay import replay
+from gateway.snapshots import SnapshotKeeper
+from gateway.storage import History, SnapshotError, Store, decode
+from talc.control import Controller
+from talc.frame import Decision, Frame, Measurement
+from talc.training import train
+from tests.benches.stepped_clock import SteppedClock
+
+TEXT = """
+[machine]
+name = "mill"
+[storage]
+path = "gateway.sqlite"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "nowhere"
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+[device.channels]
+bed = 0
+column = 1
+ram = 2
+[talc]
+method = "learner"
+[talc.control]
+calibration_steps = 36
+measurement_interval_steps = 12
+[talc.training]
+max_na = 0
+max_nb = 0
+"""
+EVERY = 60
+GAP = 20
+LONGER = 2 * EVERY + GAP + 15
+
+
+def config_of(folder: Path, method: str = "learner", **more: str) -> GatewayConfig:
+    text = TEXT.replace('"learner"', f'"{method}"')
+    for old, new in more.items():
+        text = text.replace(old, new)
+    return parse(text, folder / "gateway.toml")
+
+
+def frames(first: int, end: int) -> Iterable[Frame]:
+    """A warm machine with a sensor that is absent at times, a gap, and a measurement each twelve steps."""
+    for k in range(first, end):
+        if 50 <= k < 50 + GAP:
+            continue
+        draw = np.random.default_rng(k)
+        x = 20.0 + np.array([np.sin(k / 40.0), np.sin(k / 70.0), k / 400.0]) + draw.normal(0, 0.02, 3)
+        valid = np.array([True, k % 100 > 10, True])
+        errors = 4.0 * (x[0] - 20.0) + np.arange(9.0) + draw.normal(0, 0.3, 9)
+        measured = Measurement(errors, np.full(9, 0.3)) if k < 46 or k % 12 == 0 else None
+        yield Frame(k, x, valid, measured)
+
+
+def run(config: GatewayConfig, past: Past, first: int, end: int, boot: str) -> list[Decision]:
+    """As the service runs: every step is stored, a training ends within it, and a keeper takes the snapshots."""
+    made = []
+    with Store(config.storage.path, boot, SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        keeper = SnapshotKeeper(past, store, config, EVERY)
+        for frame in frames(first, end):
+            decision = past.controller.step(frame)
+            for event in (FrameMade(frame), DecisionMade(decision)):
+                store.record(event)
+                keeper.take(event)
+            if decision.training is not None:
+                models = train(decision.training)
+                past.controller.adopt(models)
+                store.record(ModelsAdopted(models, decision.k))
+            made.append(decision)
+    return made
+
+
+def fresh(config: GatewayConfig) -> Past:
+    return Past(Controller(config.input_names, config.talc))
+
+
+def restarted(config: GatewayConfig) -> Past:
+    with History(config.storage.path) as history:
+        return past_of(history, config)
+
+
+def snapshots(path: Path) -> list[int]:
+    with closing(sqlite3.connect(path)) as connection:
+        return [k for (k,) in connection.execute("SELECT k FROM snapshot ORDER BY k")]
+
+
+def change(path: Path, statement: str, *given: object) -> None:
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute(statement, given)
+
+
+def assert_same(one: Iterable[Decision], other: Iterable[Decision]) -> None:
+    for a, b in zip(one, other, strict=True):
+        for name in ("predicted", "corrected", "sigma", "limits", "trusted"):
+            assert getattr(a, name).tobytes() == getattr(b, name).tobytes(), (a.k, name)
+        assert (a.k, a.phase, a.measure, a.events, a.substituted) == (b.k, b.phase, b.measure, b.events, b.substituted)
+        assert (a.training is None) == (b.training is None)
+
+
+def assert_same_past(one: Past, other: Past) -> None:
+    assert (one.last_k, one.pending, one.missing, one.measured) == (
+        other.last_k, other.pending, other.missing, other.measured,
+    )  # fmt: skip
+    assert_same([one.controller.step(f) for f in frames(LONGER, LONGER + 20)],
+                [other.controller.step(f) for f in frames(LONGER, LONGER + 20)])  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["learner", "models"])
+def test_a_restart_from_a_snapshot_decides_as_one_from_the_whole_record(method: str, tmp_path: Path) -> None:
+    config = config_of(tmp_path, method)
+    run(config, fresh(config), 0, LONGER, "earlier")
+    assert len(snapshots(config.storage.path)) == 2
+    quick = restarted(config)
+    assert quick.since_snapshot < EVERY
+    change(config.storage.path, "DELETE FROM snapshot")
+    whole = restarted(config)
+    assert whole.since_snapshot == LONGER - GAP
+    assert_same_past(quick, whole)
+    with History(config.storage.path) as history:
+        assert replay(history).identical
+
+
+def test_a_replay_is_identical_over_restarts_from_snapshots_each_of_which_repeats_little(tmp_path: Path) -> None:
+    config = config_of(tmp_path)
+    past = fresh(config)
+    for number in range(4):  # none lasts for as long as a snapshot takes
+        run(config, past, number * 50, number * 50 + 50, f"boot{number}")
+        past = restarted(config)
+        assert past.since_snapshot < EVERY
+    assert len(snapshots(config.storage.path)) == 2
+    with History(config.storage.path) as history:
+        result = replay(history)
+    assert (result.identical, result.steps) == (True, 180), result.first
+
+
+@pytest.mark.parametrize("spoilt", ["SELECT max(k) FROM snapshot", "SELECT k FROM snapshot"])
+def test_a_spoilt_snapshot_gives_way_to_the_one_before_or_to_the_record(spoilt: str, tmp_path: Path) -> None:
+    config = config_of(tmp_path)
+    run(config, fresh(config), 0, LONGER, "earlier")
+    whole = restarted(config)
+    broken = "CAST(substr(state, 1, 5000) || x'00' || substr(state, 5002) AS BLOB)"
+    change(config.storage.path, f"UPDATE snapshot SET state = {broken} WHERE k IN ({spoilt})")
+    again = restarted(config)
+    assert again.since_snapshot > whole.since_snapshot
+    assert_same_past(again, whole)
+
+
+def test_other_settings_or_inputs_make_a_snapshot_of_no_use(tmp_path: Path) -> None:
+    ours = marks(config_of(tmp_path))
+    others = [
+        config_of(tmp_path, "models"),
+        config_of(tmp_path, **{"[talc.control]": "[talc.learner]\nlimit_um = 7.0\n[talc.control]"}),
+        config_of(tmp_path, **{"ram = 2": "slide = 2"}),
+    ]
+    assert ours not in map(marks, others)
+    assert len(set(map(marks, others))) == 3
+    unused = config_of(tmp_path, **{"calibration_steps = 36": "calibration_steps = 48"})
+    assert marks(unused) == ours, "the learner has no calibration"
+
+
+def test_a_snapshot_is_ahead_of_no_step_that_is_stored(tmp_path: Path) -> None:
+    config = config_of(tmp_path)
+    run(config, fresh(config), 0, LONGER, "earlier")
+    ahead = max(snapshots(config.storage.path))
+    change(config.storage.path, "DELETE FROM frame WHERE k >= ?", ahead)
+    change(config.storage.path, "DELETE FROM decision WHERE k >= ?", ahead)
+    assert restarted(config).last_k == ahead - 1
+
+
+def test_the_learners_state_does_not_grow_with_its_age(tmp_path: Path) -> None:
+    config = config_of(tmp_path)
+    controller = Controller(config.input_names, config.talc)
+    rows = set()
+    for frame in frames(0, 90):
+        controller.step(frame)
+        rows.add(len(controller.state().inputs))
+    assert max(rows) <= 2
+
+
+def test_bytes_that_are_no_snapshot_are_refused() -> None:
+    for data in (b"", b"x" * 40, bytes(1000)):
+        with pytest.raises(SnapshotError, match="checksum"):
+            decode(data, lambda *_: pytest.fail("not reached"))
+
+
+def test_a_rebuild_can_be_interrupted(tmp_path: Path) -> None:
+    config = config_of(tmp_path)
+    run(config, fresh(config), 0, 100, "earlier")
+    steps = 0
+
+    def progress() -> None:
+        nonlocal steps
+        steps += 1
+        if steps > 10:
+            raise Interrupted
+
+    with History(config.storage.path) as history, pytest.raises(Interrupted):
+        past_of(history, config, progress)
+    assert steps == 11
