@@ -1,9 +1,22 @@
 """Thermal Adaptive Learning Control: the science. Arrays in, arrays out; no I/O, no clock, no logging.
 
-Others use the modules named here. None is imported: the names of the errors are needed where there is no kernel.
+For research: `Learner`, the papers' estimators and `rehearse` (docs/library.md). Others use them, and the modules named
+here. All are imported when they are first used: the names of the errors are needed where there is no kernel.
 """
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from talc.estimators import ClusterKernelARX, GroupLassoARX, Learner, NotFittedError, SparseOutputError, rehearse
+
+_ESTIMATORS = ("ClusterKernelARX", "GroupLassoARX", "Learner", "NotFittedError", "SparseOutputError", "rehearse")
+
 __all__ = [
+    "ClusterKernelARX",
+    "GroupLassoARX",
+    "Learner",
+    "NotFittedError",
+    "SparseOutputError",
     "arx",
     "control",
     "frame",
@@ -14,10 +27,24 @@ __all__ = [
     "names",
     "presets",
     "probing",
+    "rehearse",
     "sensor_check",
     "sensor_model",
     "settings",
     "snapshot",
+    "steps",
     "training",
     "window",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name in _ESTIMATORS:
+        from talc import estimators
+
+        return getattr(estimators, name)
+    if name in __all__:
+        from importlib import import_module
+
+        return import_module(f"talc.{name}")
+    raise AttributeError(f"module 'talc' has no attribute {name!r}")

@@ -1,4 +1,17 @@
-"""Indicators of the quality of a compensation (B19 eq. 1-7; Z22 Tables 3 and 4). NaN: not measured, omitted."""
+"""Indicators of the quality of a compensation (B19 eq. 1-7; Z22 Tables 3 and 4). NaN: not measured, omitted.
+
+An error of 40 µm peak to peak, of which a tenth is left, and 35 cycles of 2 min in 72 h:
+
+>>> import numpy as np
+>>> from talc import indicators
+>>> error = 20 * np.sin(np.linspace(0, 2 * np.pi, 201))
+>>> indicators.peak_to_peak(error), round(indicators.rms(error), 1)
+(40.0, 14.1)
+>>> round(indicators.reduction(indicators.rms(error), indicators.rms(0.1 * error)), 1)
+90.0
+>>> round(indicators.productivity(35, cycle_s=120, total_s=72 * 3600), 1)
+98.4
+"""
 
 import numpy as np
 

@@ -3,6 +3,15 @@
 Machine coordinates: origin where the A and C axes meet at A = C = 0. The tool tip touches the workpiece at the machine
 position (X, Y, Z), which in the frame of the turned table is the point Rx(a)^-1 (X, Y, Z). Table-side errors move that
 point by delta; moving the tool by delta as well keeps it where it was on the workpiece.
+
+The A axis has sunk by 30 µm, and the table has grown by 10 µm at 150 mm; the tool stands 200 mm out on X:
+
+>>> import numpy as np
+>>> from talc import kinematics
+>>> errors = np.array([0, -30, 0, 0, 0, 10, 0, 0, 0])
+>>> offsets = kinematics.tcp_offsets(errors, np.array([200, 0, 50, 0, 0]), sphere_radius_m=0.15)
+>>> [round(float(um), 1) for um in offsets]
+[13.3, 0.0, -30.0]
 """
 
 from dataclasses import dataclass

@@ -1,5 +1,6 @@
 """The nine thermal errors, their order and their units (ISO 230-1, ISO 230-7)."""
 
+import re
 from typing import Final
 
 THERMAL_ERRORS: Final = ("EY0A", "EZ0A", "EX0C", "EY0C", "EZ0T", "ER0T", "EA0C", "EB0C", "EC0C")
@@ -23,3 +24,12 @@ ERROR_MEANINGS: Final = {
     "EB0C": "orientation of the C axis about Y",
     "EC0C": "zero position of the C axis",
 }
+
+_WORD = re.compile(r"[^0-9A-Za-z]+|_")
+_GEOMETRIC = re.compile(r"E[XYZABCR]0[A-Z]")
+
+
+def like_an_error(name: str) -> str | None:
+    """The position or orientation error, as ISO 230 names them, that a column's name holds (`ex0c_mm`); None: none."""
+    words = [word.upper().replace("O", "0") for word in _WORD.split(name)]
+    return next((word for word in words if _GEOMETRIC.fullmatch(word)), None)

@@ -6,6 +6,20 @@ The sphere stands on the table at p0 = (R, 0, h) in the C frame. At pose (a, c) 
           + Rx(a) [ (EX0C, EY0C, 0) + (EA0C, EB0C, EC0C) x Rz(c) p0 + ER0T Rz(c) e_x + EZ0T e_z ]
 
 which is linear in the nine errors: each pose gives three equations.
+
+Six poses, the sphere 150 mm from the C axis and 80 mm above the table; which errors do they tell apart, and how well?
+
+>>> import numpy as np
+>>> from talc import probing
+>>> poses = np.radians([(0, 0), (0, 90), (0, 180), (0, 270), (-45, 0), (-45, 90)])
+>>> report = probing.report_poses(poses, radius_m=0.15, height_m=0.08, sigma_um=0.5)
+>>> report.rank, report.inseparable
+(9, ())
+>>> errors = np.array([10, 30, 5, 0, 12, 8, 0, 20, 0])  # µm; the last three µm/m
+>>> moved = (probing.design_matrix(poses, 0.15, 0.08) @ errors).reshape(6, 3)
+>>> found = probing.solve(moved, poses, radius_m=0.15, height_m=0.08, sigma_um=0.5)
+>>> bool(np.allclose(found.errors, errors))
+True
 """
 
 import math

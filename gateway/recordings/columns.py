@@ -1,16 +1,11 @@
 """Assigns the columns: time, thermal errors, inputs. A column that looks like an error never becomes an input."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.config import suggestion
 from gateway.recordings.problems import FileProblems
-from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
-
-_WORD = re.compile(r"[^0-9A-Za-z]+|_")
-_GEOMETRIC = re.compile(r"E[XYZABCR]0[A-Z]")
-"""Position and orientation errors as ISO 230 names them, the thermal errors among them."""
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS, like_an_error
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +82,7 @@ def _used_once(time: str, errors: Mapping[str, str], ignored: Sequence[str], pro
 
 def _no_error(name: str, errors: Mapping[str, str], problems: FileProblems) -> None:
     """An error among the inputs would explain itself and make every figure meaningless."""
-    words = [word.upper().replace("O", "0") for word in _WORD.split(name)]
-    like = next((word for word in words if _GEOMETRIC.fullmatch(word)), None)
+    like = like_an_error(name)
     if like is None:
         return
     where = f"column {name!r}"

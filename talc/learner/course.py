@@ -18,16 +18,14 @@ from talc.frame import (
     Why,
 )
 from talc.learner.experts import EXPERTS, TOLD
-from talc.learner.learner import Estimate, Explanation, Learner, LearnerState
+from talc.learner.learner import Estimate, Explanation, LearnerState, RowLearner
 from talc.learner.mixture import Surprise
 from talc.learner.prior import Prior
 from talc.learner.reasons import Reasons, reasons_for
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import LearnerSettings
 
-_ERRORS = len(THERMAL_ERRORS)
 _TWO_SIDED_95 = 1.96
-_POSITIONS = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS])
 _SETTLED_S = 3600.0
 """After a gap longer than this a measurement is wanted at once."""
 
@@ -59,15 +57,25 @@ class LearningCourse:
     settings: limits and intervals
     step_s: grid step
     prior: what other machines have learnt; None: nothing
+    errors: names; the nine, as in the shapes below, or any others, which are in µm and for which there is no prior
     """
 
     def __init__(
-        self, input_names: Sequence[str], settings: LearnerSettings, step_s: float, prior: Prior | None = None
+        self,
+        input_names: Sequence[str],
+        settings: LearnerSettings,
+        step_s: float,
+        prior: Prior | None = None,
+        errors: Sequence[str] = THERMAL_ERRORS,
     ) -> None:
-        self._names, self._settings = tuple(input_names), settings
-        self._limits = np.where(_POSITIONS, settings.limit_um, settings.limit_um_per_m)
-        noise = np.where(_POSITIONS, settings.noise_um, settings.noise_um_per_m)
-        self._learner = Learner(len(self._names), step_s, noise, None if prior is None else prior.of(self._names))
+        self._names, self._settings, self._errors = tuple(input_names), settings, tuple(errors)
+        if prior is not None and self._errors != THERMAL_ERRORS:
+            raise ValueError(f"errors = {', '.join(errors)}: a prior is of {', '.join(THERMAL_ERRORS)}")
+        self._units = tuple(ERROR_UNITS.get(name, MICROMETRE) for name in self._errors)
+        positions = np.array([unit == MICROMETRE for unit in self._units])
+        self._limits = np.where(positions, settings.limit_um, settings.limit_um_per_m)
+        noise = np.where(positions, settings.noise_um, settings.noise_um_per_m)
+        self._learner = RowLearner(len(self._names), step_s, noise, None if prior is None else prior.of(self._names))
         self._experts = EXPERTS if prior is None else (*EXPERTS, *TOLD)
         self._long_gap = round(_SETTLED_S / step_s)
         self._phase = Phase.CALIBRATION
@@ -76,7 +84,7 @@ class LearningCourse:
         self._wanted: Why | None = None
         """Set after a gap or a surprise until the next measurement."""
         self._measured = 0
-        self._trusted = np.zeros(_ERRORS, dtype=np.bool_)
+        self._trusted = np.zeros(len(self._errors), dtype=np.bool_)
         self._substituted: frozenset[str] = frozenset()
 
     @property
@@ -96,7 +104,7 @@ class LearningCourse:
         before = self._learner.estimate()
         after, surprise = before, None
         if np.isfinite(measured).any():
-            sigma = np.full(_ERRORS, np.nan) if frame.measurement is None else frame.measurement.sigma
+            sigma = np.full(len(self._errors), np.nan) if frame.measurement is None else frame.measurement.sigma
             surprise = self._learner.learn(measured, sigma)
             after = self._learner.estimate()
             self._last_measured, self._wanted = frame.k, None
@@ -127,9 +135,8 @@ class LearningCourse:
             return None
         next_k, why = self._next(self._last_k)
         now, then = self._learner.estimate(), self._learner.estimate(next_k - self._last_k)
-        return Reasons(
-            self._last_k, next_k, why, reasons_for(self._names, self._experts, now, then, self._learner.explain())
-        )
+        errors = reasons_for(self._errors, self._names, self._experts, now, then, self._learner.explain())
+        return Reasons(self._last_k, next_k, why, errors)
 
     def state(self) -> CourseState:
         """A copy of everything that is known."""
@@ -174,14 +181,12 @@ class LearningCourse:
         residual = np.abs(measured - before.value)
         exceeded = residual > self._limits  # NaN compares false: not measured, or for the first time
         for i in np.flatnonzero(exceeded):
-            name = THERMAL_ERRORS[i]
-            text = f"{name}: residual {residual[i]:.1f} {ERROR_UNITS[name]} above its limit {self._limits[i]:.1f}"
+            name = self._errors[i]
+            text = f"{name}: residual {residual[i]:.1f} {self._units[i]} above its limit {self._limits[i]:.1f}"
             events.append(Event(EventKind.LIMIT_EXCEEDED, text, name, float(residual[i]), float(self._limits[i])))
         for i in np.flatnonzero(surprise.outlier):
-            name = THERMAL_ERRORS[i]
-            text = (
-                f"{name}: {measured[i]:.1f} {ERROR_UNITS[name]} is {abs(surprise.ratio[i]):.0f} standard deviations off"
-            )
+            name = self._errors[i]
+            text = f"{name}: {measured[i]:.1f} {self._units[i]} is {abs(surprise.ratio[i]):.0f} standard deviations off"
             events.append(
                 Event(EventKind.MEASUREMENT_REJECTED, f"{text}; it has little effect unless the next one agrees", name)
             )
@@ -194,7 +199,7 @@ class LearningCourse:
 
     def _note_trust(self, trusted: BoolArray, events: list[Event]) -> None:
         for i in np.flatnonzero(trusted != self._trusted):
-            name = THERMAL_ERRORS[i]
+            name = self._errors[i]
             now = "is corrected from now on" if trusted[i] else "is not corrected: no estimate is better than none"
             events.append(Event(EventKind.TRUST_CHANGED, f"{name} {now}", name))
         self._trusted = trusted

@@ -8,9 +8,7 @@ from talc.frame import BoolArray, FloatArray
 from talc.learner.features import LagBank
 from talc.learner.inputs import InputMemory
 from talc.learner.mixture import Mixture, MixtureState, Surprise, Told
-from talc.names import THERMAL_ERRORS
 
-_ERRORS = len(THERMAL_ERRORS)
 TIME_CONSTANTS_S = (0.0, 900.0, 2700.0, 8100.0, 24300.0)
 """0, 15 min, 45 min, 2.25 h, 6.75 h: any smooth response of a machine is near a sum of these."""
 SPAN = 3.0
@@ -73,14 +71,15 @@ class Explanation:
     """(9,) probability that the error is not just zero."""
 
 
-class Learner:
+class RowLearner:
     """Inputs, lags and the mixture together; a pure function of the rows it has seen.
 
     Parameters
     ----------
     inputs: number of inputs
     step_s: grid step
-    noise: (9,) standard uncertainty of a measurement that is reported without one
+    noise: (9,) standard uncertainty of a measurement that is reported without one; its length, elsewhere nine, is the
+        number of errors
     told: learnt by other machines, in the spans (n,) beside it; NaN: not known
     """
 
@@ -92,12 +91,15 @@ class Learner:
         if told is not None:
             self._bank.span = np.where(np.isfinite(told[0]), told[0], SPAN)
             self._bank.wide = self._bank.span > SPAN
-        self._mixture = Mixture(inputs, self._bank.lags, step_s, told=None if told is None else told[1])
+        self._errors = len(noise)
+        self._mixture = Mixture(
+            inputs, self._bank.lags, step_s, told=None if told is None else told[1], errors=self._errors
+        )
         self._short_gap = round(_SHORT_GAP_S / step_s)
         self._noise = noise
         self._anchored = False
         self._scale = 1.0
-        self._doubt = np.zeros(_ERRORS)
+        self._doubt = np.zeros(self._errors)
         """(9,) variance that missing inputs add at present."""
 
     @property
@@ -123,9 +125,9 @@ class Learner:
             else:
                 bank.advance(deviation)
         mixture.elapse(gap + 1)
-        self._doubt = np.zeros(_ERRORS)
+        self._doubt = np.zeros(self._errors)
         if missing is not None:
-            gains = mixture.weights()[:, :-1].reshape(_ERRORS, len(values), -1).sum(axis=2) / bank.span
+            gains = mixture.weights()[:, :-1].reshape(self._errors, len(values), -1).sum(axis=2) / bank.span
             self._doubt = np.maximum(np.einsum("ji,ik,jk->j", gains, missing, gains), 0.0)
         return moved
 
@@ -170,7 +172,7 @@ class Learner:
         """The reasons for the estimates of the present row."""
         weights, features = self._mixture.weights(), self._bank.features()
         parts = weights * features * np.where(self._mixture.believed > _TRUSTED, self._mixture.believed, 0.0)[:, None]
-        inputs = parts[:, :-1].reshape(_ERRORS, -1, self._bank.lags).sum(axis=2)
+        inputs = parts[:, :-1].reshape(self._errors, -1, self._bank.lags).sum(axis=2)
         return Explanation(inputs, parts[:, -1], self._mixture.weight.copy(), self._mixture.believed)
 
     def state(self) -> LearnerState:

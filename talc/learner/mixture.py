@@ -95,7 +95,7 @@ class Told:
 
 
 class Mixture:
-    """Nine errors, each with the same experts.
+    """Errors, each with the same experts; 9 in the shapes below stands for their number.
 
     y[k] = phi[k]' w[k] + b[k] + e, with w and b random walks; the features phi come from outside. Every expert is a
     Kalman filter of (w, b). An error's prediction is the mean of the experts', weighted by the product of their
@@ -111,6 +111,7 @@ class Mixture:
     step_s: grid step
     experts: of each error
     told: from other machines; adds experts that start with it
+    errors: number of errors; nine unless told otherwise
     """
 
     def __init__(
@@ -120,7 +121,9 @@ class Mixture:
         step_s: float,
         experts: tuple[Expert, ...] = EXPERTS,
         told: Told | None = None,
+        errors: int = _ERRORS,
     ) -> None:
+        self._errors = errors
         experts = experts if told is None else (*experts, *TOLD)
         self._told, self._listeners = told, [e for e, expert in enumerate(experts) if expert.told]
         self._inputs, self._lags, self._experts = inputs, lags, experts
@@ -143,26 +146,26 @@ class Mixture:
         self._first_prior = prior
         self._groups = np.arange(min(_RENEWED, inputs))
         self._gain, self._spread = np.empty((many, n)), np.empty(many)
-        weight, null = np.full((_ERRORS, many), 1.0 / many), np.full(_ERRORS, _NULL_FIRST)
+        weight, null = np.full((self._errors, many), 1.0 / many), np.full(self._errors, _NULL_FIRST)
         if told is not None:
             known, heard = told.machines > 0, len(self._listeners)
             weight[known] = (1.0 - _TOLD_SHARE) / (many - heard)
             weight[known, many - heard :] = _TOLD_SHARE / heard
             null[known] = _TOLD_NULL
         self._s = MixtureState(
-            mean=np.zeros((_ERRORS, many, n)),
-            covariance=np.zeros((_ERRORS, many, packed)),
-            prior=np.repeat(prior[None], _ERRORS, axis=0),
+            mean=np.zeros((self._errors, many, n)),
+            covariance=np.zeros((self._errors, many, packed)),
+            prior=np.repeat(prior[None], self._errors, axis=0),
             log_weight=np.log(weight),
             weight=weight,
-            mixed=np.zeros((_ERRORS, packed)),
-            drift=np.zeros((_ERRORS, n)),
-            elapsed=np.zeros(_ERRORS),
-            jolt=np.zeros(_ERRORS),
+            mixed=np.zeros((self._errors, packed)),
+            drift=np.zeros((self._errors, n)),
+            elapsed=np.zeros(self._errors),
+            jolt=np.zeros(self._errors),
             null=null,
-            count=np.zeros(_ERRORS, dtype=np.int64),
-            suspect=np.zeros(_ERRORS),
-            last=np.full(_ERRORS, np.nan),
+            count=np.zeros(self._errors, dtype=np.int64),
+            suspect=np.zeros(self._errors),
+            last=np.full(self._errors, np.nan),
             cursor=0,
         )
 
@@ -206,7 +209,7 @@ class Mixture:
     def predict(self, x: FloatArray, ahead: int = 0) -> tuple[FloatArray, FloatArray]:
         """(9,) means and variances with features x (n,), `ahead` steps from now, the hypothesis of zero left aside.
         Before the first measurement of an error: 0 and 0."""
-        s, mean, variance = self._s, np.empty(_ERRORS), np.empty(_ERRORS)
+        s, mean, variance = self._s, np.empty(self._errors), np.empty(self._errors)
         _kernel.mixtures_predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed + ahead, x, mean, variance)
         return mean, variance + s.jolt
 
@@ -229,8 +232,8 @@ class Mixture:
 
         doubt: (9,) variance that missing inputs add to a prediction.
         """
-        ratio = np.full(_ERRORS, np.nan)
-        outlier, jump = np.zeros((2, _ERRORS), dtype=np.bool_)
+        ratio = np.full(self._errors, np.nan)
+        outlier, jump = np.zeros((2, self._errors), dtype=np.bool_)
         for j in np.flatnonzero(np.isfinite(errors)):
             noise = max(float(sigma[j]), _LEAST_NOISE) ** 2 + float(doubt[j])
             ratio[j], outlier[j], jump[j] = self._learn_one(int(j), x, float(errors[j]), noise)

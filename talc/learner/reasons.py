@@ -8,7 +8,6 @@ import numpy as np
 from talc.frame import FloatArray, Why
 from talc.learner.experts import Expert
 from talc.learner.learner import Estimate, Explanation
-from talc.names import THERMAL_ERRORS
 
 _SHOWN = 5
 """Number of inputs that are named for an error."""
@@ -43,7 +42,7 @@ class ErrorReason:
 
 @dataclass(frozen=True, slots=True)
 class Reasons:
-    """The reasons for all nine, at one grid step."""
+    """The reasons for all errors, at one grid step."""
 
     k: int
     next_k: int
@@ -53,11 +52,16 @@ class Reasons:
 
 
 def reasons_for(
-    names: Sequence[str], experts: Sequence[Expert], now: Estimate, then: Estimate, why: Explanation
+    errors: Sequence[str],
+    names: Sequence[str],
+    experts: Sequence[Expert],
+    now: Estimate,
+    then: Estimate,
+    why: Explanation,
 ) -> tuple[ErrorReason, ...]:
-    """In the order of THERMAL_ERRORS; `then`: at the next measurement."""
+    """In the order of the errors; `then`: at the next measurement."""
     found = []
-    for j, error in enumerate(THERMAL_ERRORS):
+    for j, error in enumerate(errors):
         parts = why.inputs[j]
         largest = [int(i) for i in np.argsort(-np.abs(parts), kind="stable")[:_SHOWN] if parts[i] != 0.0]
         shown = float(parts[largest].sum())

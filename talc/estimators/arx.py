@@ -1,0 +1,294 @@
+"""The papers' models, and the sparse output-error models beside them, with scikit-learn's manners."""
+
+from abc import abstractmethod
+from typing import Any, Literal, Self
+from warnings import warn
+
+import numpy as np
+
+from talc.estimators.clock import RowClock
+from talc.estimators.manners import Manners, NotFittedError
+from talc.estimators.rows import inputs_of, names_or_numbers, outputs_of
+from talc.frame import FloatArray, Frame, TrainingJob, Why
+from talc.free_running import FreeRunningModel
+from talc.models import ErrorModel
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.record import Record
+from talc.settings import TrainingSettings
+from talc.training import train
+
+_PLACES = tuple(i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] == MICROMETRE)
+"""A training makes nine models; these have one tolerance, the estimator's."""
+
+
+class TrainedModels(Manners):
+    """A model for each error, from all rows at once; what its subclasses share.
+
+    Rows are a time series. `predict` takes the rows that follow the fitted ones, in free run: without measurements.
+    Missing inputs keep their last value. An error with fewer than 24 measured rows, or whose model would be unstable,
+    gets the mean of what was measured, and a warning says so.
+    """
+
+    step_s: float | None
+
+    @abstractmethod
+    def _settings(self) -> TrainingSettings:
+        """What the parameters mean. ValueError names an invalid one."""
+
+    def fit(self, X: object, y: object, times: object = None) -> Self:
+        """Find the models.
+
+        X: (T, n) array or DataFrame; NaN: missing. y: (T,) or (T, m) array, Series or DataFrame; NaN where nothing was
+        measured. times: (T,) UTC seconds or datetimes, ascending; None: X's DatetimeIndex, or rows without gaps.
+        ValueError and TypeError say what is wrong with them.
+        """
+        rows = inputs_of(X, times)
+        measured, names, self._flat = outputs_of(y)
+        if len(measured) != len(rows.values):
+            raise ValueError(f"X has {len(rows.values)} rows, y {len(measured)}: expected the same number")
+        if not np.isfinite(measured).any():
+            raise ValueError("y holds no measurement: all of it is NaN")
+        settings, clock = self._settings(), RowClock(rows, self.step_s)
+        index = clock.take(rows)
+        self._clock, self._k = clock, int(index[-1])
+        self._know(rows)
+        self.step_s_ = clock.step_s
+        self.error_names_ = names_or_numbers(names, measured.shape[1], "y")
+        inputs = names_or_numbers(rows.names, self.n_features_in_, "x")
+        record = Record(self.n_features_in_, None)
+        for k, values in zip(index.tolist(), rows.values, strict=True):
+            record.append_gap(k)
+            record.append(Frame(k, values, np.isfinite(values)))
+        on_steps = np.full((len(record), measured.shape[1]), np.nan)
+        on_steps[index - index[0]] = measured
+        self._last = record.inputs[-1].copy()
+        self._mean = [float(np.mean(m[np.isfinite(m)])) if np.isfinite(m).any() else 0.0 for m in measured.T]
+        self._models, notes = _trained(record, inputs, on_steps, settings)
+        if notes:
+            texts = [f"{self.error_names_[j]}: {note}; its mean is predicted" for j, note in notes]
+            warn("\n".join(texts), stacklevel=2)
+        self._running = [
+            None if model is None else _state(model, inputs, record.inputs, on_steps[:, j])
+            for j, model in enumerate(self._models)
+        ]
+        found = {name: model for name, model in zip(self.error_names_, self._models, strict=True) if model is not None}
+        self.inputs_ = {name: model.inputs for name, model in found.items()}
+        self.poles_ = {name: model.poles() for name, model in found.items()}
+        self.static_gains_ = {
+            name: dict(zip(model.inputs, model.static_gain().tolist(), strict=True)) for name, model in found.items()
+        }
+        return self
+
+    def predict(self, X: object, return_std: bool = False, times: object = None) -> Any:
+        """What the errors are in the rows that follow the fitted ones: (T,) or (T, m), in the unit of y.
+
+        return_std: also their standard uncertainties, of the same shape; NaN for an error without a model.
+        """
+        if not hasattr(self, "_models"):
+            raise NotFittedError(f"this {type(self).__name__} is not fitted yet: call fit first")
+        rows = self._following(X, times)
+        index = self._clock.ahead().take(rows)
+        inputs = names_or_numbers(rows.names or getattr(self, "feature_names_in_", None), self.n_features_in_, "x")
+        mean, std = np.full((2, len(index), len(self._models)), np.nan)
+        for j, (model, state) in enumerate(zip(self._models, self._running, strict=True)):
+            if model is None or state is None:
+                mean[:, j] = self._mean[j]
+                continue
+            running = FreeRunningModel(model, [inputs.index(name) for name in model.inputs])
+            running.restore(state)
+            last, k_before = self._last, self._k
+            for row, (k, values) in enumerate(zip(index.tolist(), rows.values, strict=True)):
+                for _ in range(k - k_before - 1):
+                    running.step(last, float("nan"))
+                last, k_before = np.where(np.isfinite(values), values, last), k
+                estimate = running.step(last, float("nan"))
+                mean[row, j], std[row, j] = estimate.predicted, estimate.sigma
+        if self._flat:
+            mean, std = mean[:, 0], std[:, 0]
+        return (mean, std) if return_std else mean
+
+
+class GroupLassoARX(TrainedModels):
+    """ARX models whose inputs and orders a particle swarm chooses over the Group-LASSO (Zimmermann et al. 2022, §3).
+
+    Parameters
+    ----------
+    max_na, max_nb : int
+        Largest autoregressive order, 0 to 5, and largest order of an input, 0 to 5.
+    max_inputs : int
+        Largest number of inputs in a model.
+    criterion : {'adapted_bic', 'bic', 'aic', 'mdl'}
+        What the swarm minimises, of the free run's residuals (eq. 9).
+    tolerance, safety : float
+        T and ST of the adapted BIC; T in the unit of y.
+    estimator : {'guarded', 'least_squares', 'refined'}
+        The fit of the choice: under constraints on poles and gains; plain (eq. 5); or of the free run.
+    seed : int
+        Of the swarm.
+    step_s : float or None
+        Grid step, s. None: the median spacing of the rows' times, or 300 s where they have none.
+
+    Attributes
+    ----------
+    inputs_, poles_, static_gains_ : dict
+        By error: names of the chosen inputs, poles, and the response to a lasting unit step of each input.
+    error_names_, feature_names_in_, n_features_in_, step_s_
+        As of `talc.Learner`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import talc
+    >>> X = np.random.default_rng(1).normal(size=(300, 4)).cumsum(axis=0)
+    >>> y = np.zeros(300)
+    >>> for k in range(1, 300):
+    ...     y[k] = 0.8 * y[k - 1] + 2 * X[k, 1]
+    >>> model = talc.GroupLassoARX(max_inputs=2).fit(X[:200], y[:200])
+    >>> model.inputs_
+    {'y0': ('x1',)}
+    >>> round(model.static_gains_["y0"]["x1"], 1)
+    10.0
+    """
+
+    def __init__(
+        self,
+        *,
+        max_na: int = 1,
+        max_nb: int = 5,
+        max_inputs: int = 8,
+        criterion: Literal["adapted_bic", "bic", "aic", "mdl"] = "adapted_bic",
+        tolerance: float = 5.0,
+        safety: float = 0.75,
+        estimator: Literal["least_squares", "guarded", "refined"] = "guarded",
+        seed: int = 0,
+        step_s: float | None = None,
+    ) -> None:
+        self.max_na, self.max_nb, self.max_inputs = max_na, max_nb, max_inputs
+        self.criterion, self.tolerance, self.safety = criterion, tolerance, safety
+        self.estimator, self.seed, self.step_s = estimator, seed, step_s
+
+    def _settings(self) -> TrainingSettings:
+        return TrainingSettings(
+            selector="pso",
+            max_na=self.max_na,
+            max_nb=self.max_nb,
+            max_inputs=self.max_inputs,
+            criterion=self.criterion,
+            tolerance_um=self.tolerance,
+            safety=self.safety,
+            estimator=self.estimator,
+            seed=self.seed,
+        )
+
+
+class ClusterKernelARX(TrainedModels):
+    """ARX models whose inputs the Time Series Cluster Kernel chooses one by one (Zimmermann et al. 2022, §3).
+
+    Parameters
+    ----------
+    max_na, max_nb, max_inputs, estimator, seed, step_s
+        As of `GroupLassoARX`; the seed is of the kernel's ensemble.
+
+    Attributes
+    ----------
+    inputs_, poles_, static_gains_, error_names_, feature_names_in_, n_features_in_, step_s_
+        As of `GroupLassoARX`.
+    """
+
+    def __init__(
+        self,
+        *,
+        max_na: int = 1,
+        max_nb: int = 5,
+        max_inputs: int = 8,
+        estimator: Literal["least_squares", "guarded", "refined"] = "guarded",
+        seed: int = 0,
+        step_s: float | None = None,
+    ) -> None:
+        self.max_na, self.max_nb, self.max_inputs = max_na, max_nb, max_inputs
+        self.estimator, self.seed, self.step_s = estimator, seed, step_s
+
+    def _settings(self) -> TrainingSettings:
+        return TrainingSettings(
+            selector="tck",
+            max_na=self.max_na,
+            max_nb=self.max_nb,
+            max_inputs=self.max_inputs,
+            estimator=self.estimator,
+            seed=self.seed,
+        )
+
+
+class SparseOutputError(TrainedModels):
+    """Output-error models that best predict blocks of rows which their fit has not seen: `method = "models"`'s default.
+
+    Parameters
+    ----------
+    max_na : int
+        Largest number of poles, 0 to 3.
+    max_nb, max_inputs, step_s
+        As of `GroupLassoARX`.
+    judged_by : {'unseen', 'seen'}
+        A BIC of the residuals on rows left out of the fit, or on all rows.
+
+    Attributes
+    ----------
+    inputs_, poles_, static_gains_, error_names_, feature_names_in_, n_features_in_, step_s_
+        As of `GroupLassoARX`.
+    """
+
+    def __init__(
+        self,
+        *,
+        max_na: int = 1,
+        max_nb: int = 5,
+        max_inputs: int = 8,
+        judged_by: Literal["unseen", "seen"] = "unseen",
+        step_s: float | None = None,
+    ) -> None:
+        self.max_na, self.max_nb, self.max_inputs = max_na, max_nb, max_inputs
+        self.judged_by, self.step_s = judged_by, step_s
+
+    def _settings(self) -> TrainingSettings:
+        return TrainingSettings(
+            selector="search",
+            max_na=self.max_na,
+            max_nb=self.max_nb,
+            max_inputs=self.max_inputs,
+            judged_by=self.judged_by,
+        )
+
+
+def _trained(
+    record: Record, inputs: tuple[str, ...], measured: FloatArray, settings: TrainingSettings
+) -> tuple[list[ErrorModel | None], list[tuple[int, str]]]:
+    """A model of each column, or None and why; as many at once as share their regressions."""
+    models: list[ErrorModel | None] = []
+    notes: list[tuple[int, str]] = []
+    for begin in range(0, measured.shape[1], len(_PLACES)):
+        some = measured[:, begin : begin + len(_PLACES)]
+        nine = np.full((len(measured), len(THERMAL_ERRORS)), np.nan)
+        places = _PLACES[: some.shape[1]]
+        nine[:, places] = some
+        job = TrainingJob(
+            k=len(measured) - 1,
+            why=Why.CALIBRATION,
+            input_names=inputs,
+            inputs=record.inputs,
+            valid=record.valid,
+            measured=nine,
+            settings=settings,
+        )
+        found = train(job)
+        for j, place in enumerate(places):
+            models.append(found.models[place])
+            said = f"{THERMAL_ERRORS[place]}: "
+            notes += [(begin + j, n.removeprefix(said)) for n in found.notes if n.startswith(said)]
+    return models, notes
+
+
+def _state(model: ErrorModel, inputs: tuple[str, ...], rows: FloatArray, measured: FloatArray) -> list[list[float]]:
+    """Of the model at the last row."""
+    running = FreeRunningModel(model, [inputs.index(name) for name in model.inputs])
+    running.warm_up(rows, measured)
+    return running.state()

@@ -1,0 +1,163 @@
+"""The learner's control over a recording, as if it were live: when it measures, what it predicts, how sure it is."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from talc.estimators.rows import inputs_of
+from talc.frame import LARGEST_ERROR, Decision, FloatArray, Frame, IntArray
+from talc.learner import LearningCourse
+from talc.names import like_an_error
+from talc.settings import LearnerSettings
+from talc.steps import means_and_lasts, on_grid
+
+if TYPE_CHECKING:
+    import pandas
+
+Policy = Literal["uncertainty", "fixed", "every"]
+
+
+def rehearse(
+    df: "pandas.DataFrame",
+    *,
+    errors: Sequence[str],
+    inputs: Sequence[str] | None = None,
+    times: object = None,
+    policy: Policy = "uncertainty",
+    step_s: float = 300.0,
+    settings: LearnerSettings | None = None,
+) -> "pandas.DataFrame":
+    """What the learner would have made of a recording, had it run while the machine did. Needs pandas.
+
+    A recorded error reaches it only when it has asked for a measurement, as on a machine; the others are there to judge
+    it by. So a densely recorded table shows what few measurements would have achieved.
+
+    Parameters
+    ----------
+    df : DataFrame
+        A row per time; NaN: missing, or not measured.
+    errors : sequence of str
+        Columns with errors, µm; EA0C, EB0C and EC0C in µm/m.
+    inputs : sequence of str or None
+        Columns with inputs; None: all others.
+    times : array or None
+        (T,) UTC seconds or datetimes, ascending; None: the DatetimeIndex, or rows `step_s` apart.
+    policy : {'uncertainty', 'fixed', 'every'}
+        When it measures: when it is unsure; at the settings' `measurement_interval_steps`; or at every recorded error.
+    step_s : float
+        Grid step, s. Denser rows are averaged; rows that are further apart keep their own spacing.
+    settings : LearnerSettings or None
+        Limits, intervals and noise; `policy` takes the place of theirs.
+
+    Returns
+    -------
+    DataFrame
+        A row per step that has any. For each error E: `E` as recorded, `E_predicted` before this step's measurement,
+        `E_corrected` after it (what a machine would be corrected by), `E_sigma` its standard uncertainty, `E_measured`
+        (NaN where it did not measure) and `E_trusted`. Then `phase`, `measured`, and `wanted`: why it wants to measure
+        in the next step, or empty. Its index is that of the last row of each step.
+
+    Raises
+    ------
+    ValueError
+        A column is missing, has two roles, or looks like an error but would become an input.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> import talc
+    >>> t = np.arange(576)
+    >>> df = pd.DataFrame({"bed": 20 + 5 * np.sin(t / 60), "drift": 40 * np.sin(t / 60)})
+    >>> df.index = pd.date_range("2026-03-02", periods=len(df), freq="5min")
+    >>> result = talc.rehearse(df, errors=["drift"])
+    >>> left = (result["drift"] - result["drift_predicted"])[288:]
+    >>> bool(left.std() < 0.1 * df["drift"].std()), int(result["measured"].sum()) < 60
+    (True, True)
+    """
+    import pandas as pd
+
+    errors, inputs = _columns(df, errors, inputs)
+    measured = inputs_of(df[errors]).values
+    rows = inputs_of(df[inputs], times)
+    if not step_s > 0:
+        raise ValueError(f"step_s = {step_s!r}: expected more than 0")
+    time_s = step_s * np.arange(1.0, len(df) + 1) if rows.time_s is None else rows.time_s
+    step_s, _, index = on_grid(time_s, step_s)
+    k, on_steps, recorded = means_and_lasts(index, rows.values, measured)
+    chosen = settings or LearnerSettings()
+    found: dict[str, Any] = {"phase": [], "measured": [], "wanted": []}
+    used, steps = np.full(recorded.shape, np.nan), []
+    for row, (decision, taken) in enumerate(_course(k, on_steps, recorded, inputs, errors, chosen, policy, step_s)):
+        used[row] = recorded[row] if taken else np.nan
+        steps.append(decision)
+        found["phase"].append(decision.phase.value)
+        found["measured"].append(taken)
+        found["wanted"].append("" if decision.measure is None else decision.measure.value)
+    table: dict[str, Any] = {}
+    for j, error in enumerate(errors):
+        table[error] = recorded[:, j]
+        for name in ("predicted", "corrected", "sigma"):
+            table[f"{error}_{name}"] = [float(getattr(d, name)[j]) for d in steps]
+        table[f"{error}_measured"] = used[:, j]
+        table[f"{error}_trusted"] = [bool(d.trusted[j]) for d in steps]
+    last = np.searchsorted(index, k, side="right") - 1
+    return pd.DataFrame(table | found, index=df.index[last])
+
+
+def _course(
+    k: IntArray,
+    inputs: FloatArray,
+    errors: FloatArray,
+    input_names: list[str],
+    error_names: list[str],
+    settings: LearnerSettings,
+    policy: Policy,
+    step_s: float,
+) -> Iterator[tuple[Decision, bool]]:
+    """The decision of each step, and whether it was measured."""
+    if policy not in ("uncertainty", "fixed", "every"):
+        raise ValueError(f"policy = {policy!r}: expected uncertainty, fixed or every")
+    if policy != "every":
+        settings = replace(settings, policy=policy)
+    course = LearningCourse(input_names, settings, step_s, errors=error_names)
+    asked, nothing = True, np.full(len(error_names), np.nan)
+    for row, step in enumerate(k.tolist()):
+        known = np.where(np.abs(errors[row]) <= LARGEST_ERROR, errors[row], np.nan)
+        taken = (asked or policy == "every") and bool(np.isfinite(known).any())
+        frame = Frame(step, inputs[row], np.isfinite(inputs[row]))
+        decision = course.step(frame, known if taken else nothing)
+        asked = decision.measure is not None
+        yield decision, taken
+
+
+def _columns(
+    df: "pandas.DataFrame", errors: Sequence[str], inputs: Sequence[str] | None
+) -> tuple[list[str], list[str]]:
+    """The columns with errors and those with inputs."""
+    errors = [errors] if isinstance(errors, str) else list(errors)
+    names = list(df.columns)
+    if not errors:
+        raise ValueError("errors: expected one or more columns")
+    chosen = [name for name in names if name not in errors] if inputs is None else list(inputs)
+    for role, given in (("errors", errors), ("inputs", chosen)):
+        for name in given:
+            if name not in names:
+                raise ValueError(f"{role}: there is no column {name!r}; columns: {', '.join(map(str, names))}")
+            if given.count(name) > 1:
+                raise ValueError(f"{role}: {name!r} is named twice")
+    both = set(errors) & set(chosen)
+    if both:
+        raise ValueError(f"{sorted(both)[0]!r} is an error and an input: give it one role")
+    if not chosen:
+        raise ValueError("inputs: no column remains as an input")
+    if inputs is None:
+        for name in chosen:
+            if isinstance(name, str) and like_an_error(name):
+                raise ValueError(
+                    f"column {name!r} looks like an error: as an input it would explain itself. Name it among errors, "
+                    "or give inputs=[...]"
+                )
+    return errors, chosen

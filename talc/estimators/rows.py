@@ -1,0 +1,123 @@
+"""Reads what users give, NumPy or pandas, into arrays with names and times. pandas is recognised, never imported."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from talc.frame import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inputs:
+    """The rows of X."""
+
+    values: FloatArray
+    """(T, n) NaN: missing."""
+    names: tuple[str, ...] | None
+    """Of the columns, if they have any."""
+    time_s: FloatArray | None
+    """(T,) UTC seconds, ascending, if rows have times."""
+
+
+def inputs_of(X: object, times: object = None) -> Inputs:
+    """The rows of a table or array. ValueError and TypeError say what is wrong with it.
+
+    X: (T, n) array or DataFrame; times: (T,) seconds, datetime64 or a DatetimeIndex; None: those of X's own index.
+    """
+    if X is None:
+        raise ValueError("X is None: expected a table or an array (rows, inputs)")
+    if hasattr(X, "toarray"):
+        raise TypeError("X is a sparse matrix or array: expected a dense one; use X.toarray()")
+    columns = getattr(X, "columns", None)
+    names = None
+    if columns is not None and all(isinstance(name, str) for name in columns):
+        names = tuple(columns)
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise ValueError(f"X: column {sorted(twice)[0]!r} occurs twice")
+    values = _numbers(X, "X")
+    if values.ndim != 2:
+        raise ValueError(
+            f"X has shape {values.shape}: expected a 2D array (rows, inputs). Reshape your data with "
+            "X.reshape(-1, 1) if there is one input, X.reshape(1, -1) if there is one row"
+        )
+    if not values.shape[0]:
+        raise ValueError(f"Found array with 0 sample(s) (shape={values.shape}) while a minimum of 1 is required.")
+    if not values.shape[1]:
+        raise ValueError(f"Found array with 0 feature(s) (shape={values.shape}) while a minimum of 1 is required.")
+    if np.isinf(values).any():
+        row, column = (int(i) for i in np.argwhere(np.isinf(values))[0])
+        where = f"column {names[column]!r}" if names else f"column {column}"
+        raise ValueError(f"Input X contains infinity, row {row}, {where}; a missing value is NaN")
+    if times is None:
+        index = getattr(X, "index", None)
+        times = index if getattr(getattr(index, "dtype", None), "kind", "") == "M" else None
+    return Inputs(values, names, None if times is None else seconds_of(times, len(values)))
+
+
+def outputs_of(y: object) -> tuple[FloatArray, tuple[str, ...] | None, bool]:
+    """(T, m) measured errors with NaN where there is none, their names if they have any, and whether y is one column.
+
+    y: (T,) or (T, m) array, Series or DataFrame. ValueError and TypeError say what is wrong with it.
+    """
+    if y is None:
+        raise ValueError("requires y to be passed, but the target y is None")
+    columns, name = getattr(y, "columns", None), getattr(y, "name", None)
+    names = None
+    if columns is not None and all(isinstance(column, str) for column in columns):
+        names = tuple(columns)
+    elif isinstance(name, str):
+        names = (name,)
+    values = _numbers(y, "y")
+    if values.ndim not in (1, 2) or (values.ndim == 2 and not values.shape[1]):
+        raise ValueError(f"y has shape {values.shape}: y should be a 1d array, or 2d (rows, errors)")
+    if np.isinf(values).any():
+        raise ValueError("Input y contains infinity or a value too large; where nothing was measured it is NaN")
+    return np.ascontiguousarray(values.reshape(len(values), -1)), names, values.ndim == 1
+
+
+def seconds_of(times: object, rows: int) -> FloatArray:
+    """(rows,) UTC seconds. ValueError: another number of times, or they do not ascend.
+
+    times: numbers in seconds, datetime64, or a DatetimeIndex; without a time zone they are UTC.
+    """
+    if getattr(times, "tz", None) is not None:
+        times = times.tz_convert(None)  # type: ignore[attr-defined]
+    found: Any = np.asarray(times)
+    if found.dtype.kind == "O":  # datetime objects
+        found = np.array([_second(t) for t in found.tolist()])
+    elif found.dtype.kind == "M":
+        found = np.where(np.isnat(found), np.nan, found.astype("datetime64[ns]").astype(np.int64) / 1e9)
+    found = np.asarray(found, dtype=np.float64)
+    if found.shape != (rows,):
+        raise ValueError(f"times has shape {found.shape}: expected ({rows},), one for each row")
+    bad = np.flatnonzero(~np.isfinite(found))
+    if bad.size:
+        raise ValueError(f"times: row {int(bad[0])} has no time")
+    back = np.flatnonzero(np.diff(found) <= 0.0)
+    if back.size:
+        raise ValueError(f"times: row {int(back[0]) + 1} is not later than the row before it; sort the rows by time")
+    return np.asarray(found, dtype=np.float64)
+
+
+def names_or_numbers(names: Sequence[str] | None, count: int, letter: str) -> tuple[str, ...]:
+    """The names, or a letter with a number each."""
+    return tuple(names) if names is not None else tuple(f"{letter}{i}" for i in range(count))
+
+
+def _second(time: Any) -> float:
+    """A number of seconds, or a datetime; without a time zone it is UTC."""
+    if hasattr(time, "timestamp"):
+        return float(time.timestamp() if time.tzinfo else np.datetime64(time, "ns").astype(np.int64) / 1e9)
+    return float(time)
+
+
+def _numbers(table: object, name: str) -> FloatArray:
+    raw = np.asarray(table)
+    if raw.dtype.kind == "c" or (raw.dtype.kind == "O" and any(isinstance(v, complex) for v in raw.ravel())):
+        raise ValueError(f"Complex data not supported: {name} holds complex numbers")
+    if raw.dtype.kind in "Mm":
+        raise TypeError(f"{name} holds dates: expected numbers; give them as times")
+    return np.asarray(raw, dtype=np.float64)

@@ -1,0 +1,84 @@
+"""Puts rows with times on a grid of equal steps."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from talc.frame import FloatArray, IntArray
+
+_ABOUT = 0.9
+"""Rows at least this fraction of a step apart count as one step each."""
+_SAME = 0.005
+"""Spacings that differ from the step by less than this are the step, with inexact clocks."""
+_FOLLOWED = 0.1
+"""Fraction of a row's lateness by which the next rows are expected later: jitter averages out, drift is followed."""
+
+
+class StepCounter:
+    """The grid step of rows that come about a step apart, or further, at any moment of their step, late or early.
+
+    Boundaries at multiples of the step would put two rows into one step and none into the next. Each row is therefore
+    a step of its own, and steps are missing where rows are missing.
+
+    Parameters
+    ----------
+    step_s: grid step
+    start_s: time of the first row, s
+    k: its step
+    """
+
+    def __init__(self, step_s: float, start_s: float, k: int) -> None:
+        self.step_s = step_s
+        self._due_s, self.k = start_s, k
+
+    def of(self, time_s: FloatArray) -> IntArray:
+        """(rows,) steps of the next rows; time_s: (rows,) ascending."""
+        index = np.empty(len(time_s), dtype=np.int64)
+        for row, at_s in enumerate(time_s.tolist()):
+            passed = round((at_s - self._due_s) / self.step_s)
+            self.k += passed
+            self._due_s += passed * self.step_s
+            self._due_s += _FOLLOWED * (at_s - self._due_s)
+            index[row] = self.k
+        return index
+
+
+def on_grid(time_s: FloatArray, step_s: float) -> tuple[float, float, IntArray]:
+    """The grid's step, s, when the first one ends, s, and (rows,) the step that each row belongs to.
+
+    Rows denser than the grid fall into the steps that end at multiples of `step_s`. Others are a step each
+    (`StepCounter`), of their median spacing if that is not about `step_s`. time_s: (rows,) UTC seconds, ascending.
+    """
+    spacing_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    if spacing_s < _ABOUT * step_s:
+        index: IntArray = np.ceil(time_s / step_s - 1e-9).astype(np.int64)
+        return step_s, float(index[0]) * step_s, index
+    if abs(spacing_s / step_s - 1.0) > _SAME:
+        step_s = spacing_s
+    start_s = float(time_s[0])
+    return step_s, start_s, StepCounter(step_s, start_s, round(start_s / step_s)).of(time_s)
+
+
+def means_and_lasts(index: IntArray, inputs: FloatArray, errors: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Rows of the same step as one: (T,) steps, (T, n) means of the inputs, (T, m) the last errors; NaN: no value.
+
+    index: (rows,) step of each row, ascending; inputs: (rows, n); errors: (rows, m).
+    """
+    k, first = np.unique(index, return_index=True)
+    bounds = [*first.tolist(), len(index)]
+    means, lasts = np.full((len(k), inputs.shape[1]), np.nan), np.full((len(k), errors.shape[1]), np.nan)
+    for row, (a, b) in enumerate(pairwise(bounds)):
+        means[row] = _mean(inputs[a:b])
+        for e in range(errors.shape[1]):
+            known = errors[a:b, e]
+            known = known[~np.isnan(known)]
+            lasts[row, e] = known[-1] if known.size else np.nan
+    return k, means, lasts
+
+
+def _mean(rows: FloatArray) -> FloatArray:
+    known = ~np.isnan(rows)
+    count = known.sum(axis=0)
+    total = np.where(known, rows, 0.0).sum(axis=0)
+    mean: FloatArray = np.divide(total, count, out=np.full(rows.shape[1], np.nan), where=count > 0)
+    return mean

@@ -1,0 +1,69 @@
+"""The papers' estimators: what they find of a system that is known, and how they run on."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import talc
+from talc.frame import FloatArray
+
+ESTIMATORS = [
+    talc.GroupLassoARX(max_nb=1, max_inputs=3),
+    pytest.param(talc.ClusterKernelARX(max_nb=1, max_inputs=3), marks=pytest.mark.slow),
+    talc.SparseOutputError(max_nb=1, max_inputs=3),
+]
+
+
+def machine(steps: int, errors: int) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Four temperatures; each error is a lag of one of them, with 0.95 as its pole and its number plus 2 as gain."""
+    draw = np.random.default_rng(7)
+    heat = np.repeat(draw.normal(0, 1, (steps // 8 + 1, 4)), 8, axis=0)[:steps].cumsum(axis=0) * 0.1
+    y: FloatArray = np.zeros((steps, errors))
+    for k in range(1, steps):
+        for j in range(errors):
+            y[k, j] = 0.95 * y[k - 1, j] + 0.05 * (j + 2) * heat[k, j % 4]
+    index = pd.date_range("2026-03-02", periods=steps, freq="5min")
+    names = [f"error {j}" for j in range(errors)]
+    return pd.DataFrame(heat, columns=list("abcd"), index=index), pd.DataFrame(y, columns=names, index=index)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_the_system_is_found_and_runs_on_without_measurements(estimator: talc.GroupLassoARX) -> None:
+    X, y = machine(500, 2)
+    model = estimator.fit(X[:350], y[:350])
+    for j, (error, name) in enumerate((("error 0", "a"), ("error 1", "b"))):
+        assert name in model.inputs_[error]
+        assert model.static_gains_[error][name] == pytest.approx(j + 2, rel=0.15)
+    mean, std = model.predict(X[350:], return_std=True)
+    assert np.sqrt(np.mean((mean - y[350:].to_numpy()) ** 2)) < 0.15 * float(y[350:].to_numpy().std())
+    assert np.isfinite(std).all()
+
+
+def test_more_errors_than_nine_have_a_model_each() -> None:
+    X, y = machine(300, 11)
+    model = talc.SparseOutputError(max_nb=0, max_inputs=2).fit(X, y)
+    assert list(model.inputs_) == [f"error {j}" for j in range(11)]
+    assert [model.static_gains_[f"error {j}"]["abcd"[j % 4]] for j in range(11)] == pytest.approx(
+        list(range(2, 13)), rel=0.1
+    )
+
+
+def test_a_gap_before_the_predicted_rows_is_run_through() -> None:
+    X, y = machine(400, 1)
+    X = X.copy()
+    X.iloc[300:330] = X.iloc[299]  # what a model believes of rows that it does not get
+    model = talc.SparseOutputError(max_nb=1).fit(X[:300], y[:300])
+    whole = model.predict(X[300:])
+    np.testing.assert_allclose(model.predict(X[330:]), whole[30:], rtol=1e-12)
+
+
+def test_too_few_measurements_give_the_mean_and_a_warning() -> None:
+    X, y = machine(100, 2)
+    y.iloc[np.arange(100) % 10 > 0, 1] = np.nan
+    with pytest.warns(
+        UserWarning, match="error 1: no model, 10 measured rows and 4 usable inputs; its mean is predicted"
+    ):
+        model = talc.SparseOutputError(max_nb=1).fit(X, y)
+    later = X.copy()
+    later.index = later.index + pd.Timedelta("1D")
+    assert (model.predict(later)[:, 1] == y["error 1"].mean()).all()

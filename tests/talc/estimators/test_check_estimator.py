@@ -1,0 +1,45 @@
+"""scikit-learn's own checks of estimators, and those of them that do not apply."""
+
+from typing import Any
+
+import pytest
+from sklearn.base import clone
+from sklearn.utils.estimator_checks import check_estimator
+
+import talc
+
+NOT_OURS = {"check_estimators_unfitted": "it asks for scikit-learn's own NotFittedError, and talc does not import it"}
+NOT_OF_SERIES = dict.fromkeys(
+    ("check_methods_sample_order_invariance", "check_methods_subset_invariance"),
+    "what a row leads to depends on the rows before it",
+)
+ESTIMATORS: list[Any] = [
+    talc.Learner(noise=0.1),
+    talc.GroupLassoARX(max_nb=1, max_inputs=4),
+    talc.ClusterKernelARX(max_nb=0, max_inputs=2),
+    talc.SparseOutputError(max_nb=1),
+]
+CHECKED = [e for e in ESTIMATORS if not isinstance(e, talc.ClusterKernelARX)]
+"""Its ensembles would take a minute; all that the checks look at is in its base class."""
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:y.*no model:UserWarning", "ignore:.*does not inherit from:UserWarning")
+@pytest.mark.parametrize("estimator", CHECKED, ids=lambda e: type(e).__name__)
+def test_the_checks_that_apply_pass(estimator: Any) -> None:
+    expected = NOT_OURS | (NOT_OF_SERIES if isinstance(estimator, talc.Learner) else {})
+    done = check_estimator(estimator, expected_failed_checks=expected, on_skip=None)
+    assert {d["check_name"] for d in done if d["status"] == "xfail"} == set(expected)
+    assert {d["check_name"] for d in done if d["status"] == "skipped"} <= {"check_array_api_input"}
+    assert sum(d["status"] == "passed" for d in done) > 40
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_parameters_are_read_set_and_cloned(estimator: talc.Learner) -> None:
+    twin = clone(estimator)
+    assert twin is not estimator
+    assert twin.get_params() == estimator.get_params()
+    assert twin.set_params(step_s=60.0).step_s == 60.0
+    assert "step_s=60.0" in repr(twin)
+    with pytest.raises(ValueError, match="Invalid parameter 'depth' for estimator"):
+        twin.set_params(depth=3)

@@ -1,0 +1,163 @@
+"""`talc.Learner`: any number of errors, NumPy and pandas, times with gaps; the same numbers as in the gateway."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import talc
+from talc.control import Controller
+from talc.frame import Frame, Measurement
+from talc.names import THERMAL_ERRORS
+from talc.settings import LearnerSettings, TalcSettings
+from tests.benches.thermal_series import Series, series
+
+EVERY = 9
+
+
+@pytest.fixture(scope="module")
+def days() -> Series:
+    """Six of its inputs, which explain three of its errors."""
+    made = series(280, 3)
+    return replace(made, names=made.names[:6], inputs=made.inputs[:, :6])
+
+
+def sparse(days: Series) -> np.ndarray:
+    """(T, 9) the measurements of every ninth row."""
+    return np.where((np.arange(len(days.truth)) % EVERY == 0)[:, None], days.measured, np.nan)
+
+
+def test_it_predicts_what_the_gateway_would(days: Series) -> None:
+    controller = Controller(days.names, TalcSettings(learner=LearnerSettings(noise_um_per_m=1.0)))
+    y, expected = sparse(days), []
+    for k, row in enumerate(days.inputs):
+        measured = Measurement(y[k], np.full(9, np.nan)) if np.isfinite(y[k]).any() else None
+        expected.append(controller.step(Frame(k, row, np.isfinite(row), measured)))
+    learner = talc.Learner().fit(days.inputs[:200], y[:200])
+    before_the_next = -(-200 // EVERY) * EVERY
+    mean, std = learner.predict(days.inputs[200:before_the_next], return_std=True)
+    np.testing.assert_array_equal(mean, [d.predicted for d in expected[200:before_the_next]])
+    np.testing.assert_array_equal(std, [d.sigma for d in expected[200:before_the_next]])
+
+
+@pytest.mark.parametrize("many", [1, 2, 14])
+def test_any_number_of_errors_is_learnt(days: Series, many: int) -> None:
+    columns = np.arange(many) % 3
+    y, truth = sparse(days)[:, columns], days.truth[:, columns]
+    learner = talc.Learner().fit(days.inputs[:200], y[:200])
+    predicted = learner.predict(days.inputs[200:])
+    assert predicted.shape == (80, many)
+    alone = talc.Learner().fit(days.inputs[:200], y[:200, -1])
+    np.testing.assert_array_equal(predicted[:, -1], alone.predict(days.inputs[200:]))
+    left = truth[200:] - predicted
+    assert (np.sqrt((left**2).mean(axis=0)) < 0.4 * np.sqrt((truth[200:] ** 2).mean(axis=0))).all()
+
+
+def test_one_column_of_errors_is_predicted_as_one(days: Series) -> None:
+    learner = talc.Learner().fit(days.inputs[:100], days.measured[:100, 0])
+    mean, std = learner.predict(days.inputs[100:110], return_std=True)
+    assert mean.shape == std.shape == (10,)
+    assert (std > 0).all()
+
+
+def test_tables_give_the_same_numbers_and_keep_their_names(days: Series) -> None:
+    index = pd.date_range("2026-03-28 22:00", periods=280, freq="5min", tz="Europe/Zurich")  # summer time begins
+    X = pd.DataFrame(days.inputs, columns=list(days.names), index=index)
+    y = pd.DataFrame(sparse(days), columns=[f"drift {i}" for i in range(9)], index=index)
+    plain = talc.Learner().fit(days.inputs[:200], sparse(days)[:200])
+    learner = talc.Learner().fit(X[:200], y[:200])
+    assert learner.error_names_[:2] == ("drift 0", "drift 1")
+    assert list(learner.feature_names_in_) == list(days.names)
+    assert learner.step_s_ == 300.0
+    np.testing.assert_array_equal(learner.predict(X[200:]), plain.predict(days.inputs[200:]))
+    series_y = talc.Learner().fit(X[:50], y["drift 3"][:50])
+    assert series_y.error_names_ == ("drift 3",)
+
+
+def test_a_gap_in_the_times_lets_the_lags_run_on(days: Series) -> None:
+    times = 300.0 * np.arange(280)
+    kept = np.delete(np.arange(280), np.arange(150, 156))
+    y = sparse(days)
+    controller = Controller(days.names, TalcSettings(learner=LearnerSettings(noise_um_per_m=1.0)))
+    for k in kept[:240].tolist():
+        measured = Measurement(y[k], np.full(9, np.nan)) if np.isfinite(y[k]).any() else None
+        last = controller.step(Frame(k, days.inputs[k], np.isfinite(days.inputs[k]), measured))
+    learner = talc.Learner().fit(days.inputs[kept[:239]], y[kept[:239]], times[kept[:239]])
+    row = kept[239:240]
+    np.testing.assert_array_equal(learner.predict(days.inputs[row], times=times[row])[0], last.predicted)
+
+
+def test_learning_in_parts_is_learning_at_once_and_predictions_leave_no_trace(days: Series) -> None:
+    y = sparse(days)
+    whole = talc.Learner().fit(days.inputs[:200], y[:200])
+    parts = talc.Learner()
+    for a, b in ((0, 1), (1, 90), (90, 200)):
+        parts.partial_fit(days.inputs[a:b], y[a:b])
+        parts.predict(days.inputs[b : b + 3])
+    np.testing.assert_array_equal(parts.predict(days.inputs[200:]), whole.predict(days.inputs[200:]))
+    np.testing.assert_array_equal(
+        pickle.loads(pickle.dumps(parts)).predict(days.inputs[200:]), whole.predict(days.inputs[200:])
+    )
+
+
+def test_contributions_add_up_to_the_prediction(days: Series) -> None:
+    learner = talc.Learner().fit(days.inputs[:200], sparse(days)[:200])
+    parts = learner.contributions(days.inputs[200:])
+    assert parts.shape == (80, 9, 7)
+    np.testing.assert_allclose(parts.sum(axis=2), learner.predict(days.inputs[200:]), atol=1e-9)
+
+
+def test_the_unit_of_the_errors_only_scales(days: Series) -> None:
+    y = sparse(days)
+    um = talc.Learner(noise=1.0).fit(days.inputs[:200], y[:200])
+    mm = talc.Learner(noise=0.001, unit_um=1000.0).fit(days.inputs[:200], y[:200] / 1000.0)
+    for a, b in zip(
+        um.predict(days.inputs[200:], return_std=True), mm.predict(days.inputs[200:], return_std=True), strict=True
+    ):
+        np.testing.assert_allclose(1000.0 * b, a, rtol=1e-6, atol=1e-6)
+
+
+def test_missing_inputs_are_filled_and_make_it_less_sure(days: Series) -> None:
+    learner = talc.Learner().fit(days.inputs[:200], sparse(days)[:200])
+    holes = days.inputs[200:].copy()
+    holes[5:, :3] = np.nan
+    _, sure = learner.predict(days.inputs[200:], return_std=True)
+    mean, unsure = learner.predict(holes, return_std=True)
+    assert np.isfinite(mean).all()
+    assert (unsure[5] > sure[5]).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"X": np.ones((5, 2)), "y": np.ones(4)}, "X has 5 rows, y 4: expected the same number"),
+        ({"X": np.ones((3, 1)), "y": np.ones(3), "times": [0, 300, 300]}, "times: row 2 is not later than the row"),
+        ({"X": np.ones((3, 1)), "y": np.ones(3), "times": [0, 1]}, r"times has shape \(2,\): expected \(3,\)"),
+        ({"X": np.ones((4, 1)), "y": np.ones(4), "times": [0, 300, 301, 600]}, "rows 1 and 2 are in one step of 300 s"),
+        ({"X": np.ones((3, 1)), "y": [1.0, 2e6, 3.0]}, "y: row 1 of y0 is 2e.06: expected at most a metre"),
+        ({"X": [[1.0], [np.inf]], "y": np.ones(2)}, "X contains infinity, row 1, column 0; a missing value is NaN"),
+        ({"X": np.ones((3, 1)), "y": np.full(3, np.nan)}, "y holds no measurement"),
+    ],
+)
+def test_what_is_wrong_is_said(arguments: dict[str, object], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        talc.Learner(step_s=300.0).fit(**arguments)
+
+
+def test_rows_to_predict_must_follow(days: Series) -> None:
+    times = 300.0 * np.arange(100)
+    learner = talc.Learner().fit(days.inputs[:50], days.measured[:50], times[:50])
+    with pytest.raises(ValueError, match="row 0 is not later than the last row before it"):
+        learner.predict(days.inputs[:50], times=times[:50])
+    with pytest.raises(ValueError, match="fitted to rows with times; these have none"):
+        learner.predict(days.inputs[50:60])
+    with pytest.raises(talc.NotFittedError, match="call fit first"):
+        talc.Learner().predict(days.inputs[:3])
+
+
+def test_other_errors_than_before_are_refused(days: Series) -> None:
+    learner = talc.Learner().fit(days.inputs[:50], pd.DataFrame(days.measured[:50], columns=list(THERMAL_ERRORS)))
+    with pytest.raises(ValueError, match="y has 2 columns: expected EY0A, EZ0A"):
+        learner.partial_fit(days.inputs[50:60], days.measured[50:60, :2])

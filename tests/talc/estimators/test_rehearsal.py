@@ -1,0 +1,80 @@
+"""`talc.rehearse`: a recording as if it were live, for any errors, as the gateway would have run it."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import talc
+from talc.control import Controller
+from talc.frame import Frame, Measurement
+from talc.names import THERMAL_ERRORS
+from talc.settings import LearnerSettings, TalcSettings
+from tests.benches.thermal_series import series
+
+
+@pytest.fixture(scope="module")
+def recorded() -> pd.DataFrame:
+    days = series(300, 5)
+    table = pd.DataFrame(days.inputs, columns=list(days.names))
+    table[list(THERMAL_ERRORS)] = days.measured
+    table.index = pd.date_range("2026-03-02 00:05", periods=300, freq="5min")
+    return table
+
+
+def test_it_decides_as_the_controller(recorded: pd.DataFrame) -> None:
+    result = talc.rehearse(recorded, errors=THERMAL_ERRORS)
+    inputs = recorded.drop(columns=list(THERMAL_ERRORS))
+    controller, asked = Controller(list(inputs), TalcSettings()), True
+    errors = recorded[list(THERMAL_ERRORS)].to_numpy()
+    for k, row in enumerate(inputs.to_numpy()):
+        measurement = Measurement(errors[k], np.full(9, np.nan)) if asked else None
+        decision = controller.step(Frame(k, row, np.isfinite(row), measurement))
+        step = result.iloc[k]
+        assert bool(step["measured"]) is asked
+        for name in ("predicted", "corrected", "sigma", "trusted"):
+            found = [step[f"{error}_{name}"] for error in THERMAL_ERRORS]
+            np.testing.assert_array_equal(np.array(found, dtype=float), getattr(decision, name).astype(float))
+        asked = decision.measure is not None
+        assert step["wanted"] == ("" if decision.measure is None else decision.measure.value)
+    assert (result.index == recorded.index).all()
+    assert 5 < result["measured"].sum() < 150
+
+
+def test_policies_differ_in_what_is_measured(recorded: pd.DataFrame) -> None:
+    table = recorded.drop(columns=list(THERMAL_ERRORS)[1:]).rename(columns={"EY0A": "drift"})
+    settings = LearnerSettings(measurement_interval_steps=20)
+    fixed = talc.rehearse(table, errors=["drift"], policy="fixed", settings=settings)
+    every = talc.rehearse(table, errors=["drift"], policy="every")
+    assert list(np.flatnonzero(fixed["measured"])) == list(range(0, 300, 20))
+    assert every["measured"].all()
+    assert fixed["drift_measured"].notna().sum() == 15
+
+
+def test_denser_rows_are_averaged_and_a_gap_stays_one(recorded: pd.DataFrame) -> None:
+    recorded = recorded[:150]
+    dense = recorded.loc[recorded.index.repeat(5)].copy()
+    dense.index = pd.date_range("2026-03-02 00:01", periods=750, freq="1min")
+    sparse = recorded.drop(index=recorded.index[100:140])
+    dense = dense.drop(index=dense.index[500:700])
+    whole = talc.rehearse(sparse, errors=THERMAL_ERRORS, policy="every")
+    fine = talc.rehearse(dense, errors=THERMAL_ERRORS, policy="every")
+    assert len(whole) == len(fine) == 110
+    np.testing.assert_allclose(fine["EZ0A_predicted"], whole["EZ0A_predicted"], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"errors": ["EY0B"]}, "errors: there is no column 'EY0B'"),
+        ({"errors": ["EY0A"]}, "column 'EZ0A' looks like an error: as an input it would explain itself"),
+        ({"errors": ["EY0A"], "inputs": ["t0", "EY0A"]}, "'EY0A' is an error and an input"),
+        ({"errors": []}, "errors: expected one or more columns"),
+        ({"errors": THERMAL_ERRORS, "policy": "often"}, "policy = 'often': expected uncertainty, fixed or every"),
+        ({"errors": THERMAL_ERRORS, "step_s": 0.0}, "step_s = 0.0: expected more than 0"),
+    ],
+)
+def test_what_is_wrong_is_said(recorded: pd.DataFrame, arguments: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        talc.rehearse(recorded, **arguments)
