@@ -1,8 +1,8 @@
 """The state of an earlier run that a restart needs, rebuilt from the store."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 
 from gateway.config import GatewayConfig, parse_prior, validate
 from gateway.control import SeenBefore
@@ -38,6 +38,8 @@ class Past:
     """`[talc] method` of the latest run, if this configuration has another one."""
     other_prior: bool = False
     """Whether the latest run had another prior, or only one of the two has one."""
+    changes: tuple[str, ...] = ()
+    """Inputs and settings that differ from the latest run's, in words."""
 
 
 def stored_config(history: History) -> GatewayConfig:
@@ -56,8 +58,12 @@ def from_stored(text: str, prior: str | None = None) -> GatewayConfig:
 
 
 def decide_alike(one: GatewayConfig, other: GatewayConfig) -> bool:
-    """Whether controllers with these settings decide alike for the same inputs; unused settings do not count."""
-    return _settings_alike(one.talc, other.talc) and (one.talc.method != "learner" or one.prior == other.prior)
+    """Whether controllers with these settings decide alike for the same frames; unused settings do not count."""
+    return (
+        one.input_names == other.input_names
+        and _settings_alike(one.talc, other.talc)
+        and (one.talc.method != "learner" or one.prior == other.prior)
+    )
 
 
 def _settings_alike(one: TalcSettings, other: TalcSettings) -> bool:
@@ -84,18 +90,19 @@ def past_of(history: History, config: GatewayConfig, progress: Progress = no_mat
     """The controller as an earlier run left it, from its last snapshot and the steps after it.
 
     Without a snapshot of these settings and this program, it is rebuilt from the whole record with the stored models.
-    A fresh start if the record is empty. If the latest run used another method or prior, the controller is as if the
-    present one had been used from the beginning of the record.
+    A fresh start if the record is empty. If the latest run had other inputs, settings, another method or prior, the
+    controller is as if the present ones had been used from the beginning of the record, with inputs matched by name.
 
-    Raises StoreError when the record was made with other inputs or other settings of the same method.
+    Raises StoreError when the record was made with another grid step.
     """
     if history.config() is None:
         return Past(controller_of(config))
     before = stored_config(history)
     changed = before.talc.method != config.talc.method
-    if before.input_names != config.input_names or not (changed or _settings_alike(before.talc, config.talc)):
+    if before.grid != config.grid:
         raise StoreError(
-            "the record was made with other inputs or [talc] settings; give [storage] another path to start again"
+            f"the record was made with [grid] step_s = {before.grid.step_s:g}, not {config.grid.step_s:g}; set it back,"
+            " or give [storage] another path to start again"
         )
     found = rebuilt_from(history, config, progress)
     if not found.from_snapshot:  # all that is stored is read once, so that what is damaged is found
@@ -114,7 +121,25 @@ def past_of(history: History, config: GatewayConfig, progress: Progress = no_mat
         since_snapshot=found.steps,
         former_method=before.talc.method if changed else None,
         other_prior=not changed and config.talc.method == "learner" and before.prior != config.prior,
+        changes=(*_inputs_changed(before, config), *(() if changed else _settings_changed(before.talc, config.talc))),
     )
+
+
+def _inputs_changed(before: GatewayConfig, after: GatewayConfig) -> Iterator[str]:
+    was, now = before.input_names, after.input_names
+    for text, names in (("new", set(now) - set(was)), ("gone", set(was) - set(now))):
+        if names:
+            yield f"{text}: {', '.join(sorted(names))}"
+    if was != now and set(was) == set(now):
+        yield "another order of the inputs"
+
+
+def _settings_changed(before: TalcSettings, after: TalcSettings) -> Iterator[str]:
+    for one, other in zip(used(before), used(after), strict=True):
+        was, now = asdict(one), asdict(other)
+        for name in was:
+            if was[name] != now[name]:
+                yield f"{name} {was[name]} -> {now[name]}"
 
 
 def _seen(history: History, config: GatewayConfig, last_k: int | None) -> SeenBefore | None:
@@ -122,5 +147,5 @@ def _seen(history: History, config: GatewayConfig, last_k: int | None) -> SeenBe
     if last_k is None:
         return None
     check = config.sensor_check
-    frames = history.frames(last_k + 1 - check.learn_steps - check.window_steps, last_k)
+    frames = history.frames(config.input_names, last_k + 1 - check.learn_steps - check.window_steps, last_k)
     return SeenBefore(frames, history.suspect_since())

@@ -5,7 +5,7 @@ import json
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from gateway.versions import versions
 from talc.control import Controller
 from talc.frame import Decision, Frame, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
-from talc.settings import TalcSettings
+from talc.settings import ControlSettings, LearnerSettings, TalcSettings, TrainingSettings
 
 log = logging.getLogger(__name__)
 
@@ -39,11 +39,9 @@ def controller_of(config: GatewayConfig) -> Controller:
     return Controller(config.input_names, config.talc, config.grid.step_s, prior)
 
 
-def used(talc_settings: TalcSettings) -> object:
-    """The settings that the method uses."""
-    if talc_settings.method == "learner":
-        return talc_settings.learner
-    return talc_settings.control, talc_settings.training
+def used(settings: TalcSettings) -> tuple[LearnerSettings | ControlSettings | TrainingSettings, ...]:
+    """The parts of the settings that the method uses."""
+    return (settings.learner,) if settings.method == "learner" else (settings.control, settings.training)
 
 
 @dataclass(slots=True)
@@ -100,7 +98,7 @@ def rebuilt_from(history: History, config: GatewayConfig, progress: Progress = n
     """The controller after the whole record: from the latest snapshot of the same settings and program, if any."""
     start = _restored(history, config)
     after_k = -1 if start is None or start.last_k is None else start.last_k
-    return rebuilt(history.steps(after_k), config, start, progress)
+    return rebuilt(history.steps(after_k, config.input_names), config, start, progress)
 
 
 def _restored(history: History, config: GatewayConfig) -> Rebuilt | None:
@@ -109,7 +107,7 @@ def _restored(history: History, config: GatewayConfig) -> Rebuilt | None:
         try:
             if marks_of(data) != wanted:
                 continue
-            found = decode(data, history.frames)
+            found = decode(data, partial(history.frames, config.input_names))
             prior = None if config.prior is None else config.prior.prior
             controller = Controller.restore(found.state, config.talc, config.grid.step_s, prior)
         except (SnapshotError, ValueError) as error:
@@ -129,9 +127,8 @@ def _restored(history: History, config: GatewayConfig) -> Rebuilt | None:
 def marks(config: GatewayConfig) -> str:
     """Fingerprint of all that decisions follow from, besides the frames: settings, prior, inputs, program, numerics."""
     prior = None if config.prior is None or config.talc.method != "learner" else config.prior.content_hash
-    settings = used(config.talc)
-    parts = settings if isinstance(settings, tuple) else (settings,)
-    told = [config.talc.method, [asdict(part) for part in parts], config.input_names, config.grid.step_s, prior]
+    settings = [asdict(part) for part in used(config.talc)]
+    told = [config.talc.method, settings, config.input_names, config.grid.step_s, prior]
     return hashlib.sha256(json.dumps([*told, _program()]).encode()).hexdigest()
 
 

@@ -42,8 +42,8 @@ class ReplayResult:
 def replay(history: History, progress: Callable[[int], None] = lambda _: None) -> ReplayResult:
     """Run every frame through a fresh controller and repeat every training; compares everything with the record.
 
-    Where a restart changed the method or the prior, the controller is rebuilt as that restart did. Priors are taken
-    from the database, whatever has happened to their files.
+    Where a restart changed the inputs, the settings, the method or the prior, the controller is rebuilt as that restart
+    did. Priors are taken from the database, whatever has happened to their files.
     """
     runs = [(k, from_stored(text, prior)) for k, text, prior in history.runs()] or [(0, stored_config(history))]
     _, config = runs.pop(0)
@@ -54,7 +54,7 @@ def replay(history: History, progress: Callable[[int], None] = lambda _: None) -
             (first_k, after), before = runs.pop(0), config
             config = after
             if not decide_alike(before, after):
-                restarted = rebuilt(takewhile(_before(first_k), history.steps()), after)
+                restarted = rebuilt(takewhile(_before(first_k), history.steps(names=after.input_names)), after)
                 controller, job = restarted.controller, restarted.job
         decision = controller.step(step.frame)
         result.steps += 1

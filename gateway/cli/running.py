@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack
 
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig, packed_toml
-from gateway.events import ConfigurationApplied, GatewayEvent, Sink, in_order
+from gateway.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
 from gateway.past import Past, past_in
 from gateway.rebuild import Interrupted
 from gateway.recordings import WireLogWriter
@@ -17,6 +17,7 @@ from gateway.snapshots import SnapshotKeeper
 from gateway.storage import Store, boot_id
 from gateway.telemetry import TelemetryPublisher
 from gateway.versions import versions
+from talc.frame import Event, EventKind
 
 log = logging.getLogger(__name__)
 
@@ -53,19 +54,7 @@ async def serve(
         past = await _past(store, config, clock, stop)
         if past is None:
             return
-        if past.former_method is not None:
-            log.warning(
-                "[talc] method: %s continues the record that %s made, with all that it learns from the record; "
-                "to stay with the former method, write method = '%s' under [talc] and restart",
-                config.talc.method,
-                past.former_method,
-                past.former_method,
-            )
-        if past.other_prior:
-            log.warning(
-                "[talc] prior: %s; the learner starts again with it and learns from the whole record",
-                "none is set now" if config.prior is None else f"{config.talc.prior} differs from the former one",
-            )
+        news = _news(past, config)
         prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
         sinks: list[Sink] = [store.record]
@@ -79,11 +68,35 @@ async def serve(
         if wire_log is not None:
             sinks.append(_reconfiguring(wire_log, packed_toml(config)))
         tap = None if wire_log is None else wire_log.tap
-        service = Service(config, clock, in_order([*sinks, *more]), past, tap, lambda: store.health)
+        sink = in_order([*sinks, *more])
+        for text in news:
+            log.warning("%s", text)
+            sink(EventReported(Event(EventKind.OPERATOR, text), past.last_k))
+        service = Service(config, clock, sink, past, tap, lambda: store.health)
         if telemetry is not None:
             telemetry.count_missed(lambda: service.periods_missed)
         started(service)
         await service.run(stop)
+
+
+def _news(past: Past, config: GatewayConfig) -> list[str]:
+    """What has changed since the latest run, and what became of what was learnt."""
+    news, method = [], config.talc.method
+    if past.former_method is not None:
+        news.append(
+            f"[talc] method: {method} continues the record that {past.former_method} made, with all that it learns from"
+            f" the record; to stay with the former method, write method = '{past.former_method}' under [talc] and"
+            " restart"
+        )
+    if past.other_prior:
+        now = "none is set now" if config.prior is None else f"{config.talc.prior} differs from the former one"
+        news.append(f"[talc] prior: {now}; the learner starts again with it and learns from the whole record")
+    if past.changes:
+        kept = (
+            "it learnt from the whole record again" if method == "learner" else "models of inputs still here are kept"
+        )
+        news.append(f"inputs or [talc] settings differ from the latest run's ({'; '.join(past.changes)}): {kept}")
+    return news
 
 
 async def _past(store: Store, config: GatewayConfig, clock: ServiceClock, stop: asyncio.Event) -> Past | None:

@@ -129,9 +129,11 @@ def _insert(table: str, columns: int) -> str:
 
 def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known: bool) -> str:
     """Remove what contradicts the lost rows; returns the consequence, in words."""
-    latest = target.execute("SELECT config FROM boot ORDER BY number DESC LIMIT 1").fetchone()
-    if latest is not None and (inputs := _inputs_of(latest[0])) is not None:
-        target.execute("DELETE FROM frame WHERE length(inputs) <> ?", (8 * inputs,))
+    for boot, text in target.execute("SELECT id, config FROM boot").fetchall():
+        if (inputs := _inputs_of(text)) is not None:
+            target.execute("DELETE FROM frame WHERE boot = ? AND length(inputs) <> ?", (boot, 8 * inputs))
+    if counts["boot"]:  # without its configuration nothing says what the inputs of a frame are
+        target.execute("DELETE FROM frame WHERE boot NOT IN (SELECT id FROM boot)")
     target.execute("DELETE FROM frame WHERE k NOT IN (SELECT k FROM decision)")
     target.execute("DELETE FROM decision WHERE k NOT IN (SELECT k FROM frame)")
     if not counts["request"]:
@@ -158,9 +160,8 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
 def _inputs_of(config: str) -> int | None:
     """How many inputs a frame of a stored configuration has."""
     try:
-        data = json.loads(config)
-        return sum(len(device["channels"]) for device in data["device"]) + len(data["state"])
-    except (ValueError, TypeError, KeyError):
+        return len(rows.inputs_of(config)) or None
+    except (AttributeError, ValueError, TypeError, KeyError):
         return None
 
 

@@ -1,17 +1,22 @@
 """Reads a database, even while a gateway writes to it."""
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
+from itertools import groupby
 from pathlib import Path
 from typing import Self
 
+import numpy as np
+
 from gateway.storage import rows
+from gateway.storage.placing import placed_frames, placed_step
 from gateway.storage.schema import SCHEMA_VERSION, StoreError
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import Event, EventKind, Frames
 from talc.learner import Reasons
 from talc.models import ModelSet
+from talc.names import THERMAL_ERRORS
 
 
 class History:
@@ -96,12 +101,29 @@ class History:
             found = "SELECT CAST(state AS BLOB) FROM snapshot WHERE k IN (SELECT k FROM decision) ORDER BY k DESC"
             yield from (state for (state,) in self._connection.execute(found))
 
-    def frames(self, first_k: int, last_k: int) -> Frames:
-        """The frames from one grid index to another one, both included; of whole steps or not."""
+    def frames(self, names: Sequence[str], first_k: int, last_k: int) -> Frames:
+        """The frames from one grid index to another one, both included, with these inputs."""
         found = self._connection.execute(
-            "SELECT k, inputs, valid, errors FROM frame WHERE k BETWEEN ? AND ? ORDER BY k", (first_k, last_k)
+            "SELECT k, inputs, valid, errors, boot FROM frame WHERE k BETWEEN ? AND ? ORDER BY k", (first_k, last_k)
         )
-        return rows.frames_of(found.fetchall())
+        own = self._inputs()
+        parts = [
+            placed_frames(rows.frames_of(list(group)), own.get(boot), names)
+            for boot, group in groupby(found, key=lambda row: row[4])
+        ]
+        if not parts:
+            nothing = np.empty((0, len(names)))
+            return Frames(np.empty(0, np.int64), nothing, nothing.astype(np.bool_), np.empty((0, len(THERMAL_ERRORS))))
+        return Frames(
+            k=np.concatenate([part.k for part in parts]),
+            inputs=np.concatenate([part.inputs for part in parts]),
+            valid=np.concatenate([part.valid for part in parts]),
+            measured=np.concatenate([part.measured for part in parts]),
+        )
+
+    def _inputs(self) -> dict[str, tuple[str, ...]]:
+        """Names of the inputs of each run, by its id."""
+        return {boot: rows.inputs_of(text) for boot, text in self._connection.execute("SELECT id, config FROM boot")}
 
     def suspect_since(self) -> int | None:
         """Grid index since when sensors are suspect; None: they agree."""
@@ -113,15 +135,16 @@ class History:
             since = k
         return since
 
-    def steps(self, after_k: int = -1) -> Iterator[StoredStep]:
-        """Every grid step after one, oldest first."""
+    def steps(self, after_k: int = -1, names: Sequence[str] | None = None) -> Iterator[StoredStep]:
+        """Every grid step after one, oldest first, with these inputs (None: those that it had)."""
+        own = {} if names is None else self._inputs()
         adopted: dict[int, list[ModelSet]] = {}
         newer = "SELECT after_k, models FROM model WHERE after_k > ? ORDER BY id"
         for k, text in self._connection.execute(newer, (after_k,)):
             adopted.setdefault(k, []).append(rows.models_of(text))
         trusted, trust = ("t.trusted", "LEFT JOIN trust t ON t.k = f.k") if self._has("trust") else ("NULL", "")
         found = self._connection.execute(
-            f"SELECT {rows.STEP_COLUMNS}, {trusted} FROM frame f JOIN decision d ON d.k = f.k {trust}"
+            f"SELECT {rows.STEP_COLUMNS}, {trusted}, f.boot FROM frame f JOIN decision d ON d.k = f.k {trust}"
             " WHERE f.k > ? ORDER BY f.k",
             (after_k,),
         )
@@ -130,7 +153,8 @@ class History:
             if row[0] <= last:  # of a damaged page
                 raise ValueError(f"{self._path}: step {row[0]} follows step {last}")
             last = row[0]
-            yield rows.step_of(row, adopted.get(row[0], ()))
+            step = rows.step_of(row[:-1], adopted.get(row[0], ()))
+            yield step if names is None else placed_step(step, own.get(row[-1]), names)
 
     def reasons(self) -> Reasons | None:
         """The latest ones; None: none were given."""

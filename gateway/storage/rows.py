@@ -134,16 +134,23 @@ def step_of(row: Sequence[Any], adopted: Sequence[ModelSet]) -> StoredStep:
     return StoredStep(frame, decision, training, tuple(adopted), trusted is not None)
 
 
-def frames_of(found: Sequence[tuple[int, bytes, bytes, bytes | None]]) -> Frames:
-    """From columns k, inputs, valid and errors of `frame`."""
+def frames_of(found: Sequence[Sequence[Any]]) -> Frames:
+    """From columns k, inputs, valid and errors of `frame`; one or more rows."""
     nothing, many = bytes(8 * len(THERMAL_ERRORS)), len(found)
     k = np.array([row[0] for row in found], dtype=np.int64)
-    inputs = _array(b"".join(row[1] for row in found)).reshape(many, -1 if many else 0)
-    masks = np.frombuffer(b"".join(row[2] for row in found), dtype=np.uint8).reshape(many, -1 if many else 0)
+    inputs = _array(b"".join(row[1] for row in found)).reshape(many, -1)
+    masks = np.frombuffer(b"".join(row[2] for row in found), dtype=np.uint8).reshape(many, -1)
     valid = np.unpackbits(masks, axis=1, count=inputs.shape[1]).astype(np.bool_)
     measured = _array(b"".join(row[3] or nothing for row in found)).reshape(many, len(THERMAL_ERRORS))
     measured[[row[3] is None for row in found]] = np.nan
     return Frames(k, inputs, valid, measured)
+
+
+def inputs_of(config: str) -> tuple[str, ...]:
+    """Names of the inputs of a stored configuration; none of a text that is not one of this gateway."""
+    data = json.loads(config)
+    channels = (name for device in data.get("device", ()) for name in device["channels"])
+    return (*channels, *(state["name"] for state in data.get("state", ())))
 
 
 def reasons_of(text: str) -> Reasons:

@@ -228,6 +228,10 @@ def _remove_torn_step(connection: sqlite3.Connection) -> None:
     (last,) = whole.fetchone() or (-1,)
     for table in ("frame", "decision", "trust"):
         connection.execute(f"DELETE FROM {table} WHERE k > ?", (last,))
+    for table in ("frame", "decision"):
+        (left,) = connection.execute(f"SELECT coalesce(max(k), -1) FROM {table}").fetchone()
+        if left != last:  # a damaged page: nothing is committed
+            raise DamagedError(f"the last {table} is {left}, the last whole step {last}")
     connection.commit()
 
 

@@ -160,13 +160,17 @@ def test_a_restart_with_another_method_learns_from_the_record_and_is_replayed(co
     assert result.steps == STEPS + 5
 
 
-def test_other_settings_of_the_method_in_use_need_another_database(config: GatewayConfig) -> None:
-    config = with_method(config, "models")
+def test_settings_that_the_method_does_not_use_change_nothing(config: GatewayConfig) -> None:
     earlier_run(config)
     text = config.canonical()
     learner = json.loads(text) | {"talc": json.loads(text)["talc"] | {"learner": {"limit_um": 7.0}}}
-    control = json.loads(text) | {"talc": {"method": "models", "control": {"calibration_steps": 48}}}
     with History(config.storage.path) as history:
-        assert past_of(history, GatewayConfig.model_validate(learner)).last_k == STEPS - 1, "the learner is not used"
-        with pytest.raises(StoreError, match="other inputs or"):
-            past_of(history, GatewayConfig.model_validate(control))
+        past = past_of(history, GatewayConfig.model_validate(learner))
+    assert (past.last_k, past.changes) == (STEPS - 1, ())
+
+
+def test_another_grid_step_needs_another_database(config: GatewayConfig) -> None:
+    earlier_run(config)
+    other = GatewayConfig.model_validate(json.loads(config.canonical()) | {"grid": {"step_s": 60.0}})
+    with History(config.storage.path) as history, pytest.raises(StoreError, match="step_s = 300, not 60"):
+        past_of(history, other)

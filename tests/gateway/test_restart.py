@@ -1,4 +1,4 @@
-"""A restart from a snapshot decides, bit for bit, as one that repeats the whole record."""
+"""A restart from a snapshot decides as one from the whole record; other settings and inputs keep what was learnt."""
 
 import sqlite3
 from collections.abc import Iterable
@@ -217,3 +217,65 @@ def test_a_rebuild_can_be_interrupted(tmp_path: Path) -> None:
     with History(config.storage.path) as history, pytest.raises(Interrupted):
         past_of(history, config, progress)
     assert steps == 11
+
+
+def other_inputs(folder: Path, method: str) -> GatewayConfig:
+    """The ram's sensor has gone, one of the slide and one of the bed's far end are new, and the order is another."""
+    return config_of(folder, method, **{"bed = 0": "slide = 2", "ram = 2": "bed = 0\nend = 3"})
+
+
+def reordered(config: GatewayConfig, frame: Frame) -> Frame:
+    """As the new configuration has it; the new sensors have values from now on."""
+    bed, column, _ = frame.inputs
+    named = {"bed": bed, "column": column, "slide": 21.0 + bed / 7.0, "end": 20.0 + column / 9.0}
+    x = np.array([named[name] for name in config.input_names])
+    return Frame(frame.k, x, np.ones(4, np.bool_), frame.measurement)
+
+
+@pytest.mark.parametrize("method", ["learner", "models"])
+def test_other_inputs_and_settings_keep_what_was_learnt_and_are_replayed(method: str, tmp_path: Path) -> None:
+    before = config_of(tmp_path, method)
+    run(before, fresh(before), 0, LONGER, "earlier")
+    config = other_inputs(tmp_path, method)
+    past = restarted(config)
+    assert past.last_k == LONGER - 1
+    assert past.changes == ("new: end, slide", "gone: ram")
+    told = [past.controller.step(reordered(config, frame)) for frame in frames(LONGER, LONGER + 5)]
+    if method == "learner":
+        errors = [4.0 * np.sin(d.k / 40.0) + np.arange(9.0) for d in told]
+        off = np.abs(np.array([d.corrected for d in told]) - errors)
+        assert off.mean() < 1.0, "it knew from the bed what to expect; without, it is 4 and more off"
+        assert np.isfinite(off).all()
+    past = restarted(config)
+    with Store(config.storage.path, "later", SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        keeper = SnapshotKeeper(past, store, config, EVERY)
+        for frame in frames(LONGER, LONGER + 2 * EVERY):
+            other = reordered(config, frame)
+            for event in (FrameMade(other), DecisionMade(decision := past.controller.step(other))):
+                store.record(event)
+                keeper.take(event)
+            if decision.training is not None:
+                models = train(decision.training)
+                past.controller.adopt(models)
+                store.record(ModelsAdopted(models, decision.k))
+    with History(config.storage.path) as history:
+        result = replay(history)
+        seen = past_of(history, config).seen
+    assert result.identical, result.first
+    assert seen is not None
+    assert seen.frames.inputs.shape == (LONGER - GAP + 2 * EVERY, 4)
+    assert not seen.frames.valid[: LONGER - GAP, config.input_names.index("slide")].any()
+
+
+def test_other_settings_learn_from_the_whole_record_again(tmp_path: Path) -> None:
+    before = config_of(tmp_path)
+    run(before, fresh(before), 0, LONGER, "earlier")
+    config = config_of(tmp_path, **{"[talc.control]": "[talc.learner]\nlimit_um = 7.0\n[talc.control]"})
+    past = restarted(config)
+    assert past.changes == ("limit_um 5.0 -> 7.0",)
+    assert past.since_snapshot == LONGER - GAP
+    (next_frame,) = frames(LONGER, LONGER + 1)
+    decision = past.controller.step(next_frame)
+    assert decision.limits[0] == 7.0
+    assert decision.trusted.any()
