@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from drivers.section import NotEmpty, Port, Section
+from drivers.section import NotEmpty, Port, Section, SerialPort
 
 Parity = Literal["N", "E", "O"]
 SLOWEST_BAUD, FASTEST_BAUD = 300, 4_000_000
@@ -21,8 +21,9 @@ class BusSettings(Section):
 class SerialSettings(BusSettings):
     """A serial line."""
 
-    port: NotEmpty
-    """Serial port. Give a udev name (/dev/serial/by-id/...): /dev/ttyUSB0 may be another adapter after a reboot."""
+    port: SerialPort
+    """Serial port. Give a udev name (/dev/serial/by-id/...): /dev/ttyUSB0 may be another adapter after a reboot. A
+    relative path starts at the configuration's folder."""
     baud: Baud = 9600
     """Bits per second."""
     parity: Parity = "N"

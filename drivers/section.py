@@ -62,8 +62,14 @@ def matching(pattern: str, expected: str) -> AfterValidator:
     return AfterValidator(check)
 
 
+def name_beside_the_file(name: str, info: ValidationInfo) -> str:
+    """The same for a file's name that stays a text, such as a serial port's."""
+    return str(beside_the_file(Path(name), info))
+
+
 FilePath = Annotated[Path, AfterValidator(beside_the_file)]
 NotEmpty = Annotated[str, Field(min_length=1)]
+SerialPort = Annotated[NotEmpty, AfterValidator(name_beside_the_file)]
 Port = Annotated[int, Field(ge=1, le=65535)]
 """A TCP or UDP port."""
 Positive = Annotated[float, Field(gt=0)]

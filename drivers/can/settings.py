@@ -3,10 +3,10 @@
 from ipaddress import ip_address
 from typing import Final, Literal, Self, get_args
 
-from pydantic import model_validator
+from pydantic import ValidationInfo, field_validator, model_validator
 
 from drivers.bus_settings import BusSettings
-from drivers.section import NotEmpty, Port, wrong
+from drivers.section import NotEmpty, Port, name_beside_the_file, wrong
 
 Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
 Bitrate = Literal[10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_000]
@@ -28,11 +28,17 @@ class CanInterfaceSettings(BusSettings):
     interface: Interface = "socketcan"
     """How the CAN bus is reached: through the kernel, a serial adapter or, for tests, the network or this process."""
     channel: NotEmpty
-    """`can0` for socketcan, the serial port for slcan, the group's address for udp_multicast."""
+    """`can0` for socketcan, the serial port for slcan, the group's address for udp_multicast. A serial port's relative
+    path starts at the configuration's folder."""
     bitrate: Bitrate = 125_000
     """Bits per second. Only slcan sets it; the system sets up a socketcan interface."""
     port: Port = 43113
     """UDP port, for udp_multicast only."""
+
+    @field_validator("channel")
+    @classmethod
+    def _beside_the_file(cls, channel: str, info: ValidationInfo) -> str:
+        return name_beside_the_file(channel, info) if info.data.get("interface") == "slcan" else channel
 
     @model_validator(mode="after")
     def _reachable(self) -> Self:

@@ -9,6 +9,7 @@ import click
 
 from drivers.base import DriverError, SetupError
 from drivers.can import is_multicast_group
+from gateway.cli.log import log_to_stderr
 from gateway.config import ConfigError, GatewayConfig, cautions, described, load
 from gateway.recordings import RecordingError, WireLogError
 from gateway.storage import StoreError
@@ -62,7 +63,7 @@ def main(verbose: int) -> None:
     3 a fault outside the program (port in use, device absent, NC refuses).
     """
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
-    logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    log_to_stderr(level)
     for name in ("asyncua", "pymodbus", "can", "canopen"):  # their errors arrive as exceptions
         logging.getLogger(name).setLevel(logging.CRITICAL if verbose < 2 else logging.INFO)
 
@@ -127,13 +128,13 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
     \b
     The file holds time, bus, direction and bytes or CAN frame of each message (docs/wire-log.md). It also holds the
     buses and devices of CONFIG, so that it can be played elsewhere. The NC is not recorded. Nothing is written to any
-    device.
+    device. Exit code 3: no channel could be read at any time.
     """
     from gateway.cli.record import record as write_down
 
     if output.exists():
         raise click.UsageError(f"{output} already exists; recordings are not overwritten, so give another name with -o")
-    write_down(read_config(config), output, seconds, most_mb)
+    sys.exit(0 if write_down(read_config(config), output, seconds, most_mb) else EXIT_WORLD)
 
 
 @main.command()
@@ -191,7 +192,8 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of weather, loads and sensor noise.")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default=Path("out/demo"), show_default=True)
-@click.option("--zenoh-port", type=int, default=7447, show_default=True, help="Port on which `watch` finds the run.")
+@click.option("--zenoh-port", type=click.IntRange(1, 65535), default=7447, show_default=True,
+              help="Port on which `watch` finds the run.")  # fmt: skip
 @click.option("--connect", multiple=True, help="Zenoh endpoint of a listener to publish to from the first frame on.")
 @click.option("--plain", is_flag=True, help="One line per event, even on a terminal.")
 @click.option(
@@ -231,8 +233,8 @@ def demo(
 @main.command()
 @click.option("--connect", multiple=True, default=("tcp/127.0.0.1:7447",), show_default=True, help="Zenoh endpoint.")
 @click.option("--prefix", default="talc", show_default=True)
-@click.option("--machine", default="bench", show_default=True)
-def watch(connect: tuple[str, ...], prefix: str, machine: str) -> None:
+@click.option("--machine", help="Default: the one that runs there, if there is only one.")
+def watch(connect: tuple[str, ...], prefix: str, machine: str | None) -> None:
     """Follow a running gateway as an ordinary Zenoh subscriber."""
     from gateway.cli.watch import watch as follow
 

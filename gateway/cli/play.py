@@ -1,9 +1,11 @@
 """`talc-gateway play`: puts a recording's devices on wires of this computer, with a configuration that reads them."""
 
 import asyncio
+import fcntl
+import os
 import struct
-from collections.abc import Iterable, Sequence
-from contextlib import AsyncExitStack, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AsyncExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -108,17 +110,38 @@ def _passed(events: Iterable[WireEvent], kind: str) -> Iterable[Passed]:
 def _link(link: Path, target: str) -> str:
     link.unlink(missing_ok=True)
     link.symlink_to(target)
-    return str(link)
+    return str(link.absolute())
 
 
 def play(path: Path, folder: Path, seconds: float | None, group: tuple[str, int] | None = None) -> None:
-    """Play until Ctrl-C or for the given seconds. Raises WireLogError or ConfigError.
+    """Play until Ctrl-C or for the given seconds.
+
+    Raises WireLogError, ConfigError, or OSError if another `play` uses the folder.
 
     group: multicast group and port for CAN; a second CAN bus uses the next port
     """
-    config, events = read_wire_recording(path, folder)
+    with _held(folder):
+        config, events = read_wire_recording(path, folder)
+        asyncio.run(_play(config, events, folder, seconds, group))
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Makes the folder and keeps other players out of it: its links and its configuration belong to one."""
+    absent = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
-    asyncio.run(_play(config, events, folder, seconds, group))
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OSError(f"{folder}: another `play` uses this folder; stop it, or give another --folder") from None
+        yield
+    finally:
+        os.close(descriptor)
+        if absent:
+            with suppress(OSError):  # not empty: it was used
+                folder.rmdir()
 
 
 async def _play(
@@ -173,7 +196,7 @@ def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path)
 
 def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
     """An address at which a bus that never opened cannot be opened either."""
-    absent = str(folder / bus.name)
+    absent = str((folder / bus.name).absolute())
     match bus:
         case ModbusTcpSection() | MeEthernetSection():
             return {"host": "127.0.0.1", "port": 1}

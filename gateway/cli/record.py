@@ -17,21 +17,26 @@ _LOOK_EVERY_S = 1.0
 """How often the size of the file is checked."""
 
 
-def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> None:
-    """Record until Ctrl-C, for the given seconds, or up to the given size. Raises OSError if it cannot be made."""
-    asyncio.run(_record(config, path, seconds, most_mb))
+def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> bool:
+    """Record until Ctrl-C, for the given seconds, or up to the given size; False if no channel was ever good.
+
+    Raises OSError if the file cannot be made.
+    """
+    return asyncio.run(_record(config, path, seconds, most_mb))
 
 
-async def _record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> None:
+async def _record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> bool:
     console = terminal(stderr=True)
     clock = RealClock()
     stop = asyncio.Event()
     stop_on_signals(stop)
+    good: set[str] = set()
     bad: dict[str, str] = {}
 
     def take(readings: Sequence[Reading]) -> None:
         for reading in readings:
             if reading.quality.usable:
+                good.add(reading.channel)
                 bad.pop(reading.channel, None)
             else:
                 bad[reading.channel] = reading.quality.value
@@ -53,3 +58,6 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
         console.print(f"{log.dropped} lines are missing: the disk was too slow", style="yellow", highlight=False)
     counted = ", ".join(f"{bus} {count}" for bus, count in log.counts.items())
     console.print(f"{path}: {counted} lines; {len(bad)} channels not good at the end", highlight=False, soft_wrap=True)
+    if not good:
+        console.print("nothing could be read: no channel was good at any time", style="red", highlight=False)
+    return bool(good)

@@ -220,7 +220,7 @@ def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path |
     if longest_s > limit_s:
         said.print(f"it will be stopped after {_duration(limit_s)}; name fewer speeds or units, or raise --limit")
     report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, yes)))
-    if report.question and click.confirm(report.question, err=True):
+    if report.question and _agreed(report.question):
         report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, True)))
     console = terminal(stderr=str(toml) == "-")  # only the configuration goes to a pipe
     _print(console, report)
@@ -299,12 +299,23 @@ def _write(path: Path, report: ScanReport, yes: bool) -> None:
     if text == existing:
         click.echo(f"{path} already contains everything", err=True)
         return
-    if existing and not yes and not click.confirm(f"{path} exists. Add what is missing?", err=True):
+    if existing and not yes and not _agreed(f"{path} exists. Add what is missing?"):
+        click.echo(f"{path} stays as it is. A configuration of what was found:\n", err=True)
+        click.echo(merged("", report.places, Path("found.toml")), nl=False)
         return
     path.write_text(text, encoding="utf-8")
     click.echo(
         f"{path} {'extended' if existing else 'written'}: name the channels, then talc-gateway probe {path}", err=True
     )
+
+
+def _agreed(question: str) -> bool:
+    """Whether the answer is yes. Ctrl-C, and an input that has ended, are no: what was found must not be lost."""
+    try:
+        return click.confirm(question, err=True)
+    except click.Abort:
+        click.echo(err=True)
+        return False
 
 
 def _duration(seconds: float) -> str:

@@ -3,6 +3,11 @@
 from rich.console import Console
 
 
+def printable(text: str) -> str:
+    """The text with \ufffd for every character that a terminal would obey or not show, such as escape and line end."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else "\ufffd" for c in text)
+
+
 def terminal(*, stderr: bool = False) -> Console:
     """A console that prints text as it is: names of files, channels and settings contain brackets and colons."""
     return Console(stderr=stderr, markup=False, emoji=False)

@@ -37,6 +37,7 @@ from talc.frame import EventKind
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 _EVENTS_SHOWN = 5
+_READINGS_BESIDE = 3
 _REFRESH_PER_S = 4
 _SUMMARY_EVERY_S = 6 * 3600.0
 _GOOD = ("good", "simulated")
@@ -77,6 +78,8 @@ class ViewState:
     inputs: dict[str, tuple[str, ...]] = field(default_factory=dict)
     channels: dict[str, str] = field(default_factory=dict)
     """Channel to quality."""
+    values: dict[str, str] = field(default_factory=dict)
+    """Channel to its last value with its unit, or to its quality when that is not good."""
     offsets_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mode: str = ""
     source: str = ""
@@ -101,6 +104,7 @@ class ViewState:
         match message:
             case ReadingMessage():
                 self.channels[message.channel] = message.quality
+                self.values[message.channel] = _value(message)
             case DecisionMessage():
                 self.phase, self.k = message.phase, message.k
                 self.predicted, self.corrected = message.predicted, message.corrected
@@ -146,7 +150,7 @@ class ViewState:
 
 def render(state: ViewState) -> RenderableType:
     """The whole screen; 80 columns are enough."""
-    return Group(_header(state), _errors(state), _footer(state), _events(state))
+    return Group(_header(state), _readings(state), _errors(state), _footer(state), _events(state))
 
 
 def _header(s: ViewState) -> RenderableType:
@@ -172,6 +176,29 @@ def _header(s: ViewState) -> RenderableType:
     parts.append(health)
     parts += [Text(f"sensors: {text}", style="red") for text in s.sensors]
     return Panel(Group(*parts), padding=(0, 1))
+
+
+def _value(message: ReadingMessage) -> str:
+    if message.value is None or message.quality not in _GOOD:
+        return message.quality
+    return f"{message.value:.1f} {message.unit}"
+
+
+def _readings(s: ViewState) -> RenderableType:
+    """Every channel in as many rows as it takes, side by side."""
+    grid = Table.grid(padding=(0, 1), expand=True)
+    for _ in range(_READINGS_BESIDE):
+        grid.add_column(ratio=1, no_wrap=True, overflow="ellipsis", style="dim")
+        grid.add_column(justify="right", no_wrap=True)
+    cells = [
+        cell
+        for channel, value in s.values.items()
+        for cell in (Text(channel), Text(value, style="" if s.channels[channel] in _GOOD else "red"))
+    ]
+    width = 2 * _READINGS_BESIDE
+    for start in range(0, len(cells), width):
+        grid.add_row(*cells[start : start + width])
+    return grid
 
 
 def _errors(s: ViewState) -> RenderableType:
@@ -240,10 +267,18 @@ class LiveView:
     Parameters
     ----------
     plain: print lines even on a terminal
+    summary_at_once: of the lines, the first is a summary; otherwise one comes after six hours
     console: where to print; None: standard output
     """
 
-    def __init__(self, state: ViewState, *, plain: bool = False, console: Console | None = None) -> None:
+    def __init__(
+        self,
+        state: ViewState,
+        *,
+        plain: bool = False,
+        summary_at_once: bool = False,
+        console: Console | None = None,
+    ) -> None:
         self._state, self._console = state, console or terminal()
         self._live: Live | None = None
         if self._console.is_terminal and not plain:
@@ -253,7 +288,7 @@ class LiveView:
                 refresh_per_second=_REFRESH_PER_S,
                 screen=False,
             )
-        self._seen, self._summarised = 0, 0.0
+        self._seen, self._summarised = 0, -_SUMMARY_EVERY_S if summary_at_once else 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._lines, name="view", daemon=True)
 
@@ -285,12 +320,14 @@ class LiveView:
         for at, kind, text in list(s.events)[len(s.events) - min(fresh, len(s.events)) :]:
             if kind in _NOTABLE:
                 self._print(f"{at:%Y-%m-%d %H:%M}  {text}")
-        if s.elapsed_s - self._summarised >= _SUMMARY_EVERY_S:
+        if s.time is not None and s.elapsed_s - self._summarised >= _SUMMARY_EVERY_S:
             self._summarised = s.elapsed_s - s.elapsed_s % _SUMMARY_EVERY_S
             self._print(
-                f"{s.time:%Y-%m-%d %H:%M}  {s.phase}: {s.measurements} measurements, {s.model_updates} model updates, "
-                f"offsets {', '.join(f'{v:+.1f}' for v in s.offsets_um)} µm"
+                f"{s.time:%Y-%m-%d %H:%M}  {s.phase or 'starting'}: {s.measurements} measurements, "
+                f"{s.model_updates} model updates, offsets {', '.join(f'{v:+.1f}' for v in s.offsets_um)} µm"
             )
+            if s.values:
+                self._print("  " + ", ".join(f"{channel} {value}" for channel, value in s.values.copy().items()))
 
     def _print(self, line: str) -> None:
         self._console.print(line, highlight=False, soft_wrap=True)

@@ -158,7 +158,7 @@ class GridLoop:
         self._outlook = outlook
         self._sink(OutlookChanged(outlook))
         for event in self._bulletin.of(outlook):
-            log.log(logging.INFO if event.kind is EventKind.PROBLEM_ENDED else logging.WARNING, "%s", event.text)
+            log.warning("%s", event.text)
             self._sink(EventReported(event, self._last_k))
 
     async def _train(self, job: TrainingJob) -> None:

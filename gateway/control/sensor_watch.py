@@ -195,7 +195,7 @@ class SensorWatch:
         self._quiet = 0 if findings else self._quiet + 1
         if self._suspect_since_k is not None and self._quiet >= window and not self._findings:
             self._suspect_since_k = None
-            log.info("sensors: all agree again")
+            log.warning("sensors: all agree again")
             self._report(Event(EventKind.SENSORS_AGREE, "the sensors agree with each other again"), k)
 
     def _tell(self, finding: Finding, k: int) -> None:

@@ -68,6 +68,7 @@ class Lease:
         self._right = after(RIGHTS, self._right, Reply.HEARD if heard else Reply.UNHEARD)
         if heard is not self._heard_before and self._heard_before is not None:
             text = f"NC: its watchdog {'is active again' if heard else 'did not receive the heartbeat of this gateway'}"
+            log.warning("%s", text)
             self._notify(Notice("watchdog of NC", text, ended=heard))
         self._heard_before = heard
         return heard

@@ -86,6 +86,7 @@ class Session:
         was = self._latest is not None and self._latest.quality is Quality.STALE
         if bool(frozen) is not was:
             axes = f"{', '.join(frozen)} report a speed and do not move" if frozen else "the axes move again"
+            log.warning("NC: %s", axes)
             self._notify(Notice("axes of NC", f"NC: {axes}", ended=not frozen))
         return replace(snapshot, quality=Quality.STALE) if frozen else snapshot
 

@@ -45,7 +45,7 @@ class Problems:
     clock: its monotonic seconds are used
     period_s: how often the subjects are checked, s, > 0
     notify: receives each problem as it begins and as it ends
-    log: where both are logged too, as warning and information
+    log: where both are logged too, at the same level: a log that shows faults shows that they ended
     most: beginnings that are reported before a subject is steady
     quiet: log only unexpected problems, because `notify` shows the rest
     """
@@ -105,5 +105,5 @@ class Problems:
             ended = history.muted
         if ended:
             if not self._quiet:
-                self._log.info("%s", text)
+                self._log.warning("%s", text)
             self._notify(Notice(subject, text, ended=True))

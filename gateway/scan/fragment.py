@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -35,8 +36,8 @@ def merged(existing: str, places: Sequence[Place], path: Path) -> str:
     config = draft(parts[0], path)
     names = _Names(config)
     said = frozenset(existing.splitlines())
-    for group in _by_port(places):
-        parts += _sections(group, config, names, said)
+    for group in _by_port([_absolute(place) for place in places]):
+        parts += _sections(group, config, names, said, path.resolve().parent)
     text = "\n\n".join(parts) + "\n"
     parse(text, path)
     return text
@@ -68,7 +69,31 @@ def _wire(place: Place) -> str:
     return str(options.get("host") or options.get("channel")) + f" {options.get('port', '')}"
 
 
-def _sections(group: list[Place], config: GatewayConfig, names: _Names, said: Collection[str]) -> list[str]:
+def _serial_port(place: Place) -> str | None:
+    """The option that is a path: in a scan it starts at the working directory, in a file at the file's folder."""
+    if place.kind in ("modbus_rtu", "me_rs485"):
+        return "port"
+    return "channel" if place.options.get("interface") == "slcan" else None
+
+
+def _absolute(place: Place) -> Place:
+    key = _serial_port(place)
+    if key is None:
+        return place
+    return replace(place, options={**place.options, key: str(Path.cwd() / str(place.options[key]))})
+
+
+def _options(place: Place, folder: Path) -> Iterator[tuple[str, object]]:
+    """The options as a file in this folder has them."""
+    port = _serial_port(place)
+    for key, value in place.options.items():
+        beside = key == port and Path(str(value)).parent == folder
+        yield key, Path(str(value)).name if beside else value
+
+
+def _sections(
+    group: list[Place], config: GatewayConfig, names: _Names, said: Collection[str], folder: Path
+) -> list[str]:
     """The sections of one wire; devices that do not fit on the same bus become comments, unless `said` has them."""
     known = _existing_bus(config, group[0])
     first = next((place for place in group if known is None or _fits(known, place)), Place(group[0].kind, {}))
@@ -83,7 +108,7 @@ def _sections(group: list[Place], config: GatewayConfig, names: _Names, said: Co
     if known is None and usable:
         bus = names.free(_BUS_NAMES[first.kind])
         lines += ["[[bus]]", f"name = {toml_value(bus)}", f"kind = {toml_value(first.kind)}"]
-        lines += [f"{key} = {toml_value(value)}" for key, value in first.options.items()]
+        lines += [f"{key} = {toml_value(value)}" for key, value in _options(first, folder)]
     else:
         bus = "" if known is None else known.name
     sections = ["\n".join(lines)] if lines else []

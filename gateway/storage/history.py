@@ -11,7 +11,7 @@ import numpy as np
 
 from gateway.storage import rows
 from gateway.storage.placing import placed_frames, placed_step
-from gateway.storage.schema import SCHEMA_VERSION, StoreError
+from gateway.storage.schema import SCHEMA_VERSION, StoreError, unusable
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import Event, EventKind, Frames
 from talc.learner import Reasons
@@ -34,7 +34,7 @@ class History:
             version = self._connection.execute("PRAGMA user_version").fetchone()[0]
         except sqlite3.DatabaseError as error:
             self._connection.close()
-            raise StoreError(f"{path}: is not a database of this gateway: {error}") from error
+            raise unusable(path, error) from error
         if version != SCHEMA_VERSION:
             self._connection.close()
             raise StoreError(f"{path}: schema version {version}, expected {SCHEMA_VERSION}")

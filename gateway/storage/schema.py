@@ -115,6 +115,16 @@ def is_damage(error: BaseException) -> bool:
     return code is not None and code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
+def unusable(path: Path, error: Exception) -> StoreError:
+    """What to say of a file that SQLite could not open or read."""
+    if is_damage(error):
+        return StoreError(f"{path}: is not a database of this gateway: {error}")
+    if not os.access(path.parent, os.W_OK):
+        remedy = f"the folder {path.parent} cannot be written, and SQLite needs two files beside the database"
+        return StoreError(f"{path}: cannot be opened: {remedy}; copy it to another folder, or allow writing")
+    return StoreError(f"{path}: cannot be opened: {error}")
+
+
 def looks_like_a_database(path: Path) -> bool:
     """Whether a file that SQLite does not take for a database can be one with a damaged first page."""
     size = path.stat().st_size
@@ -133,8 +143,9 @@ def make_schema(path: Path) -> None:
             if version in (0, SCHEMA_VERSION) and not foreign:
                 connection.executescript(ADDED)
     except UNREADABLE as error:
-        kind = DamagedError if is_damage(error) and looks_like_a_database(path) else StoreError
-        raise kind(f"{path}: is not a database of this gateway: {error}") from error
+        if is_damage(error) and looks_like_a_database(path):
+            raise DamagedError(f"{path}: is not a database of this gateway: {error}") from error
+        raise unusable(path, error) from error
     if foreign:
         raise StoreError(f"{path}: is the database of another program; give [storage] another path")
     if version not in (0, SCHEMA_VERSION):

@@ -98,7 +98,8 @@ class Box:
     async def run(self, *arguments: str) -> None:
         """A command as a user types it, and what it says."""
         done = await talc_gateway(*arguments, columns=80, folder=self.folder, together=True)
-        self.told.append(f"$ talc-gateway {' '.join(arguments)}\n{done.out}")
+        out = done.out.replace(f"{self.folder.resolve()}/", "")  # a relative port starts at the file's folder
+        self.told.append(f"$ talc-gateway {' '.join(arguments)}\n{out}")
 
 
 async def green(box: Box) -> None:

@@ -112,5 +112,5 @@ async def test_what_is_reported_is_logged_once_and_a_bug_with_its_traceback(capl
     assert [(r.levelname, r.getMessage(), r.exc_info is not None) for r in caplog.records] == [
         ("WARNING", "a: unexpected", True),
         ("WARNING", "a: silent", False),
-        ("INFO", "a: well", False),
+        ("WARNING", "a: well", False),
     ]

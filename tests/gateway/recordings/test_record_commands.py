@@ -213,3 +213,29 @@ async def test_group_that_cannot_be_is_refused(group: str) -> None:
     done = await talc_gateway("play", "docs/example.wire", "--multicast", group)
     assert done.code == 2
     assert f"--multicast {group}: expected GROUP:PORT, such as 239.74.163.2:43113" in done.err
+
+
+async def test_a_recording_in_which_nothing_could_be_read_is_no_success(tmp_path: Path) -> None:
+    """It is kept all the same: that nobody answers is what it shows."""
+    config, wire = tmp_path / "gateway.toml", tmp_path / "field.wire"
+    config.write_text(CONFIG.format(rtu="absent1", can="absent2", gone="absent3"), encoding="utf-8")
+    done = await talc_gateway("record", str(config), "-o", str(wire), "--seconds", "0.3")
+    assert done.code == 3
+    assert "nothing could be read" in done.err
+    assert wire.exists()
+
+
+async def test_a_second_play_of_one_file_leaves_the_first_ones_links(tmp_path: Path) -> None:
+    write_trace(tmp_path / "trace.log")
+    arguments = ("play", str(tmp_path / "trace.log"))
+    link, enough = tmp_path / "trace.log.play" / "can1", asyncio.Event()
+    playing = asyncio.create_task(talc_gateway(*arguments, interrupt=enough.wait))
+    await appears(link, playing)
+    target = link.readlink()
+    second = await talc_gateway(*arguments)
+    assert second.code == 3
+    assert "another `play` uses this folder; stop it, or give another --folder" in second.err
+    assert link.readlink() == target
+    enough.set()
+    assert (await playing).code == 0
+    assert not link.is_symlink()

@@ -275,9 +275,14 @@ async def test_file_that_exists_is_added_to_only_after_a_yes(tmp_path: Path) -> 
     )
     before = file.read_text(encoding="utf-8")
     async with line({1: M7015(lambda: SIX)}) as path:
-        arguments = ("scan", "serial", path, "--units", "1", "--baud", "9600", "--protocol", "modbus_rtu")
-        await talc_gateway(*arguments, "--toml", str(file), answer="n\n")
-        assert file.read_text(encoding="utf-8") == before
+        where = ("scan", "serial", path, "--units", "1", "--baud", "9600", "--protocol", "modbus_rtu")
+        arguments = (*where, "--timeout", "5")  # of a busy computer; the unit answers sooner
+        for answer in ("n\n", ""):  # "": the input has ended
+            refused = await talc_gateway(*arguments, "--toml", str(file), answer=answer)
+            assert file.read_text(encoding="utf-8") == before
+            assert refused.code == 0
+            assert f"{file} stays as it is. A configuration of what was found:" in refused.err
+            assert f'[[bus]]\nname = "rtu1"\nkind = "modbus_rtu"\nport = "{path}"' in refused.out, "nothing is lost"
         await talc_gateway(*arguments, "--toml", str(file), answer="y\n")
     assert file.read_text(encoding="utf-8").startswith(before)
     config = load(file)

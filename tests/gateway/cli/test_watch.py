@@ -1,0 +1,94 @@
+"""`watch`: names the machines that are alive, shows readings, and passes no escape sequence on."""
+
+import asyncio
+import sys
+
+import pytest
+from click.testing import CliRunner
+from rich.console import Console
+
+from drivers.base import SystemClock
+from gateway.cli import main
+from gateway.cli.view import ViewState, render
+from gateway.config import Telemetry
+from gateway.events import EventReported, ReadingsTaken
+from gateway.telemetry import ReadingMessage, TelemetryPublisher
+from talc.frame import Event, EventKind
+from tests.benches.command import LIMIT_S, talc_gateway
+from tests.benches.free_port import free_port
+from tests.benches.telemetry_peer import reading
+
+
+def publisher(port: int, machine: str) -> TelemetryPublisher:
+    settings = Telemetry(listen=(f"tcp/127.0.0.1:{port}",))
+    return TelemetryPublisher(settings, machine, ("t0",), SystemClock(), "boot-1", simulated=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--connect", "foo"), "'foo': expected Zenoh endpoints such as tcp/192.168.1.5:7447"),
+        (("--machine", "a b*"), "'a b*': expected letters, digits, _ and -"),
+        (("--prefix", "talc/*"), "'talc/*': expected letters, digits, _ and -"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_words(arguments: tuple[str, ...], said: str) -> None:
+    answer = CliRunner().invoke(main, ["watch", *arguments], catch_exceptions=False)
+    assert answer.exit_code == 2
+    assert said in answer.output
+
+
+@pytest.mark.parametrize("port", ["0", "99999999"])
+def test_demo_refuses_a_port_that_cannot_be(port: str) -> None:
+    answer = CliRunner().invoke(main, ["demo", "--zenoh-port", port], catch_exceptions=False)
+    assert answer.exit_code == 2
+    assert "is not in the range 1<=x<=65535" in answer.output
+
+
+async def test_an_unknown_machine_is_answered_with_those_that_are_alive() -> None:
+    port = free_port()
+    async with publisher(port, "mill"):
+        done = await talc_gateway("watch", "--connect", f"tcp/127.0.0.1:{port}", "--machine", "lathe")
+        other = await talc_gateway("watch", "--connect", f"tcp/127.0.0.1:{port}", "--prefix", "hall")
+    assert (done.code, other.code) == (3, 3)
+    assert "no gateway of machine lathe runs under talc; running: mill" in done.err
+    assert "no gateway runs under hall" in other.err
+
+
+async def test_the_only_machine_is_followed_without_escape_sequences_of_others() -> None:
+    """A device or a control may send any text. The first lines show the readings; then the gateway ends."""
+    port = free_port()
+    async with publisher(port, "mill") as telemetry:
+        telemetry.publish(ReadingsTaken([reading(21.57)]))
+        telemetry.publish(EventReported(Event(EventKind.PROBLEM, "NC: alarm \x1b[2J\x1b]0;owned\x07 stop"), 7))
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "gateway", "watch", "--connect", f"tcp/127.0.0.1:{port}"),
+            stdout=asyncio.subprocess.PIPE,
+        )
+        assert process.stdout is not None
+        said = b""
+        async with asyncio.timeout(LIMIT_S):
+            while b"degC" not in said or b"alarm" not in said:
+                said += await process.stdout.readline()
+    async with asyncio.timeout(LIMIT_S):
+        rest, _ = await process.communicate()
+    assert process.returncode == 0
+    text = (said + rest).decode()
+    assert "t0 21.6 degC" in text
+    assert "NC: alarm �[2J�]0;owned� stop" in text
+    assert not [c for c in text if not c.isprintable() and c != "\n"]
+    assert "mill: the gateway has ended" in text
+
+
+def test_the_screen_shows_each_value_or_why_there_is_none() -> None:
+    state = ViewState("mill")
+    for name, value, quality in (("bed_front", 21.57, "good"), ("column", None, "sensor_fault")):
+        state.apply(
+            ReadingMessage("b", 1, "2026-01-05T06:00:00+00:00", "system", name, value, "degC", quality, "", 0.0, 1, "")
+        )
+    console = Console(width=80)
+    with console.capture() as shown:
+        console.print(render(state))
+    assert "bed_front" in shown.get()
+    assert "21.6 degC" in shown.get()
+    assert "sensor_fault" in shown.get()

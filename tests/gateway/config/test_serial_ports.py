@@ -1,0 +1,67 @@
+"""A serial port's relative path starts at the configuration's folder, as every path of the file does."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.recognition import Recognition
+from gateway.config import GatewayConfig, load
+from gateway.scan import Found, Place, merged
+
+MODULE = Recognition("icpdas_m7015", (0,), "type code 0x20")
+TEXT = """[machine]
+name = "mill"
+[[bus]]
+name = "rtu1"
+kind = "modbus_rtu"
+port = "line"
+[[bus]]
+name = "growth1"
+kind = "me_rs485"
+port = "/dev/serial/by-id/growth"
+[[bus]]
+name = "can1"
+kind = "canopen"
+interface = "slcan"
+channel = "adapters/can"
+[[bus]]
+name = "can2"
+kind = "can"
+channel = "can0"
+[[device]]
+name = "rtd1"
+bus = "rtu1"
+profile = "icpdas_m7015"
+channels = { bed = 0 }
+"""
+
+
+def loaded(folder: Path, text: str = TEXT) -> GatewayConfig:
+    (folder / "gateway.toml").write_text(text, encoding="utf-8")
+    return load(folder / "gateway.toml")
+
+
+@pytest.mark.parametrize("elsewhere", ["/", "."])
+def test_ports_start_at_the_file_wherever_the_command_is_started(
+    elsewhere: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(elsewhere)
+    assert [bus.place for bus in loaded(tmp_path).buses] == [
+        f"{tmp_path}/line",
+        "/dev/serial/by-id/growth",
+        f"slcan {tmp_path}/adapters/can",
+        "socketcan can0",
+    ]
+
+
+def test_a_scan_writes_the_port_so_that_the_file_finds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The port was typed relative to the working directory; the file may be elsewhere."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    place = Place("modbus_rtu", {"port": "line", "baud": 9600, "parity": "N"}, (Found(1, MODULE),))
+    beside = merged("", [place], Path("gateway.toml"))
+    assert 'port = "line"' in beside
+    above = merged("", [place], tmp_path / "gateway.toml")
+    assert f'port = "{tmp_path}/here/line"' in above
+    assert merged(above, [place], tmp_path / "gateway.toml") == above, "the same line, found again"
+    assert loaded(tmp_path, above).buses[0].place == f"{tmp_path}/here/line"
