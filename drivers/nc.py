@@ -168,10 +168,10 @@ class NumericalControl(Protocol):
         """The offsets in force on the control, µm."""
         ...
 
-    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Become the only gateway that writes offsets, and tell the control's watchdog what to do on silence.
 
-        Raises Refused while another owner's heartbeat is alive.
+        Raises Refused while another owner's heartbeat is alive, apart from the predecessor's: its claim ends.
         """
         ...
 

@@ -3,11 +3,8 @@
 import asyncio
 import logging
 import math
-import platform
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
-from pathlib import Path
 
 from drivers.tap import Tap
 from gateway.acquisition import (
@@ -33,7 +30,7 @@ from gateway.events import (
     Sink,
     StoreHealth,
 )
-from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, control_of
+from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
 from gateway.polling import Notice
 from gateway.probing import NotBegun, ProbingSchedule
@@ -50,7 +47,6 @@ _LOOKS_PER_STEP, _SHORTEST_LOOK_S = 60, 1.0
 """How often the store's health is looked at: each 5 s with a grid of 5 min."""
 
 _TEMPERATURE = "degC"
-_MACHINE_ID = Path("/etc/machine-id")
 
 
 class Service:
@@ -64,6 +60,7 @@ class Service:
     past: the controller and whatever else an earlier run left
     tap: returns the tap of the bus with that name, or None
     health: of the store that the sink writes to
+    identity: under which the control is claimed
     """
 
     def __init__(
@@ -74,9 +71,10 @@ class Service:
         past: Past,
         tap: Callable[[str], Tap] | None = None,
         health: Callable[[], StoreHealth] = StoreHealth,
+        identity: Identity | None = None,
     ) -> None:
         self._config, self._clock, self._sink, self._past = config, clock, sink, past
-        self._tap, self._health = tap, health
+        self._tap, self._health, self._identity = tap, health, identity or Identity()
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
         self._schedule = Schedule(config.grid.step_s, past.last_k)
         self._channels = {channel.name for channel in config.channels}
@@ -172,7 +170,7 @@ class Service:
         return NcLink(
             control_of(config.nc, config, self._clock),
             self._clock,
-            LinkSettings.of(config, _owner(config.storage.path)),
+            LinkSettings.of(config, self._identity),
             Earlier(
                 first_number=number + 1,
                 abandoned=self._past.last_number,
@@ -224,9 +222,3 @@ class Service:
     def _noticed(self, notice: Notice) -> None:
         kind = EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM
         self._sink(EventReported(Event(kind, notice.text), None))
-
-
-def _owner(store: Path) -> int:
-    """This gateway's number on the control: constant over restarts, different for another computer or database."""
-    computer = _MACHINE_ID.read_text() if _MACHINE_ID.exists() else platform.node()
-    return zlib.crc32(f"{computer.strip()} {store.resolve()}".encode()) % (2**31 - 1) + 1

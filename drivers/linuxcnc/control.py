@@ -125,14 +125,17 @@ class LinuxCnc:
     async def read_compensation(self) -> tuple[float, float, float]:
         return self._three(await self._line.ask("read"), "offsets in force")
 
-    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Returns when the watchdog is active, or after timeout_s.
 
         Raises ValueError for an owner outside 1 .. 2**31 - 1.
         """
         check_number(owner, "owner")
+        told: dict[str, Json] = {"silence_s": terms.silence_s, "ramp_um_per_s": terms.ramp_um_per_s}
+        if predecessor is not None:
+            told["predecessor"] = predecessor
         try:
-            await self._line.ask("claim", owner=owner, silence_s=terms.silence_s, ramp_um_per_s=terms.ramp_um_per_s)
+            await self._line.ask("claim", owner=owner, **told)
         except Refused as error:
             hint = "stop the other gateway, or run this one in the mode monitor or advise"
             raise Refused(error.what, device=self._settings.device, hint=hint) from error

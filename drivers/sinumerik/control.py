@@ -229,11 +229,11 @@ class Sinumerik:
         x, y, z = (self._settings.compensation.sign(axis) * value * 1e3 for axis, value in enumerate(values))
         return x, y, z
 
-    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
         check_number(owner, "owner")
         holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
-        if holder not in (0, owner) and state == ALIVE:
+        if holder not in (0, owner, predecessor) and state == ALIVE:
             raise self._anothers(holder)
         lease, r = self._settings.lease, self._settings.r
         await self._session.write(self._watchdog_values(terms))

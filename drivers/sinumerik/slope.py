@@ -54,9 +54,9 @@ class SinumerikWithSlopes(Sinumerik):
             await self.close()
             raise
 
-    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Like Sinumerik's; also sets each P0 to ours. Raises Refused when a different one is in use with a slope."""
-        await super().claim(owner, terms)
+        await super().claim(owner, terms, predecessor)
         await self.read_linear()
         wrong = {path: wanted for path, wanted, _, slope in self._wrong_references() if not slope}
         if wrong:

@@ -22,7 +22,7 @@ from drivers.linuxcnc import LinuxCnc, LinuxCncSettings
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, validate
-from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
+from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
 from gateway.probing import End, Outcome
 from simulators.linuxcnc.machine import HURRY, LinuxCncMachine, machine, missing
 from simulators.plant import Environment, MachineDrive, Plant, load
@@ -115,7 +115,7 @@ async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Anno
     config = _config(key_file, port)
     probing = config.probing
     told = Listeners(notify=lambda notice: say(notice.text))
-    link = NcLink(nc, clock, LinkSettings.of(config), Earlier(first_number=1), told)
+    link = NcLink(nc, clock, LinkSettings.of(config, Identity()), Earlier(first_number=1), told)
     try:
         async with _running(link):
             say("cycle 1, the reference: A and C to six poses, nine to eleven touches at each")

@@ -9,6 +9,7 @@ from contextlib import AsyncExitStack
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
+from gateway.nc import Identity
 from gateway.past import Past, past_in
 from gateway.rebuild import Interrupted
 from gateway.recordings import WireLogWriter
@@ -67,12 +68,13 @@ async def serve(
         sinks.append(SnapshotKeeper(past, store, config).take)
         if wire_log is not None:
             sinks.append(_reconfiguring(wire_log, packed_toml(config)))
+        identity = Identity.of(boot, store.earlier_boot)
         tap = None if wire_log is None else wire_log.tap
         sink = in_order([*sinks, *more])
         for text in news:
             log.warning("%s", text)
             sink(EventReported(Event(EventKind.OPERATOR, text), past.last_k))
-        service = Service(config, clock, sink, past, tap, lambda: store.health)
+        service = Service(config, clock, sink, past, tap, lambda: store.health, identity)
         if telemetry is not None:
             telemetry.count_missed(lambda: service.periods_missed)
         started(service)

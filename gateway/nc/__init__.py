@@ -3,11 +3,12 @@
 from gateway.nc.boundary import contained
 from gateway.nc.build import control_of
 from gateway.nc.link import NcLink
-from gateway.nc.settings import Earlier, LinkSettings, Listeners
+from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.nc.slew import Offsets, Source, Step, Write
 
 __all__ = [
     "Earlier",
+    "Identity",
     "LinkSettings",
     "Listeners",
     "NcLink",

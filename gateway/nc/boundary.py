@@ -80,8 +80,8 @@ class _Contained:
             self._unexpected("read_compensation", error)
         return x, y, z
 
-    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
-        await self._call("claim", self._nc.claim(owner, terms))
+    async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
+        await self._call("claim", self._nc.claim(owner, terms, predecessor))
 
     async def heartbeat(self, owner: int) -> bool:
         return await self._call("heartbeat", self._nc.heartbeat(owner)) is True

@@ -7,6 +7,7 @@ from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
 from gateway.clock import ServiceClock
 from gateway.config import Compensation
+from gateway.nc.settings import Identity
 from gateway.nc.states import RIGHTS, Reply, Right, after
 from gateway.polling import Notice, Notify
 
@@ -18,7 +19,7 @@ class Lease:
 
     Parameters
     ----------
-    owner: number of this gateway on the control
+    identity: numbers of this gateway's run and of the one before it
     settings: mode, watchdog_s, slew_um_per_s and when_stale are used
     notify: called with every problem as it begins and as it ends
     """
@@ -27,11 +28,12 @@ class Lease:
         self,
         nc: NumericalControl,
         clock: ServiceClock,
-        owner: int,
+        identity: Identity,
         settings: Compensation,
         notify: Notify,
     ) -> None:
-        self._nc, self._clock, self._owner, self._notify = nc, clock, owner, notify
+        self._nc, self._clock, self._notify = nc, clock, notify
+        self._owner, self._predecessor = identity.owner, identity.predecessor
         ramp_um_per_s = settings.slew_um_per_s if settings.when_stale == "zero" else 0.0
         self._terms = WatchdogTerms(settings.watchdog_s, ramp_um_per_s)
         self._right = Right.UNCLAIMED if settings.mode == "compensate" else Right.NONE
@@ -56,7 +58,7 @@ class Lease:
     async def claim(self) -> None:
         """Become the only gateway that writes, if the mode requires it. Raises DriverError; Refused if another is."""
         if self.armed:
-            await self._nc.claim(self._owner, self._terms)
+            await self._nc.claim(self._owner, self._terms, self._predecessor)
             self._right = after(RIGHTS, self._right, Reply.CLAIMED)
 
     async def beat(self) -> bool:

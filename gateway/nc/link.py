@@ -66,7 +66,7 @@ class NcLink:
             frozen_after_s=compensation.frozen_after_s,
             notify=listeners.notify,
         )
-        self._lease = Lease(nc, clock, settings.owner, compensation, listeners.notify)
+        self._lease = Lease(nc, clock, settings.identity, compensation, listeners.notify)
         self._writer = OffsetWriter(self._form, self._lease, clock, compensation, settings.period_s, self._store)
         self._hold = Hold(self._form, clock)
         self._prober = Prober(

@@ -1,12 +1,37 @@
 """The input of a link to one control: its settings, what an earlier run left, and its listeners."""
 
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from drivers.nc import LARGEST_NUMBER
 from gateway.config import Compensation, GatewayConfig, Probing
 from gateway.nc.slew import Write
 from gateway.polling import Notify
 from talc.frame import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who claims a control. Each run has a number of its own, so that a copy of this computer is another gateway.
+
+    After a crash the control may still believe the run before this one to be alive. The database tells a gateway which
+    run that was; a copy of the database tells of a run that is not the one on the control.
+    """
+
+    owner: int = 1
+    """Number of this run on the control; 1 .. 2**31 - 1."""
+    predecessor: int | None = None
+    """Number of the run before it; None: it is the first."""
+
+    @classmethod
+    def of(cls, boot: str, earlier_boot: str | None) -> "Identity":
+        """From the names of the runs, which are random (gateway.storage.boot_id)."""
+        return cls(_number(boot), None if earlier_boot is None else _number(earlier_boot))
+
+
+def _number(boot: str) -> int:
+    return zlib.crc32(boot.encode()) % LARGEST_NUMBER + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,15 +42,14 @@ class LinkSettings:
     """Time between two reads, and between two writes."""
     compensation: Compensation
     probing: Probing
-    owner: int = 1
-    """Number of this gateway on the control, the same after every restart; 1 .. 2**31 - 1."""
+    identity: Identity
 
     @classmethod
-    def of(cls, config: GatewayConfig, owner: int = 1) -> "LinkSettings":
+    def of(cls, config: GatewayConfig, identity: Identity) -> "LinkSettings":
         """From the sections nc, compensation and probing. Raises ValueError without a section nc."""
         if config.nc is None:
             raise ValueError("config has no [nc] section")
-        return cls(config.nc.period_s, config.compensation, config.probing, owner)
+        return cls(config.nc.period_s, config.compensation, config.probing, identity)
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,6 +91,7 @@ class Store:
         make_schema(self._path)
         with closing(connect(self._path)) as connection:
             self._number = _next_boot(connection)
+            self._earlier_boot = _latest_boot(connection)
             _remove_torn_step(connection)
             reference = connection.execute(
                 "SELECT * FROM measurement WHERE errors IS NOT NULL AND centres IS NOT NULL ORDER BY id LIMIT 1"
@@ -122,6 +123,11 @@ class Store:
         self._writer.close()
         self._lock.release()
         self._writer.check()
+
+    @property
+    def earlier_boot(self) -> str | None:
+        """The name of the run before this one; None: there was none."""
+        return self._earlier_boot
 
     @property
     def health(self) -> StoreHealth:
@@ -220,6 +226,11 @@ def _next_boot(connection: sqlite3.Connection) -> int:
     if not (isinstance(row[0], int) and row[0] < _MOST_BOOTS):
         raise DamagedError("the number of a run is not one")
     return row[0] + 1
+
+
+def _latest_boot(connection: sqlite3.Connection) -> str | None:
+    row = connection.execute("SELECT id FROM boot ORDER BY number DESC LIMIT 1").fetchone()
+    return None if row is None else str(row[0])
 
 
 def _remove_torn_step(connection: sqlite3.Connection) -> None:

@@ -85,10 +85,10 @@ class InProcess:
         at = self._nck.state(self._clock.monotonic()).positions
         return self._nck.shift_um((at["X"], at["Y"], at["Z"]))
 
-    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
+    async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         _check(owner, "owner")
         holder = self._nck.r[R_OWNER]
-        if holder not in (0, owner) and self._nck.r[R_WATCH] == WatchState.ALIVE:
+        if holder not in (0, owner, predecessor) and self._nck.r[R_WATCH] == WatchState.ALIVE:
             raise Refused(f"the compensation belongs to gateway {holder:.0f}", device="nc")
         now = self._clock.monotonic()
         for number, value in (

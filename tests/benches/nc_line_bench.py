@@ -14,7 +14,7 @@ from drivers.nc import WatchdogTerms
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
 from gateway.config import validate
-from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Write
+from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Write
 from gateway.polling import Notice
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.nck import MachineState
@@ -110,7 +110,7 @@ async def bench(
         found.link = NcLink(
             nc,
             clock,
-            LinkSettings.of(config, owner),
+            LinkSettings.of(config, Identity(owner)),
             Earlier(first_number=41),
             Listeners(written=found.steps.append, notify=found.notices.append),
         )

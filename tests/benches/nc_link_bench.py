@@ -11,7 +11,7 @@ import numpy as np
 from drivers.base import ConnectError, NoAnswer, Refused
 from drivers.nc import NcSnapshot, NotSendable, OperatingMode, ProbingState, ProgramState, RequestStatus, WatchdogTerms
 from gateway.config import GatewayConfig, validate
-from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write
+from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Offsets, Write
 from talc.frame import Decision, Phase
 from tests.benches.stepped_clock import SteppedClock
 
@@ -116,8 +116,8 @@ class Control:
             self.absent = True
             raise
 
-    async def claim(self, owner: int, terms: WatchdogTerms) -> None:
-        if self.owner not in (0, owner):
+    async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
+        if self.owner not in (0, owner, predecessor):
             raise Refused(f"belongs to gateway {self.owner}", device="nc")
         self.owner = owner
 
@@ -187,7 +187,7 @@ class Bench:
         self.link = NcLink(
             self.control,
             self.clock,
-            LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, **more)),
+            LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, **more), Identity()),
             Earlier(first_number=41, abandoned=abandoned, measured_s=measured),
             Listeners(written=self.store, notify=lambda notice: self.notices.append(notice.text)),
         )

@@ -10,7 +10,7 @@ import numpy as np
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
 from gateway.config import GatewayConfig, validate
-from gateway.nc import Earlier, LinkSettings, Listeners, NcLink, Offsets, Write
+from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Offsets, Write
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import Logged
 from tests.benches.stepped_clock import SteppedClock
@@ -70,11 +70,15 @@ class WireBench:
         self.writes: list[Write] = []
         self.notices: list[str] = []
 
-    def link(self, mode: str = "compensate", when_stale: str = "zero", owner: int = 7) -> NcLink:
+    def link(
+        self, mode: str = "compensate", when_stale: str = "zero", owner: int = 7, predecessor: int | None = None
+    ) -> NcLink:
         return NcLink(
             Sinumerik(SinumerikSettings(security="none", url=self.url), self.clock),
             self.clock,
-            LinkSettings.of(config(mode, when_stale, str(self.folder / "gateway.sqlite")), owner),
+            LinkSettings.of(
+                config(mode, when_stale, str(self.folder / "gateway.sqlite")), Identity(owner, predecessor)
+            ),
             Earlier(first_number=41),
             Listeners(written=self.writes.append, notify=lambda notice: self.notices.append(notice.text)),
         )

@@ -153,8 +153,9 @@ async def test_one_gateway_at_a_time_and_what_it_leaves_goes_to_zero(bench: NcBe
         await bench.nc.heartbeat(8)
     await bench.nc.release(8)  # not its own: nothing happens
     assert await bench.nc.heartbeat(7) is True
-    with pytest.raises(Refused):
-        await bench.nc.claim(8, WATCH)
+    for predecessor in (None, 9):
+        with pytest.raises(Refused):
+            await bench.nc.claim(8, WATCH, predecessor)
     await bench.nc.release(7)
 
     async def gone() -> bool:
@@ -162,6 +163,16 @@ async def test_one_gateway_at_a_time_and_what_it_leaves_goes_to_zero(bench: NcBe
 
     await bench.until(gone)
     await bench.alive(8, WATCH)
+
+
+async def test_a_run_takes_over_from_the_one_before_it_while_that_still_counts_as_alive(bench: NcBench) -> None:
+    await bench.alive(7, WatchdogTerms(silence_s=60.0, ramp_um_per_s=20.0))
+    await bench.nc.claim(8, WATCH, 7)
+    await bench.until(lambda: bench.nc.heartbeat(8))
+    with pytest.raises(Refused):
+        await bench.nc.heartbeat(7)
+    with pytest.raises(Refused):
+        await bench.nc.claim(7, WATCH, 6)
 
 
 async def test_silence_is_noticed_and_the_next_beat_says_so(bench: NcBench) -> None:

@@ -1,6 +1,7 @@
 """The service and its NC link: the owner's number, what a restart resumes, and how the service releases the control."""
 
 import asyncio
+import shutil
 import sqlite3
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, closing
@@ -12,7 +13,7 @@ import pytest
 
 from gateway.config import GatewayConfig, validate
 from gateway.events import MeasurementEnded, StoreHealth
-from gateway.nc import NcLink
+from gateway.nc import Identity, NcLink
 from gateway.past import Past, past_of
 from gateway.probing import End, Outcome
 from gateway.service import Service
@@ -61,9 +62,12 @@ async def serving(
         with History(settings.storage.path) as history:
             past = past_of(history, settings)
     stop = asyncio.Event()
-    with Store(settings.storage.path, f"{name} {bench.clock.monotonic()}", bench.clock) as store:
+    boot = f"{name} {bench.clock.monotonic()}"
+    with Store(settings.storage.path, boot, bench.clock) as store:
         store.begin(settings.canonical(), settings.fingerprint(), "")
-        service = Service(settings, bench.clock, store.record, past, health=health)
+        service = Service(
+            settings, bench.clock, store.record, past, health=health, identity=Identity.of(boot, store.earlier_boot)
+        )
         assert service.link is not None
         if killed:
             service.link.stop = service.link.disconnect  # type: ignore[method-assign]
@@ -101,20 +105,26 @@ async def test_told_to_stop_it_takes_the_offsets_back_and_lets_go(tmp_path: Path
         bench.assert_never_stepped()
 
 
-async def test_each_database_is_another_owner_and_the_same_one_after_a_restart(tmp_path: Path) -> None:
+async def test_each_run_is_another_owner_and_takes_over_from_the_one_before_it_only(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench:
         owners = []
-        for name in ("a.sqlite", "b.sqlite", "a.sqlite"):
+
+        async def owns(name: str) -> bool:
             async with serving(bench, name) as gateway:
                 await bench.clock.run_until(bench.clock.monotonic() + 3.0)
                 owners.append(bench.control.nck.r[R_OWNER])
-                assert gateway.link.present is not None
-                if name == "b.sqlite":
-                    async with serving(bench, "c.sqlite") as second:
-                        await bench.clock.run_until(bench.clock.monotonic() + 3.0)
-                        assert second.link.present is None, "refused"
-        assert owners[0] == owners[2] > 0
-        assert owners[1] not in (owners[0], 0.0)
+                return gateway.link.present is not None
+
+        assert await owns("a.sqlite")
+        async with serving(bench, "a.sqlite"):
+            await bench.clock.run_until(bench.clock.monotonic() + 3.0)
+            shutil.copy(tmp_path / "a.sqlite", tmp_path / "copy.sqlite")
+            assert not await owns("b.sqlite"), "refused"
+        assert await owns("a.sqlite")
+        async with serving(bench, "a.sqlite"):
+            await bench.clock.run_until(bench.clock.monotonic() + 3.0)
+            assert not await owns("copy.sqlite"), "a copy is another gateway"
+        assert len(set(owners) - {0.0}) == 4
 
 
 async def test_a_restart_goes_on_with_the_reference_and_the_numbers(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
 from gateway.config import validate
-from gateway.nc import Earlier, LinkSettings, Listeners, NcLink
+from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.nck import CEC_TABLES, MachineState, MachineUnderControl
 from simulators.plant import RADIUS_MM, Environment, MachineDrive, Plant, load
@@ -145,7 +145,7 @@ async def linked(
     link = NcLink(
         nc,
         clock,
-        LinkSettings.of(config),
+        LinkSettings.of(config, Identity()),
         Earlier(first_number=1),
         Listeners(notify=lambda notice: problems.append(notice.text)),
     )

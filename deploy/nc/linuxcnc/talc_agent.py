@@ -141,7 +141,8 @@ class Control:
     def claim(self, command: dict[str, Any]) -> None:
         who = owner(command)
         silence, ramp = (number(command.get(name), name) for name in ("silence_s", "ramp_um_per_s"))
-        if self._owner not in (0, who) and self._pins["watching"]:
+        earlier = whole(command, "predecessor") if "predecessor" in command else 0
+        if self._owner not in (0, who, earlier) and self._pins["watching"]:
             raise Refusal(f"the control's compensation belongs to gateway {self._owner}, not to this one")
         if not (0.05 <= silence <= 86400.0 and 0.0 <= ramp <= 1000.0):
             raise Refusal("expected silence_s 0.05 to 86400 and ramp_um_per_s 0 to 1000")

@@ -3,6 +3,7 @@
 import math
 import os
 import random
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -26,9 +27,9 @@ from gateway.events import (
     ModelsAdopted,
     ReadingsTaken,
 )
-from gateway.nc import Source, Step, Write
+from gateway.nc import Identity, Source, Step, Write
 from gateway.probing import End, Outcome
-from gateway.storage import History, Store, StoreError
+from gateway.storage import History, Store, StoreError, boot_id
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
 from tests.benches.database import applied
@@ -184,6 +185,20 @@ def test_a_second_gateway_is_refused_and_the_lock_goes_with_the_first(tmp_path: 
     assert [p.name for p in tmp_path.iterdir()] == ["g.sqlite"]
     with store_at(path):
         pass
+
+
+def test_each_run_knows_the_one_before_it_and_two_copies_claim_as_two(tmp_path: Path) -> None:
+    path, copy = tmp_path / "a.sqlite", tmp_path / "b.sqlite"
+    boots = [boot_id() for _ in range(4)]
+    for boot, earlier in zip(boots[:2], [None, boots[0]], strict=True):
+        with Store(path, boot, SteppedClock()) as store:
+            assert store.earlier_boot == earlier
+            store.begin("{}", "", "")
+    shutil.copy(path, copy)
+    with Store(path, boots[2], SteppedClock()) as original, Store(copy, boots[3], SteppedClock()) as cloned:
+        one, other = Identity.of(boots[2], original.earlier_boot), Identity.of(boots[3], cloned.earlier_boot)
+    assert one.predecessor == other.predecessor == Identity.of(boots[1], None).owner
+    assert len({one.owner, other.owner, one.predecessor}) == 3
 
 
 def test_a_reader_sees_what_is_committed_while_the_gateway_writes(tmp_path: Path) -> None:
