@@ -1,6 +1,8 @@
 """Runs a controller on a recording as if it were live, and collects what the report shows."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 
@@ -8,7 +10,7 @@ from gateway.recordings import Recording
 from gateway.report import AdoptedModels, ReportData
 from gateway.versions import versions
 from talc.control import Controller
-from talc.frame import Decision, Frame, Measurement
+from talc.frame import Decision, Event, FloatArray, Frame, Measurement
 from talc.learner import Prior
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
@@ -23,13 +25,15 @@ def rehearse(
     *,
     prior: Prior | None = None,
     every_measurement: bool = False,
+    explained: bool = False,
     progress: Callable[[int], None] = lambda _: None,
 ) -> ReportData:
     """Run every step of the recording through a fresh controller; a training ends within its step.
 
     A recorded measurement reaches the controller if it has requested one, as a probing cycle would; the others only
-    judge. every_measurement: all of them reach it. Sensors are not compared with each other and measurements are not
-    checked, because a recording contains neither units nor the centres of a probing cycle.
+    judge. every_measurement: all of them reach it. explained: with the contributions of the learner's inputs. Sensors
+    are not compared with each other and measurements are not checked, because a recording contains neither units nor
+    the centres of a probing cycle.
     """
     controller = Controller(recording.input_names, settings, recording.step_s, prior)
     decisions: list[Decision] = []
@@ -37,6 +41,7 @@ def rehearse(
     estimate, held = np.full((len(recording.k), _ERRORS), np.nan), np.full((len(recording.k), _ERRORS), np.nan)
     in_force, last, asked = np.full(_ERRORS, np.nan), np.full(_ERRORS, np.nan), True
     models: list[AdoptedModels] = []
+    parts: list[FloatArray] = []
     events = []
     for row, k in enumerate(recording.k.tolist()):
         inputs, errors = recording.inputs[row], recording.errors[row]
@@ -56,6 +61,8 @@ def rehearse(
             found = train(decision.training)
             events += [(at, event) for event in controller.adopt(found)]
             models.append(AdoptedModels(k, found))
+        if explained and (why := controller.explain()) is not None:
+            parts.append(np.column_stack([why.inputs, why.level]))
         decisions.append(decision)
         progress(row + 1)
     good = np.isfinite(recording.inputs).sum(axis=0)
@@ -73,7 +80,7 @@ def rehearse(
         limits=np.array([d.limits for d in decisions]),
         measured=used,
         models=tuple(models),
-        events=tuple(events),
+        events=tuple((at, _named(event, recording.labels)) for at, event in events),
         compensation_s=np.empty(0),
         compensation_um=np.empty((0, 3)),
         input_names=recording.input_names,
@@ -88,5 +95,46 @@ def rehearse(
         held=held,
         trusted=np.array([d.trusted for d in decisions]),
         reasons=controller.reasons(),
+        labels=recording.labels,
+        asked=tuple("" if d.measure is None else d.measure.value for d in decisions),
+        contributions=np.array(parts) if parts else None,
         not_compared="a recording does not say which of its inputs are temperatures",
     )
+
+
+def columns_of(data: ReportData) -> dict[str, Sequence[object]]:
+    """What came of a recording, a row per step, as columns; of the errors that it has.
+
+    `E` as recorded, `E_predicted` before the step's measurement, `E_corrected` after it, `E_sigma` its standard
+    uncertainty, `E_measured` where it was used as a measurement, `E_trusted` whether it is corrected; with
+    contributions `E_from_INPUT` and `E_level`, which add up to `E_corrected`.
+    """
+    seconds = data.start_utc_s + data.time_s
+    columns: dict[str, Sequence[object]] = {
+        "time": [datetime.fromtimestamp(t, UTC).isoformat() for t in seconds.tolist()],
+        "k": data.k.tolist(),
+        "phase": [phase.value for phase in data.phases],
+        "wanted": data.asked,
+    }
+    recorded = data.measured if data.recorded is None else data.recorded
+    for e in np.flatnonzero(np.isfinite(recorded).any(axis=0)):
+        error = data.labels[e]
+        columns[error] = recorded[:, e].tolist()
+        for name in ("predicted", "corrected", "sigma", "measured"):
+            columns[f"{error}_{name}"] = getattr(data, name)[:, e].tolist()
+        if data.trusted is not None:
+            columns[f"{error}_trusted"] = data.trusted[:, e].tolist()
+        if data.contributions is not None:
+            parts = data.contributions[:, e]
+            for i, name in enumerate(data.input_names):
+                columns[f"{error}_from_{name}"] = parts[:, i].tolist()
+            columns[f"{error}_level"] = parts[:, -1].tolist()
+    return columns
+
+
+def _named(event: Event, labels: Sequence[str]) -> Event:
+    """With the recording's name of the error: the controller knows its places by the nine names."""
+    if event.error is None:
+        return event
+    label = labels[THERMAL_ERRORS.index(event.error)]
+    return replace(event, error=label, text=event.text.replace(event.error, label, 1))

@@ -3,7 +3,7 @@
 import logging
 import sys
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -13,6 +13,9 @@ from gateway.cli.log import log_to_stderr
 from gateway.config import ConfigError, GatewayConfig, cautions, described, load
 from gateway.recordings import RecordingError, WireLogError
 from gateway.storage import StoreError
+
+if TYPE_CHECKING:
+    from zoneinfo import ZoneInfo
 
 EXIT_CONFIG = 2
 """The configuration or the command line is invalid."""
@@ -250,16 +253,31 @@ def watch(connect: tuple[str, ...], prefix: str, machine: str | None) -> None:
     "--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with [grid] and [talc]."
 )
 @click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
-@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Column of a thermal error.")
+@click.option("--time-format", metavar="FORMAT", default="",
+              help="How times are written, such as '%d.%m.%Y %H:%M', or `excel` for its numbers.")  # fmt: skip
+@click.option("--time-zone", metavar="ZONE", help="Of times that do not say theirs, such as Europe/Zurich.")
+@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Column of an error; any name.")
+@click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of an error's column, such as mm.")
+@click.option("--input", "inputs", multiple=True, metavar="COLUMN", help="Column that is an input for all that.")
 @click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is not an input.")
+@click.option("--calibration-interval", "calibration_min", type=click.FloatRange(min=0, min_open=True),
+              metavar="MINUTES", help="Between the measurements of a calibration (method models).")  # fmt: skip
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
+              help="Table of each step: predictions, sigmas, contributions of inputs. CSV or Parquet.")  # fmt: skip
 @click.option("--every-measurement", is_flag=True, help="Use all measurements, not only the requested ones.")
 def replay(
     file: Path,
     output: Path | None,
     config: Path | None,
     time_column: str,
+    time_format: str,
+    time_zone: str | None,
     errors: tuple[str, ...],
+    units: tuple[str, ...],
+    inputs: tuple[str, ...],
     ignore: tuple[str, ...],
+    calibration_min: float | None,
+    out: Path | None,
     every_measurement: bool,
 ) -> None:
     """Repeat the decisions of a database, or run the controller on a recording.
@@ -270,7 +288,7 @@ def replay(
     with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), and every other column is an input. The controller runs on it
     as if it were live and writes the report. The options are for recordings.
     """
-    from gateway.recordings import Columns, is_database
+    from gateway.recordings import Clock, Columns, is_database
 
     if is_database(file):
         from gateway.cli.replay import show
@@ -278,24 +296,64 @@ def replay(
         sys.exit(0 if show(file) else EXIT_DIFFERENT)
     from gateway.cli.replay import Request, run_recording
 
-    columns = Columns(time_column, _named_errors(errors), ignore)
-    run_recording(Request(file, columns, _page(output, file, config), config, every_measurement))
+    named = _named_errors(errors)
+    columns = Columns(time_column, named, ignore, inputs, _named_units(units), Clock(time_format, _zone(time_zone)))
+    page = _page(output, file, config)
+    if out is not None:
+        _page(out, file, config)
+        if out.suffix not in (".csv", ".parquet"):
+            raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
+    run_recording(Request(file, columns, page, config, every_measurement, out, calibration_min))
+
+
+def _pairs(pairs: tuple[str, ...], option: str, expected: str) -> dict[str, str]:
+    """Name to text, from NAME=TEXT."""
+    found: dict[str, str] = {}
+    for pair in pairs:
+        name, equals, text = pair.partition("=")
+        if not (name and equals and text):
+            raise click.BadParameter(f"{pair!r}: expected {expected}", param_hint=option)
+        if name in found:
+            raise click.BadParameter(f"{name} is given twice: {found[name]!r} and {text!r}", param_hint=option)
+        found[name] = text
+    return found
 
 
 def _named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
-    """Thermal error to column, from NAME=COLUMN."""
-    from talc.names import THERMAL_ERRORS
+    """Error to column. A name that is nearly that of a thermal error is a mistake."""
+    from talc.names import THERMAL_ERRORS, like_an_error
 
-    found: dict[str, str] = {}
-    for pair in pairs:
-        name, equals, column = pair.partition("=")
-        if name not in THERMAL_ERRORS or not equals:
-            expected = f"expected NAME=COLUMN with one of {', '.join(THERMAL_ERRORS)}"
-            raise click.BadParameter(f"{pair!r}: {expected}", param_hint="--error")
-        if name in found:
-            raise click.BadParameter(f"{name} is given twice: {found[name]!r} and {column!r}", param_hint="--error")
-        found[name] = column
+    found = _pairs(pairs, "--error", "NAME=COLUMN")
+    for name in found:
+        if name not in THERMAL_ERRORS and like_an_error(name):
+            expected = f"expected one of {', '.join(THERMAL_ERRORS)}, or a name that does not look like one"
+            raise click.BadParameter(f"{name}={found[name]}: {expected}", param_hint="--error")
     return found
+
+
+def _named_units(pairs: tuple[str, ...]) -> dict[str, str]:
+    """Error to unit."""
+    from gateway.recordings import UNITS
+
+    found = {
+        name: unit.replace("µ", "u").replace("μ", "u") for name, unit in _pairs(pairs, "--unit", "NAME=UNIT").items()
+    }
+    for name, unit in found.items():
+        if unit not in UNITS:
+            raise click.BadParameter(f"{name}={unit}: expected one of {', '.join(UNITS)}", param_hint="--unit")
+    return found
+
+
+def _zone(name: str | None) -> "ZoneInfo | None":
+    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+    try:
+        return None if name is None else ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError, OSError):
+        raise click.BadParameter(
+            f"{name!r}: this computer knows no such time zone; expected a name like Europe/Zurich",
+            param_hint="--time-zone",
+        ) from None
 
 
 def _page(wanted: Path | None, source: Path, *others: Path | None) -> Path:

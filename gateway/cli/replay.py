@@ -11,11 +11,13 @@ from rich.progress import Progress
 
 from gateway.cli.terminal import terminal
 from gateway.config import ConfigError, PriorError, PriorFile, Problem, TalcOnly, described, load_talc_only, prior_for
-from gateway.recordings import Columns, Recording, read_recording
+from gateway.recordings import Columns, Recording, read_recording, write_table
 from gateway.replay import replay
 from gateway.storage import History
 
 _DAY_H = 24.0
+_LEAST_CALIBRATION = 12
+"""Measurements."""
 
 
 def show(database: Path) -> bool:
@@ -43,6 +45,10 @@ class Request:
     page: Path
     config: Path | None
     every_measurement: bool
+    out: Path | None = None
+    """Table to write."""
+    calibration_min: float | None = None
+    """Time between the measurements of the calibration of trained models."""
 
     def command(self) -> str:
         """The command that makes the page again."""
@@ -54,6 +60,11 @@ class Request:
             word for error, name in (self.columns.errors or {}).items() for word in ("--error", f"{error}={name}")
         ]
         words += [word for name in self.columns.ignored for word in ("--ignore", name)]
+        words += [word for name in self.columns.inputs for word in ("--input", name)]
+        words += [word for error, unit in self.columns.units.items() for word in ("--unit", f"{error}={unit}")]
+        words += ["--time-format", self.columns.clock.form] if self.columns.clock.form else []
+        words += ["--time-zone", self.columns.clock.zone.key] if self.columns.clock.zone else []
+        words += [] if self.calibration_min is None else ["--calibration-interval", f"{self.calibration_min:g}"]
         words += ["--every-measurement"] if self.every_measurement else []
         return shlex.join(words)
 
@@ -66,12 +77,15 @@ _SAID_OTHERWISE = {
 
 def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
-    from gateway.rehearsal import rehearse
+    from gateway.rehearsal import columns_of, rehearse
     from gateway.report import build, summary, table
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)
     recording = read_recording(request.file, request.columns, sections.grid.step_s)
+    if request.calibration_min is not None:
+        sections = _calibrated(sections, recording, request.calibration_min)
     console = terminal()
+    console.print(_roles(recording, request.columns), soft_wrap=True, markup=False, highlight=False)
     prior = _prior(sections, recording, request.config)
     if prior is not None:
         console.print(described(prior, recording.input_names), soft_wrap=True)
@@ -85,6 +99,7 @@ def run_recording(request: Request) -> None:
             sections.talc,
             prior=None if prior is None else prior.prior,
             every_measurement=request.every_measurement,
+            explained=request.out is not None,
             progress=lambda steps: bar.update(task, completed=steps),
         )
     found = summary(data)
@@ -100,6 +115,35 @@ def run_recording(request: Request) -> None:
         build(replace(data, made=_made(request, recording, sections, takes, prior))), encoding="utf-8"
     )
     console.print(f"report: {request.page}", soft_wrap=True)
+    if request.out is not None:
+        write_table(request.out, columns_of(data))
+        console.print(f"table: {request.out}", soft_wrap=True)
+
+
+def _roles(recording: Recording, columns: Columns) -> str:
+    """Which column was taken as what: a wrong role makes every figure meaningless."""
+    errors = [
+        (name if name == column else f"{name} = {column}")
+        + (f" in {columns.units[name]}" if name in columns.units else "")
+        for name, column in recording.error_columns.items()
+    ]
+    inputs, left = recording.input_names, [name or "the first" for name in recording.ignored]
+    lines = [f"errors: {', '.join(errors)}", f"inputs ({len(inputs)}): {', '.join(inputs)}"]
+    return "\n".join([*lines, *([f"left out: {', '.join(left)}"] if left else [])])
+
+
+def _calibrated(sections: TalcOnly, recording: Recording, minutes: float) -> TalcOnly:
+    """With the calibration's measurements so far apart, and as many as it takes at least. Raises ConfigError."""
+    if sections.talc.method == "learner":
+        what = 'the learner has no calibration; it is for `method = "models"`, with --config'
+        raise ConfigError(Path(), [Problem("--calibration-interval", what)])
+    every, control = max(round(minutes * 60.0 / recording.step_s), 1), sections.talc.control
+    steps = max(control.calibration_steps, _LEAST_CALIBRATION * every)
+    try:
+        control = replace(control, calibration_interval_steps=every, calibration_steps=steps)
+        return sections.model_copy(update={"talc": replace(sections.talc, control=control)})
+    except ValueError as error:
+        raise ConfigError(Path(), [Problem("--calibration-interval", str(error))]) from None
 
 
 def _prior(sections: TalcOnly, recording: Recording, config: Path | None) -> PriorFile | None:

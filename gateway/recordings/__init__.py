@@ -1,10 +1,11 @@
 """Recordings: of machines (CSV, Parquet), read, checked and put on the grid; and of wires, as a text log."""
 
-from gateway.recordings.cells import second_of
-from gateway.recordings.columns import Columns
+from gateway.recordings.cells import Clock, second_of
+from gateway.recordings.columns import UNITS, Columns
 from gateway.recordings.files import FileTable, is_database, open_table
 from gateway.recordings.grid import Recording, read_recording
 from gateway.recordings.problems import FileProblems, RecordingError
+from gateway.recordings.table import write_table
 from gateway.recordings.wire_log import (
     BusTap,
     WireEvent,
@@ -16,7 +17,9 @@ from gateway.recordings.wire_log import (
 )
 
 __all__ = [
+    "UNITS",
     "BusTap",
+    "Clock",
     "Columns",
     "FileProblems",
     "FileTable",
@@ -32,4 +35,5 @@ __all__ = [
     "read_recording",
     "read_wire_log",
     "second_of",
+    "write_table",
 ]

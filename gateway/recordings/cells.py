@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal
 from typing import TypeVar
+from zoneinfo import ZoneInfo
 
 import numpy as np
 
@@ -20,32 +22,89 @@ _Else = TypeVar("_Else")
 _EARLIEST_S = datetime(1900, 1, 1, tzinfo=UTC).timestamp()
 _LATEST_S = datetime(2200, 1, 1, tzinfo=UTC).timestamp()
 _SINCE_S = datetime(1980, 1, 1, tzinfo=UTC).timestamp()
+_EXCEL = datetime(1899, 12, 30)  # noqa: DTZ001  # the zone is the clock's
+_FAR_DAYS = 200_000
+_HOUR_S = 3600.0
 _FRACTIONS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """How times are written."""
+
+    form: str = ""
+    """Of `strptime`, such as `%d.%m.%Y %H:%M`; `excel`: days since 1899-12-30; empty: ISO 8601, or seconds."""
+    zone: ZoneInfo | None = None
+    """Of times that do not say theirs; None: UTC."""
+
+    def second_of(self, cell: object) -> float | None:
+        """UTC seconds of a cell; None: it is no such time."""
+        if self.form == "excel" and (days := _number(cell, default=None)) is not None:
+            cell = _EXCEL + timedelta(days=days) if abs(days) < _FAR_DAYS else None
+        elif self.form not in ("", "excel"):
+            try:
+                cell = datetime.strptime(str(cell), self.form)  # noqa: DTZ007  # the zone is this clock's
+            except ValueError:
+                return None
+        elif self.zone is not None and isinstance(cell, str) and _number(cell, default=None) is None:
+            cell = _iso(cell)
+        if isinstance(cell, datetime) and cell.tzinfo is None:
+            cell = cell.replace(tzinfo=self.zone or UTC)
+        return second_of(cell)
+
+    def later(self, second: float, before: float) -> float:
+        """The same time of day an hour later, if that is its second time in the night in which summer time ends."""
+        if self.zone is None or second > before:
+            return second
+        again = datetime.fromtimestamp(second, self.zone).replace(fold=1).timestamp()
+        return again if again > before else second
+
+
+_DEFAULT = Clock()
 
 
 class Times:
     """The time column, chunk by chunk: UTC seconds, ascending."""
 
-    def __init__(self, problems: FileProblems) -> None:
-        self._problems = problems
+    def __init__(self, problems: FileProblems, clock: Clock = _DEFAULT) -> None:
+        self._problems, self._clock = problems, clock
         self._before: tuple[float, object] | None = None
 
     def take(self, cells: Sequence[object], where: Where) -> FloatArray:
         """(rows,) s; NaN where a cell is not a time."""
         found = np.full(len(cells), np.nan)
         for i, cell in enumerate(cells):
-            second = second_of(cell)
+            second = self._clock.second_of(cell)
             if second is None:
-                self._problems.add(where(i), f"{shown(cell)} is not a time; expected ISO 8601 or seconds")
+                self._problems.add(where(i), f"{shown(cell)} is not a time; expected {self._expected()}")
             elif not _EARLIEST_S <= second <= _LATEST_S:
                 self._problems.add(where(i), f"{shown(cell)} is not within the years 1900 to 2200{_fraction(second)}")
             else:
-                if self._before is not None and second <= self._before[0]:
-                    what = f"{shown(cell)} is not later than the time before it, {shown(self._before[1])}"
-                    self._problems.add(where(i), what)
+                if self._before is not None:
+                    second = self._clock.later(second, self._before[0])
+                    if second <= self._before[0]:
+                        what = f"{shown(cell)} is not later than the time before it, {shown(self._before[1])}"
+                        self._problems.add(where(i), what + self._repeated_hour(self._before[0] - second))
                 self._before = second, cell
                 found[i] = second
         return found
+
+    def _expected(self) -> str:
+        if self._clock.form == "excel":
+            return "a number of days, as Excel counts them, or ISO 8601"
+        return (
+            f"a time like {self._clock.form}"
+            if self._clock.form
+            else "ISO 8601 or seconds; --time-format names another"
+        )
+
+    def _repeated_hour(self, back_s: float) -> str:
+        """Why local times may go back by up to an hour."""
+        if self._clock.zone is not None or not 0.0 < back_s <= _HOUR_S:
+            return ""
+        return (
+            "; if a clock was set back when summer time ended, --time-zone, as in Europe/Zurich, tells the hours apart"
+        )
 
 
 def second_of(cell: object) -> float | None:

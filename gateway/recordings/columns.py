@@ -1,11 +1,30 @@
 """Assigns the columns: time, thermal errors, inputs. A column that looks like an error never becomes an input."""
 
+import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gateway.config import suggestion
+from gateway.recordings.cells import Clock
 from gateway.recordings.problems import FileProblems
-from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS, like_an_error
+from talc.names import ERROR_UNITS, MICROMETRE, MICROMETRE_PER_METRE, THERMAL_ERRORS, like_an_error
+
+UNITS: Mapping[str, tuple[str, float]] = {
+    "um": (MICROMETRE, 1.0),
+    "mm": (MICROMETRE, 1e3),
+    "m": (MICROMETRE, 1e6),
+    "in": (MICROMETRE, 25.4e3),
+    "um/m": (MICROMETRE_PER_METRE, 1.0),
+    "urad": (MICROMETRE_PER_METRE, 1.0),
+    "mrad": (MICROMETRE_PER_METRE, 1e3),
+    "rad": (MICROMETRE_PER_METRE, 1e6),
+    "deg": (MICROMETRE_PER_METRE, math.pi / 180 * 1e6),
+    "arcsec": (MICROMETRE_PER_METRE, math.pi / 180 / 3600 * 1e6),
+}
+"""Units of a column of errors: what they are here, and how much of it."""
+_ERROR_WORDS = {"error", "errors", "deviation", "deviations", "drift", "displacement"}
+_AXIS = re.compile(r"[xyzabc]?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,8 +33,14 @@ class Columns:
 
     time: str = "time"
     errors: Mapping[str, str] | None = None
-    """Thermal error to column."""
+    """Error, by any name, to column."""
     ignored: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    """Columns that are inputs although they resemble an error."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Error to the unit of its column, one of UNITS; otherwise µm, or µm/m for EA0C, EB0C and EC0C."""
+    clock: Clock = field(default_factory=Clock)
+    """How the times are written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +70,10 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
         first = 'column 1 has no name: if it is the time, give --time ""; otherwise ' if head[0] == "" else ""
         problems.add(f"column {columns.time!r}", f"is missing (time); {first}{named}")
     errors = dict(columns.errors or {})
-    for name in (*errors.values(), *ignored):
+    for name in (*errors.values(), *ignored, *columns.inputs):
         if name not in head:
             problems.add(f"column {name!r}", f"is missing; {suggestion(name, head)}")
-    _used_once(columns.time, errors, ignored, problems)
+    _used_once(columns.time, errors, ignored, columns.inputs, problems)
     for error in THERMAL_ERRORS:
         found = [name for name in _own_names(error) if name in head and name not in (*ignored, columns.time)]
         if found and error not in errors:
@@ -56,7 +81,11 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
     taken = {columns.time, *errors.values(), *ignored}
     inputs = tuple(name for name in head if name not in taken)
     for name in inputs:
-        _no_error(name, errors, problems)
+        if name not in columns.inputs:
+            _no_error(name, errors, columns.errors or {}, problems)
+    for error in columns.units:
+        if error not in errors:
+            problems.add(f"unit of {error}", f"there is no such error; {suggestion(error, list(errors))}")
     if not errors:
         expected = f"expected one or more of {', '.join(THERMAL_ERRORS)}, or --error NAME=COLUMN"
         problems.add("", f"no column of a thermal error; {expected}")
@@ -69,10 +98,13 @@ def _own_names(error: str) -> tuple[str, str]:
     return error, error + ("_um" if ERROR_UNITS[error] == MICROMETRE else "_um_per_m")
 
 
-def _used_once(time: str, errors: Mapping[str, str], ignored: Sequence[str], problems: FileProblems) -> None:
+def _used_once(
+    time: str, errors: Mapping[str, str], ignored: Sequence[str], inputs: Sequence[str], problems: FileProblems
+) -> None:
     """No column may have two roles."""
     given = [(time, "the time"), *((name, error) for error, name in errors.items())]
     given += [(name, "left out by --ignore") for name in dict.fromkeys(ignored)]
+    given += [(name, "an input") for name in dict.fromkeys(inputs)]
     first: dict[str, str] = {}
     for name, role in given:
         if name in first:
@@ -80,10 +112,18 @@ def _used_once(time: str, errors: Mapping[str, str], ignored: Sequence[str], pro
         first.setdefault(name, role)
 
 
-def _no_error(name: str, errors: Mapping[str, str], problems: FileProblems) -> None:
-    """An error among the inputs would explain itself and make every figure meaningless."""
+def _no_error(name: str, errors: Mapping[str, str], given: Mapping[str, str], problems: FileProblems) -> None:
+    """An error among the inputs would explain itself and make every figure meaningless.
+
+    given: the errors whose columns the user named: their neighbours are errors too, as likely as not.
+    """
     like = like_an_error(name)
     if like is None:
+        alike = next((column for column in given.values() if _alike(name, column)), None)
+        if alike is not None:
+            what = f"resembles {alike!r}, which is an error; as an input it may explain the error by itself. "
+            what += f"--ignore {name!r} leaves it out, --input {name!r} takes it as an input"
+            problems.add(f"column {name!r}", what)
         return
     where = f"column {name!r}"
     leave_out = f"--ignore {name!r} leaves it out"
@@ -96,3 +136,14 @@ def _no_error(name: str, errors: Mapping[str, str], problems: FileProblems) -> N
         meant = "" if name in (own, exact) else f"; did you mean {own!r}?"
         take = f"--error {f'{like}={name}'!r} takes it as {like} in {ERROR_UNITS[like]}"
         problems.add(where, f"looks like a thermal error{meant} {take}, {leave_out}")
+
+
+def _alike(name: str, error: str) -> bool:
+    """Whether a column resembles a column of errors: both are called errors, or differ only in a number or an axis."""
+    own, other = _stem(name), _stem(error)
+    return own == other or bool(_ERROR_WORDS & set(own) and _ERROR_WORDS & set(other))
+
+
+def _stem(name: str) -> tuple[str, ...]:
+    words = (word.rstrip("0123456789") for word in re.split(r"[^0-9a-z]+", name.lower()))
+    return tuple(word for word in words if not _AXIS.fullmatch(word)) or (name,)

@@ -9,11 +9,11 @@ import numpy as np
 
 from gateway.config import Problem
 from gateway.recordings.cells import Times, numbers
-from gateway.recordings.columns import Columns, Roles, roles_of
+from gateway.recordings.columns import UNITS, Columns, Roles, roles_of
 from gateway.recordings.files import Chunk, FileTable, open_table
 from gateway.recordings.problems import FileProblems, RecordingError
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray, IntArray
-from talc.names import THERMAL_ERRORS
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.steps import means_and_lasts, on_grid
 
 _LEAST_STEPS = 12
@@ -35,8 +35,10 @@ class Recording:
     """(T, n) means over each step; NaN without a value."""
     errors: FloatArray
     """(T, 9) the last measured value in each step, µm and µm/m; NaN without one."""
+    labels: tuple[str, ...]
+    """(9,) names of the errors: those of the file in places that it does not use otherwise, of the same unit."""
     error_columns: Mapping[str, str]
-    """Thermal error to the file's column."""
+    """Error to the file's column."""
     ignored: tuple[str, ...]
     """Columns that were left out."""
     sha256: str
@@ -52,10 +54,12 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
     problems = FileProblems(path)
     roles = roles_of(table.head, columns, problems)
     problems.refuse()
-    time_s, values = _read(table, roles, problems)
+    places = _places(roles, columns, problems)
+    problems.refuse()
+    time_s, values = _read(table, roles, columns, problems)
     problems.refuse()
     step_s, start_s, index = on_grid(time_s, step_s)
-    n, places = len(roles.inputs), [THERMAL_ERRORS.index(error) for error in roles.errors]
+    n = len(roles.inputs)
     k, inputs, errors = means_and_lasts(index, values[:, :n], values[:, n:])
     if len(k) < _LEAST_STEPS:
         what = f"{len(time_s)} {table.word}s fill {len(k)} steps of {step_s:g} s; expected {_LEAST_STEPS} or more"
@@ -63,6 +67,9 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
         raise RecordingError(path, [Problem("", what)])
     measured = np.full((len(k), len(THERMAL_ERRORS)), np.nan)
     measured[:, places] = errors
+    labels = list(THERMAL_ERRORS)
+    for place, error in zip(places, roles.errors, strict=True):
+        labels[place] = error
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return Recording(
@@ -73,17 +80,39 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
         input_names=roles.inputs,
         inputs=inputs,
         errors=measured,
+        labels=tuple(labels),
         error_columns=roles.errors,
         ignored=roles.ignored,
         sha256=sha256,
     )
 
 
-def _read(table: FileTable, roles: Roles, problems: FileProblems) -> tuple[FloatArray, FloatArray]:
-    """(rows,) s, and (rows, inputs and errors)."""
+def _places(roles: Roles, columns: Columns, problems: FileProblems) -> list[int]:
+    """Which of the controller's nine places each error takes: its own, or a free one of the same unit."""
+    places: dict[str, int] = {e: THERMAL_ERRORS.index(e) for e in roles.errors if e in THERMAL_ERRORS}
+    for error in roles.errors:
+        unit = UNITS[columns.units[error]][0] if error in columns.units else ERROR_UNITS.get(error, MICROMETRE)
+        if error in THERMAL_ERRORS:
+            if unit != ERROR_UNITS[error]:
+                problems.add(f"unit of {error}", f"{columns.units[error]!r} is not one of {ERROR_UNITS[error]}")
+            continue
+        free = [i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] == unit and i not in places.values()]
+        if free:
+            places[error] = free[0]
+        else:
+            what = "the controller takes six errors in µm and three in µm/m; talc.rehearse takes any number"
+            problems.add(f"error {error}", f"has no place: {what} (docs/library.md)")
+    return [places.get(error, 0) for error in roles.errors]
+
+
+def _read(table: FileTable, roles: Roles, columns: Columns, problems: FileProblems) -> tuple[FloatArray, FloatArray]:
+    """(rows,) s, and (rows, inputs and errors), µm and µm/m."""
     names = (*roles.inputs, *roles.errors.values())
-    largest = [LARGEST_INPUT] * len(roles.inputs) + [LARGEST_ERROR] * len(roles.errors)
-    times = Times(problems)
+    scale = np.ones(len(names))
+    for i, error in enumerate(roles.errors, len(roles.inputs)):
+        scale[i] = UNITS[columns.units[error]][1] if error in columns.units else 1.0
+    largest = [LARGEST_INPUT] * len(roles.inputs) + [LARGEST_ERROR / x for x in scale[len(roles.inputs) :].tolist()]
+    times = Times(problems, columns.clock)
     time_s: list[FloatArray] = []
     values: list[FloatArray] = []
     for chunk in table.chunks(roles.time, names, problems):
@@ -98,4 +127,4 @@ def _read(table: FileTable, roles: Roles, problems: FileProblems) -> tuple[Float
     if not time_s:
         problems.add("", "contains nothing but a heading")
         return np.empty(0), np.empty((0, len(names)))
-    return np.concatenate(time_s), np.concatenate(values)
+    return np.concatenate(time_s), np.concatenate(values) * scale

@@ -8,6 +8,7 @@ import numpy as np
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Phase
 from talc.learner import Reasons
 from talc.models import ModelSet
+from talc.names import THERMAL_ERRORS
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,12 @@ class ReportData:
     """(T, 9) whether the error is corrected; None: unknown, from an earlier program."""
     reasons: Reasons | None = None
     """The latest reasons of a learner."""
+    labels: tuple[str, ...] = THERMAL_ERRORS
+    """(9,) names of the errors; a recording may have others."""
+    asked: tuple[str, ...] = ()
+    """(T,) why a measurement was wanted for the next step; empty: not. Only for a recording."""
+    contributions: FloatArray | None = None
+    """(T, 9, n + 1) what each input adds to `corrected`, and at last what no input explains; of a learner, if asked."""
     made: tuple[tuple[str, str], ...] = ()
     """What is needed to make the page of a recording again: names and texts."""
 

@@ -69,13 +69,13 @@ def summary(data: ReportData) -> Summary:
     begin_s = float(time_s[first])
     if data.truth is not None:
         basis = "simulated truth each minute, against the estimate in force"
-        rows = _rows(*_against_truth(data, begin_s))
+        rows = _rows(data.labels, *_against_truth(data, begin_s))
     elif data.recorded is not None:
         basis = "recorded instants, against what would have been in force before that instant's measurement"
-        rows = _recorded(data.recorded[first:], data.predicted[first:])
+        rows = _recorded(data, data.recorded[first:], data.predicted[first:])
     else:
         basis = "measured instants, against the prediction before each measurement"
-        rows = _rows(data.measured[first:], data.measured[first:] - data.predicted[first:])
+        rows = _rows(data.labels, data.measured[first:], data.measured[first:] - data.predicted[first:])
     after = int(np.isfinite(data.measured[first:]).any(axis=1).sum())
     return Summary(
         basis=basis,
@@ -88,13 +88,15 @@ def summary(data: ReportData) -> Summary:
         state_updates=data.count(EventKind.STATE_UPDATE),
         model_updates=sum(a.after_k >= data.k[first] for a in data.models),
         rejected_cycles=data.rejected_cycles,
-        held=() if data.recorded is None or data.held is None else _recorded(data.recorded[first:], data.held[first:]),
+        held=()
+        if data.recorded is None or data.held is None
+        else _recorded(data, data.recorded[first:], data.held[first:]),
     )
 
 
-def _recorded(errors: FloatArray, estimate: FloatArray) -> tuple[SummaryRow, ...]:
+def _recorded(data: ReportData, errors: FloatArray, estimate: FloatArray) -> tuple[SummaryRow, ...]:
     """Of the errors that were recorded after calibration."""
-    return tuple(row for row in _rows(errors, errors - estimate) if np.isfinite(row.e_pv))
+    return tuple(row for row in _rows(data.labels, errors, errors - estimate) if np.isfinite(row.e_pv))
 
 
 def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatArray]:
@@ -108,10 +110,10 @@ def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatA
     return errors[use], errors[use] - data.corrected[in_force]
 
 
-def _rows(before: FloatArray, after: FloatArray) -> tuple[SummaryRow, ...]:
+def _rows(labels: tuple[str, ...], before: FloatArray, after: FloatArray) -> tuple[SummaryRow, ...]:
     return tuple(
-        SummaryRow(n, ERROR_UNITS[n], peak_to_peak(b), rms(b), peak_to_peak(a), rms(a))
-        for n, b, a in zip(THERMAL_ERRORS, before.T, after.T, strict=True)
+        SummaryRow(label, ERROR_UNITS[n], peak_to_peak(b), rms(b), peak_to_peak(a), rms(a))
+        for label, n, b, a in zip(labels, THERMAL_ERRORS, before.T, after.T, strict=True)
     )
 
 

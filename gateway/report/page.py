@@ -69,7 +69,7 @@ def _why(data: ReportData) -> tuple[str, str, list[_WhyRow]]:
     share = None if data.trusted is None else data.trusted.mean(axis=0)
     rows = [
         _WhyRow(
-            reason.error,
+            data.labels[e],
             ("yes" if reason.trusted else "no: no estimate is better than none")
             + ("" if share is None else f"; {share[e]:.0%} of the steps"),
             f"{reason.estimate:+.1f} {ERROR_UNITS[reason.error]}",

@@ -31,7 +31,7 @@ _STYLE: dict[Any, Any] = {
 
 def error_plot(data: ReportData, e: int) -> str:
     """Error, estimate and measurements above; the residual with the limits below. SVG."""
-    name, unit = THERMAL_ERRORS[e], ERROR_UNITS[THERMAL_ERRORS[e]]
+    name, unit = data.labels[e], ERROR_UNITS[THERMAL_ERRORS[e]]
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(10, 4.2), layout="constrained")
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1.2])
@@ -47,7 +47,12 @@ def error_plot(data: ReportData, e: int) -> str:
         label = "measured" if data.recorded is None else "used as a measurement"
         top.plot(hours[seen], data.measured[seen, e], ".", color=_MEASURED, ms=2.5, label=label)
         top.set_ylabel(f"{name}, {unit}")
-        top.set_title(f"{name}: {ERROR_MEANINGS[name]}", loc="left", fontsize=10, fontweight="bold")
+        top.set_title(
+            f"{name}: {ERROR_MEANINGS[name]}" if name in ERROR_MEANINGS else name,
+            loc="left",
+            fontsize=10,
+            fontweight="bold",
+        )
         if data.truth is not None:
             index = np.clip(np.searchsorted(data.time_s, data.truth.time_s, side="right") - 1, 0, None)
             left = data.truth.errors[:, e] - data.corrected[index, e]
@@ -81,7 +86,7 @@ def inputs_plot(data: ReportData) -> str:
         axes.grid(visible=False)
         marks = mpl.colormaps["tab10"].colors  # type: ignore[attr-defined]
         for u, adopted in enumerate(data.models):
-            for e, name in enumerate(THERMAL_ERRORS):
+            for e, name in enumerate(data.labels):
                 rows = [used.index(i) for i in _inputs(adopted.models, e)]
                 x = [u + (e - 4) * 0.085] * len(rows)
                 axes.plot(x, rows, "s", ms=5, color=marks[e], label=name if u == 0 else None)

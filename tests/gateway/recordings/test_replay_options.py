@@ -1,0 +1,149 @@
+"""What `replay` takes besides a plain table: other names, units and times; and the table that it writes."""
+
+import csv
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from click.testing import CliRunner, Result
+
+from gateway.cli import main
+from gateway.recordings import Clock, Columns, RecordingError, read_recording
+
+START = datetime(2026, 3, 2, 6, tzinfo=UTC)
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["replay", *map(str, arguments)], catch_exceptions=False)
+
+
+def table(folder: Path, head: str, rows: int = 40, times: list[str] | None = None) -> Path:
+    """Two temperatures that swing, and after them columns that follow the first."""
+    path, lines = folder / "own.csv", [head]
+    for i in range(rows):
+        t1, t2 = 20.0 + 5.0 * np.sin(i / 6), 20.0 + 3.0 * np.cos(i / 9)
+        errors = [f"{(3 + j) * (t1 - 20.0):.6f}" for j in range(head.count(",") - 2)]
+        time = times[i] if times else str(int(START.timestamp()) + 300 * i)
+        lines.append(",".join([time, f"{t1:.4f}", f"{t2:.4f}", *errors]))
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def test_errors_may_have_any_names_and_keep_them(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,t1,t2,lift,tilt")
+    answer = run(path, "--error", "spindle lift=lift", "--error", "tilt=tilt", "--unit", "tilt=arcsec")
+    assert answer.exit_code == 0, answer.output
+    assert "errors: spindle lift = lift, tilt in arcsec\ninputs (2): t1, t2\n" in answer.output
+    page = path.with_suffix(".html").read_text("utf-8")
+    assert "spindle lift" in page
+    assert "EY0A" not in page
+    assert "--unit tilt=arcsec" in page
+
+
+def test_units_are_converted(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,t1,t2,EX0C,EA0C")
+    plain = read_recording(path, Columns(), 300.0).errors
+    found = read_recording(path, Columns(units={"EX0C": "mm", "EA0C": "mrad"}), 300.0).errors
+    np.testing.assert_allclose(found[:, [2, 6]], 1000.0 * plain[:, [2, 6]])
+    with pytest.raises(RecordingError, match="unit of EX0C: 'rad' is not one of µm"):
+        read_recording(path, Columns(units={"EX0C": "rad"}), 300.0)
+    with pytest.raises(RecordingError, match="unit of EY0A: there is no such error"):
+        read_recording(path, Columns(units={"EY0A": "mm"}), 300.0)
+    answer = run(path, "--unit", "EX0C=furlong")
+    assert answer.exit_code == 2
+    assert "EX0C=furlong: expected one of um, mm" in answer.output
+
+
+def test_more_errors_than_the_controller_has_places_for_are_refused(tmp_path: Path) -> None:
+    names = [f"{letter}lift" for letter in "pqrstuv"]
+    path = table(tmp_path, ",".join(["time", "t1", "t2", *names]))
+    with pytest.raises(RecordingError, match="error vlift: has no place: the controller takes six errors in µm"):
+        read_recording(path, Columns(errors={name: name for name in names}), 300.0)
+
+
+@pytest.mark.parametrize(("error", "other"), [("drift1", "drift2"), ("dev_x", "dev_y"), ("Z drift", "thermal error Y")])
+def test_the_neighbour_of_an_error_is_no_input_in_silence(tmp_path: Path, error: str, other: str) -> None:
+    path = table(tmp_path, f"time,t1,t2,{error},{other}")
+    given = {"EZ0T": error}
+    with pytest.raises(RecordingError, match=f"column '{other}': resembles '{error}', which is an error"):
+        read_recording(path, Columns(errors=given), 300.0)
+    assert read_recording(path, Columns(errors=given, inputs=(other,)), 300.0).input_names == ("t1", "t2", other)
+    assert read_recording(path, Columns(errors=given, ignored=(other,)), 300.0).input_names == ("t1", "t2")
+    answer = run(path, "--error", f"EZ0T={error}", "--input", other, "--ignore", other)
+    assert f"column '{other}': has two roles" in answer.output
+
+
+@pytest.mark.parametrize("written", ["%d.%m.%Y %H:%M", "excel", "%H:%M:%S on %Y-%m-%d"])
+def test_times_are_read_as_they_are_written(tmp_path: Path, written: str) -> None:
+    zone = ZoneInfo("Europe/Zurich")
+    local = [(START + timedelta(minutes=5 * i)).astimezone(zone).replace(tzinfo=None) for i in range(40)]
+    if written == "excel":
+        times = [f"{(t - datetime(1899, 12, 30)) / timedelta(days=1):.9f}" for t in local]  # noqa: DTZ001
+    else:
+        times = [t.strftime(written) for t in local]
+    path = table(tmp_path, "time,t1,t2,EX0C", times=times)
+    found = read_recording(path, Columns(clock=Clock(written, zone)), 300.0)
+    assert found.start_utc_s == pytest.approx(START.timestamp(), abs=0.001)
+    assert len(found.k) == 40
+    with pytest.raises(RecordingError, match="is not a time; expected a time like %Y"):
+        read_recording(path, Columns(clock=Clock("%Y.%j")), 300.0)
+
+
+def test_the_hour_that_a_night_has_twice_is_read_twice(tmp_path: Path) -> None:
+    zone, begin = ZoneInfo("Europe/Zurich"), datetime(2026, 10, 24, 22, tzinfo=UTC)
+    times = [(begin + timedelta(minutes=5 * i)).astimezone(zone).strftime("%Y-%m-%d %H:%M") for i in range(60)]
+    path = table(tmp_path, "time,t1,t2,EX0C", rows=60, times=times)
+    with pytest.raises(RecordingError, match=r"not later than the time before it.*--time-zone, as in Europe/Zurich"):
+        read_recording(path, Columns(), 300.0)
+    found = read_recording(path, Columns(clock=Clock(zone=zone)), 300.0)
+    assert (np.diff(found.k) == 1).all()
+    assert found.start_utc_s == begin.timestamp()
+    answer = run(path, "--time-zone", "Europe/Zuerich")
+    assert answer.exit_code == 2
+    assert "knows no such time zone" in answer.output
+
+
+def test_a_file_of_several_days_has_gaps_at_night(tmp_path: Path) -> None:
+    times = [(START + timedelta(days=d, minutes=5 * i)).isoformat() for d in range(3) for i in range(20)]
+    found = read_recording(table(tmp_path, "time,t1,t2,EX0C", rows=60, times=times), Columns(), 300.0)
+    assert found.k[-1] - found.k[0] == 2 * 288 + 19
+    assert len(found.k) == 60
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_the_table_holds_each_step_and_contributions_add_up(tmp_path: Path, suffix: str) -> None:
+    path, out = table(tmp_path, "time,t1,t2,lift"), tmp_path / f"steps{suffix}"
+    answer = run(path, "--error", "lift=lift", "--out", out)
+    assert answer.exit_code == 0, answer.output
+    if suffix == ".csv":
+        with out.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+    else:
+        rows = pyarrow.parquet.read_table(out).to_pylist()
+    assert list(rows[0]) == [
+        "time", "k", "phase", "wanted", "lift", "lift_predicted", "lift_corrected", "lift_sigma", "lift_measured",
+        "lift_trusted", "lift_from_t1", "lift_from_t2", "lift_level",
+    ]  # fmt: skip
+    assert [row["time"] for row in rows[:2]] == ["2026-03-02T06:00:00+00:00", "2026-03-02T06:05:00+00:00"]
+    assert rows[1]["lift_measured"] in ("", None)
+    for row in rows:
+        parts = sum(float(row[f"lift_{part}"]) for part in ("from_t1", "from_t2", "level"))
+        assert parts == pytest.approx(float(row["lift_corrected"]), abs=1e-9)
+
+
+def test_the_table_needs_a_known_suffix_and_overwrites_no_source(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,t1,t2,EX0C")
+    assert "expected a name that ends in .csv or .parquet" in run(path, "--out", tmp_path / "steps.xlsx").output
+    assert "would overwrite" in run(path, "--out", path).output
+
+
+def test_the_calibration_interval_is_of_the_trained_models(tmp_path: Path) -> None:
+    path, config = table(tmp_path, "time,t1,t2,EX0C"), tmp_path / "models.toml"
+    assert "the learner has no calibration" in run(path, "--calibration-interval", 30).output
+    config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
+    answer = run(path, "--config", config, "--calibration-interval", 30)
+    assert answer.exit_code == 0, answer.output
+    assert "288 steps of 300 s, 24.0 h, measured each 6 steps" in " ".join(answer.output.split())
