@@ -41,12 +41,15 @@ imports: $(VENV)/.ready
 
 # Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them,
 # and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the others.
+# Two workers a core, as many tests wait. The tests start over a hundred Python programs: without byte code on disk, each
+# would compile every module again.
 TESTS ?= not peer and not slow
-PYTEST := $(BIN)/python -m pytest --durations=15
+WORKERS ?= $(shell expr 2 \* $$(nproc))
+PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --durations=15
 
 test: lint types imports
-	$(PYTEST) -n 2 --dist worksteal -m "not realtime and ($(TESTS))"
-	$(PYTEST) -m "realtime and ($(TESTS))"
+	$(PYTEST) -n $(WORKERS) --dist worksteal -m "not realtime and ($(TESTS))"
+	$(PYTEST) -m "realtime and ($(TESTS))" $$(grep -rl --include='test_*.py' 'mark\.realtime' tests)
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format .

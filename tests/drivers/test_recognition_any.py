@@ -98,7 +98,7 @@ def usable(bus: ModbusBus | CanOpenBus | MeRs485Bus | MeEthernetBus, unit: int, 
 def test_any_registers(kind: Callable[[Script], ModbusBus]) -> None:
     seen: set[str] = set()
 
-    @settings(deadline=None, max_examples=200)
+    @settings(max_examples=200)
     @given(st.data())
     def any_registers(data: st.DataObject) -> None:
         script = Script(data)
@@ -190,7 +190,7 @@ class Node(CanOpenBus):
 def test_any_objects_of_a_node() -> None:
     seen = {"cia404": 0, "": 0, "silent": 0, "error": 0}
 
-    @settings(deadline=None, max_examples=200)
+    @settings(max_examples=200)
     @given(st.data())
     def any_objects(data: st.DataObject) -> None:
         bus = Node(data)

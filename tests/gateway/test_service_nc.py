@@ -25,6 +25,8 @@ from talc.frame import Why
 from tests.benches.nc_link_bench import decision
 from tests.benches.wire_bench import WireBench, wire_bench
 
+pytestmark = pytest.mark.simulated_time
+
 
 def config(bench: WireBench, store: str, storage: Mapping[str, object]) -> GatewayConfig:
     return validate(

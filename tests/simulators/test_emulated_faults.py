@@ -106,6 +106,7 @@ async def read(device: str, scenario: Scenario, clock: ManualClock, folder: Path
         await running
 
 
+@pytest.mark.simulated_time
 @pytest.mark.parametrize(("device", "begin", "end", "quality", "says"), ROWS)
 async def test_a_fault_of_the_scenario_is_seen_on_the_wire_and_ends(
     device: str, begin: str, end: str, quality: Quality, says: str, tmp_path: Path
@@ -120,6 +121,7 @@ async def test_a_fault_of_the_scenario_is_seen_on_the_wire_and_ends(
     assert good.value == pytest.approx(42.0, abs=0.06)
 
 
+@pytest.mark.simulated_time
 @pytest.mark.parametrize(
     ("device", "back", "says", "right"),
     [
@@ -180,6 +182,6 @@ async def test_what_cannot_happen_to_a_device_is_named(device: str) -> None:
 def test_program_names_what_cannot_happen_to_its_device(tmp_path: Path) -> None:
     (tmp_path / "scenario.toml").write_text("[[at]]\ns = 0\nvalues = [20, 20, 20, 20, 20, 20]\nreboot = true\n")
     command = [sys.executable, "-m", "simulators.devices", "m7015", str(tmp_path / "scenario.toml")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 2
     assert "scenario.toml: at[0].reboot: m7015 cannot have this; possible: crc, delay_s, exception," in done.stderr

@@ -188,7 +188,7 @@ def test_a_gap_longer_than_the_training_window_is_bridged() -> None:
     assert decision.measure is Why.INTERVAL
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.data())
 def test_no_mask_gap_or_partial_measurement_makes_a_correction_that_is_not_finite(data: st.DataObject) -> None:
     c = controller()

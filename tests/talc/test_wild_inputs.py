@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -75,7 +75,7 @@ def wild(seed: int, pieces: list[Piece], large: float) -> Array:
     ],
     ids=["search", "search, high orders", "ARX, least squares", "ARX, refined"],
 )
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
+@settings(max_examples=8, derandomize=True)
 @given(
     columns=st.lists(st.lists(PIECES, max_size=4), min_size=INPUTS, max_size=INPUTS),
     outputs=st.lists(PIECES, max_size=3),

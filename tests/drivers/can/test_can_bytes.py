@@ -125,7 +125,7 @@ def test_any_frames_from_a_node_give_what_they_say_or_an_error() -> None:
         bus, _ = runner.run(stack.enter_async_context(talking(node, SHORT_S)))
         before: Sequence[CanFrame] = ()
 
-        @settings(deadline=None, max_examples=200)
+        @settings(max_examples=200)
         @given(FRAMES)
         def any_frames(frames: Sequence[CanFrame]) -> None:
             nonlocal before
@@ -193,7 +193,7 @@ def test_noise_around_an_adapters_lines_gives_the_value_or_an_error() -> None:
             stack.enter_async_context(talking(Cia404Node(NODE, lambda: TEMPERATURES, inputs=2), SHORT_S))
         )
 
-        @settings(deadline=None, max_examples=150)
+        @settings(max_examples=150)
         @given(NOISE, NOISE)
         def any_noise(before: bytes, after: bytes) -> None:
             nonlocal noise
@@ -229,7 +229,7 @@ def test_strangers_packets_on_the_group_are_passed_over() -> None:
 
         bus = runner.run(start())
 
-        @settings(deadline=None, max_examples=80)
+        @settings(max_examples=80)
         @given(st.lists(st.binary(max_size=60), max_size=5))
         def any_packets(packets: list[bytes]) -> None:
             for packet in packets:

@@ -5,6 +5,7 @@ import random
 from contextlib import suppress
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +14,8 @@ from drivers.linuxcnc import LinuxCnc
 from drivers.nc import WatchdogTerms
 from tests.benches.cut_line import line_to
 from tests.benches.linuxcnc_fake_agent import Agent, serving
+
+pytestmark = pytest.mark.simulated_time
 
 STATUS = {
     "positions": dict.fromkeys("XYZAC", 1.0), "states": {}, "mode": "auto", "program": "running", "tool": 1,
@@ -58,7 +61,7 @@ def test_any_signed_values_raise_nothing_but_driver_errors(tmp_path: Path) -> No
                 await ask_everything(nc)
                 await nc.close()
 
-        @settings(deadline=None, max_examples=40)
+        @settings(max_examples=40)
         @given(ANY | CHANGED, ANY, ANY | DONE, ANY)
         def any_values(status: object, offsets: object, probing: object, heard: object) -> None:
             runner.run(tried(status, offsets, probing, heard))

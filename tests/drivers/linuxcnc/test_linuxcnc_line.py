@@ -52,7 +52,7 @@ def test_signed_answers_are_given_as_they_are_and_refusals_with_their_reason(fol
 
     with asyncio.Runner() as runner:
 
-        @settings(deadline=None, max_examples=60)
+        @settings(max_examples=60)
         @given(st.lists(JSON, max_size=3), st.lists(st.text(max_size=20), max_size=2))
         def any_answer(answers: list[object], reasons: list[str]) -> None:
             runner.run(asked(answers, reasons))
@@ -79,7 +79,7 @@ def test_whatever_is_not_signed_for_this_question_ends_the_line(folder: Path) ->
 
     with asyncio.Runner() as runner:
 
-        @settings(deadline=None, max_examples=80)
+        @settings(max_examples=80)
         @given(NOISE, st.integers(0, 2))
         @example(b'{"error": "a refusal is signed, too"}', 0)
         def anything(said: bytes, before: int) -> None:
@@ -103,7 +103,7 @@ def test_whatever_greets_or_proves_wrongly_is_refused(folder: Path) -> None:
 
     with asyncio.Runner() as runner:
 
-        @settings(deadline=None, max_examples=60)
+        @settings(max_examples=60)
         @given(NOISE, st.booleans())
         def anything(said: bytes, greets: bool) -> None:
             if greets:

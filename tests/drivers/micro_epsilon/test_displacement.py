@@ -108,7 +108,7 @@ def test_whatever_came_before_the_next_read_is_right() -> None:
     """Nothing, garbage, another sensor's answer or several: what is taken stood there, and is not taken again."""
     with asyncio.Runner() as runner:
 
-        @settings(deadline=None, max_examples=40)
+        @settings(max_examples=40)
         @given(st.lists(PIECE, max_size=4).map(b"".join), st.lists(LATE, max_size=2), st.floats(0, 1, width=32))
         def anything(junk: bytes, late: list[bytes], following: float) -> None:
             first = runner.run(_reads(junk, b"".join(late), following))

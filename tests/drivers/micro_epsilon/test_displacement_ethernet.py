@@ -154,7 +154,7 @@ async def _read_through(sent: bytes, cuts: list[int], channels: int) -> list[flo
 def test_driver_reads_one_of_the_blocks_that_came_whole_however_they_came() -> None:
     with asyncio.Runner() as runner:
 
-        @settings(deadline=None, max_examples=60)
+        @settings(max_examples=60)
         @given(streams(), st.data())
         def any_stream(frames: list[list[list[int]]], data: st.DataObject) -> None:
             frames = [[[value & 0xFFFFFF for value in frame] for frame in each] for each in frames]

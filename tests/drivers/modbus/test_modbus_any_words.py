@@ -94,7 +94,7 @@ def test_any_memory_gives_numbers_within_the_range_or_faults(name: str, tmp_path
         try:
             driver = runner.run(start())
 
-            @settings(deadline=None, max_examples=60)
+            @settings(max_examples=60)
             @given(st.lists(WORD, min_size=1, max_size=40))
             def any_words(words: list[int]) -> None:
                 unit.words = words

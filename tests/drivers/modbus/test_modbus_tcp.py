@@ -186,7 +186,7 @@ def test_any_bytes_before_an_answer_give_it_or_an_error_and_the_next_is_right() 
                     continue
             assert taken == (100, 101)
 
-        @settings(deadline=None, max_examples=150)
+        @settings(max_examples=150)
         @given(PIECES)
         def any_noise(heard: bytes) -> None:
             nonlocal noise

@@ -18,6 +18,8 @@ from simulators.nc.variables import ALARMS_SHOWN, DRIVES_ON, AccessRight
 from tests.benches.emulated_bench import POSES, Bench, expected_deviation_um, sinumerik_bench, wired
 from tests.benches.manual_clock import ManualClock
 
+pytestmark = pytest.mark.simulated_time
+
 
 @pytest.fixture
 async def bench() -> AsyncIterator[Bench]:

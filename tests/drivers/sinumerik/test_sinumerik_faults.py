@@ -22,6 +22,8 @@ from simulators.nc.variables import AccessRight
 from tests.benches.cut_line import line_to
 from tests.benches.emulated_bench import Rigid
 
+pytestmark = pytest.mark.simulated_time
+
 
 class FrozenProgram(EmulatedControl):
     """A control whose part program never looks at the handshake: what the test writes to R-parameters stays."""

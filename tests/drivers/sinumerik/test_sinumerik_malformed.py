@@ -17,6 +17,8 @@ from drivers.sinumerik.settings import SinumerikSettings
 from tests.benches.cut_line import line_to
 from tests.benches.emulated_bench import sinumerik_bench
 
+pytestmark = pytest.mark.simulated_time
+
 Service = Callable[..., Awaitable[Any]]
 TIMEOUT_S = 0.2
 """A spoilt answer is often none at all: each costs this long."""

@@ -21,6 +21,8 @@ from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoad
 from simulators.nc.access import APPLICATION_URI
 from tests.benches.emulated_bench import Rigid
 
+pytestmark = pytest.mark.simulated_time
+
 GATEWAY_URI = "urn:talc:gateway:test"
 
 

@@ -16,6 +16,8 @@ from drivers.sinumerik.slope import SinumerikWithSlopes
 from simulators.nc.nck import CEC_TABLES
 from tests.benches.emulated_bench import Bench, sinumerik_bench
 
+pytestmark = pytest.mark.simulated_time
+
 T = TypeVar("T")
 TRAVEL = ((-300.0, 300.0), (-200.0, 200.0), (0.0, 400.0))
 NAMES = {pair: name for name, pair in PAIRS.items()}

@@ -222,7 +222,7 @@ def _places(data: object, here: tuple[str | int, ...] = ()) -> list[tuple[str | 
     return found
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.data())
 def test_whatever_stands_in_the_file_it_is_a_configuration_or_a_list_of_lines(data: st.DataObject) -> None:
     content = tomllib.loads(valid_text())

@@ -20,6 +20,8 @@ from talc.frame import Decision
 from tests.benches.nc_link_bench import decision
 from tests.benches.wire_bench import BOUND_UM, STALE_S, assert_never_stepped, config, wire_bench
 
+pytestmark = pytest.mark.simulated_time
+
 T = TypeVar("T")
 
 

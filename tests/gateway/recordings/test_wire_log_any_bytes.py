@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.recordings import WireEvent, WireLogError, WireLogWriter, read_wire_log
@@ -55,7 +55,6 @@ def without_times(events: tuple[WireEvent, ...]) -> list[WireEvent]:
     return [WireEvent(0.0, e.bus, e.passed, e.data, e.identifier, e.extended, e.note) for e in events]
 
 
-@settings(deadline=None)
 @given(calls=st.lists(CALL, max_size=8), config=CONFIG)
 def test_what_was_written_is_read(folder: Path, calls: list[tuple[object, ...]], config: list[str]) -> None:
     file = folder / "whole.wire"
@@ -66,7 +65,6 @@ def test_what_was_written_is_read(folder: Path, calls: list[tuple[object, ...]],
     assert [event.at_s for event in log.events] == sorted(event.at_s for event in log.events)
 
 
-@settings(deadline=None)
 @given(calls=st.lists(CALL, min_size=1, max_size=4), config=CONFIG, data=st.data())
 def test_cut_anywhere_it_holds_the_lines_that_are_whole(
     folder: Path, calls: list[tuple[object, ...]], config: list[str], data: st.DataObject
@@ -82,7 +80,6 @@ def test_cut_anywhere_it_holds_the_lines_that_are_whole(
     assert "\n".join(config).startswith(log.config)
 
 
-@settings(deadline=None)
 @given(lines=st.lists(LINE, max_size=6), ended=st.booleans())
 def test_any_bytes_are_read_or_refused_with_the_line(folder: Path, lines: list[bytes], ended: bool) -> None:
     file = folder / "any.wire"

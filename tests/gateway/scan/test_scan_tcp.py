@@ -17,6 +17,8 @@ from simulators.devices.wago464 import Wago464
 from simulators.devices.wago_coupler import WagoCoupler
 from tests.benches.buggy_library import BuggyDecoder
 
+pytestmark = pytest.mark.simulated_time
+
 SEVEN = [20.0, 21.0, 22.0, 23.0, 24.0, 25.0, 26.0]
 
 
