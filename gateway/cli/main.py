@@ -10,7 +10,7 @@ import click
 from drivers.base import DriverError, SetupError
 from drivers.can import is_multicast_group
 from gateway.cli.log import log_to_stderr
-from gateway.config import ConfigError, GatewayConfig, cautions, described, load
+from gateway.config import ConfigError, GatewayConfig, cautions, described, load, unarmed
 from gateway.recordings import RecordingError, WireLogError
 from gateway.storage import StoreError
 
@@ -83,14 +83,15 @@ def read_config(path: Path) -> GatewayConfig:
 @ConfigPath
 def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
+    from gateway.cli.opening import armed, contents
+
     checked = read_config(config)
-    channels, states = len(checked.channels), len(checked.states)
     click.echo(
-        f"{config}: good. {len(checked.buses)} buses, {len(checked.devices)} devices, {channels} channels, "
-        f"{states} machine states; compensation {checked.compensation.mode}, "
-        f"probing {'armed' if checked.probing.armed else 'not armed'}; fingerprint {checked.fingerprint()[:16]}"
+        f"{config}: good. {contents(checked)}; {armed(checked)}; fingerprint {checked.fingerprint()[:16]}"
         + ("" if checked.prior is None else f"; {described(checked.prior, checked.input_names)}")
     )
+    for consequence in unarmed(checked):
+        click.echo(consequence)
 
 
 @main.command()

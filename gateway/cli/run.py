@@ -3,21 +3,30 @@
 import asyncio
 import logging
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
 from drivers.base import DriverError
 from gateway.acquisition import ReloadError
+from gateway.cli.alive import WatchedClock
+from gateway.cli.notify import ServiceManager
+from gateway.cli.opening import opening
 from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, load, packed_toml
+from gateway.events import ConfigurationApplied, GatewayEvent
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 
 log = logging.getLogger(__name__)
+
+_SIGNS_PER_LIMIT = 3
+"""How often within the service manager's limit it gets a sign of life."""
+_STOP_MARGIN_S = 60.0
+"""For what ends besides the ramp: a read, a training, the last rows and messages."""
 
 
 def run_service(config: GatewayConfig, path: Path, record: Path | None = None, record_mb: float = 100.0) -> None:
@@ -25,25 +34,75 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
 
     record: the traffic on the wires goes to this file, up to `record_mb`, and as much to the one before it
     """
+    if logging.getLogger().level > logging.INFO:
+        logging.getLogger("gateway").setLevel(logging.INFO)  # a service says what it does
+    manager = ServiceManager()
 
     async def main() -> None:
         stop, hang_up = asyncio.Event(), asyncio.Event()
         stop_on_signals(stop)
         asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, hang_up.set)
-        reloading: list[asyncio.Task[None]] = []
+        clock = WatchedClock(RealClock())
+        beside: list[asyncio.Task[None]] = []
+        running = config
+
+        def applied(event: GatewayEvent) -> None:
+            nonlocal running
+            if isinstance(event, ConfigurationApplied):
+                running = event.config
+                clock.expect(running)
+                for line in opening(running):
+                    log.info("%s", line)
+                manager.ready(f"machine {running.machine.name}")
 
         def started(service: Service) -> None:
-            reloading.append(asyncio.create_task(_reload(service, path, hang_up), name="reload"))
+            beside.append(asyncio.create_task(_reload(service, path, hang_up), name="reload"))
+            beside.append(asyncio.create_task(_tell_end(manager, stop, lambda: running), name="end"))
+            if manager.watchdog_s is not None:
+                feeding = _feed(manager, manager.watchdog_s / _SIGNS_PER_LIMIT, clock, stop)
+                beside.append(asyncio.create_task(feeding, name="watchdog"))
 
+        began_s = clock.monotonic()
         try:
             with _wire_log(config, record, record_mb) as wire_log:
-                await serve(config, RealClock(), stop, simulated=False, started=started, wire_log=wire_log)
+                more = [applied]
+                await serve(config, clock, stop, simulated=False, more=more, started=started, wire_log=wire_log)
         finally:
-            for task in reloading:
+            for task in beside:
                 task.cancel()
-            await asyncio.gather(*reloading, return_exceptions=True)
+            await asyncio.gather(*beside, return_exceptions=True)
+        log.info("talc-gateway has ended after %.0f s", clock.monotonic() - began_s)
 
     asyncio.run(main())
+
+
+async def _feed(manager: ServiceManager, every_s: float, clock: WatchedClock, stop: asyncio.Event) -> None:
+    """Give signs of life while every loop goes on, or the service stops; otherwise say which loop does not."""
+    told: list[str] = []
+    while True:
+        stuck = [] if stop.is_set() else clock.stuck()
+        if not stuck:
+            manager.alive()
+        elif stuck != told:
+            log.critical("no sign of life for systemd: these loops do not go on: %s", ", ".join(stuck))
+        told = stuck
+        await asyncio.sleep(every_s)
+
+
+async def _tell_end(manager: ServiceManager, stop: asyncio.Event, running: Callable[[], GatewayConfig]) -> None:
+    """Once `stop` is set, ask for the time that taking the offsets back may need."""
+    await stop.wait()
+    longest_s = _STOP_MARGIN_S + ramp_s(running())
+    log.info("stopping; this takes up to %.0f s", longest_s)
+    manager.stopping("stopping", longest_s)
+
+
+def ramp_s(config: GatewayConfig) -> float:
+    """How long taking the largest offsets back to zero takes, s."""
+    compensation = config.compensation
+    if config.nc is None or compensation.mode != "compensate" or compensation.when_stale != "zero":
+        return 0.0
+    return max(compensation.bound_um) / compensation.slew_um_per_s
 
 
 @contextmanager

@@ -85,6 +85,8 @@ class ViewState:
     source: str = ""
     probing: str = ""
     """Why a wanted measurement is waiting."""
+    unarmed: tuple[str, ...] = ()
+    """What is off in the configuration, and what follows."""
     sensors: list[str] = field(default_factory=list)
     """Sensors that disagree with the others."""
     measurements: int = 0
@@ -137,7 +139,9 @@ class ViewState:
                     self.state_updates += 1
                 self.events.append((now, message.kind, message.text))
                 self.events_seen += 1
-            case FrameMessage() | StatusMessage():
+            case StatusMessage():
+                self.unarmed = message.unarmed
+            case FrameMessage():
                 pass
             case _:
                 assert_never(message)
@@ -174,6 +178,7 @@ def _header(s: ViewState) -> RenderableType:
     if bad:
         health.append("; " + ", ".join(f"{c} {s.channels[c]}" for c in bad[:4]) + (" ..." if len(bad) > 4 else ""))
     parts.append(health)
+    parts += [Text(text, style="yellow") for text in s.unarmed]
     parts += [Text(f"sensors: {text}", style="red") for text in s.sensors]
     return Panel(Group(*parts), padding=(0, 1))
 
@@ -326,6 +331,8 @@ class LiveView:
                 f"{s.time:%Y-%m-%d %H:%M}  {s.phase or 'starting'}: {s.measurements} measurements, "
                 f"{s.model_updates} model updates, offsets {', '.join(f'{v:+.1f}' for v in s.offsets_um)} µm"
             )
+            for text in s.unarmed:
+                self._print(f"  {text}")
             if s.values:
                 self._print("  " + ", ".join(f"{channel} {value}" for channel, value in s.values.copy().items()))
 

@@ -8,6 +8,7 @@ from gateway.config.buses import (
     ModbusRtuSection,
     ModbusTcpSection,
 )
+from gateway.config.consequences import unarmed
 from gateway.config.controls import LinuxCncNc, Nc, SinumerikNc
 from gateway.config.file import draft, load, parse, read
 from gateway.config.model import Channel, GatewayConfig, validate
@@ -54,6 +55,7 @@ __all__ = [
     "shown",
     "suggestion",
     "toml_value",
+    "unarmed",
     "unpacked",
     "validate",
     "wires_toml",

@@ -53,6 +53,11 @@ class SinumerikNc(SinumerikControl):
     largest_is: ClassVar[str] = "[nc.compensation] largest_um"
 
     @property
+    def address(self) -> str:
+        """Where the control is, for messages."""
+        return self.url
+
+    @property
     def largest_um(self) -> float:
         """Larger offsets are never sent."""
         return self.compensation.largest_um
@@ -97,6 +102,11 @@ class LinuxCncNc(LinuxCncAgent):
         return ""
 
     largest_is: ClassVar[str] = "the driver's largest_um"
+
+    @property
+    def address(self) -> str:
+        """Where the agent is, for messages."""
+        return f"{self.host}:{self.port}"
 
     @property
     def largest_um(self) -> float:

@@ -127,10 +127,12 @@ class Composer:
         config: str | None,
         outlook: Outlook | None,
         storage: StoreHealth | None = None,
+        unarmed: tuple[str, ...] = (),
     ) -> Keyed:
         """The latest decision, the fingerprint of the configuration that really runs, how probing and storing stand.
 
         periods_missed: by bus
+        unarmed: what the configuration leaves off, in words
         """
         message = StatusMessage(
             *self._stamp(),
@@ -142,6 +144,7 @@ class Composer:
             config=config,
             probing=None if outlook is None else _probing_state(outlook),
             storage=None if storage is None else _storage(storage),
+            unarmed=unarmed,
         )
         return keys.STATUS, message
 

@@ -229,6 +229,7 @@ class StatusMessage(Message, frozen=True):
     messages_dropped: Annotated[
         int, Meta(description="Frames, decisions, measurements, models, events and probing states not published")
     ] = 0
+    unarmed: Annotated[tuple[str, ...], Meta(description="What is off in the configuration, and what follows")] = ()
 
 
 Published = (

@@ -11,6 +11,7 @@ import zenoh
 
 from drivers.base import Clock
 from gateway.config import Telemetry as TelemetrySettings
+from gateway.config import unarmed
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -98,6 +99,7 @@ class TelemetryPublisher:
         self._storage: StoreHealth | None = None
         self._decision: Decision | None = None
         self._config: str | None = None
+        self._unarmed: tuple[str, ...] = ()
         self._periods_missed: Callable[[], Mapping[str, int]] = dict
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
@@ -140,7 +142,7 @@ class TelemetryPublisher:
             case CompensationStepped(write) if write.mode == "monitor":
                 return
             case ConfigurationApplied(config):
-                self._config = config.fingerprint()
+                self._config, self._unarmed = config.fingerprint(), unarmed(config)
             case DecisionMade(decision):
                 self._decision = decision
             case OutlookChanged(outlook):
@@ -168,6 +170,7 @@ class TelemetryPublisher:
                 self._config,
                 self._outlook,
                 self._storage,
+                self._unarmed,
             )
         )
 

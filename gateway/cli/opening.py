@@ -1,0 +1,43 @@
+"""What a gateway says of itself when it starts: version, wires, mode, store, endpoints, control, what is not armed."""
+
+from collections.abc import Iterator
+from importlib.metadata import version
+
+from gateway.config import GatewayConfig, unarmed
+from gateway.telemetry import keys
+
+
+def contents(config: GatewayConfig) -> str:
+    """How much of everything the configuration has."""
+    return (
+        f"{len(config.buses)} buses, {len(config.devices)} devices, {len(config.channels)} channels, "
+        f"{len(config.states)} machine states"
+    )
+
+
+def armed(config: GatewayConfig) -> str:
+    """Whether anything is written to the control."""
+    probing = "armed" if config.probing.armed else "not armed"
+    return f"compensation {config.compensation.mode}, probing {probing}"
+
+
+def opening(config: GatewayConfig) -> Iterator[str]:
+    """Lines for the log at the start and after a reload."""
+    yield (
+        f"talc-gateway {version('talc-gateway')} runs machine {config.machine.name}, configuration "
+        f"{config.fingerprint()[:16]}: {contents(config)}"
+    )
+    for bus in config.buses:
+        channels = sum(len(device.channels) for device in config.devices_of(bus.name))
+        yield f"bus {bus.name}: {bus.kind} at {bus.place}, {channels} channels every {bus.period_s:g} s"
+    control = "none" if config.nc is None else f"{config.nc.kind} at {config.nc.address}"
+    yield f"control: {control}; {armed(config)}"
+    telemetry = config.telemetry
+    if telemetry.enabled:
+        places = [f"listening on {place}" for place in telemetry.listen]
+        places += [f"connecting to {place}" for place in telemetry.connect]
+        root = keys.root(telemetry.prefix, config.machine.name)
+        yield f"store: {config.storage.path}; published as {root}/**, {', '.join(places) or 'no endpoint'}"
+    else:
+        yield f"store: {config.storage.path}"
+    yield from unarmed(config)

@@ -1,0 +1,64 @@
+"""The service manager gets signs of life only while every loop goes on."""
+
+import asyncio
+from contextlib import AbstractContextManager, nullcontext
+
+from gateway.cli.alive import WatchedClock
+from gateway.config import GatewayConfig
+from tests.benches.manual_clock import ManualClock
+from tests.benches.telemetry_examples import configuration
+
+
+class _Clock(ManualClock):
+    def hold(self) -> AbstractContextManager[None]:
+        return nullcontext()
+
+
+LOOPS = ("grid", "sensors", "stale", "storage")
+
+
+async def looping(clock: WatchedClock, hung: asyncio.Event) -> None:
+    """Works at once, until it hangs."""
+    while not hung.is_set():
+        await clock.sleep_until(clock.monotonic() + 10.0)
+    await asyncio.Event().wait()
+
+
+async def test_a_loop_that_hangs_or_never_begins_is_named_and_no_other() -> None:
+    time, config = _Clock(), configuration("first")
+    clock = WatchedClock(time)
+    names = [*LOOPS, *(f"bus {bus.name}" for bus in config.buses)]
+    hung = {name: asyncio.Event() for name in names}
+    clock.expect(config)
+    tasks = [asyncio.create_task(looping(clock, hung[name]), name=name) for name in names]
+    try:
+        for now in range(0, 300, 10):
+            await time.pass_to(float(now))
+            assert clock.stuck() == []
+        hung["grid"].set()
+        for now in range(300, 360, 10):
+            await time.pass_to(float(now))
+        assert clock.stuck() == [], "60 s of work may be"
+        await time.pass_to(370.0)
+        assert clock.stuck() == ["grid"]
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def test_a_loop_that_is_configured_and_does_not_run_is_stuck() -> None:
+    time, config = _Clock(), configuration("first")
+    clock = WatchedClock(time)
+    clock.expect(config)
+    time.now = 3600.0
+    assert set(clock.stuck()) == {*LOOPS, *(f"bus {bus.name}" for bus in config.buses)}
+
+
+async def test_a_bus_that_a_reload_removes_is_no_longer_expected() -> None:
+    time, config = _Clock(), configuration("first")
+    clock = WatchedClock(time)
+    clock.expect(config)
+    time.now = 3600.0
+    clock.expect(GatewayConfig.model_construct(**{**dict(config), "buses": (), "devices": ()}))
+    assert set(clock.stuck()) == set(LOOPS)

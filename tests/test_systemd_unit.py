@@ -1,0 +1,42 @@
+"""The unit file: what systemd itself says of it, and that it fits the program and the package."""
+
+import subprocess
+from configparser import ConfigParser
+from pathlib import Path
+from shutil import which
+
+import pytest
+
+from gateway.cli.main import EXIT_CONFIG
+
+UNIT = Path(__file__).parents[1] / "deploy" / "systemd" / "talc-gateway.service"
+
+
+def unit() -> ConfigParser:
+    parser = ConfigParser(strict=False, interpolation=None, delimiters=("=",))
+    parser.optionxform = str  # type: ignore[assignment, method-assign]
+    parser.read(UNIT)
+    return parser
+
+
+def test_a_configuration_that_is_invalid_is_not_tried_again_and_anything_else_for_ever() -> None:
+    service = unit()["Service"]
+    assert service["RestartPreventExitStatus"] == str(EXIT_CONFIG)
+    assert service["Restart"] == "on-failure"
+    assert int(service["RestartSec"]) >= 10
+    assert unit()["Unit"]["StartLimitIntervalSec"] == "0"
+
+
+@pytest.mark.peer
+def test_systemd_finds_it_hardened_and_without_mistakes() -> None:
+    """Read by systemd-analyze; nothing is started."""
+    assert which("systemd-analyze"), "Debian's package systemd"
+    done = subprocess.run(
+        ["systemd-analyze", "security", "--offline=true", "--threshold=20", "--no-pager", str(UNIT)],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Overall exposure level" in done.stdout
+    verified = subprocess.run(["systemd-analyze", "verify", str(UNIT)], capture_output=True, text=True)
+    faults = [line for line in verified.stderr.splitlines() if UNIT.name in line and "is not executable" not in line]
+    assert faults == []
