@@ -53,7 +53,7 @@ async def test_device_plays_its_scenario(device: str, tmp_path: Path) -> None:
     try:
         await bus.connect()
         await driver.connect()
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60.0):
             while len(seen) < 3:
                 (reading,) = await driver.read()
                 if not seen or (reading.quality is Quality.GOOD) != (seen[-1].quality is Quality.GOOD):
@@ -134,6 +134,6 @@ def test_program_says_where_it_listens_and_ends_when_interrupted(tmp_path: Path)
 def test_program_names_a_mistake_in_the_scenario(values: list[float], says: str, tmp_path: Path) -> None:
     (tmp_path / "scenario.toml").write_text(f"[[at]]\ns = 0\nvalues = {values}\n")
     command = [sys.executable, "-m", "simulators.devices", "adam6015", str(tmp_path / "scenario.toml")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2
     assert says in done.stderr

@@ -74,7 +74,7 @@ class Heard:
         """The first reading from now on with this quality that says this."""
         self._readings.clear()
         try:
-            async with asyncio.timeout(10.0):
+            async with asyncio.timeout(60.0):
                 while True:
                     for reading in self._readings:
                         if reading.quality is quality and says in reading.detail:

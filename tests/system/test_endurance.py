@@ -69,7 +69,7 @@ async def machine(folder: Path) -> AsyncIterator[dict[str, int]]:
         yield json.loads(await asyncio.wait_for(process.stdout.readline(), 60.0))
     finally:
         process.stdin.close()
-        await asyncio.wait_for(process.wait(), 30.0)
+        await asyncio.wait_for(process.wait(), 120.0)
 
 
 def config(folder: Path, ports: dict[str, int]) -> GatewayConfig:

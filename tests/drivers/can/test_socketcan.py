@@ -130,7 +130,7 @@ async def test_node_is_read_and_others_frames_are_passed_over(kernel: CanKernel)
 
 async def read_until(driver: Driver, error: type[DriverError]) -> DriverError:
     """The error that reading meets; a frame of before may still be fresh."""
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(60.0):
         while True:
             try:
                 await driver.read()
@@ -202,7 +202,7 @@ async def test_acquisition_opens_the_interface_again_by_itself(kernel: CanKernel
     latest: dict[str, Reading] = {}
 
     async def until(quality: Quality, says: str = "") -> None:
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(60.0):
             while not (latest.get("a") and latest["a"].quality is quality and says in latest["a"].detail):
                 await asyncio.sleep(0.005)
 

@@ -204,7 +204,7 @@ async def test_garbage_from_the_adapter_is_survived(node: Cia404Node) -> None:
 
 async def turned(driver: Driver, quality: Quality) -> list[Reading]:
     """The first readings of that quality; each before it is of the other."""
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(60.0):
         while (readings := list(await driver.read()))[0].quality is not quality:
             await asyncio.sleep(0.005)
     return readings

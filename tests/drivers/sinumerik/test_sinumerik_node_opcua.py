@@ -27,7 +27,7 @@ def peer(node: str, *arguments: Path) -> AbstractAsyncContextManager[tuple[str, 
 
 
 async def done(nc: Sinumerik, number: int) -> tuple[tuple[float, float, float], ...]:
-    async with asyncio.timeout(5.0):
+    async with asyncio.timeout(60.0):
         while (status := await nc.probing_status(number)).state is not ProbingState.DONE:
             assert status.centres_mm is None
             await asyncio.sleep(0.02)

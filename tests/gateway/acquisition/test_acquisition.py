@@ -221,7 +221,7 @@ async def test_a_read_that_hangs_is_cut_and_the_bus_opened_again() -> None:
         await plant.clock.run_until(3.5)
         plant.devices["a"].hang = True
         await plant.clock.run_until(4.0)
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(60.0):
             while not plant.notices:
                 await asyncio.sleep(0.01)
         plant.devices["a"].hang = False

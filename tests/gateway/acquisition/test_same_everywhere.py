@@ -78,7 +78,7 @@ async def run(file: Path) -> Shown:
             taken.setdefault(reading.channel, reading)
         complete.set()
 
-    async with Acquisition(lines_of(load(file), RealClock()), RealClock(), take, lambda _: None), asyncio.timeout(30):
+    async with Acquisition(lines_of(load(file), RealClock()), RealClock(), take, lambda _: None), asyncio.timeout(60.0):
         await complete.wait()
     return {channel: of_reading(reading) for channel, reading in taken.items()}
 

@@ -124,7 +124,7 @@ async def test_the_service_tells_of_a_stale_value_while_the_read_hangs() -> None
 
     async def until(quality: Quality, after: int) -> int:
         """The position of the first reading of bed with this quality."""
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(60.0):
             while True:
                 for position, (_, r) in enumerate(heard.at):
                     if position >= after and (r.channel, r.quality) == ("bed", quality):

@@ -153,7 +153,7 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
 
 
 async def until_adopted(clock: SteppedClock, log: KeptEvents) -> None:
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + 60.0
     while not log.adopted:
         assert time.monotonic() < deadline
         await clock.run_until(0.0)

@@ -86,7 +86,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def until(store: Store, failing: bool) -> None:
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + 60.0
     while bool(store.health.problem) is not failing or (not failing and store.health.waiting):
         assert time.monotonic() < end, store.health
         time.sleep(0.01)
