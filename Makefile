@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 KERNEL := CMakeLists.txt $(wildcard talc/kernel/*)
 
-# Speed and errors beside others, in the same run on one thread; renews the tables in README.md.
+# Speed and errors beside others, in the same run on one thread; renews the tables in docs/results.md.
 # SUBJECTS=recordings RECORDINGS=folder: your own (docs/benchmark-recordings.md).
 RECORDINGS ?=
 METHODS ?=
@@ -13,9 +13,9 @@ bench: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 RECORDINGS="$(RECORDINGS)" METHODS="$(METHODS)" \
 		$(BIN)/python -m benchmarks $(SUBJECTS)
 
-# One of the papers' studies in full (docs/studies.md); goes on where it was stopped and renews its table in README.md.
+# One of the papers' studies in full (docs/studies.md); goes on where it was stopped and renews its table in docs/results.md.
 study: $(VENV)/.ready
-	$(BIN)/python -m studies $(NAME) --readme README.md
+	$(BIN)/python -m studies $(NAME) --results docs/results.md
 
 .PHONY: bench study demo test lint format types imports clean
 

@@ -1,4 +1,4 @@
-"""`python -m benchmarks [SUBJECT ...]`: runs the subjects, prints their tables and renews them in README.md."""
+"""`python -m benchmarks [SUBJECT ...]`: runs the subjects, prints their tables and renews them in docs/results.md."""
 
 import importlib
 import os
@@ -17,10 +17,11 @@ _SUBJECTS = (
     "learner",
     "recordings",
 )
-_README = Path(__file__).parents[1] / "README.md"
+_RESULTS = Path(__file__).parents[1] / "docs" / "results.md"
 
 
-def main(wanted: list[str]) -> None:
+def main(wanted: list[str], results: Path = _RESULTS) -> None:
+    """Run the subjects, all if none is wanted, and renew their tables in a Markdown file."""
     unknown = set(wanted) - set(_SUBJECTS)
     if unknown:
         raise SystemExit(f"no such subject: {', '.join(sorted(unknown))}; available: {', '.join(_SUBJECTS)}")
@@ -33,10 +34,10 @@ def main(wanted: list[str]) -> None:
         print(table, flush=True)
         if not getattr(module, "is_shipped", lambda: True)():
             continue  # figures of a user's own data
-        head, begin, rest = _README.read_text(encoding="utf-8").partition(f"<!-- benchmark {subject} -->\n")
+        head, begin, rest = results.read_text(encoding="utf-8").partition(f"<!-- benchmark {subject} -->\n")
         _, end, tail = rest.partition("<!-- end -->")
         if begin and end:
-            _README.write_text(head + begin + table + end + tail, encoding="utf-8")
+            results.write_text(head + begin + table + end + tail, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""`python -m studies NAME`: runs one of the papers' studies, with a progress bar, and renews its table in README.md."""
+"""`python -m studies NAME`: runs one of the papers' studies, with a progress bar, and renews its table in a page."""
 
 import os
 from pathlib import Path
@@ -16,8 +16,8 @@ from studies import STUDIES, carry_out, renew
 @click.option("--workers", type=click.IntRange(min=1), help="Number of processes. Default: one per core.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
 @click.option("--small", is_flag=True, help="Only a few runs, to see that it works.")
-@click.option("--readme", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with its table.")
-def main(name: str | None, out: Path | None, workers: int | None, seed: int, small: bool, readme: Path | None) -> None:
+@click.option("--results", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with its table.")
+def main(name: str | None, out: Path | None, workers: int | None, seed: int, small: bool, results: Path | None) -> None:
     """Run the study NAME, or continue it; without NAME list the studies."""
     if name is None:
         for known in STUDIES.values():
@@ -26,14 +26,14 @@ def main(name: str | None, out: Path | None, workers: int | None, seed: int, sma
     if name not in STUDIES:
         raise click.BadParameter(f"{name!r}: expected one of {', '.join(STUDIES)}", param_hint="NAME")
     folder = out or Path("out/studies") / (f"{name}-small" if small else name)
-    if not run_study(name, folder, seed, small, workers or os.cpu_count() or 1, readme):
+    if not run_study(name, folder, seed, small, workers or os.cpu_count() or 1, results):
         raise click.BadParameter(
-            f"{readme}: has no lines <!-- study {name} --> and <!-- end -->", param_hint="--readme"
+            f"{results}: has no lines <!-- study {name} --> and <!-- end -->", param_hint="--results"
         )
 
 
-def run_study(name: str, folder: Path, seed: int, small: bool, workers: int, readme: Path | None) -> bool:
-    """Run what is missing in `folder`, write the report and renew the table in `readme`; False: it has no place."""
+def run_study(name: str, folder: Path, seed: int, small: bool, workers: int, results: Path | None) -> bool:
+    """Run what is missing in `folder`, write the report and renew the table in `results`; False: it has no place."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the processes that do the runs share the cores already
     console = Console(markup=False, emoji=False)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -43,7 +43,7 @@ def run_study(name: str, folder: Path, seed: int, small: bool, workers: int, rea
         for done, total in carry_out(STUDIES[name], folder, seed, small, workers):
             bar.update(task, completed=done, total=total)
     console.print(f"{name}: {total} runs; report: {folder / 'report.html'}", soft_wrap=True)
-    return readme is None or renew(readme, name, (folder / "summary.md").read_text(encoding="utf-8"))
+    return results is None or renew(results, name, (folder / "summary.md").read_text(encoding="utf-8"))
 
 
 if __name__ == "__main__":

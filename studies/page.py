@@ -85,7 +85,7 @@ class Report:
     asked: str
     """What was asked, and how it was done; paragraphs divided by an empty line."""
     summary: Table
-    """The figures that also appear in the README."""
+    """The figures that also appear in docs/results.md."""
     claims: tuple[Claim, ...]
     sections: tuple[PageSection, ...]
     figures: Sequence[Sequence[object]] = field(default_factory=list)
@@ -148,16 +148,16 @@ def write(folder: Path, title: str, report: Report, origin: Origin) -> None:
 
 
 def summary(report: Report, origin: Origin) -> str:
-    """The README's block."""
+    """The block of docs/results.md."""
     made = f"`{origin.again}`, {origin.runs} runs, {origin.took}, code {origin.code}, {origin.date}"
     return f"{report.summary.markdown()}\n{made}\n"
 
 
-def renew(readme: Path, name: str, text: str) -> bool:
+def renew(results: Path, name: str, text: str) -> bool:
     """Put `text` between the study's marks in a Markdown file; False: there are none."""
-    head, begin, rest = readme.read_text(encoding="utf-8").partition(f"<!-- study {name} -->\n")
+    head, begin, rest = results.read_text(encoding="utf-8").partition(f"<!-- study {name} -->\n")
     _, end, tail = rest.partition("<!-- end -->")
     if not (begin and end):
         return False
-    readme.write_text(head + begin + text + end + tail, encoding="utf-8")
+    results.write_text(head + begin + text + end + tail, encoding="utf-8")
     return True

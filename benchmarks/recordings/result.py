@@ -1,4 +1,4 @@
-"""The result for one recording: as JSON, as Markdown, and as rows of the README's table."""
+"""The result for one recording: as JSON, as Markdown, and as rows of the table in docs/results.md."""
 
 import json
 import math

@@ -39,7 +39,7 @@ def folder() -> Path:
 
 
 def is_shipped() -> bool:
-    """Whether the figures belong in README.md."""
+    """Whether the figures belong in docs/results.md."""
     return folder().resolve() == SHIPPED.resolve() and not os.environ.get("METHODS")
 
 

@@ -30,7 +30,15 @@ _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 _STEPS_PER_HOUR = 12
 _READY_LIMIT_S = 60.0
 _END_LIMIT_S = 10.0
-_LEAVINGS = ("gateway.sqlite", "gateway.sqlite-wal", "gateway.sqlite-shm", "truth.csv", "clock", "report.html")
+_LEAVINGS = (
+    "gateway.sqlite",
+    "gateway.sqlite-wal",
+    "gateway.sqlite-shm",
+    "truth.csv",
+    "clock",
+    "report.html",
+    "report.png",
+)
 
 
 @dataclass(frozen=True, slots=True)

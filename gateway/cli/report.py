@@ -7,7 +7,7 @@ import numpy as np
 
 from gateway.cli.terminal import terminal
 from gateway.past import stored_config
-from gateway.report import AdoptedModels, ReportData, Truth, build, summary, table
+from gateway.report import AdoptedModels, ReportData, Truth, build, picture, summary, table
 from gateway.storage import History, StoreError
 from talc.frame import FloatArray
 
@@ -16,12 +16,14 @@ _TRUTH_COLUMNS = 17
 
 
 def write(database: Path, output: Path, truth: Path | None = None) -> None:
-    """Print the table and write the page. Raises StoreError when nothing is stored yet."""
+    """Print the table and write the page, and of a simulation a picture too. Raises StoreError: nothing is stored."""
     data = collect(database, truth)
     console = terminal()
     console.print(table(summary(data)))
     output.write_text(build(data), encoding="utf-8")
     console.print(f"report: {output}", soft_wrap=True)
+    if data.truth is not None:
+        output.with_suffix(".png").write_bytes(picture(data))
 
 
 def collect(database: Path, truth: Path | None = None) -> ReportData:

@@ -131,6 +131,35 @@ def tool_plot(data: ReportData) -> str:
         return _svg(figure)
 
 
+def picture(data: ReportData) -> bytes:
+    """Of a simulation: how far the tool is from where it should be, along Z, and how far without the gateway. PNG.
+
+    ValueError: the truth is not known.
+    """
+    if data.truth is None:
+        raise ValueError("the picture is of a simulation, whose truth is known")
+    cutting = ~data.truth.probing
+    hours = data.truth.time_s[cutting] / _HOUR
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(9, 3), layout="constrained")
+        axes = figure.subplots()
+        for values, colour, label in (
+            (data.truth.uncompensated_um, _TRUTH, "without compensation"),
+            (data.truth.compensated_um, _RESIDUAL, "with compensation"),
+        ):
+            axes.plot(hours, values[cutting, 2], color=colour, lw=0.9, label=label)
+        measured = np.isfinite(data.measured).any(axis=1)
+        at = data.time_s[measured] / _HOUR
+        axes.plot(at, np.zeros(at.size), "|", color=_MEASURED, ms=9, label=f"{at.size} measurements")
+        axes.set_ylabel("tool to workpiece, Z, µm")
+        axes.set_xlabel("hours")
+        axes.set_xlim(0, float(hours[-1]))
+        axes.legend(loc="upper left", ncols=3, fontsize=8, frameon=False)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
+        return buffer.getvalue()
+
+
 def _inputs(models: ModelSet, e: int) -> tuple[str, ...]:
     model = models.models[e]
     return () if model is None else tuple(model.inputs)

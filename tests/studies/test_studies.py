@@ -86,12 +86,12 @@ def test_report_labels_the_papers_figures_and_shows_the_losses(folder: Path) -> 
     assert page.count("<svg") == 1
 
 
-def test_the_table_in_a_readme_is_renewed_between_its_marks(folder: Path, tmp_path: Path) -> None:
-    readme, command = tmp_path / "README.md", [STUDY.name, "--small", "--workers", "1", "--out", str(folder)]
-    readme.write_text("before\n<!-- study arx-vs-static -->\nstale table\n<!-- end -->\nafter\n", encoding="utf-8")
-    answer = CliRunner().invoke(main, [*command, "--readme", str(readme)], catch_exceptions=False)
+def test_the_table_on_the_page_is_renewed_between_its_marks(folder: Path, tmp_path: Path) -> None:
+    page, command = tmp_path / "results.md", [STUDY.name, "--small", "--workers", "1", "--out", str(folder)]
+    page.write_text("before\n<!-- study arx-vs-static -->\nstale table\n<!-- end -->\nafter\n", encoding="utf-8")
+    answer = CliRunner().invoke(main, [*command, "--results", str(page)], catch_exceptions=False)
     assert answer.exit_code == 0, answer.output
-    text = readme.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
     assert text.startswith("before\n<!-- study arx-vs-static -->\n| RMSE, µm, median |")
     assert text.endswith("<!-- end -->\nafter\n")
     assert "stale table" not in text
@@ -99,8 +99,8 @@ def test_the_table_in_a_readme_is_renewed_between_its_marks(folder: Path, tmp_pa
     assert line.startswith("`python -m studies arx-vs-static --seed 1 --small`, 8 runs, ")
     assert re.search(r", \d+\.\d min on 1 core, ", line)
     assert f", code {code_fingerprint(STUDY.run.__module__)[:8]}, " in line
-    readme.write_text("no marks\n", encoding="utf-8")
-    answer = CliRunner().invoke(main, [*command, "--readme", str(readme)])
+    page.write_text("no marks\n", encoding="utf-8")
+    answer = CliRunner().invoke(main, [*command, "--results", str(page)])
     assert answer.exit_code == 2
     assert "<!-- study arx-vs-static -->" in answer.output
 

@@ -196,6 +196,12 @@ def test_every_channel_was_good_and_every_frame_complete(run: Run) -> None:
     assert not [e for _, _, e in events if e.kind is EventKind.PROBLEM]
 
 
+def test_a_picture_of_the_run_is_made(run: Run) -> None:
+    picture = (run.folder / "report.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert 10_000 < len(picture) < 500_000
+
+
 def test_report_is_one_page_with_all_errors_and_nothing_from_elsewhere(run: Run) -> None:
     page = (run.folder / "report.html").read_text(encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""The README's table of keys matches what is published, field by field."""
+"""The table of keys, docs/keys.md, matches what is published, field by field."""
 
 import math
 import re
@@ -32,16 +32,12 @@ from tests.benches.free_port import free_port
 from tests.benches.telemetry_examples import configuration
 from tests.benches.telemetry_peer import NOW, ROOT, decision, last_values, reading, telemetry
 
-README = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
-
-
-def section() -> str:
-    return README.split("## The key space\n")[1].split("\n## ")[0]
+PAGE = (Path(__file__).parents[3] / "docs" / "keys.md").read_text(encoding="utf-8")
 
 
 def table() -> dict[str, set[str]]:
     """Kind of key to the fields that its row names in backticks."""
-    rows = re.findall(r"^\| `(\w+)[^`]*` \| (.*) \|$", section(), re.MULTILINE)
+    rows = re.findall(r"^\| `(\w+)[^`]*` \| (.*) \|$", PAGE, re.MULTILINE)
     return {kind: set(re.findall(r"`(\w+)`", payload)) for kind, payload in rows}
 
 
@@ -67,6 +63,6 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
         found = last_values(port)
     common = {"boot", "seq", "time", "clock"}
     assert all(common <= payload.keys() for payload in found.values())
-    assert all(f"`{name}`" in section().split("|")[0] for name in common)
+    assert all(f"`{name}`" in PAGE.split("|")[0] for name in common)
     published = {key.removeprefix(f"{ROOT}/").split("/")[0]: payload.keys() - common for key, payload in found.items()}
     assert table() == published | {keys.ALIVE: set()}
