@@ -17,13 +17,11 @@ class Quality(StrEnum):
     COMM_FAULT = "comm_fault"
     SENSOR_FAULT = "sensor_fault"
     OUT_OF_RANGE = "out_of_range"
-    SUBSTITUTED = "substituted"
-    SIMULATED = "simulated"
 
     @property
     def usable(self) -> bool:
-        """Whether the value was measured (or simulated as if measured) and nothing indicates that it is wrong."""
-        return self in (Quality.GOOD, Quality.SIMULATED)
+        """Whether the value was measured and nothing indicates that it is wrong."""
+        return self is Quality.GOOD
 
 
 class Clock(Protocol):

@@ -240,7 +240,7 @@ class TcpStream:
         try:
             async with asyncio.timeout(timeout_s):
                 transport, _ = await loop.create_connection(
-                    lambda: _Connection(self._inbox.put, self._inbox.lose), self._host, self._tcp_port
+                    lambda: _TcpProtocol(self._inbox.put, self._inbox.lose), self._host, self._tcp_port
                 )
         except TimeoutError as error:
             raise ConnectError(
@@ -278,7 +278,7 @@ class TcpStream:
         return self._inbox.discard()
 
 
-class _Connection(asyncio.Protocol):
+class _TcpProtocol(asyncio.Protocol):
     def __init__(self, put: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
         self._put, self._lose = put, lose
 

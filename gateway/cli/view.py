@@ -15,7 +15,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from drivers.base import Clock
+from drivers.base import Clock, Quality
 from gateway.cli.terminal import terminal
 from gateway.events import GatewayEvent, Sink
 from gateway.telemetry import (
@@ -40,7 +40,6 @@ _EVENTS_SHOWN = 5
 _READINGS_BESIDE = 3
 _REFRESH_PER_S = 4
 _SUMMARY_EVERY_S = 6 * 3600.0
-_GOOD = ("good", "simulated")
 _PHASE_STYLE = {"calibration": "yellow", "compensation": "green", "no_good": "red"}
 _NOTABLE = frozenset(
     {
@@ -97,7 +96,7 @@ class ViewState:
     events_seen: int = 0
     _last_models_k: int | None = None
 
-    def apply(self, message: Published) -> None:
+    def apply(self, message: Published) -> None:  # noqa: C901 - one arm for each kind of message
         """Update the state with one message."""
         now = datetime.fromisoformat(message.time)
         self.time = now if self.time is None else max(self.time, now)
@@ -112,31 +111,19 @@ class ViewState:
                 self.predicted, self.corrected = message.predicted, message.corrected
                 self.sigma, self.limits = message.sigma, message.limits
             case MeasurementMessage():
-                self.measurements += 1
-                if message.errors is None:
-                    self.rejected += 1
-                else:
-                    self.measured, self.measured_at = message.errors, datetime.fromisoformat(message.ended)
+                self._measured(message)
             case ModelMessage():
-                self.inputs[message.error] = message.inputs
-                if message.after_k != self._last_models_k:
-                    self._last_models_k = message.after_k
-                    self.model_updates += 1
+                self._adopted(message)
             case CompensationMessage():
                 self.offsets_um, self.mode, self.source = message.offsets_um, message.mode, message.source
             case ReasonsMessage():
-                for name, reason in message.errors.items():
-                    moved = ((i, um) for i, um in reason.inputs.items() if um is not None)
-                    self.inputs[name] = (
-                        tuple(f"{i} {um:+.1f}" for i, um in moved) if reason.trusted else ("not corrected",)
-                    )
+                self._reasoned(message)
             case SensorsMessage():
                 self.sensors = [finding.text for finding in message.findings]
             case ProbingMessage():
                 self.probing = message.reason
             case EventMessage():
-                if message.kind == EventKind.STATE_UPDATE:
-                    self.state_updates += 1
+                self.state_updates += message.kind == EventKind.STATE_UPDATE
                 self.events.append((now, message.kind, message.text))
                 self.events_seen += 1
             case StatusMessage():
@@ -145,6 +132,24 @@ class ViewState:
                 pass
             case _:
                 assert_never(message)
+
+    def _measured(self, message: MeasurementMessage) -> None:
+        self.measurements += 1
+        if message.errors is None:
+            self.rejected += 1
+        else:
+            self.measured, self.measured_at = message.errors, datetime.fromisoformat(message.ended)
+
+    def _adopted(self, message: ModelMessage) -> None:
+        self.inputs[message.error] = message.inputs
+        if message.after_k != self._last_models_k:
+            self._last_models_k = message.after_k
+            self.model_updates += 1
+
+    def _reasoned(self, message: ReasonsMessage) -> None:
+        for name, reason in message.errors.items():
+            moved = ((i, um) for i, um in reason.inputs.items() if um is not None)
+            self.inputs[name] = tuple(f"{i} {um:+.1f}" for i, um in moved) if reason.trusted else ("not corrected",)
 
     @property
     def elapsed_s(self) -> float:
@@ -173,7 +178,7 @@ def _header(s: ViewState) -> RenderableType:
         bar = ProgressBar(total=s.progress_until_s, completed=min(s.elapsed_s, s.progress_until_s))
         grid.add_row(bar, f"{s.elapsed_s / 3600:.1f} of {s.progress_until_s / 3600:g} h")
         parts.append(grid)
-    bad = sorted(c for c, q in s.channels.items() if q not in _GOOD)
+    bad = sorted(c for c, q in s.channels.items() if q != Quality.GOOD)
     health = Text(f"channels: {len(s.channels) - len(bad)} of {len(s.channels)} good", style="red" if bad else "green")
     if bad:
         health.append("; " + ", ".join(f"{c} {s.channels[c]}" for c in bad[:4]) + (" ..." if len(bad) > 4 else ""))
@@ -184,7 +189,7 @@ def _header(s: ViewState) -> RenderableType:
 
 
 def _value(message: ReadingMessage) -> str:
-    if message.value is None or message.quality not in _GOOD:
+    if message.value is None or message.quality != Quality.GOOD:
         return message.quality
     return f"{message.value:.1f} {message.unit}"
 
@@ -198,7 +203,7 @@ def _readings(s: ViewState) -> RenderableType:
     cells = [
         cell
         for channel, value in s.values.items()
-        for cell in (Text(channel), Text(value, style="" if s.channels[channel] in _GOOD else "red"))
+        for cell in (Text(channel), Text(value, style="" if s.channels[channel] == Quality.GOOD else "red"))
     ]
     width = 2 * _READINGS_BESIDE
     for start in range(0, len(cells), width):

@@ -85,11 +85,16 @@ def _printable(value: Any) -> Any:
             return value
 
 
-def _follow(session: zenoh.Session, root: str, machine: str) -> int:
-    state, lock, ended = ViewState(machine), threading.Lock(), threading.Event()
+class _Followed:
+    """One gateway as its messages show it. Zenoh calls `take` and `life` from threads of its own."""
 
-    def take(sample: zenoh.Sample) -> None:
-        suffix = str(sample.key_expr).removeprefix(root + "/")
+    def __init__(self, machine: str, root: str) -> None:
+        self.state, self.ended = ViewState(machine), threading.Event()
+        self._root, self._lock = root, threading.Lock()
+
+    def take(self, sample: zenoh.Sample) -> None:
+        """Show a message; an invalid one is only logged."""
+        suffix = str(sample.key_expr).removeprefix(self._root + "/")
         try:
             message = decode(suffix, sample.payload.to_bytes())
         except ValueError as error:
@@ -97,29 +102,32 @@ def _follow(session: zenoh.Session, root: str, machine: str) -> int:
             return
         if message is not None:
             shown = msgspec.convert(_printable(msgspec.to_builtins(message)), type(message))
-            with lock:
-                state.apply(shown)
+            with self._lock:
+                self.state.apply(shown)
 
-    def life(sample: zenoh.Sample) -> None:
+    def life(self, sample: zenoh.Sample) -> None:
+        """The gateway has begun or ended."""
         if sample.kind == zenoh.SampleKind.DELETE:
-            state.alive = False
-            ended.set()
+            self.state.alive = False
+            self.ended.set()
 
-    alive = f"{root}/{keys.ALIVE}"
+
+def _follow(session: zenoh.Session, root: str, machine: str) -> int:
+    followed, alive = _Followed(machine, root), f"{root}/{keys.ALIVE}"
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-    watcher = session.liveliness().declare_subscriber(alive, life)
-    subscriber = session.declare_subscriber(f"{root}/**", take)
+        signal.signal(number, lambda *_: followed.ended.set())
+    watcher = session.liveliness().declare_subscriber(alive, followed.life)
+    subscriber = session.declare_subscriber(f"{root}/**", followed.take)
     for reply in session.get(f"{root}/**", timeout=_ANSWER_LIMIT_S):
         if reply.ok is not None:
-            take(reply.ok)
+            followed.take(reply.ok)
     try:
-        with LiveView(state, summary_at_once=True):
-            while not ended.wait(0.5):
+        with LiveView(followed.state, summary_at_once=True):
+            while not followed.ended.wait(0.5):
                 pass
     finally:
         subscriber.undeclare()
         watcher.undeclare()
-    if not state.alive:
+    if not followed.state.alive:
         click.echo(f"{machine}: the gateway has ended")
     return 0

@@ -81,8 +81,6 @@ class ProbingSchedule:
 
     prefer_idle_s: a routine request waits this long for an idle machine or the end of a program; then a tool
         change is good enough
-    prefer_idle_s: a routine wish waits so long for the machine to stand idle or a program to end; then a tool
-        change will do as well
     insist_after_s: after this it is requested whatever the program does, and the operator is informed
     retries: rejected results are requested again at most this many times in a row
     pause_s: then nothing is requested for this long

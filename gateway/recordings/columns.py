@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gateway.config import suggestion
@@ -57,27 +57,14 @@ class Roles:
 
 def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> Roles:
     """The role of each column of a heading; contradictions go to `problems`."""
-    for number, name in enumerate(head):
-        if name in head[:number]:
-            problems.add(f"column {number + 1}", f"{name!r} occurs twice")
-        elif not name and number:
-            problems.add(f"column {number + 1}", "has no name; give it one, then --ignore NAME leaves it out")
+    _named_once(head, problems)
     ignored = columns.ignored
     if head[0] == "" and columns.time and "" not in ignored:
         ignored = (*ignored, "")
-    if columns.time not in head:
-        named = suggestion(columns.time, [name for name in head if name])
-        first = 'column 1 has no name: if it is the time, give --time ""; otherwise ' if head[0] == "" else ""
-        problems.add(f"column {columns.time!r}", f"is missing (time); {first}{named}")
-    errors = dict(columns.errors or {})
-    for name in (*errors.values(), *ignored, *columns.inputs):
-        if name not in head:
-            problems.add(f"column {name!r}", f"is missing; {suggestion(name, head)}")
-    _used_once(columns.time, errors, ignored, columns.inputs, problems)
-    for error in THERMAL_ERRORS:
-        found = [name for name in _own_names(error) if name in head and name not in (*ignored, columns.time)]
-        if found and error not in errors:
-            errors[error] = found[0]
+    given = dict(columns.errors or {})
+    _present(head, columns.time, (*given.values(), *ignored, *columns.inputs), problems)
+    _used_once(columns.time, given, ignored, columns.inputs, problems)
+    errors = given | _recognised(head, given, {columns.time, *ignored})
     taken = {columns.time, *errors.values(), *ignored}
     inputs = tuple(name for name in head if name not in taken)
     for name in inputs:
@@ -92,6 +79,36 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
     if not inputs:
         problems.add("", "no column remains as an input")
     return Roles(columns.time, errors, inputs, ignored)
+
+
+def _named_once(head: Sequence[str], problems: FileProblems) -> None:
+    """Every column but the first must have a name of its own."""
+    for number, name in enumerate(head):
+        if name in head[:number]:
+            problems.add(f"column {number + 1}", f"{name!r} occurs twice")
+        elif not name and number:
+            problems.add(f"column {number + 1}", "has no name; give it one, then --ignore NAME leaves it out")
+
+
+def _present(head: Sequence[str], time: str, others: Sequence[str], problems: FileProblems) -> None:
+    """The columns that the command line names must exist."""
+    if time not in head:
+        named = suggestion(time, [name for name in head if name])
+        first = 'column 1 has no name: if it is the time, give --time ""; otherwise ' if head[0] == "" else ""
+        problems.add(f"column {time!r}", f"is missing (time); {first}{named}")
+    for name in others:
+        if name not in head:
+            problems.add(f"column {name!r}", f"is missing; {suggestion(name, head)}")
+
+
+def _recognised(head: Sequence[str], given: Mapping[str, str], otherwise: Collection[str]) -> dict[str, str]:
+    """The thermal errors whose columns have their names, beside those that are given."""
+    found: dict[str, str] = {}
+    for error in THERMAL_ERRORS:
+        own = [name for name in _own_names(error) if name in head and name not in otherwise]
+        if own and error not in given:
+            found[error] = own[0]
+    return found
 
 
 def _own_names(error: str) -> tuple[str, str]:

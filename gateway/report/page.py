@@ -8,6 +8,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from drivers.base import Quality
 from gateway.report.data import ReportData
 from gateway.report.figures import summary
 from gateway.report.plots import error_plot, inputs_plot, tool_plot
@@ -16,7 +17,6 @@ from talc.learner import ErrorReason
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 _SENSORS = (EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE)
-_GOOD = ("good", "simulated")
 _LEAST_SHOWN = 0.05
 """µm or µm/m: what moves an error by less is not named."""
 _LEAST_SHARE = 0.05
@@ -29,7 +29,7 @@ def build(data: ReportData) -> str:
     unhealthy = [
         (name, ", ".join(f"{quality}: {count}" for quality, count in sorted(counts.items())))
         for name, counts in data.channel_health.items()
-        if any(quality not in _GOOD for quality in counts)
+        if any(quality != Quality.GOOD for quality in counts)
     ]
     return environment.from_string(template).render(
         data=data,

@@ -18,6 +18,8 @@ _NO_SUBINDEX = 0x06090011
 _BAD_COMMAND = 0x05040001
 _READ_ONLY = 0x06010002
 _LOW, _HIGH = -200.0, 850.0
+_BY_INPUT = (0x6110, 0x6131, 0x6132, 0x6150, 0x7100, 0x7130, 0x9100, 0x9130)
+"""Objects with one entry for each input."""
 _SIZES = {0x7100: 2, 0x7130: 2, 0x9100: 4, 0x9130: 4}
 """Bytes of the objects that hold values."""
 
@@ -176,22 +178,31 @@ class Cia404Node:
 
     def _object(self, index: int, subindex: int) -> bytes | int:
         """Value of an object in little-endian bytes, or an abort code."""
-        if index == 0x1000:
-            return (0x0002_0000 + 404).to_bytes(4, "little") if subindex == 0 else _NO_SUBINDEX
-        if index == 0x1018 and self._identity:
-            entries = [len(self._identity), *self._identity]
-            return entries[subindex].to_bytes(4 if subindex else 1, "little") if subindex <= 4 else _NO_SUBINDEX
-        if index == 0x1017:
-            return self._heartbeat_ms.to_bytes(2, "little") if subindex == 0 else _NO_SUBINDEX
         if 0x1800 <= index <= 0x1803 or 0x1A00 <= index <= 0x1A03:
             return self._pdo_object(index, subindex)
-        if index not in (0x6110, 0x6131, 0x6132, 0x6150, 0x7100, 0x7130, 0x9100, 0x9130):
+        if index in _BY_INPUT:
+            if subindex > self._inputs:
+                return _NO_SUBINDEX
+            return bytes((self._inputs,)) if subindex == 0 else self._of_input(index, subindex - 1)
+        entries = self._of_node(index)
+        if not entries:
             return _NO_OBJECT
-        if subindex == 0:
-            return bytes((self._inputs,))
-        if subindex > self._inputs:
-            return _NO_SUBINDEX
-        channel = subindex - 1
+        return entries[subindex] if subindex < len(entries) else _NO_SUBINDEX
+
+    def _of_node(self, index: int) -> list[bytes]:
+        """All entries of an object that describes the node; empty if it has none."""
+        match index:
+            case 0x1000:
+                return [(0x0002_0000 + 404).to_bytes(4, "little")]
+            case 0x1017:
+                return [self._heartbeat_ms.to_bytes(2, "little")]
+            case 0x1018 if self._identity:
+                return [bytes((len(self._identity),)), *(entry.to_bytes(4, "little") for entry in self._identity)]
+            case _:
+                return []
+
+    def _of_input(self, index: int, channel: int) -> bytes:
+        """An object of _BY_INPUT."""
         match index:
             case 0x6110:
                 return self._sensor_types[channel].to_bytes(2, "little")

@@ -59,7 +59,7 @@ class PlayedHost:
     """
 
     def __init__(self, script: Script, *, numbered: bool) -> None:
-        self.server = LoopbackServer(lambda: _Connection(script, numbered))
+        self.server = LoopbackServer(lambda: _PlayedConnection(script, numbered))
 
     async def start(self, port: int = 0) -> int:
         return await self.server.start(port)
@@ -68,7 +68,7 @@ class PlayedHost:
         await self.server.stop()
 
 
-class _Connection(Connection):
+class _PlayedConnection(Connection):
     def __init__(self, script: Script, with_numbers: bool) -> None:
         super().__init__()
         self._script, self._numbered = script, with_numbers

@@ -142,14 +142,8 @@ class Scenario:
             actions[change.action](change.value)
 
     def _add(self, where: str, at_s: float, entry: dict[str, object]) -> None:
-        if (values := entry.get("values")) is not None:
-            count = len(self._values[0]) if self._values else None
-            if not isinstance(values, list) or not all(_is_number(v) for v in values) or not values:
-                raise ValueError(f"{where}.values = {values!r}: expected numbers")
-            if count not in (None, len(values)):
-                raise ValueError(f"{where}.values = {values!r}: expected {count} of them as before")
-            self._times.append(at_s)
-            self._values.append([float(v) for v in values])
+        if entry.get("values") is not None:
+            self._add_values(where, at_s, entry["values"])
         if "fault" in entry:
             kind, channel = entry["fault"], _channel(where, "channel", entry.get("channel"))
             if str(kind) not in set(SensorFault):
@@ -171,6 +165,15 @@ class Scenario:
                 if not fits(value := entry[key]):
                     raise ValueError(f"{where}.{key} = {value!r}: expected {expected}")
                 self._changes.append(_Change(at_s, f"{where}.{key}", key, value))
+
+    def _add_values(self, where: str, at_s: float, values: object) -> None:
+        count = len(self._values[0]) if self._values else None
+        if not isinstance(values, list) or not all(_is_number(v) for v in values) or not values:
+            raise ValueError(f"{where}.values = {values!r}: expected numbers")
+        if count not in (None, len(values)):
+            raise ValueError(f"{where}.values = {values!r}: expected {count} of them as before")
+        self._times.append(at_s)
+        self._values.append([float(v) for v in values])
 
 
 def _channel(where: str, key: str, value: object) -> int:

@@ -133,6 +133,14 @@ def _course(
         yield decision, taken
 
 
+def _present_once(role: str, given: Sequence[str], names: Sequence[str]) -> None:
+    for name in given:
+        if name not in names:
+            raise ValueError(f"{role}: there is no column {name!r}; columns: {', '.join(map(str, names))}")
+        if given.count(name) > 1:
+            raise ValueError(f"{role}: {name!r} is named twice")
+
+
 def _columns(
     df: "pandas.DataFrame", errors: Sequence[str], inputs: Sequence[str] | None
 ) -> tuple[list[str], list[str]]:
@@ -142,12 +150,8 @@ def _columns(
     if not errors:
         raise ValueError("errors: expected one or more columns")
     chosen = [name for name in names if name not in errors] if inputs is None else list(inputs)
-    for role, given in (("errors", errors), ("inputs", chosen)):
-        for name in given:
-            if name not in names:
-                raise ValueError(f"{role}: there is no column {name!r}; columns: {', '.join(map(str, names))}")
-            if given.count(name) > 1:
-                raise ValueError(f"{role}: {name!r} is named twice")
+    _present_once("errors", errors, names)
+    _present_once("inputs", chosen, names)
     both = set(errors) & set(chosen)
     if both:
         raise ValueError(f"{sorted(both)[0]!r} is an error and an input: give it one role")
