@@ -86,7 +86,7 @@ def _children(pid: int) -> set[str]:
     return {c for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()}
 
 
-class _Ear:
+class _Subscriber:
     """A subscriber that counts messages, and records when it first had a good value of every channel."""
 
     def __init__(self, channels: Collection[str]) -> None:
@@ -109,7 +109,7 @@ class _Ear:
 def measured(path: Path, *, training: bool = False) -> Cost:
     """Run the service of a configuration and measure it once it has settled."""
     config = load(path)
-    ear = _Ear([channel.name for channel in config.channels])
+    ear = _Subscriber([channel.name for channel in config.channels])
     with zenoh.open(_listening()) as session:
         subscriber = session.declare_subscriber("talc/**", ear)
         launched = time.monotonic()

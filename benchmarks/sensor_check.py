@@ -47,7 +47,7 @@ class SensorOutcome:
     windows: int = 0
 
 
-class _Ear:
+class _SuspectNotes:
     def __init__(self, outcome: SensorOutcome) -> None:
         self._outcome = outcome
 
@@ -63,7 +63,7 @@ async def _learn(
 
 
 async def _watch(names: tuple[str, ...], x: FloatArray, outcome: SensorOutcome) -> None:
-    watching = SensorWatch(names, _SETTINGS, lambda _: True, _Ear(outcome), RealClock(), None, _learn)
+    watching = SensorWatch(names, _SETTINGS, lambda _: True, _SuspectNotes(outcome), RealClock(), None, _learn)
     valid = np.ones(len(names), np.bool_)
     for k, row in enumerate(x):
         watching.frame(Frame(k, row, valid))

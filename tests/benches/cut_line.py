@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass
-class Line:
+class CutLine:
     """A line between the two that can be cut, or go silent while it stays open."""
 
     target: int
@@ -55,8 +55,8 @@ class Line:
 
 
 @asynccontextmanager
-async def line_to(url: str) -> AsyncIterator[tuple[Line, str]]:
-    line = Line(int(url.rsplit(":", 1)[1]))
+async def line_to(url: str) -> AsyncIterator[tuple[CutLine, str]]:
+    line = CutLine(int(url.rsplit(":", 1)[1]))
     joined = await line.open()
     try:
         yield line, joined

@@ -32,7 +32,7 @@ class Rigid:
 
 
 @dataclass
-class Plant:
+class DayPlant:
     """A machine with constant errors: position errors in µm, orientation errors in µm/m."""
 
     errors: dict[str, float] = field(default_factory=dict)
@@ -63,12 +63,12 @@ def expected_deviation_um(errors: dict[str, float], a_deg: float, c_deg: float) 
 
 
 @dataclass
-class Bench:
+class OpcUaBench:
     """One control and the driver under test, with what the tests do to the control."""
 
     nc: NumericalControl
     clock: ManualClock
-    plant: Plant
+    plant: DayPlant
     control: EmulatedControl
     url: str
 
@@ -93,15 +93,15 @@ def wired(plain: SinumerikSettings) -> SinumerikSettings:
 
 
 @asynccontextmanager
-async def sinumerik_bench(users: dict[str, User] | None = None, noise_um: float = 0.0) -> AsyncIterator[Bench]:
-    clock, plant = ManualClock(), Plant()
+async def sinumerik_bench(users: dict[str, User] | None = None, noise_um: float = 0.0) -> AsyncIterator[OpcUaBench]:
+    clock, plant = ManualClock(), DayPlant()
     control = EmulatedControl(plant, clock, day(), cycle=CycleSettings(noise_um=noise_um), users=users)
     url = await control.start()
     nc = Sinumerik(wired(SinumerikSettings(security="none", url=url)), clock)
     try:
         if users is None:
             await nc.connect()
-        yield Bench(nc, clock, plant, control, url)
+        yield OpcUaBench(nc, clock, plant, control, url)
     finally:
         await nc.close()
         await control.stop()

@@ -19,7 +19,7 @@ ANSWER_S = 20.0
 
 
 @dataclass
-class Bench:
+class AgentBench:
     """Both sides of the wire."""
 
     operator: LinuxCncMachine
@@ -49,7 +49,7 @@ class Bench:
 @asynccontextmanager
 async def running(
     folder: Path, settings: Mapping[str, object], *, sphere: bool = False, tools: str | None = None
-) -> AsyncIterator[Bench]:
+) -> AsyncIterator[AgentBench]:
     """folder: an empty one. settings: of LinuxCNC's INI file."""
     key_file = folder / "key"
     key_file.write_text(KEY + "\n")
@@ -64,7 +64,7 @@ async def running(
             nc = LinuxCnc(nc_settings, SystemClock())
             await nc.connect()
             try:
-                yield Bench(operator, nc, nc_settings)
+                yield AgentBench(operator, nc, nc_settings)
             finally:
                 await nc.close()
                 print("LinuxCNC's messages:", await operator.ask("messages"))  # pytest shows it when a test fails
@@ -79,7 +79,7 @@ async def until(condition: Callable[[], Awaitable[bool]], limit_s: float = 60.0)
     return time.monotonic() - began
 
 
-async def claimed(bench: Bench, terms: WatchdogTerms) -> None:
+async def claimed(bench: AgentBench, terms: WatchdogTerms) -> None:
     await bench.nc.claim(7, terms)
 
     async def watched() -> bool:

@@ -50,7 +50,7 @@ class Agent:
         return said
 
 
-class Client(Connection):
+class AgentClient(Connection):
     """One client of the agent."""
 
     def __init__(self, agent: Agent) -> None:
@@ -74,7 +74,7 @@ class Client(Connection):
 async def serving(agent: Agent, folder: Path, timeout_s: float = 5.0) -> AsyncIterator[LinuxCncSettings]:
     """Settings of a client with our key."""
     (folder / "talc.key").write_bytes(KEY)
-    server = LoopbackServer(lambda: Client(agent))
+    server = LoopbackServer(lambda: AgentClient(agent))
     try:
         yield LinuxCncSettings(key_file=folder / "talc.key", port=await server.start(), timeout_s=timeout_s)
     finally:

@@ -18,7 +18,7 @@ from drivers.sinumerik.slope import SinumerikWithSlopes
 from simulators.linuxcnc.machine import HURRY
 from simulators.nc import Nck
 from tests.benches import linuxcnc_bench
-from tests.benches.emulated_bench import Plant, day, sinumerik_bench, wired
+from tests.benches.emulated_bench import DayPlant, day, sinumerik_bench, wired
 from tests.benches.in_process_nc import InProcess
 from tests.benches.manual_clock import ManualClock
 from tests.benches.node_opcua_site import secured
@@ -120,7 +120,7 @@ class EmulatedBench(NcBench):
 class LinuxCncBench(NcBench):
     """The real LinuxCNC with its agent."""
 
-    def __init__(self, bench: linuxcnc_bench.Bench) -> None:
+    def __init__(self, bench: linuxcnc_bench.AgentBench) -> None:
         self._bench, self.nc = bench, bench.nc
         self.working = {"spindle_speed": 1200.0, "coolant": 1.0}
 
@@ -182,7 +182,7 @@ Opened = AbstractAsyncContextManager[NcBench]
 @asynccontextmanager
 async def in_process(_: Path) -> AsyncIterator[NcBench]:
     clock = ManualClock()
-    nck = Nck(Plant(), day())
+    nck = Nck(DayPlant(), day())
     bench = EmulatedBench(nck, clock, lambda: InProcess(nck, clock))
     await bench.nc.connect()
     await bench.wait(_NO_SAFE_POINT_S)

@@ -19,7 +19,7 @@ from gateway.polling import Notice
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.nck import MachineState
 from talc.frame import Decision, Phase
-from tests.benches.cut_line import Line, line_to
+from tests.benches.cut_line import CutLine, line_to
 from tests.benches.emulated_bench import Rigid
 from tests.benches.wire_clock import WireClock
 
@@ -27,7 +27,7 @@ SLEW_UM_PER_S = 1.0
 CYCLE = CycleSettings(noise_um=0.0)
 
 
-class Control(EmulatedControl):
+class LineControl(EmulatedControl):
     """An emulated control that the tests can spoil."""
 
     frozen: MachineState | None = None
@@ -45,13 +45,13 @@ class Control(EmulatedControl):
 
 
 @dataclass
-class Bench:
+class LineBench:
     """A link at work, over a line that can be cut."""
 
     clock: WireClock
-    control: Control
+    control: LineControl
     link: NcLink
-    line: Line
+    line: CutLine
     notices: list[Notice] = field(default_factory=list)
     steps: list[Write] = field(default_factory=list)
 
@@ -82,10 +82,12 @@ def wants(z_um: float) -> Decision:
 async def bench(
     *, mode: str = "compensate", start: bool = True, users: dict[str, User] | None = None, password: Path | None = None,
     subscribe_s: float = 0.0, owner: int = 1,
-) -> AsyncIterator[Bench]:  # fmt: skip
+) -> AsyncIterator[LineBench]:  # fmt: skip
     clock = WireClock()
     loads = MeanLoads(x=60.0, spindle=3000.0)
-    control = Control(Rigid(), clock, LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, loads)]), cycle=CYCLE, users=users)
+    control = LineControl(
+        Rigid(), clock, LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, loads)]), cycle=CYCLE, users=users
+    )
     async with AsyncExitStack() as stack:
         url = await control.start()
         stack.push_async_callback(asyncio.get_running_loop().shutdown_default_executor)
@@ -106,7 +108,7 @@ async def bench(
             }
         )
         nc = Sinumerik(settings, clock)
-        found = Bench(clock, control, None, line)  # type: ignore[arg-type]  # made with its callbacks
+        found = LineBench(clock, control, None, line)  # type: ignore[arg-type]  # made with its callbacks
         found.link = NcLink(
             nc,
             clock,
@@ -126,7 +128,7 @@ async def bench(
 
 
 @asynccontextmanager
-async def driver_of_the_other(at: Bench) -> AsyncIterator[Sinumerik]:
+async def driver_of_the_other(at: LineBench) -> AsyncIterator[Sinumerik]:
     """A second gateway's connection, past the line that the first one uses; it has claimed the control."""
     other = Sinumerik(SinumerikSettings(security="none", url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
     await other.connect()

@@ -17,7 +17,7 @@ from tests.benches.stepped_clock import SteppedClock
 
 
 @dataclass
-class Control:
+class ScriptedControl:
     """A control in memory: answers, and notes every write."""
 
     clock: SteppedClock
@@ -165,7 +165,7 @@ def decision(ez0a: float) -> Decision:
     return Decision(5, Phase.COMPENSATION, errors, errors, nan, nan, None, None, ())
 
 
-class Bench:
+class LinkBench:
     """A link, its control and what it told."""
 
     def __init__(
@@ -180,7 +180,7 @@ class Bench:
         **more: float,
     ) -> None:
         self.clock = SteppedClock()
-        self.control = Control(self.clock, in_force)
+        self.control = ScriptedControl(self.clock, in_force)
         self.steps: list[Write] = []
         self.disk_full = False
         self.notices: list[str] = []

@@ -12,7 +12,7 @@ from drivers.sinumerik import SinumerikSettings
 
 
 @dataclass(frozen=True)
-class Site:
+class NodeOpcUaSite:
     """A peer that speaks Basic256Sha256 with SignAndEncrypt only, to one user and the gateway's certificate."""
 
     folder: Path
@@ -41,7 +41,7 @@ class Site:
         )
 
 
-async def secured(folder: Path, *names: str) -> Site:
+async def secured(folder: Path, *names: str) -> NodeOpcUaSite:
     """Makes the peer's certificate and one for each name."""
     usage = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
     for name in ("peer", *names):
@@ -51,6 +51,6 @@ async def secured(folder: Path, *names: str) -> Site:
         )
     certificate = x509.load_der_x509_certificate((folder / "peer.der").read_bytes())
     (folder / "peer.pem").write_text(certificate.public_bytes(Encoding.PEM).decode())
-    site = Site(folder)
+    site = NodeOpcUaSite(folder)
     site.password.write_text("secret\n")
     return site

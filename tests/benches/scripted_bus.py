@@ -91,7 +91,7 @@ class ScriptedDevice:
         pass
 
 
-class Plant:
+class ScriptedPlant:
     """One bus with devices, and everything the acquisition told."""
 
     def __init__(self, *names: str) -> None:

@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Series:
+class ThermalSeries:
     """Inputs, true errors, measurements with 1 µm of noise."""
 
     names: tuple[str, ...]
@@ -18,7 +18,7 @@ class Series:
     measured: Array
 
 
-def series(steps: int, seed: int, *, sensors: int = 12, pole: float = 0.95) -> Series:
+def series(steps: int, seed: int, *, sensors: int = 12, pole: float = 0.95) -> ThermalSeries:
     """Temperatures as first-order lags of random blocks of heat, quantised to 0.1 K; each error answers two of them."""
     draw = np.random.default_rng(seed)
     heat = np.repeat(draw.uniform(0, 1, (steps // 12 + 1, sensors)), 12, axis=0)[:steps]
@@ -35,10 +35,10 @@ def series(steps: int, seed: int, *, sensors: int = 12, pole: float = 0.95) -> S
             truth[k, e] = pole * truth[k - 1, e] + (1 - pole) * drive[k]
     inputs = np.round(temperatures + draw.normal(0, 0.05, temperatures.shape), 1)
     measured = truth + draw.normal(0, 0.5, truth.shape)
-    return Series(tuple(f"t{i}" for i in range(sensors)), inputs, truth, measured)
+    return ThermalSeries(tuple(f"t{i}" for i in range(sensors)), inputs, truth, measured)
 
 
-def without_ninth(made: Series) -> Series:
+def without_ninth(made: ThermalSeries) -> ThermalSeries:
     """The same with errors counted from the first step, and the ninth zero."""
     truth = made.truth - made.truth[0]
     truth[:, 8] = 0.0

@@ -13,25 +13,14 @@ from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Offsets, Write
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import Logged
-from tests.benches.stepped_clock import SteppedClock
+from tests.benches.wire_clock import WireClock
 
 PERIOD_S = 1.0
 BOUND_UM = (12.0, 8.0, 16.0)
 STALE_S, INPUTS_STALE_S, SILENCE_S = 40.0, 25.0, 4.0
 
 
-class WireClock(SteppedClock):
-    """Lets no time pass while it is held: the link's work on the wire takes none."""
-
-    async def _rest(self) -> None:
-        await super()._rest()
-        while self.holds:
-            await asyncio.sleep(0)
-            if not self.holds:
-                await super()._rest()
-
-
-class Still:
+class StillMachine:
     """A machine that does not deform."""
 
     def tool_deviation_um(self, *_: float) -> tuple[float, float, float]:
@@ -137,7 +126,7 @@ def assert_never_stepped(
 async def wire_bench(folder: Path) -> AsyncIterator[WireBench]:
     clock = WireClock()
     rest = LoadCase([DayPart(0.0, 1e9, Activity.PAUSE, MeanLoads())])
-    control = EmulatedControl(Still(), clock, rest, cycle=CycleSettings(noise_um=0.0))
+    control = EmulatedControl(StillMachine(), clock, rest, cycle=CycleSettings(noise_um=0.0))
     url = await control.start()
     try:
         yield WireBench(clock, control, url, folder)

@@ -9,7 +9,7 @@ from drivers.base import Refused
 from drivers.nc import WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
-from tests.benches.emulated_bench import Bench, sinumerik_bench
+from tests.benches.emulated_bench import OpcUaBench, sinumerik_bench
 
 pytestmark = pytest.mark.simulated_time
 
@@ -17,7 +17,7 @@ WATCH = WatchdogTerms(silence_s=5.0, ramp_um_per_s=1.0)
 
 
 @asynccontextmanager
-async def second(bench: Bench) -> AsyncIterator[Sinumerik]:
+async def second(bench: OpcUaBench) -> AsyncIterator[Sinumerik]:
     other = Sinumerik(SinumerikSettings(security="none", url=bench.url), bench.clock)
     await other.connect()
     try:
@@ -30,7 +30,7 @@ def not_installed(now_s: float) -> None:
     """TALC_START never ran on this control."""
 
 
-async def beat_at(bench: Bench, *times: float) -> list[bool]:
+async def beat_at(bench: OpcUaBench, *times: float) -> list[bool]:
     found = []
     for now in times:
         bench.clock.move_to(now)

@@ -23,7 +23,7 @@ from gateway.storage import History, Store
 from talc.control import Controller
 from talc.frame import FloatArray, Frame, Measurement
 from tests.benches.stepped_clock import SteppedClock
-from tests.benches.thermal_series import Series, series
+from tests.benches.thermal_series import ThermalSeries, series
 
 DAY = 288
 CHANNELS = tuple(f"t{i}" for i in range(12))
@@ -46,13 +46,13 @@ def written(folder: Path, name: str, prior: str | None = None, channels: tuple[s
     return path
 
 
-def day(seed: int) -> Series:
+def day(seed: int) -> ThermalSeries:
     """Machines of one kind: the same physics under other loads."""
     made = series(DAY, seed)
     return replace(made, truth=made.truth - made.truth[0], measured=made.measured - made.truth[0])
 
 
-def frames(days: Series) -> list[Frame]:
+def frames(days: ThermalSeries) -> list[Frame]:
     """With a measurement each 55 min."""
     good, sigma = np.ones(len(days.names), dtype=np.bool_), np.full(9, 0.5)
     return [
@@ -96,7 +96,7 @@ def here(shop: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def left(config: GatewayConfig, days: Series, rows: slice) -> float:
+def left(config: GatewayConfig, days: ThermalSeries, rows: slice) -> float:
     """RMS of truth less estimate."""
     controller = controller_of(config)
     found = [np.nan_to_num(controller.step(frame).predicted) for frame in frames(days)]

@@ -10,7 +10,7 @@ from talc.models import ModelSet
 from talc.record import Record
 from talc.settings import ControlSettings, TalcSettings
 from talc.training import train
-from tests.benches.thermal_series import Series, series
+from tests.benches.thermal_series import ThermalSeries, series
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ def filled(rows: list[list[float]]) -> Record:
     return record
 
 
-def learnt(s: Series, inputs: Array) -> ModelSet:
+def learnt(s: ThermalSeries, inputs: Array) -> ModelSet:
     """The first models of a controller that sees these inputs."""
     controller = Controller(
         s.names, TalcSettings(method="models", control=ControlSettings(calibration_steps=CALIBRATION))

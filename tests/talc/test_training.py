@@ -13,12 +13,12 @@ from talc.models import ModelSet
 from talc.output_error import Design, fit
 from talc.settings import TrainingSettings
 from talc.training import Cancelled, train
-from tests.benches.thermal_series import Series, series
+from tests.benches.thermal_series import ThermalSeries, series
 
 Array = NDArray[np.float64]
 
 
-def job(s: Series, rows: slice = slice(None), **changes: object) -> TrainingJob:
+def job(s: ThermalSeries, rows: slice = slice(None), **changes: object) -> TrainingJob:
     fields: dict[str, object] = {
         "k": 1000,
         "why": Why.CALIBRATION,
@@ -31,7 +31,7 @@ def job(s: Series, rows: slice = slice(None), **changes: object) -> TrainingJob:
     return TrainingJob(**(fields | changes))  # type: ignore[arg-type]
 
 
-def unseen_rmse(models: ModelSet, s: Series, start: int) -> Array:
+def unseen_rmse(models: ModelSet, s: ThermalSeries, start: int) -> Array:
     """Free run over rows from `start` on, without any measurement there, against the truth."""
     result = np.full(9, np.nan)
     for e, model in enumerate(models.models):
@@ -74,7 +74,7 @@ def test_the_same_job_gives_the_same_models_bit_for_bit() -> None:
 
 def test_order_of_inputs_does_not_matter() -> None:
     s = series(400, seed=7)
-    turned = Series(s.names[::-1], s.inputs[:, ::-1].copy(), s.truth, s.measured)
+    turned = ThermalSeries(s.names[::-1], s.inputs[:, ::-1].copy(), s.truth, s.measured)
     for a, b in zip(train(job(s)).models, train(job(turned)).models, strict=True):
         assert a is not None
         assert b is not None
@@ -170,7 +170,7 @@ def test_threads_and_solver_seeds_change_nothing() -> None:
 def test_a_masked_row_never_matters() -> None:
     s = series(288, seed=8)
     s.measured[40:90] = np.nan
-    other = Series(s.names, s.inputs, s.truth, s.measured.copy())
+    other = ThermalSeries(s.names, s.inputs, s.truth, s.measured.copy())
     other.measured[40:90] = np.inf  # not a measurement either
     assert train(job(s)).fingerprint() == train(job(other)).fingerprint()
 

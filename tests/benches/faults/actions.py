@@ -10,29 +10,29 @@ from simulators.devices.cia404_node import Nmt
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Late, Spoil
-from tests.benches.faults.plants import NEIGHBOUR, SENSORS, TIMEOUT_S, VICTIM, Plant
+from tests.benches.faults.plants import NEIGHBOUR, SENSORS, TIMEOUT_S, VICTIM, FaultyPlant
 
 PERIOD_S = 0.4
 LONG_TIMEOUT_S = PERIOD_S / 2
 
-Do = Callable[[Plant], Awaitable[None] | None]
+Do = Callable[[FaultyPlant], Awaitable[None] | None]
 Heard = Sequence[tuple[float, bytes]]
 """Bytes on the wire, each after so many seconds."""
 
 
-def unplug(plant: Plant) -> Awaitable[None]:
+def unplug(plant: FaultyPlant) -> Awaitable[None]:
     return plant.unplug()
 
 
-def plug(plant: Plant) -> Awaitable[None]:
+def plug(plant: FaultyPlant) -> Awaitable[None]:
     return plant.plug()
 
 
-def silent(plant: Plant) -> None:
+def silent(plant: FaultyPlant) -> None:
     plant.faults.silent = True
 
 
-def talking(plant: Plant) -> None:
+def talking(plant: FaultyPlant) -> None:
     plant.faults.silent = False
 
 
@@ -46,14 +46,14 @@ def spoilt(heard: Callable[[bytes], Heard], senders: Collection[int] | None = (V
     def on_wire(sender: int, frame: bytes) -> Heard:
         return heard(frame) if senders is None or sender in senders else ((0.0, frame),)
 
-    def do(plant: Plant) -> None:
+    def do(plant: FaultyPlant) -> None:
         assert plant.wire is not None
         plant.wire.spoil = on_wire
 
     return do
 
 
-def whole(plant: Plant) -> None:
+def whole(plant: FaultyPlant) -> None:
     assert plant.wire is not None
     plant.wire.spoil = unspoilt
 
@@ -62,14 +62,14 @@ unspoilt: Spoil = lambda _, frame: ((0.0, frame),)  # noqa: E731
 
 
 def bus_off(off: bool) -> Do:
-    def do(plant: Plant) -> None:
+    def do(plant: FaultyPlant) -> None:
         assert plant.adapter is not None
         plant.adapter.bus_off = off
 
     return do
 
 
-def rebooted(plant: Plant) -> None:
+def rebooted(plant: FaultyPlant) -> None:
     """The node is back, sends its boot-up, and waits to be started."""
     assert plant.node is not None
     talking(plant)
@@ -77,21 +77,21 @@ def rebooted(plant: Plant) -> None:
 
 
 def heartbeat(stopped: bool) -> Do:
-    def do(plant: Plant) -> None:
+    def do(plant: FaultyPlant) -> None:
         assert plant.node is not None
         plant.node.heartbeat_stopped = stopped
 
     return do
 
 
-def wrong_type(plant: Plant) -> None:
+def wrong_type(plant: FaultyPlant) -> None:
     """The device is replaced by another one, which is noticed at the next connect."""
     silent(plant)
     plant.retype(0x0FFF)
     asyncio.get_running_loop().call_later(2 * PERIOD_S, talking, plant)
 
 
-def right_type(plant: Plant) -> None:
+def right_type(plant: FaultyPlant) -> None:
     talking(plant)
     plant.retype(0)
 
@@ -103,27 +103,27 @@ def now(change: Callable[[bytes], bytes]) -> Callable[[bytes], Heard]:
 def behind(senders: Collection[int], before: Collection[int] | None = None) -> Do:
     """Their answers come with other answers, after the request was given up: see `Late`."""
 
-    def do(plant: Plant) -> None:
+    def do(plant: FaultyPlant) -> None:
         assert plant.wire is not None
         plant.wire.spoil = Late(senders, TIMEOUT_S / 4, before)
 
     return do
 
 
-def let_go(plant: Plant) -> None:
+def let_go(plant: FaultyPlant) -> None:
     """The answer that is still kept comes at the next request, before its own."""
     assert plant.wire is not None
     assert isinstance(plant.wire.spoil, Late)
     plant.wire.spoil.let_go()
 
 
-def half_open(plant: Plant) -> None:
+def half_open(plant: FaultyPlant) -> None:
     """The other end disappears silently, and new connections fail in the same way."""
     assert plant.server is not None
     plant.server.forget(True)
 
 
-def served_anew(plant: Plant) -> None:
+def served_anew(plant: FaultyPlant) -> None:
     """Only new connections are affected: existing ones stay as they are."""
     assert plant.server is not None
     plant.server.forget(False)
@@ -204,11 +204,11 @@ def around(before: bytes, after: bytes = b"", senders: Collection[int] | None = 
     return spoilt(now(lambda frame: before + frame + after), senders)
 
 
-def emergencies(plant: Plant) -> None:
+def emergencies(plant: FaultyPlant) -> None:
     for _ in range(20):
         plant.send([(0x80 + VICTIM, bytes.fromhex("00 10 01 00 00 00 00 00"))] * 10)
 
 
-def restarted(plant: Plant) -> None:
+def restarted(plant: FaultyPlant) -> None:
     """Power failed briefly between two reads: the node boots, and waits to be started."""
     asyncio.get_running_loop().call_later(PERIOD_S / 2, rebooted, plant)

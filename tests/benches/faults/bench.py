@@ -16,7 +16,7 @@ from gateway.acquisition.plausibility import Plausible
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from tests.benches.faults.actions import PERIOD_S
-from tests.benches.faults.plants import Plant
+from tests.benches.faults.plants import FaultyPlant
 
 FAULT_PERIODS = 6
 RETRY_MAX_PERIODS = 2
@@ -25,7 +25,7 @@ RESOLUTION = 0.06
 
 
 @dataclass
-class Heard:
+class HeardSamples:
     """Everything the acquisition said."""
 
     readings: list[Reading] = field(default_factory=list)
@@ -72,8 +72,8 @@ def logged() -> Iterator[None]:
 
 
 @asynccontextmanager
-async def acquiring(*plants: Plant, limits: Mapping[str, Plausible] | None = None) -> AsyncIterator[Heard]:
-    heard = Heard()
+async def acquiring(*plants: FaultyPlant, limits: Mapping[str, Plausible] | None = None) -> AsyncIterator[HeardSamples]:
+    heard = HeardSamples()
     _log.set(heard.log)
     lines = [Line(plant.bus, plant.drivers, PERIOD_S, RETRY_MAX_PERIODS, plausible=limits or {}) for plant in plants]
     try:
@@ -85,7 +85,7 @@ async def acquiring(*plants: Plant, limits: Mapping[str, Plausible] | None = Non
                 await stop()
 
 
-def shows_what_was_said(plant: Plant, heard: Heard) -> None:
+def shows_what_was_said(plant: FaultyPlant, heard: HeardSamples) -> None:
     """No good reading shows a value that belongs to an older request, or to none."""
     for driver, source in zip(plant.drivers, plant.said, strict=True):
         for channel in driver.channels:

@@ -18,11 +18,11 @@ from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import Faults
-from simulators.devices.spoil import Spoil
 from simulators.devices.voltage_input import VoltageInput
 from simulators.devices.wago464 import Wago464
 from tests.benches.faults.said import Said, distances, temperatures
 from tests.benches.logger_files import logger_profile
+from tests.benches.rigs import Spoilable
 
 TIMEOUT_S = 0.045
 HEARTBEAT_MS, EVENT_MS = 80, 25
@@ -35,12 +35,8 @@ CHANNELS = {"victim": 0, "beside": 1}
 Do = Callable[[], Awaitable[None]]
 
 
-class Spoilable(Protocol):
-    spoil: Spoil | None
-
-
 @dataclass
-class Plant:
+class FaultyPlant:
     """One bus under test, its two devices, and what the test may do to them."""
 
     bus: Bus
@@ -97,16 +93,16 @@ class _Module(ModbusUnit, Protocol):
 
 async def _rtu(
     folder: Path, profile: str, said: Sequence[Said], victim: _Module, neighbour: _Module, timeout_s: float
-) -> Plant:
+) -> FaultyPlant:
     line = RtuLine({VICTIM: victim, NEIGHBOUR: neighbour})
     plug, unplug = _cable(folder / "rtu", line.start, line.stop)
     await plug()
     bus = make_bus("rtu", "modbus_rtu", {"port": str(folder / "rtu"), "baud": 115200, "timeout_s": timeout_s})
     drivers = _pair(bus, (profile, profile), {})
-    return Plant(bus, drivers, said, victim.faults, unplug, plug, wire=line, stop=[line.stop])
+    return FaultyPlant(bus, drivers, said, victim.faults, unplug, plug, wire=line, stop=[line.stop])
 
 
-async def rtu(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def rtu(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """Modbus RTU on a pseudo-terminal."""
     said = temperatures(6)
     victim, neighbour = map(M7015, said)
@@ -116,21 +112,23 @@ async def rtu(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     return plant
 
 
-async def pta(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def pta(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """Modbus RTU with modules that do not notice broken sensors."""
     said = temperatures(8)
     victim, neighbour = map(Pta8d08, said)
     return await _rtu(folder, "eletechsup_pta8d08", said, victim, neighbour, timeout_s)
 
 
-async def analogue(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def analogue(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """Analogue displacement sensors on voltage input modules."""
     said = distances(8)
     victim, neighbour = (VoltageInput(source, range_um=RANGE_UM) for source in said)
     return await _rtu(folder, "analogue_displacement", said, victim, neighbour, timeout_s)
 
 
-async def _tcp(profile: str, said: Sequence[Said], victim: _Module, neighbour: _Module, timeout_s: float) -> Plant:
+async def _tcp(
+    profile: str, said: Sequence[Said], victim: _Module, neighbour: _Module, timeout_s: float
+) -> FaultyPlant:
     host = TcpHost({VICTIM: victim, NEIGHBOUR: neighbour})
     port = await host.start()
 
@@ -139,10 +137,12 @@ async def _tcp(profile: str, said: Sequence[Said], victim: _Module, neighbour: _
 
     bus = make_bus("tcp", "modbus_tcp", {"host": "127.0.0.1", "port": port, "timeout_s": timeout_s})
     drivers = _pair(bus, (profile, profile), {})
-    return Plant(bus, drivers, said, victim.faults, host.stop, plug, wire=host, server=host.server, stop=[host.stop])
+    return FaultyPlant(
+        bus, drivers, said, victim.faults, host.stop, plug, wire=host, server=host.server, stop=[host.stop]
+    )
 
 
-async def tcp(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def tcp(_: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """Modbus TCP on loopback, two units behind one host."""
     said = temperatures(7)
     victim, neighbour = map(Adam6015, said)
@@ -151,21 +151,21 @@ async def tcp(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     return plant
 
 
-async def wago(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def wago(_: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """Modules behind couplers: only the status byte tells."""
     said = temperatures(4)
     victim, neighbour = map(Wago464, said)
     return await _tcp("wago_750_464", said, victim, neighbour, timeout_s)
 
 
-async def other() -> Plant:
+async def other() -> FaultyPlant:
     """A healthy bus of its own."""
     said, _ = temperatures(7)
     device = Adam6015(said)
     host = TcpHost({1: device})
     bus = make_bus("other", "modbus_tcp", {"host": "127.0.0.1", "port": await host.start()})
     driver = make_device("other", bus, "advantech_adam6015", 1, {"other": 0}, {}, SystemClock())
-    return Plant(bus, (driver,), [said], device.faults, host.stop, host.stop, stop=[host.stop])
+    return FaultyPlant(bus, (driver,), [said], device.faults, host.stop, host.stop, stop=[host.stop])
 
 
 def _nodes(said: tuple[Said, Said], heartbeat_ms: int = 0, event_ms: int = 0) -> tuple[Cia404Node, Cia404Node]:
@@ -175,16 +175,16 @@ def _nodes(said: tuple[Said, Said], heartbeat_ms: int = 0, event_ms: int = 0) ->
     return node(VICTIM, said[0]), node(NEIGHBOUR, said[1])
 
 
-def _canopen(bus: Bus, said: Sequence[Said], node: Cia404Node, transfer: str, plug: Do, unplug: Do) -> Plant:
+def _canopen(bus: Bus, said: Sequence[Said], node: Cia404Node, transfer: str, plug: Do, unplug: Do) -> FaultyPlant:
     drivers = _pair(bus, ("cia404", "cia404"), {"vendor": "jumo", "transfer": transfer})
-    plant = Plant(bus, drivers, said, node.faults, unplug, plug, node=node, last_word=False)
+    plant = FaultyPlant(bus, drivers, said, node.faults, unplug, plug, node=node, last_word=False)
     plant.retype = lambda code: node.set_sensor_type(0, code or 30)
     return plant
 
 
 async def _slcan(
     folder: Path, transfer: str, timeout_s: float = TIMEOUT_S, heartbeat_ms: int = 0, event_ms: int = 0
-) -> Plant:
+) -> FaultyPlant:
     said = temperatures(2, high=800.0)  # a node is asked for its source often
     nodes = _nodes(said, heartbeat_ms, event_ms)
     adapter = SlcanAdapter(nodes)
@@ -205,27 +205,27 @@ async def _slcan(
     return plant
 
 
-async def slcan(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def slcan(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """CANopen by SDO through a serial CAN adapter."""
     return await _slcan(folder, "sdo", timeout_s)
 
 
-async def heartbeat(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def heartbeat(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """The same, heartbeats watched."""
     return await _slcan(folder, "sdo", timeout_s, heartbeat_ms=HEARTBEAT_MS)
 
 
-async def sync(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def sync(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """CANopen by TPDOs after SYNC, heartbeats watched."""
     return await _slcan(folder, "sync", timeout_s, heartbeat_ms=HEARTBEAT_MS)
 
 
-async def timer(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def timer(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """CANopen by TPDOs that the nodes send by their timers, heartbeats watched."""
     return await _slcan(folder, "timer", timeout_s, heartbeat_ms=HEARTBEAT_MS, event_ms=EVENT_MS)
 
 
-async def multicast(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def multicast(_: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """CANopen over UDP multicast, as between two programs."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
@@ -248,7 +248,7 @@ async def multicast(_: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     return plant
 
 
-async def dbc(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def dbc(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """Loggers that send by themselves, read by their DBC files."""
     adapter = SlcanAdapter([])
     said = temperatures(5)
@@ -266,12 +266,12 @@ async def dbc(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
     bus = make_bus("can", "can", {"interface": "slcan", "channel": str(folder / "can"), "timeout_s": 2 * timeout_s})
     profiles = logger_profile(folder, "victim", 0x300), logger_profile(folder, "neighbour", 0x310)
     drivers = _pair(bus, profiles, {})
-    plant = Plant(bus, drivers, said, loggers[0].faults, unplug, plug, wire=adapter, adapter=adapter, stop=[stop])
+    plant = FaultyPlant(bus, drivers, said, loggers[0].faults, unplug, plug, wire=adapter, adapter=adapter, stop=[stop])
     plant.last_word = False
     return plant
 
 
-async def _sensors(folder: Path, profile: str, payload: Payload, timeout_s: float) -> Plant:
+async def _sensors(folder: Path, profile: str, payload: Payload, timeout_s: float) -> FaultyPlant:
     """Two displacement sensors on one line."""
     said = distances(1)
     victim, neighbour = (
@@ -286,20 +286,20 @@ async def _sensors(folder: Path, profile: str, payload: Payload, timeout_s: floa
         make_device(name, bus, profile, address, {name: 0}, {"range_um": RANGE_UM}, SystemClock())
         for name, address in zip(("victim", "neighbour"), SENSORS, strict=True)
     )
-    return Plant(bus, drivers, said, victim.faults, unplug, plug, wire=line, stop=[line.stop])
+    return FaultyPlant(bus, drivers, said, victim.faults, unplug, plug, wire=line, stop=[line.stop])
 
 
-async def me_rs485(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def me_rs485(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """Displacement sensors on a pseudo-terminal."""
     return await _sensors(folder, "me_rs485", "float", timeout_s)
 
 
-async def dt6120(folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def dt6120(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """The same with the other form of data."""
     return await _sensors(folder, "me_dt6120", "counted", timeout_s)
 
 
-async def me_ethernet(_folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
+async def me_ethernet(_folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """One displacement controller on loopback."""
     said, _ = distances(2)
     controller = MeController(said, range_um=RANGE_UM)
@@ -310,7 +310,7 @@ async def me_ethernet(_folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
 
     bus = make_bus("eddy", "me_ethernet", {"host": "127.0.0.1", "port": port, "timeout_s": 2 * timeout_s})
     driver = make_device("victim", bus, "me_ethernet", 1, CHANNELS, {"range_um": RANGE_UM}, SystemClock())
-    plant = Plant(bus, (driver,), [said], controller.faults, controller.stop, plug, wire=controller)
+    plant = FaultyPlant(bus, (driver,), [said], controller.faults, controller.stop, plug, wire=controller)
     plant.server, plant.stop, plant.last_word = controller.server, [controller.stop], False
     return plant
 
@@ -318,7 +318,7 @@ async def me_ethernet(_folder: Path, timeout_s: float = TIMEOUT_S) -> Plant:
 class Make(Protocol):
     """A plant on a new wire, its devices' names in an empty folder."""
 
-    def __call__(self, folder: Path, /, timeout_s: float = TIMEOUT_S) -> Awaitable[Plant]: ...
+    def __call__(self, folder: Path, /, timeout_s: float = TIMEOUT_S) -> Awaitable[FaultyPlant]: ...
 
 
 PLANTS: Mapping[str, Make] = {

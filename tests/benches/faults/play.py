@@ -5,13 +5,13 @@ from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 
 from tests.benches.faults.actions import Do
-from tests.benches.faults.plants import Plant
+from tests.benches.faults.plants import FaultyPlant
 
 Play = Callable[[Path], Awaitable[None]]
 """Takes an empty folder; raises AssertionError or TimeoutError."""
 
 
-async def done(action: Do, plant: Plant) -> None:
+async def done(action: Do, plant: FaultyPlant) -> None:
     """Do it, and wait when it takes time."""
     waiting = action(plant)
     if waiting is not None:

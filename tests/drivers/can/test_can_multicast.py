@@ -55,7 +55,7 @@ async def test_node_is_read_until_it_leaves_and_again_when_it_is_back(
         await bus.close()
 
 
-class _Ear:
+class FrameLog:
     """Notes what it hears."""
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ class _Ear:
 
 def test_an_identifier_of_29_bits_is_heard_as_it_was_sent(free_port: int) -> None:
     """As an emulated device writes it, with bit 31: who plays a recording back must know its own frames again."""
-    ear, extended = _Ear(), 1 << 31 | 0x18FEDF00
+    ear, extended = FrameLog(), 1 << 31 | 0x18FEDF00
     bus = MulticastBus([ear], GROUP, free_port)
     bus.start()
     try:

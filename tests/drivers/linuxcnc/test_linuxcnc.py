@@ -11,23 +11,23 @@ from drivers.base import ConnectError, Refused, SetupError, SystemClock
 from drivers.linuxcnc.control import LinuxCnc
 from drivers.linuxcnc.settings import LinuxCncSettings
 from drivers.nc import OperatingMode, ProgramState, WatchdogTerms
-from tests.benches.linuxcnc_bench import Bench, claimed, running, until
+from tests.benches.linuxcnc_bench import AgentBench, claimed, running, until
 
 pytestmark = pytest.mark.peer
 
 
 @pytest.fixture
-async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
+async def bench(tmp_path: Path) -> AsyncIterator[AgentBench]:
     async with running(tmp_path, {"SLEW": 1.0}) as it:
         yield it
 
 
-async def pass_time(bench: Bench, seconds: float) -> None:
+async def pass_time(bench: AgentBench, seconds: float) -> None:
     """By the clock of LinuxCNC's own real-time thread, which counts while it moves an axis from 0."""
     await bench.operator.ask("mdi", f"G53 G1 X{50.0 * seconds} F3000")
 
 
-async def test_snapshot_tells_what_the_control_does(bench: Bench) -> None:
+async def test_snapshot_tells_what_the_control_does(bench: AgentBench) -> None:
     await bench.operator.ask("mdi", "G53 G0 X5 A-45 C90")
     at_rest = await bench.nc.snapshot()
     assert at_rest.positions == pytest.approx({"X": 5, "Y": 0, "Z": 0, "A": -45, "C": 90}, abs=1e-6)
@@ -51,7 +51,7 @@ async def test_snapshot_tells_what_the_control_does(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("part", ["milltask", "rtapi_app"])
-async def test_a_control_whose_values_stand_still_is_not_believed(part: str, bench: Bench) -> None:
+async def test_a_control_whose_values_stand_still_is_not_believed(part: str, bench: AgentBench) -> None:
     async def refused() -> bool:
         try:
             await bench.nc.snapshot()
@@ -70,7 +70,7 @@ async def test_a_control_whose_values_stand_still_is_not_believed(part: str, ben
     assert await until(believed) < 5.0
 
 
-async def test_offsets_are_read_back_from_where_they_act(bench: Bench) -> None:
+async def test_offsets_are_read_back_from_where_they_act(bench: AgentBench) -> None:
     with pytest.raises(Refused, match="no heartbeat"):
         await bench.nc.write_compensation((1.0, 0.0, 0.0))
     await claimed(bench, WatchdogTerms(60.0, 1.0))
@@ -85,7 +85,7 @@ async def test_offsets_are_read_back_from_where_they_act(bench: Bench) -> None:
 
 
 @pytest.mark.realtime
-async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends_the_ramp(bench: Bench) -> None:
+async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends_the_ramp(bench: AgentBench) -> None:
     await claimed(bench, WatchdogTerms(1.0, 20.0))
     await bench.nc.write_compensation((40.0, -10.0, 0.0))
 
@@ -118,7 +118,7 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
 
 
 @pytest.mark.realtime
-async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_same(bench: Bench) -> None:
+async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_same(bench: AgentBench) -> None:
     await claimed(bench, WatchdogTerms(0.5, 10.0))
     await bench.nc.write_compensation((5.0, 0.0, 0.0))
 
@@ -140,7 +140,7 @@ async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_s
     assert (await bench.operator.ask("state"))["on"]  # the machine itself goes on
 
 
-async def test_ramp_zero_holds_and_release_acts_at_once(bench: Bench) -> None:
+async def test_ramp_zero_holds_and_release_acts_at_once(bench: AgentBench) -> None:
     await claimed(bench, WatchdogTerms(0.2, 0.0))
     async with bench.beating(7):
         await bench.nc.write_compensation((2.0, 0.0, 0.0))
@@ -181,7 +181,7 @@ async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whate
         assert await until(gone) >= 6.0 / 10.0 * 0.9
 
 
-async def test_another_gateway_is_refused_while_the_first_is_alive(bench: Bench) -> None:
+async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentBench) -> None:
     await claimed(bench, WatchdogTerms(0.3, 1.0))
     with pytest.raises(Refused, match="belongs to gateway 7"):
         await bench.nc.claim(8, WatchdogTerms(0.3, 1.0))
@@ -201,7 +201,7 @@ async def test_another_gateway_is_refused_while_the_first_is_alive(bench: Bench)
         await bench.nc.heartbeat(7)
 
 
-async def test_a_wrong_key_and_a_closed_port_are_told(bench: Bench, tmp_path: Path) -> None:
+async def test_a_wrong_key_and_a_closed_port_are_told(bench: AgentBench, tmp_path: Path) -> None:
     (tmp_path / "other").write_text("x" * 40)
     port = bench.settings.port
     with pytest.raises(Refused, match="same key"):

@@ -14,7 +14,7 @@ from drivers.linuxcnc.control import LinuxCnc
 from drivers.linuxcnc.settings import LinuxCncSettings
 from drivers.nc import ProbingState, RequestStatus
 from simulators.linuxcnc.machine import HURRY
-from tests.benches.linuxcnc_bench import ANSWER_S, Bench, running, until
+from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, running, until
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -50,14 +50,14 @@ MANUAL = 1
 
 
 @pytest.fixture
-async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
+async def bench(tmp_path: Path) -> AsyncIterator[AgentBench]:
     settings = {**HURRY, "PIVOT_X": 3, "PIVOT_Y": -4, "PIVOT_Z": -5, "FEED": 60, "FIND_FEED": 2000}
     async with running(tmp_path, settings, sphere=True, tools=TOOLS) as it:
         (tmp_path / "machine" / "nc" / "part.ngc").write_text(PROGRAM)
         yield it
 
 
-async def reaches(bench: Bench, number: int, *states: ProbingState, limit_s: float = 240.0) -> RequestStatus:
+async def reaches(bench: AgentBench, number: int, *states: ProbingState, limit_s: float = 240.0) -> RequestStatus:
     async def there() -> bool:
         return (await bench.nc.probing_status(number)).state in states
 
@@ -65,7 +65,7 @@ async def reaches(bench: Bench, number: int, *states: ProbingState, limit_s: flo
     return await bench.nc.probing_status(number)
 
 
-async def operator_sees(bench: Bench, **wanted: object) -> None:
+async def operator_sees(bench: AgentBench, **wanted: object) -> None:
     async def there() -> bool:
         state = await bench.operator.ask("state")
         return all(state[name] == value for name, value in wanted.items())
@@ -73,7 +73,7 @@ async def operator_sees(bench: Bench, **wanted: object) -> None:
     await until(there)
 
 
-async def told_at(bench: Bench, mark: float) -> list[float]:
+async def told_at(bench: AgentBench, mark: float) -> list[float]:
     """PARAMETERS when the part program has set its mark."""
 
     async def there() -> bool:
@@ -83,12 +83,12 @@ async def told_at(bench: Bench, mark: float) -> list[float]:
     return [await bench.operator.number("getp", f"motion.analog-out-{10 + i}") for i in range(len(PARAMETERS))]
 
 
-async def allow(bench: Bench) -> None:
+async def allow(bench: AgentBench) -> None:
     """The door is closed and the key turned."""
     await bench.operator.ask("hal", "setp", "talc.may-start", "1")
 
 
-async def test_a_part_program_lends_its_safe_point_and_finds_everything_as_it_was(bench: Bench) -> None:
+async def test_a_part_program_lends_its_safe_point_and_finds_everything_as_it_was(bench: AgentBench) -> None:
     await bench.operator.ask("run", "part.ngc")
     before = await told_at(bench, 1)
     assert before[:4] == pytest.approx([5, 2, 0, 17])
@@ -113,7 +113,7 @@ async def test_a_part_program_lends_its_safe_point_and_finds_everything_as_it_wa
         await bench.nc.request_probing(17)
 
 
-async def test_without_a_program_it_starts_by_itself_only_where_that_is_allowed(bench: Bench) -> None:
+async def test_without_a_program_it_starts_by_itself_only_where_that_is_allowed(bench: AgentBench) -> None:
     settings = bench.settings
     await bench.nc.close()
     impatient = LinuxCnc(
@@ -139,7 +139,7 @@ async def test_without_a_program_it_starts_by_itself_only_where_that_is_allowed(
     await operator_sees(bench, mode=MANUAL, idle=True)
 
 
-async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_itself(bench: Bench) -> None:
+async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_itself(bench: AgentBench) -> None:
     assert (await bench.nc.snapshot()).cannot_probe == "no program runs, and the pin talc.may-start is FALSE"
     await allow(bench)
     assert (await bench.nc.snapshot()).cannot_probe == ""
@@ -162,7 +162,7 @@ async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_its
     await reaches(bench, 2, ProbingState.RUNNING)
 
 
-async def stays_requested(bench: Bench, number: int) -> bool:
+async def stays_requested(bench: AgentBench, number: int) -> bool:
     """For as many turns of the agent as a start would take many times over."""
     for _ in range(25):
         await bench.nc.snapshot()
@@ -172,7 +172,7 @@ async def stays_requested(bench: Bench, number: int) -> bool:
     return True
 
 
-async def test_every_way_to_end_without_a_result_is_told(bench: Bench) -> None:
+async def test_every_way_to_end_without_a_result_is_told(bench: AgentBench) -> None:
     await bench.nc.request_probing(1)
     await bench.nc.withdraw_probing(1)
     withdrawn = await reaches(bench, 1, *FINAL)
@@ -237,11 +237,11 @@ async def test_without_a_probe_in_the_tool_table_no_program_is_disturbed(tmp_pat
         await until(lambda: ran_to_its_end(bench))
 
 
-async def ran_to_its_end(bench: Bench) -> bool:
+async def ran_to_its_end(bench: AgentBench) -> bool:
     return await bench.operator.number("getp", "motion.analog-out-09") == 1.0
 
 
-async def test_a_program_that_does_not_start_is_waited_for_so_long(bench: Bench, tmp_path: Path) -> None:
+async def test_a_program_that_does_not_start_is_waited_for_so_long(bench: AgentBench, tmp_path: Path) -> None:
     (tmp_path / "machine" / "nc" / "talc_safe_point.ngc").unlink()
     await allow(bench)
     began = time.monotonic()

@@ -15,19 +15,19 @@ from drivers.sinumerik.settings import Handshake, SinumerikSettings
 from simulators.nc import User
 from simulators.nc.nck import JOG, R_SPREAD
 from simulators.nc.variables import ALARMS_SHOWN, DRIVES_ON, AccessRight
-from tests.benches.emulated_bench import POSES, Bench, expected_deviation_um, sinumerik_bench, wired
+from tests.benches.emulated_bench import POSES, OpcUaBench, expected_deviation_um, sinumerik_bench, wired
 from tests.benches.manual_clock import ManualClock
 
 pytestmark = pytest.mark.simulated_time
 
 
 @pytest.fixture
-async def bench() -> AsyncIterator[Bench]:
+async def bench() -> AsyncIterator[OpcUaBench]:
     async with sinumerik_bench() as bench:
         yield bench
 
 
-async def test_the_snapshot_shows_what_the_machine_does(bench: Bench) -> None:
+async def test_the_snapshot_shows_what_the_machine_does(bench: OpcUaBench) -> None:
     bench.clock.move_to(30.0)
     snapshot = await bench.nc.snapshot()
     assert snapshot.monotonic_s == 30.0
@@ -42,7 +42,7 @@ async def test_the_snapshot_shows_what_the_machine_does(bench: Bench) -> None:
     assert snapshot.alarms == ()
 
 
-async def test_a_cycle_goes_from_the_request_to_the_nine_errors_deviations(bench: Bench) -> None:
+async def test_a_cycle_goes_from_the_request_to_the_nine_errors_deviations(bench: OpcUaBench) -> None:
     bench.clock.move_to(50.0)
     before = await bench.cycle(1)
     errors = {"EY0A": 4.0, "EZ0A": -7.0, "EX0C": 12.0, "EY0C": 3.0, "EZ0T": 6.0, "ER0T": -2.0}
@@ -55,7 +55,7 @@ async def test_a_cycle_goes_from_the_request_to_the_nine_errors_deviations(bench
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-async def test_the_cycle_waits_for_a_safe_point_and_takes_two_minutes(bench: Bench) -> None:
+async def test_the_cycle_waits_for_a_safe_point_and_takes_two_minutes(bench: OpcUaBench) -> None:
     bench.clock.move_to(50.0)  # safe points at 80, 120, ...
     await bench.nc.request_probing(5)
     seen = []
@@ -73,7 +73,7 @@ async def test_the_cycle_waits_for_a_safe_point_and_takes_two_minutes(bench: Ben
     assert 80.0 < min(bench.plant.asked_at_s) < max(bench.plant.asked_at_s) < 200.0
 
 
-async def test_the_machine_probes_instead_of_cutting_and_then_goes_on(bench: Bench) -> None:
+async def test_the_machine_probes_instead_of_cutting_and_then_goes_on(bench: OpcUaBench) -> None:
     await bench.nc.request_probing(5)
     bench.clock.move_to(100.0)
     probing = await bench.nc.snapshot()
@@ -86,7 +86,7 @@ async def test_the_machine_probes_instead_of_cutting_and_then_goes_on(bench: Ben
     assert cutting.states["spindle_speed"] == 6000.0
 
 
-async def test_an_old_result_is_never_taken_for_a_new_one(bench: Bench) -> None:
+async def test_an_old_result_is_never_taken_for_a_new_one(bench: OpcUaBench) -> None:
     assert (await bench.cycle(1)).state is ProbingState.DONE
     await bench.nc.request_probing(2)
     status = await bench.nc.probing_status(2)
@@ -98,14 +98,14 @@ async def test_an_old_result_is_never_taken_for_a_new_one(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("wait_s", [0.0, 200.0])
-async def test_a_number_cannot_be_used_twice_in_a_row(bench: Bench, wait_s: float) -> None:
+async def test_a_number_cannot_be_used_twice_in_a_row(bench: OpcUaBench, wait_s: float) -> None:
     await bench.nc.request_probing(9)
     bench.clock.move_to(wait_s)
     with pytest.raises(Refused, match="request number 9"):
         await bench.nc.request_probing(9)
 
 
-async def test_the_number_of_a_result_that_is_still_shown_cannot_be_used_again(bench: Bench) -> None:
+async def test_the_number_of_a_result_that_is_still_shown_cannot_be_used_again(bench: OpcUaBench) -> None:
     assert (await bench.cycle(9)).state is ProbingState.DONE
     bench.clock.move_to(bench.clock.now + 10.0)
     await bench.nc.request_probing(10)  # waits for a safe point
@@ -113,7 +113,7 @@ async def test_the_number_of_a_result_that_is_still_shown_cannot_be_used_again(b
         await bench.nc.request_probing(9)
 
 
-async def test_refused_when_an_alarm_is_active(bench: Bench) -> None:
+async def test_refused_when_an_alarm_is_active(bench: OpcUaBench) -> None:
     bench.control.nck.raise_alarm(21612, bench.clock.now)
     status = await bench.cycle(1)
     assert status.state is ProbingState.REFUSED
@@ -123,13 +123,13 @@ async def test_refused_when_an_alarm_is_active(bench: Bench) -> None:
     assert (await bench.cycle(2)).state is ProbingState.DONE
 
 
-async def test_refused_when_the_probe_is_missing(bench: Bench) -> None:
+async def test_refused_when_the_probe_is_missing(bench: OpcUaBench) -> None:
     bench.control.nck.set_probe_available(False, bench.clock.now)
     status = await bench.cycle(1)
     assert (status.state, status.reason) == (ProbingState.REFUSED, "the touch probe is missing or does not answer")
 
 
-async def test_refused_when_the_operator_has_taken_over_while_it_waited(bench: Bench) -> None:
+async def test_refused_when_the_operator_has_taken_over_while_it_waited(bench: OpcUaBench) -> None:
     bench.clock.move_to(50.0)
     await bench.nc.request_probing(1)
     bench.control.nck.set_mode(JOG, bench.clock.now)
@@ -138,7 +138,7 @@ async def test_refused_when_the_operator_has_taken_over_while_it_waited(bench: B
     assert (await bench.nc.snapshot()).mode is OperatingMode.JOG
 
 
-async def test_failed_when_a_touch_finds_nothing(bench: Bench) -> None:
+async def test_failed_when_a_touch_finds_nothing(bench: OpcUaBench) -> None:
     bench.control.nck.sphere_present = False
     status = await bench.cycle(1)
     assert status.state is ProbingState.FAILED
@@ -146,7 +146,7 @@ async def test_failed_when_a_touch_finds_nothing(bench: Bench) -> None:
     assert "no sphere" in status.reason
 
 
-async def test_failed_when_an_alarm_stops_the_cycle(bench: Bench) -> None:
+async def test_failed_when_an_alarm_stops_the_cycle(bench: OpcUaBench) -> None:
     await bench.nc.request_probing(1)
     bench.clock.move_to(60.0)
     assert (await bench.nc.probing_status(1)).state is ProbingState.RUNNING
@@ -157,7 +157,7 @@ async def test_failed_when_an_alarm_stops_the_cycle(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("wait_s", "state"), [(20.0, ProbingState.REFUSED), (90.0, ProbingState.FAILED)])
-async def test_withdrawn_before_and_during_the_cycle(bench: Bench, wait_s: float, state: ProbingState) -> None:
+async def test_withdrawn_before_and_during_the_cycle(bench: OpcUaBench, wait_s: float, state: ProbingState) -> None:
     bench.clock.move_to(10.0)
     await bench.nc.request_probing(1)
     bench.clock.move_to(wait_s)
@@ -169,7 +169,7 @@ async def test_withdrawn_before_and_during_the_cycle(bench: Bench, wait_s: float
     assert (await bench.cycle(2)).state is ProbingState.DONE
 
 
-async def test_compensation_is_read_back_and_moves_what_the_probe_finds(bench: Bench) -> None:
+async def test_compensation_is_read_back_and_moves_what_the_probe_finds(bench: OpcUaBench) -> None:
     assert await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
     before = await bench.cycle(1)
     await bench.nc.write_compensation((12.5, -7.25, 3.0))
@@ -181,7 +181,7 @@ async def test_compensation_is_read_back_and_moves_what_the_probe_finds(bench: B
     np.testing.assert_allclose(found, np.tile([-12.5, 7.25, -3.0], (6, 1)), atol=1e-6)
 
 
-async def test_compensating_the_deviation_makes_it_disappear(bench: Bench) -> None:
+async def test_compensating_the_deviation_makes_it_disappear(bench: OpcUaBench) -> None:
     reference = await bench.cycle(1)
     bench.plant.errors = {"EX0C": 15.0, "EZ0A": -6.0}
     await bench.nc.write_compensation((15.0, 0.0, -6.0))
@@ -200,7 +200,7 @@ async def test_a_control_that_is_not_there() -> None:
     await nc.close()
 
 
-async def test_a_control_that_goes_away_and_comes_back(bench: Bench) -> None:
+async def test_a_control_that_goes_away_and_comes_back(bench: OpcUaBench) -> None:
     await bench.nc.snapshot()
     await bench.control.stop()
     with pytest.raises(DriverError):
@@ -252,7 +252,7 @@ async def test_a_wrong_password_and_no_user_are_refused(tmp_path: Path) -> None:
             await bench.nc.connect()
 
 
-async def test_a_request_that_finds_no_safe_point_in_its_time_is_refused_and_never_begun(bench: Bench) -> None:
+async def test_a_request_that_finds_no_safe_point_in_its_time_is_refused_and_never_begun(bench: OpcUaBench) -> None:
     hurried = wired(SinumerikSettings(security="none", url=bench.url)).model_copy(
         update={"handshake": Handshake(request_valid_for_s=20.0)}
     )
@@ -271,7 +271,7 @@ async def test_a_request_that_finds_no_safe_point_in_its_time_is_refused_and_nev
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 async def test_a_position_or_an_offset_that_is_no_number_is_no_answer_and_names_its_node(
-    bench: Bench, value: float
+    bench: OpcUaBench, value: float
 ) -> None:
     state = bench.control.state
     bench.control.state = lambda: replace(state(), positions=state().positions | {"Y": value})  # type: ignore[method-assign]
@@ -283,7 +283,7 @@ async def test_a_position_or_an_offset_that_is_no_number_is_no_answer_and_names_
         await bench.nc.read_compensation()
 
 
-async def test_a_state_or_a_tool_that_is_no_number_is_one_that_the_control_does_not_tell(bench: Bench) -> None:
+async def test_a_state_or_a_tool_that_is_no_number_is_one_that_the_control_does_not_tell(bench: OpcUaBench) -> None:
     state = bench.control.state
     spoiled = replace(state(), tool=math.nan, probing=math.nan, loads=replace(state().loads, spindle=math.nan))  # type: ignore[arg-type]
     bench.control.state = lambda: spoiled  # type: ignore[method-assign]
@@ -296,7 +296,9 @@ async def test_a_state_or_a_tool_that_is_no_number_is_one_that_the_control_does_
 
 
 @pytest.mark.parametrize(("value", "ready"), [(3.0, True), (2.0, False), (math.nan, False)])
-async def test_an_axis_is_referenced_only_when_the_control_says_so(bench: Bench, value: float, ready: bool) -> None:
+async def test_an_axis_is_referenced_only_when_the_control_says_so(
+    bench: OpcUaBench, value: float, ready: bool
+) -> None:
     plain = SinumerikSettings(security="none", url=bench.url)
     settings = plain.model_copy(update={"nodes": replace(plain.nodes, referenced="/Channel/Parameter/R[u1,{n}]")})
     bench.control.nck.r[1:4] = [3.0, value, 3.0]
@@ -317,13 +319,13 @@ async def test_an_axis_is_referenced_only_when_the_control_says_so(bench: Bench,
     ],
 )
 async def test_ready_is_who_shows_no_emergency_stop_and_has_room_to_show_one(
-    bench: Bench, alarms: tuple[int, ...], ready: bool
+    bench: OpcUaBench, alarms: tuple[int, ...], ready: bool
 ) -> None:
     bench.control.nck.alarms = alarms
     assert (await bench.nc.snapshot()).ready is ready
 
 
-async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for_it(bench: Bench) -> None:
+async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for_it(bench: OpcUaBench) -> None:
     plain = SinumerikSettings(security="none", url=bench.url)
     nc = Sinumerik(plain.model_copy(update={"nodes": replace(plain.nodes, drives_on=DRIVES_ON)}), bench.clock)
     await nc.connect()
@@ -334,7 +336,7 @@ async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for
     await nc.close()
 
 
-async def test_without_alarm_nodes_none_are_read(bench: Bench) -> None:
+async def test_without_alarm_nodes_none_are_read(bench: OpcUaBench) -> None:
     plain = SinumerikSettings(security="none", url=bench.url)
     nc = Sinumerik(plain.model_copy(update={"nodes": replace(plain.nodes, alarms=())}), bench.clock)
     await nc.connect()
@@ -344,7 +346,7 @@ async def test_without_alarm_nodes_none_are_read(bench: Bench) -> None:
     await nc.close()
 
 
-async def test_how_far_repeated_touches_were_apart_is_told_with_the_result(bench: Bench) -> None:
+async def test_how_far_repeated_touches_were_apart_is_told_with_the_result(bench: OpcUaBench) -> None:
     assert (await bench.cycle(1)).spread_mm == 0.0
     bench.control.nck.loose_um = 20.0
     bench.clock.move_to(bench.clock.now + 10.0)

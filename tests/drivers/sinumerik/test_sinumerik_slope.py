@@ -14,7 +14,7 @@ from drivers.nc import FollowsPosition, LinearOffsets, Triple, WatchdogTerms
 from drivers.sinumerik.settings import PAIRS, OffsetRoute, Paths, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
 from simulators.nc.nck import CEC_TABLES
-from tests.benches.emulated_bench import Bench, sinumerik_bench
+from tests.benches.emulated_bench import OpcUaBench, sinumerik_bench
 
 pytestmark = pytest.mark.simulated_time
 
@@ -28,7 +28,7 @@ OWN_AXES = LinearOffsets((10.0, -20.0, 5.0), ((0.05, 0.0, 0.0), (0.0, -0.04, 0.0
 
 
 @asynccontextmanager
-async def with_slopes(**changes: object) -> AsyncIterator[tuple[Bench, SinumerikWithSlopes]]:
+async def with_slopes(**changes: object) -> AsyncIterator[tuple[OpcUaBench, SinumerikWithSlopes]]:
     async with sinumerik_bench() as bench:
         fields: dict[str, object] = {"route": "k0_slope", "travel_mm": TRAVEL, "tables": TABLES}
         compensation = OffsetRoute(**(fields | changes))  # type: ignore[arg-type]
@@ -42,7 +42,7 @@ async def with_slopes(**changes: object) -> AsyncIterator[tuple[Bench, Sinumerik
             await nc.close()
 
 
-def added(bench: Bench) -> list[Triple]:
+def added(bench: OpcUaBench) -> list[Triple]:
     """What the control adds in every corner of the travel."""
     return [bench.control.nck.shift_um(corner) for corner in itertools.product(*TRAVEL)]
 

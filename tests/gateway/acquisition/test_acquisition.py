@@ -11,11 +11,11 @@ import pytest
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, Reading, WrongDevice
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.plausibility import Plausible
-from tests.benches.scripted_bus import Plant, ScriptedDevice
+from tests.benches.scripted_bus import ScriptedDevice, ScriptedPlant
 
 
 async def test_every_device_is_read_once_a_period_without_drift() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     plant.devices["a"].takes_s = 0.03
     plant.devices["b"].takes_s = 0.04
     async with plant.running():
@@ -27,14 +27,14 @@ async def test_every_device_is_read_once_a_period_without_drift() -> None:
 
 
 async def test_a_phase_shifts_all_polls_but_the_first() -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
     async with plant.running(phase_s=0.25):
         await plant.clock.run_until(10.0)
     assert plant.devices["a"].asked == pytest.approx([0.0, *(0.25 + k for k in range(10))])
 
 
 async def test_sequence_numbers_tell_every_reading_of_a_channel_apart() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     async with plant.running():
         await plant.clock.run_until(10.0)
         plant.devices["a"].fault = NoAnswer("silent")
@@ -45,7 +45,7 @@ async def test_sequence_numbers_tell_every_reading_of_a_channel_apart() -> None:
 
 
 async def test_a_silent_device_gets_faults_its_neighbour_keeps_its_period_and_both_ends_are_told_once() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     a, b = plant.devices.values()
     async with plant.running():
         await plant.clock.run_until(9.5)
@@ -65,7 +65,7 @@ async def test_a_silent_device_gets_faults_its_neighbour_keeps_its_period_and_bo
 
 
 async def test_a_dead_device_that_costs_most_of_a_period_is_asked_only_where_it_fits() -> None:
-    plant = Plant("dead", "b")
+    plant = ScriptedPlant("dead", "b")
     dead, b = plant.devices.values()
     dead.fault, dead.fault_takes_s, b.takes_s = NoAnswer("silent"), 0.7, 0.2
     async with plant.running():
@@ -77,7 +77,7 @@ async def test_a_dead_device_that_costs_most_of_a_period_is_asked_only_where_it_
 
 
 async def test_a_dead_device_that_never_fits_is_asked_at_last_and_rarely() -> None:
-    plant = Plant("dead", "b")
+    plant = ScriptedPlant("dead", "b")
     dead, b = plant.devices.values()
     dead.fault, dead.fault_takes_s = NoAnswer("silent"), 1.5
     async with plant.running():
@@ -87,7 +87,7 @@ async def test_a_dead_device_that_never_fits_is_asked_at_last_and_rarely() -> No
 
 
 async def test_of_many_dead_devices_one_is_tried_per_period() -> None:
-    plant = Plant("b", *(f"dead{i}" for i in range(6)))
+    plant = ScriptedPlant("b", *(f"dead{i}" for i in range(6)))
     for name, device in plant.devices.items():
         if name != "b":
             device.fault = NoAnswer("silent")
@@ -99,7 +99,7 @@ async def test_of_many_dead_devices_one_is_tried_per_period() -> None:
 
 
 async def test_a_bus_that_does_not_open_is_tried_for_ever_and_told_once() -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
     plant.bus.fault = ConnectError("no such port", bus="rtu1")
     async with plant.running():
         await plant.clock.run_until(100.0)
@@ -114,7 +114,7 @@ async def test_a_bus_that_does_not_open_is_tried_for_ever_and_told_once() -> Non
 
 
 async def test_when_nobody_answers_the_connection_is_opened_again() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     async with plant.running():
         await plant.clock.run_until(5.5)
         for device in plant.devices.values():
@@ -129,7 +129,7 @@ async def test_when_nobody_answers_the_connection_is_opened_again() -> None:
 
 
 async def test_a_lost_connection_gives_every_channel_of_the_bus_a_fault_and_comes_back() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     async with plant.running():
         await plant.clock.run_until(5.5)
         plant.devices["a"].fault = ConnectError("connection reset", bus="rtu1")
@@ -146,7 +146,7 @@ async def test_a_lost_connection_gives_every_channel_of_the_bus_a_fault_and_come
 
 
 async def test_a_fault_that_comes_again_is_told_again() -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
     async with plant.running():
         for until in (10.5, 20.5, 30.5, 40.5):
             await plant.clock.run_until(until)
@@ -156,7 +156,7 @@ async def test_a_fault_that_comes_again_is_told_again() -> None:
 
 
 async def test_problems_that_take_turns_are_each_told_once() -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
     async with plant.running(retry_max_periods=1):
         for until in range(5, 40):
             plant.devices["a"].fault = NoAnswer("silent") if until % 2 else BadAnswer("noise")
@@ -168,7 +168,7 @@ async def test_problems_that_take_turns_are_each_told_once() -> None:
 
 async def test_a_loose_contact_fills_neither_the_log_nor_the_events(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, logger="gateway.acquisition.runner")
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     async with plant.running():
         for second in range(600):
             plant.devices["a"].quality = Quality.SENSOR_FAULT if second % 2 else Quality.GOOD
@@ -184,7 +184,7 @@ async def test_a_loose_contact_fills_neither_the_log_nor_the_events(caplog: pyte
 
 
 async def test_a_device_that_returns_is_connected_again_so_that_its_type_is_checked() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     a = plant.devices["a"]
     async with plant.running():
         await plant.clock.run_until(5.5)
@@ -204,7 +204,7 @@ async def test_a_device_that_returns_is_connected_again_so_that_its_type_is_chec
 async def test_an_error_that_is_no_driver_s_stays_with_its_device_and_shows_its_traceback_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     plant.devices["a"].fault = ZeroDivisionError("division by zero")
     async with plant.running():
         await plant.clock.run_until(50.0)
@@ -216,7 +216,7 @@ async def test_an_error_that_is_no_driver_s_stays_with_its_device_and_shows_its_
 
 
 async def test_a_read_that_hangs_is_cut_and_the_bus_opened_again() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     async with plant.running(read_limit_s=0.05):
         await plant.clock.run_until(3.5)
         plant.devices["a"].hang = True
@@ -233,7 +233,7 @@ async def test_a_read_that_hangs_is_cut_and_the_bus_opened_again() -> None:
 
 
 async def test_a_sensor_fault_is_told_once_and_is_no_fault_of_the_device() -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
     async with plant.running():
         await plant.clock.run_until(3.5)
         plant.devices["a"].quality = Quality.SENSOR_FAULT
@@ -245,7 +245,7 @@ async def test_a_sensor_fault_is_told_once_and_is_no_fault_of_the_device() -> No
 
 
 async def test_stated_limits_are_judged() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     plant.plausible["a_t"] = Plausible(largest=20.0095)
     async with plant.running():
         await plant.clock.run_until(20.0)
@@ -254,7 +254,7 @@ async def test_stated_limits_are_judged() -> None:
 
 
 async def test_periods_that_were_missed_are_counted_and_not_caught_up() -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
     plant.devices["a"].takes_s = 2.5
     async with plant.running() as acquisition:
         await plant.clock.run_until(30.5)
@@ -263,7 +263,7 @@ async def test_periods_that_were_missed_are_counted_and_not_caught_up() -> None:
 
 
 async def test_leaving_closes_everything() -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
     async with plant.running():
         await plant.clock.run_until(3.0)
     assert not plant.bus.is_open
@@ -271,7 +271,7 @@ async def test_leaving_closes_everything() -> None:
 
 
 async def test_an_error_in_the_service_itself_ends_it_as_a_group() -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
 
     def refuse(readings: Sequence[Reading]) -> None:
         raise OverflowError("queue full")
@@ -288,10 +288,10 @@ async def test_an_error_in_the_service_itself_ends_it_as_a_group() -> None:
 
 
 async def test_one_bus_is_exchanged_and_the_other_notices_nothing() -> None:
-    plant, other = Plant("a"), Plant("b")
+    plant, other = ScriptedPlant("a"), ScriptedPlant("b")
     other.clock, other.bus.name = plant.clock, "tcp1"
     other.devices = {"b": ScriptedDevice("b", plant.clock, other.bus)}
-    new = Plant("a")
+    new = ScriptedPlant("a")
     new.devices = {"a": ScriptedDevice("a", plant.clock, new.bus)}
     lines = [plant.line(), other.line()]
     async with Acquisition(lines, plant.clock, plant.readings.extend, plant.notices.append) as acquisition:

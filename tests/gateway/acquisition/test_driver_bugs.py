@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from drivers.base import Quality, Reading
-from tests.benches.scripted_bus import Plant
+from tests.benches.scripted_bus import ScriptedPlant
 
 BUGS = [ValueError("bad value"), IndexError("list index"), struct.error("unpack"), AssertionError()]
 CANCELLED = asyncio.CancelledError()
@@ -21,7 +21,7 @@ CANCELLED = asyncio.CancelledError()
 async def test_what_a_driver_raises_is_its_device_s_fault_and_ends_with_it(
     operation: str, error: BaseException
 ) -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
 
     async def raises() -> None:
         raise error
@@ -40,7 +40,7 @@ async def test_what_a_driver_raises_is_its_device_s_fault_and_ends_with_it(
 
 @pytest.mark.parametrize("error", [*BUGS, CANCELLED], ids=lambda error: type(error).__name__)
 async def test_what_a_bus_raises_when_it_opens_or_closes_ends_nothing(error: BaseException) -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
 
     async def raises() -> None:
         raise error
@@ -71,7 +71,7 @@ WRONG: dict[str, Callable[[Any], object]] = {
 
 @pytest.mark.parametrize("name", WRONG)
 async def test_readings_that_the_interface_excludes_are_the_device_s_fault(name: str) -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     genuine = plant.devices["a"].read
 
     async def answers() -> Sequence[Reading]:
@@ -90,7 +90,7 @@ async def test_readings_that_the_interface_excludes_are_the_device_s_fault(name:
 
 @pytest.mark.parametrize("operation", ["connect", "read"])
 async def test_a_computer_without_memory_is_no_fault_of_a_device(operation: str) -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
 
     async def raises() -> None:
         raise MemoryError

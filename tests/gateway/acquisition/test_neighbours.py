@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from drivers.base import BadAnswer, NoAnswer, Quality
-from tests.benches.scripted_bus import Plant
+from tests.benches.scripted_bus import ScriptedPlant
 
 FIVE = ("a", "b", "c", "d", "e")
 TAKES_S, SHORT_S, FULL_S = 0.02, 0.05, 0.5
 """What an answer takes; what a bus waits for one that usually is quick, and for one that was silent before."""
 
 
-def five() -> Plant:
-    plant = Plant(*FIVE)
+def five() -> ScriptedPlant:
+    plant = ScriptedPlant(*FIVE)
     for device in plant.devices.values():
         device.takes_s, device.first_fault_takes_s, device.fault_takes_s = TAKES_S, SHORT_S, FULL_S
     return plant
 
 
-def intervals(plant: Plant, device: str) -> np.ndarray:
+def intervals(plant: ScriptedPlant, device: str) -> np.ndarray:
     return np.diff([r.monotonic_s for r in plant.of(device)])
 
 

@@ -4,10 +4,10 @@ import pytest
 
 from drivers.base import ConnectError, NoAnswer, Quality, WrongDevice
 from gateway.acquisition import DeviceAnswer, Plausible, read_once
-from tests.benches.scripted_bus import Plant
+from tests.benches.scripted_bus import ScriptedPlant
 
 
-async def once(plant: Plant, *, keep_open: bool = False) -> dict[str, DeviceAnswer]:
+async def once(plant: ScriptedPlant, *, keep_open: bool = False) -> dict[str, DeviceAnswer]:
     with plant.clock.hold():  # as a command does on the real clock: no simulated time passes
         return {answer.device: answer for answer in await read_once(plant.line(), plant.clock, keep_open=keep_open)}
 
@@ -17,7 +17,7 @@ def qualities(answers: dict[str, DeviceAnswer]) -> dict[str, Quality]:
 
 
 async def test_a_silent_device_is_asked_once_and_its_neighbours_too() -> None:
-    plant = Plant("a", "b", "c")
+    plant = ScriptedPlant("a", "b", "c")
     plant.devices["b"].fault = NoAnswer("silent", device="b")
     plant.devices["b"].fault_takes_s, plant.devices["c"].takes_s = 0.5, 0.1
     answers = await once(plant)
@@ -30,7 +30,7 @@ async def test_a_silent_device_is_asked_once_and_its_neighbours_too() -> None:
 
 
 async def test_a_device_that_breaks_the_connection_hides_nobody() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     plant.devices["a"].fault = ConnectError("connection reset", device="a")
     answers = await once(plant)
     assert qualities(answers) == {"a": Quality.COMM_FAULT, "b": Quality.GOOD}
@@ -38,7 +38,7 @@ async def test_a_device_that_breaks_the_connection_hides_nobody() -> None:
 
 
 async def test_a_bus_that_cannot_be_opened_is_tried_once_and_says_why_on_every_channel() -> None:
-    plant = Plant("a", "b")
+    plant = ScriptedPlant("a", "b")
     plant.bus.fault = ConnectError("no such port", bus="rtu1")
     answers = await once(plant)
     assert {r.detail for answer in answers.values() for r in answer.readings} == {"bus rtu1: no such port"}
@@ -48,7 +48,7 @@ async def test_a_bus_that_cannot_be_opened_is_tried_once_and_says_why_on_every_c
 
 
 async def test_limits_are_those_of_a_run_and_a_bug_in_a_driver_is_an_answer() -> None:
-    plant = Plant("a", "b", "c")
+    plant = ScriptedPlant("a", "b", "c")
     plant.plausible = {"a_t": Plausible(largest=10.0)}
     plant.devices["b"].fault = ValueError("a bug")
     plant.devices["c"].fault_at_connect = WrongDevice("type code 0x20, expected 0x2A", device="c")
@@ -60,7 +60,7 @@ async def test_limits_are_those_of_a_run_and_a_bug_in_a_driver_is_an_answer() ->
 
 
 async def test_a_bus_that_was_open_can_stay_open() -> None:
-    plant = Plant("a")
+    plant = ScriptedPlant("a")
     await plant.bus.connect()
     assert qualities(await once(plant, keep_open=True)) == {"a": Quality.GOOD}
     assert plant.bus.is_open

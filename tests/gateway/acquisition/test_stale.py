@@ -17,7 +17,7 @@ from gateway.past import Past
 from gateway.service import Service
 from simulators.devices import Adam6015, TcpHost
 from talc.control import Controller
-from tests.benches.scripted_bus import Plant
+from tests.benches.scripted_bus import ScriptedPlant
 from tests.benches.service_file import FILE
 from tests.benches.stepped_clock import EPOCH
 
@@ -80,7 +80,7 @@ def test_a_value_expires_once_and_what_is_bad_does_not() -> None:
 
 
 async def test_every_channel_of_a_hanging_bus_is_told_to_be_stale_once() -> None:
-    plant, taken = Plant("a", "b"), 0
+    plant, taken = ScriptedPlant("a", "b"), 0
     board, told = Board({"a_t": 1.0, "b_t": 1.0}), list[tuple[float, Sample]]()
 
     def publish(readings: Sequence[Sample]) -> None:

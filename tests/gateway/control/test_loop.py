@@ -22,7 +22,7 @@ from talc.frame import EventKind, Frame, Measurement, Why
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings
 from talc.training import train
 from tests.benches.kept_events import KeptEvents
-from tests.benches.nc_link_bench import Bench
+from tests.benches.nc_link_bench import LinkBench
 from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.thermal_series import series
@@ -34,7 +34,7 @@ CYCLES_OF_THE_REFERENCE = [41, 42, 43, 44, 45]
 
 @asynccontextmanager
 async def running(
-    bench: Bench,
+    bench: LinkBench,
     told: KeptEvents,
     *,
     pending: Why | None = None,
@@ -56,7 +56,7 @@ async def running(
 
 
 async def test_a_calibration_measurement_is_asked_for_so_long_before_its_step_ends() -> None:
-    bench, told = Bench("monitor"), KeptEvents()
+    bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
     async with running(bench, told):
         await bench.clock.run_until(STEP_S + 119.0)
@@ -68,7 +68,7 @@ async def test_a_calibration_measurement_is_asked_for_so_long_before_its_step_en
 
 
 async def test_what_blocks_probing_is_published_and_logged_once(caplog: pytest.LogCaptureFixture) -> None:
-    bench, told = Bench("monitor"), KeptEvents()
+    bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.mode = OperatingMode.JOG
     async with running(bench, told):
         await bench.clock.run_until(4 * STEP_S)
@@ -85,7 +85,7 @@ async def test_what_blocks_probing_is_published_and_logged_once(caplog: pytest.L
 
 
 async def test_a_wish_that_ends_while_it_waits_is_never_asked_for() -> None:
-    bench, told = Bench("monitor"), KeptEvents()
+    bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.program, bench.control.speed = ProgramState.RUNNING, 8000.0
     async with running(bench, told, pending=Why.INTERVAL) as plan:
         await bench.clock.run_until(200.0)
@@ -97,7 +97,7 @@ async def test_a_wish_that_ends_while_it_waits_is_never_asked_for() -> None:
 
 
 async def test_a_cycle_that_keeps_failing_is_asked_for_so_often_and_the_operator_is_told_once() -> None:
-    bench, told = Bench("monitor"), KeptEvents()
+    bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.FAILED, reason="a touch found no sphere")
     async with running(bench, told, retries=2):
         await bench.clock.run_until(3000.0)
@@ -110,7 +110,7 @@ async def test_a_cycle_that_keeps_failing_is_asked_for_so_often_and_the_operator
 
 
 async def test_the_learner_says_why_after_each_measurement_and_each_hour() -> None:
-    bench, told = Bench("monitor"), KeptEvents()
+    bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
     fixed = LearnerSettings(policy="fixed", measurement_interval_steps=20)
     async with running(bench, told, settings=TalcSettings(learner=fixed)):

@@ -24,7 +24,7 @@ from gateway.clock import RealClock
 from gateway.polling import Notice
 from tests.benches.faults.actions import restarted, whole
 from tests.benches.faults.matrix import HARMLESS, MATRIX
-from tests.benches.faults.plants import PLANTS, Plant
+from tests.benches.faults.plants import PLANTS, FaultyPlant
 from tests.benches.faults.play import done
 
 PERIOD_S = 0.05
@@ -67,7 +67,7 @@ def held() -> tuple[int, int, int]:
     return len(list(Path("/proc/self/fd").iterdir())), threading.active_count(), len(asyncio.all_tasks())
 
 
-async def all_faults(name: str, plant: Plant, latest: Latest) -> int:
+async def all_faults(name: str, plant: FaultyPlant, latest: Latest) -> int:
     """One after the other, each until it is seen and mended; how many."""
     cases = [case for case in MATRIX if case.plant == name]
     # A restart between two reads is timed by the matrix's longer period.
@@ -83,7 +83,7 @@ async def all_faults(name: str, plant: Plant, latest: Latest) -> int:
     return len(cases) + len(harmless)
 
 
-async def mended(plant: Plant, latest: Latest, where: str) -> None:
+async def mended(plant: FaultyPlant, latest: Latest, where: str) -> None:
     await latest.until(Quality.GOOD, where=where)
     if plant.wire is not None:
         whole(plant)
@@ -93,7 +93,7 @@ async def mended(plant: Plant, latest: Latest, where: str) -> None:
 @pytest.mark.parametrize("wires", WIRES)
 async def test_nothing_grows(tmp_path: Path, wires: str, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL, logger="gateway.acquisition.runner")  # pytest keeps every record
-    plants: dict[str, tuple[Plant, Latest]] = {}
+    plants: dict[str, tuple[FaultyPlant, Latest]] = {}
     tracemalloc.start()  # before anything is made: what is made anew for each fault takes the place of what was there
     async with AsyncExitStack() as stack:
         for name in WIRES[wires]:

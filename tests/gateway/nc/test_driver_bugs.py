@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from talc.frame import Why
-from tests.benches.nc_link_bench import Bench, decision
+from tests.benches.nc_link_bench import LinkBench, decision
 
 BUGS = [ValueError("bad value"), IndexError("list index"), struct.error("unpack"), AssertionError(), KeyError("X")]
 IN_A_PERIOD = ["snapshot", "heartbeat", "read_compensation", "write_compensation"]
 AT_ITS_BEGIN = ["connect", "claim"]
 
 
-def spoil(bench: Bench, operation: str, error: BaseException) -> Callable[[], None]:
+def spoil(bench: LinkBench, operation: str, error: BaseException) -> Callable[[], None]:
     """From now on the operation raises; call what is returned to repair it."""
 
     async def raises(*_: object) -> None:
@@ -39,7 +39,7 @@ def tracebacks(caplog: pytest.LogCaptureFixture) -> list[str]:
 async def test_what_a_driver_raises_loses_the_connection_and_it_comes_back_without_a_step(
     operation: str, error: Exception, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(6.0))
         await bench.clock.run_until(3.0)
@@ -64,7 +64,7 @@ async def test_what_a_driver_raises_loses_the_connection_and_it_comes_back_witho
 
 @pytest.mark.parametrize("operation", AT_ITS_BEGIN)
 async def test_what_a_driver_raises_when_it_connects_is_tried_again(operation: str) -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     repair = spoil(bench, operation, struct.error("unpack requires 4 bytes"))
     async with bench.running():
         bench.link.follow(decision(2.0))
@@ -75,7 +75,7 @@ async def test_what_a_driver_raises_when_it_connects_is_tried_again(operation: s
 
 
 async def test_a_request_that_its_library_cancels_does_not_end_the_link_silently() -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     repair = spoil(bench, "snapshot", asyncio.CancelledError())
     async with bench.running():
         await bench.clock.run_until(5.0)
@@ -86,7 +86,7 @@ async def test_a_request_that_its_library_cancels_does_not_end_the_link_silently
 
 
 async def test_a_computer_without_memory_is_no_fault_of_the_control() -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     spoil(bench, "snapshot", MemoryError())
     task = asyncio.create_task(bench.link.run())
     await bench.clock.run_until(2.0)
@@ -106,7 +106,7 @@ WRONG: dict[str, tuple[str, Callable[[Any], object]]] = {
 }
 
 
-def answer_wrongly(bench: Bench, operation: str, wrong: Callable[[Any], object]) -> Callable[[], None]:
+def answer_wrongly(bench: LinkBench, operation: str, wrong: Callable[[Any], object]) -> Callable[[], None]:
     genuine: Callable[..., Awaitable[object]] = getattr(bench.control, operation)
 
     async def answers(*given: object) -> object:
@@ -118,7 +118,7 @@ def answer_wrongly(bench: Bench, operation: str, wrong: Callable[[Any], object])
 
 @pytest.mark.parametrize("name", WRONG)
 async def test_an_answer_that_the_interface_excludes_is_the_control_s_fault(name: str) -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(2.0)
@@ -134,7 +134,7 @@ async def test_an_answer_that_the_interface_excludes_is_the_control_s_fault(name
 
 @pytest.mark.parametrize("operation", ["request_probing", "probing_status"])
 async def test_what_a_driver_raises_while_it_probes_is_a_measurement_refused(operation: str) -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         await bench.clock.run_until(2.0)
         repair = spoil(bench, operation, IndexError("list index out of range"))
@@ -153,7 +153,7 @@ CENTRES: list[Any] = [((1.0, 2.0),), ((1.0, 2.0, 3.0), (1.0,)), "six", ((1e300, 
 
 @pytest.mark.parametrize("centres", CENTRES)
 async def test_a_result_of_any_form_makes_no_measurement_and_ends_nothing(centres: Any) -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     wrong = {"probing_status": lambda s: replace(s, state="done", centres_mm=centres)}
     async with bench.running():
         await bench.clock.run_until(2.0)
@@ -165,7 +165,7 @@ async def test_a_result_of_any_form_makes_no_measurement_and_ends_nothing(centre
 
 @pytest.mark.parametrize("operation", ["heartbeat", "read_compensation", "write_compensation", "release", "close"])
 async def test_what_a_driver_raises_while_it_stops_keeps_nothing_else_from_being_done(operation: str) -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(2.0))
         await bench.clock.run_until(10.0)

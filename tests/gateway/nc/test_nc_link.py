@@ -10,12 +10,12 @@ import pytest
 from drivers.nc import ProbingState, RequestStatus
 from gateway.nc.slew import Source
 from talc.frame import Why
-from tests.benches.nc_link_bench import Bench, decision
+from tests.benches.nc_link_bench import LinkBench, decision
 
 
 @pytest.mark.parametrize("mode", ["monitor", "advise"])
 async def test_unarmed_nothing_is_ever_written(mode: str) -> None:
-    bench = Bench(mode)
+    bench = LinkBench(mode)
     async with bench.running():
         bench.link.follow(decision(20.0))
         await bench.clock.run_until(30.0)
@@ -30,7 +30,7 @@ async def test_unarmed_nothing_is_ever_written(mode: str) -> None:
 
 
 async def test_unarmed_probing_asks_for_nothing() -> None:
-    bench = Bench("compensate", armed=False)
+    bench = LinkBench("compensate", armed=False)
     async with bench.running():
         await bench.clock.run_until(5.0)
         assert not bench.link.may_probe
@@ -39,7 +39,7 @@ async def test_unarmed_probing_asks_for_nothing() -> None:
 
 
 async def test_armed_it_ramps_from_what_is_in_force_and_never_steps() -> None:
-    bench = Bench("compensate", in_force=(3.0, 0.0, -5.0))
+    bench = LinkBench("compensate", in_force=(3.0, 0.0, -5.0))
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(20.0)
@@ -51,7 +51,7 @@ async def test_armed_it_ramps_from_what_is_in_force_and_never_steps() -> None:
 
 
 async def test_a_stale_prediction_decays_to_the_declared_value() -> None:
-    to_zero, held = Bench("compensate"), Bench("compensate", when_stale="hold")
+    to_zero, held = LinkBench("compensate"), LinkBench("compensate", when_stale="hold")
     for bench in (to_zero, held):
         async with bench.running():
             bench.link.follow(decision(4.0))
@@ -68,7 +68,7 @@ async def test_an_error_without_a_model_is_corrected_by_its_last_measurement_onl
 ) -> None:
     """measured_s: when an earlier run measured; this one begins at 0."""
     measured = None if measured_s is None else [measured_s] * 9
-    bench = Bench("compensate", when_stale=when_stale, measured=measured, measurement_stale_after_s=200.0)
+    bench = LinkBench("compensate", when_stale=when_stale, measured=measured, measurement_stale_after_s=200.0)
     predicted = np.full(9, math.nan)
     predicted[0] = 3.0  # EY0A has a model; EZ0A was measured once
     known = replace(decision(7.0), predicted=predicted)
@@ -93,7 +93,7 @@ async def test_an_error_without_a_model_is_corrected_by_its_last_measurement_onl
 
 
 async def test_a_write_that_does_not_take_effect_disarms_and_says_so_once() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.deaf = True
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -105,7 +105,7 @@ async def test_a_write_that_does_not_take_effect_disarms_and_says_so_once() -> N
 
 
 async def test_after_a_lost_connection_it_begins_from_what_is_in_force() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
@@ -121,7 +121,7 @@ async def test_after_a_lost_connection_it_begins_from_what_is_in_force() -> None
 
 
 async def test_stopping_takes_the_offsets_back() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
@@ -132,7 +132,7 @@ async def test_stopping_takes_the_offsets_back() -> None:
 
 
 async def test_a_second_gateway_is_refused_and_the_message_says_so() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.owner = 99
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -146,7 +146,7 @@ async def test_a_second_gateway_is_refused_and_the_message_says_so() -> None:
 
 
 async def test_a_gateway_that_lost_its_claim_while_running_stops_writing_at_once() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(2.5)
@@ -157,7 +157,7 @@ async def test_a_gateway_that_lost_its_claim_while_running_stops_writing_at_once
 
 
 async def test_without_a_watchdog_on_the_control_nothing_is_written() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.watching = False
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -167,7 +167,7 @@ async def test_without_a_watchdog_on_the_control_nothing_is_written() -> None:
 
 
 async def test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(8.0))
         await bench.clock.run_until(15.0)
@@ -182,7 +182,7 @@ async def test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are(
 @pytest.mark.parametrize("within", ["beat", "look", "read back"])
 async def test_a_process_that_stood_still_since_its_beat_does_not_write(within: str) -> None:
     """watchdog_s = 10: after 6 s the control may be about to take the offsets away."""
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(8.0))
         await bench.clock.run_until(3.5)
@@ -199,7 +199,7 @@ async def test_a_process_that_stood_still_since_its_beat_does_not_write(within: 
 
 
 async def test_what_is_written_while_stopping_is_told_too() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
@@ -212,7 +212,7 @@ async def test_what_is_written_while_stopping_is_told_too() -> None:
 
 
 async def test_a_write_without_an_answer_is_told_as_one_that_may_have_acted() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(1.5)
@@ -226,7 +226,7 @@ async def test_a_write_without_an_answer_is_told_as_one_that_may_have_acted() ->
 
 
 async def test_stopping_gives_the_control_back() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         await bench.clock.run_until(3.0)
         assert bench.control.owner == 1
@@ -237,7 +237,7 @@ async def test_stopping_gives_the_control_back() -> None:
 
 
 async def test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by_a_step() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
@@ -251,7 +251,7 @@ async def test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by
 
 
 async def test_offsets_in_force_beyond_what_is_ever_sent_disarm_and_do_not_end_the_link() -> None:
-    bench = Bench("compensate", in_force=(0.0, 0.0, 600.0))
+    bench = LinkBench("compensate", in_force=(0.0, 0.0, 600.0))
     async with bench.running():
         await bench.clock.run_until(5.0)
         assert bench.link.present is not None
@@ -262,7 +262,7 @@ async def test_offsets_in_force_beyond_what_is_ever_sent_disarm_and_do_not_end_t
 
 
 async def test_a_read_back_that_is_no_number_agrees_with_nothing() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.spoils = True
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -273,7 +273,7 @@ async def test_a_read_back_that_is_no_number_agrees_with_nothing() -> None:
 
 
 async def test_what_is_no_number_when_it_connects_is_told_and_does_not_end_the_link() -> None:
-    bench = Bench("compensate", in_force=(0.0, math.nan, 0.0))
+    bench = LinkBench("compensate", in_force=(0.0, math.nan, 0.0))
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
@@ -285,7 +285,7 @@ async def test_what_is_no_number_when_it_connects_is_told_and_does_not_end_the_l
 
 
 async def test_stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_accuses_nobody() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     task = asyncio.create_task(bench.link.run())
     bench.link.follow(decision(8.0))
     await bench.clock.run_until(5.0)
@@ -309,7 +309,7 @@ async def test_stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_ac
 
 
 async def test_a_step_that_cannot_be_stored_ends_the_link_and_the_offsets_are_taken_back_all_the_same() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     task = asyncio.create_task(bench.link.run())
     bench.link.follow(decision(8.0))
     await bench.clock.run_until(5.0)
@@ -326,7 +326,7 @@ async def test_a_step_that_cannot_be_stored_ends_the_link_and_the_offsets_are_ta
 
 
 async def test_a_request_that_cannot_be_withdrawn_keeps_nothing_from_being_taken_back() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
@@ -344,7 +344,7 @@ async def test_a_request_that_cannot_be_withdrawn_keeps_nothing_from_being_taken
 
 
 async def test_a_new_cause_while_it_is_not_connected_is_told_and_each_once() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(5.0)
@@ -361,7 +361,7 @@ async def test_a_new_cause_while_it_is_not_connected_is_told_and_each_once() -> 
 
 
 async def test_a_line_that_comes_and_goes_is_not_told_for_ever() -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     async with bench.running():
         for turn in range(200):
             bench.control.absent = turn % 2 == 1

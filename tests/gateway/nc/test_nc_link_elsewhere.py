@@ -5,11 +5,11 @@ import asyncio
 import numpy as np
 import pytest
 
-from tests.benches.nc_link_bench import Bench, decision
+from tests.benches.nc_link_bench import LinkBench, decision
 
 
 async def test_a_process_that_stood_still_between_its_first_beat_and_its_first_write_does_not_write() -> None:
-    bench = Bench("compensate", in_force=(0.0, 0.0, 5.0))
+    bench = LinkBench("compensate", in_force=(0.0, 0.0, 5.0))
     bench.control.hangs = "beat"  # the watchdog takes 4 µm away meanwhile
     async with bench.running():
         bench.link.follow(decision(8.0))
@@ -21,7 +21,7 @@ async def test_a_process_that_stood_still_between_its_first_beat_and_its_first_w
 
 
 async def test_what_moved_while_the_control_was_not_ready_is_where_it_begins_and_nobody_is_accused() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
@@ -41,7 +41,7 @@ async def test_what_moved_while_the_control_was_not_ready_is_where_it_begins_and
 
 @pytest.mark.parametrize("meanwhile", ["not ready", "probed by somebody else"])
 async def test_stopped_it_takes_back_what_is_in_force_and_not_what_it_remembers(meanwhile: str) -> None:
-    bench = Bench("compensate", in_force=(0.0, 0.0, 5.0))
+    bench = LinkBench("compensate", in_force=(0.0, 0.0, 5.0))
     if meanwhile == "not ready":
         bench.control.ready = False
     else:
@@ -59,7 +59,7 @@ async def test_stopped_it_takes_back_what_is_in_force_and_not_what_it_remembers(
 
 
 async def test_stopped_without_the_watchdogs_ear_it_writes_nothing_more() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
@@ -78,7 +78,7 @@ async def test_stopped_without_the_watchdogs_ear_it_writes_nothing_more() -> Non
 async def test_what_differs_by_more_than_a_twentieth_of_a_micrometre_is_somebody_elses(
     by_um: float, armed: bool
 ) -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)

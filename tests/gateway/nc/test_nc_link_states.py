@@ -7,7 +7,7 @@ import pytest
 
 from gateway.nc.slew import Source
 from gateway.nc.states import RIGHTS, STATES, Condition, LinkState, Reply, Right, after
-from tests.benches.nc_link_bench import Bench, decision
+from tests.benches.nc_link_bench import LinkBench, decision
 
 
 def test_every_state_can_be_reached_and_a_lost_connection_ends_each_but_the_last() -> None:
@@ -36,7 +36,7 @@ def test_what_cannot_happen_is_an_error() -> None:
 
 @pytest.mark.parametrize("mode", ["monitor", "compensate"])
 async def test_offsets_stand_still_while_somebody_else_has_the_control_probe(mode: str) -> None:
-    bench = Bench(mode)
+    bench = LinkBench(mode)
     async with bench.running():
         bench.link.follow(decision(20.0))
         await bench.clock.run_until(5.0)
@@ -52,7 +52,7 @@ async def test_offsets_stand_still_while_somebody_else_has_the_control_probe(mod
 
 
 async def test_while_the_control_is_not_ready_the_offsets_stand() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(20.0))
         await bench.clock.run_until(5.0)
@@ -70,7 +70,7 @@ async def test_while_the_control_is_not_ready_the_offsets_stand() -> None:
 
 
 async def test_not_ready_while_it_stops_it_writes_nothing_more() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(10.0))
         await bench.clock.run_until(15.0)
@@ -89,7 +89,7 @@ async def test_not_ready_while_it_stops_it_writes_nothing_more() -> None:
 
 
 async def test_stopped_after_an_emergency_stop_it_takes_back_what_is_in_force_by_then() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(5.0))
         await bench.clock.run_until(10.0)

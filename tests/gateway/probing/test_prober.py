@@ -10,11 +10,11 @@ import pytest
 from drivers.nc import ProbingState, RequestStatus
 from gateway.probing.cycle import End
 from talc.frame import Why
-from tests.benches.nc_link_bench import Bench, decision
+from tests.benches.nc_link_bench import LinkBench, decision
 
 
 async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_result() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     centres = ((1.0, 2.0, 3.0),) * 6
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -54,7 +54,7 @@ async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_
     ],
 )
 async def test_a_cycle_without_a_usable_result_says_why(answer: RequestStatus | None, reason: str) -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.answer = answer
     async with bench.running():
         await bench.clock.run_until(2.0)
@@ -67,7 +67,7 @@ async def test_a_cycle_without_a_usable_result_says_why(answer: RequestStatus | 
 
 
 async def test_a_chip_on_the_sphere_is_no_measurement() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     good = np.zeros((6, 3))
     chip = good.copy()
     chip[2] += 0.08  # mm, in one pose only
@@ -90,7 +90,7 @@ def cycles(centres_um: list[float]) -> dict[int, RequestStatus]:
 
 
 async def test_the_reference_is_the_mean_of_its_cycles() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.answers = cycles([3.0, -1.0, 0.0, 2.0, 1.0, 8.0])
     async with bench.running():
         await bench.clock.run_until(2.0)
@@ -107,7 +107,7 @@ async def test_the_reference_is_the_mean_of_its_cycles() -> None:
 
 
 async def test_a_reference_is_refused_while_the_machine_moves() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.answers = cycles([0.0, 6.0, 12.0, 18.0, 24.0])
     async with bench.running():
         await bench.clock.run_until(2.0)
@@ -120,7 +120,7 @@ async def test_a_reference_is_refused_while_the_machine_moves() -> None:
 
 
 async def test_a_cycle_whose_touches_do_not_repeat_is_no_measurement() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6, spread_mm=0.030)
     async with bench.running():
         await bench.clock.run_until(2.0)
@@ -133,7 +133,7 @@ async def test_a_cycle_whose_touches_do_not_repeat_is_no_measurement() -> None:
 
 
 async def test_a_result_that_the_prediction_does_not_know_must_be_found_twice() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.answers = cycles([0.0] * 5 + [20.0, 20.5, 90.0])
     sure = replace(decision(0.0), sigma=np.ones(9), limits=np.full(9, 3.0))
     outcomes = []
@@ -150,7 +150,7 @@ async def test_a_result_that_the_prediction_does_not_know_must_be_found_twice() 
 
 
 async def test_a_write_under_way_ends_before_the_offsets_stand_still() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
     async with bench.running():
         bench.link.follow(decision(20.0))
@@ -172,7 +172,7 @@ async def test_a_write_under_way_ends_before_the_offsets_stand_still() -> None:
 
 
 async def test_stopping_takes_the_request_back_that_nobody_waits_for() -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     async with bench.running():
         await bench.clock.run_until(3.0)
         cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
@@ -184,7 +184,7 @@ async def test_stopping_takes_the_request_back_that_nobody_waits_for() -> None:
 
 
 async def test_what_has_ended_is_not_taken_back() -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     bench.control.answer = RequestStatus(41, ProbingState.REFUSED, reason="alarm")
     async with bench.running():
         await bench.clock.run_until(3.0)
@@ -196,7 +196,7 @@ async def test_what_has_ended_is_not_taken_back() -> None:
 
 
 async def test_a_request_that_the_control_does_not_take_is_refused_and_not_taken_back() -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     bench.control.busy = True
     async with bench.running():
         await bench.clock.run_until(3.0)
@@ -210,7 +210,7 @@ async def test_a_request_that_the_control_does_not_take_is_refused_and_not_taken
 
 
 async def test_offsets_that_moved_while_the_control_probed_make_no_measurement() -> None:
-    bench = Bench("compensate")
+    bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(20.0))
         await bench.clock.run_until(30.0)
@@ -232,7 +232,7 @@ async def test_offsets_that_moved_while_the_control_probed_make_no_measurement()
 
 @pytest.mark.parametrize("when_stale", ["zero", "hold"])
 async def test_disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets_to_zero(when_stale: str) -> None:
-    bench = Bench("compensate", when_stale=when_stale)
+    bench = LinkBench("compensate", when_stale=when_stale)
     bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
     ends, asked = [], []
     async with bench.running():
@@ -256,7 +256,7 @@ async def test_disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets
 
 
 async def test_stopped_while_the_control_is_asked_for_the_result_the_request_is_still_taken_back() -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     async with bench.running():
         await bench.clock.run_until(3.0)
         cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
@@ -275,7 +275,7 @@ async def test_stopped_while_the_control_is_asked_for_the_result_the_request_is_
 
 @pytest.mark.parametrize("armed", [True, False])
 async def test_what_an_earlier_run_asked_for_is_taken_back_once_where_probing_is_armed(armed: bool) -> None:
-    bench = Bench("monitor", armed=armed, abandoned=40)
+    bench = LinkBench("monitor", armed=armed, abandoned=40)
     async with bench.running():
         await bench.clock.run_until(5.0)
     await bench.link.stop()
@@ -283,7 +283,7 @@ async def test_what_an_earlier_run_asked_for_is_taken_back_once_where_probing_is
 
 
 async def test_a_request_that_the_control_will_not_take_back_keeps_nobody_from_compensating() -> None:
-    bench = Bench("compensate", abandoned=40)
+    bench = LinkBench("compensate", abandoned=40)
     bench.control.busy = True
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -293,7 +293,7 @@ async def test_a_request_that_the_control_will_not_take_back_keeps_nobody_from_c
 
 
 async def test_a_cycle_that_does_not_end_in_its_time_is_taken_back_at_once() -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     async with bench.running():
         await bench.clock.run_until(2.0)
         cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
@@ -305,7 +305,7 @@ async def test_a_cycle_that_does_not_end_in_its_time_is_taken_back_at_once() -> 
 
 
 async def test_without_a_prediction_a_measurement_of_the_last_hour_stands_in_and_an_older_one_does_not() -> None:
-    bench = Bench("monitor")
+    bench = LinkBench("monitor")
     bench.control.answers = cycles([0.0] * 5 + [90.0] * 3)
     outcomes = []
     async with bench.running():

@@ -18,7 +18,7 @@ from talc.control import Controller
 from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
 from talc.training import train
-from tests.benches.nc_link_bench import Bench
+from tests.benches.nc_link_bench import LinkBench
 from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import EPOCH
 
@@ -42,7 +42,7 @@ async def here(job: TrainingJob) -> ModelSet:
 
 async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identical(tmp_path: Path) -> None:
     config = parse(CONFIG, FILE)
-    bench, draw = Bench("monitor"), np.random.default_rng(3)
+    bench, draw = LinkBench("monitor"), np.random.default_rng(3)
     control = bench.control
     truth: list[float] = []
 

@@ -12,24 +12,24 @@ from talc.control import Controller
 from talc.frame import Frame, Measurement
 from talc.names import THERMAL_ERRORS
 from talc.settings import LearnerSettings, TalcSettings
-from tests.benches.thermal_series import Series, series
+from tests.benches.thermal_series import ThermalSeries, series
 
 EVERY = 9
 
 
 @pytest.fixture(scope="module")
-def days() -> Series:
+def days() -> ThermalSeries:
     """Six of its inputs, which explain three of its errors."""
     made = series(280, 3)
     return replace(made, names=made.names[:6], inputs=made.inputs[:, :6])
 
 
-def sparse(days: Series) -> np.ndarray:
+def sparse(days: ThermalSeries) -> np.ndarray:
     """(T, 9) the measurements of every ninth row."""
     return np.where((np.arange(len(days.truth)) % EVERY == 0)[:, None], days.measured, np.nan)
 
 
-def test_it_predicts_what_the_gateway_would(days: Series) -> None:
+def test_it_predicts_what_the_gateway_would(days: ThermalSeries) -> None:
     controller = Controller(days.names, TalcSettings(learner=LearnerSettings(noise_um_per_m=1.0)))
     y, expected = sparse(days), []
     for k, row in enumerate(days.inputs):
@@ -43,7 +43,7 @@ def test_it_predicts_what_the_gateway_would(days: Series) -> None:
 
 
 @pytest.mark.parametrize("many", [1, 2, 14])
-def test_any_number_of_errors_is_learnt(days: Series, many: int) -> None:
+def test_any_number_of_errors_is_learnt(days: ThermalSeries, many: int) -> None:
     columns = np.arange(many) % 3
     y, truth = sparse(days)[:, columns], days.truth[:, columns]
     learner = talc.Learner().fit(days.inputs[:200], y[:200])
@@ -55,14 +55,14 @@ def test_any_number_of_errors_is_learnt(days: Series, many: int) -> None:
     assert (np.sqrt((left**2).mean(axis=0)) < 0.4 * np.sqrt((truth[200:] ** 2).mean(axis=0))).all()
 
 
-def test_one_column_of_errors_is_predicted_as_one(days: Series) -> None:
+def test_one_column_of_errors_is_predicted_as_one(days: ThermalSeries) -> None:
     learner = talc.Learner().fit(days.inputs[:100], days.measured[:100, 0])
     mean, std = learner.predict(days.inputs[100:110], return_std=True)
     assert mean.shape == std.shape == (10,)
     assert (std > 0).all()
 
 
-def test_tables_give_the_same_numbers_and_keep_their_names(days: Series) -> None:
+def test_tables_give_the_same_numbers_and_keep_their_names(days: ThermalSeries) -> None:
     index = pd.date_range("2026-03-28 22:00", periods=280, freq="5min", tz="Europe/Zurich")  # summer time begins
     X = pd.DataFrame(days.inputs, columns=list(days.names), index=index)
     y = pd.DataFrame(sparse(days), columns=[f"drift {i}" for i in range(9)], index=index)
@@ -76,7 +76,7 @@ def test_tables_give_the_same_numbers_and_keep_their_names(days: Series) -> None
     assert series_y.error_names_ == ("drift 3",)
 
 
-def test_a_gap_in_the_times_lets_the_lags_run_on(days: Series) -> None:
+def test_a_gap_in_the_times_lets_the_lags_run_on(days: ThermalSeries) -> None:
     times = 300.0 * np.arange(280)
     kept = np.delete(np.arange(280), np.arange(150, 156))
     y = sparse(days)
@@ -89,7 +89,7 @@ def test_a_gap_in_the_times_lets_the_lags_run_on(days: Series) -> None:
     np.testing.assert_array_equal(learner.predict(days.inputs[row], times=times[row])[0], last.predicted)
 
 
-def test_learning_in_parts_is_learning_at_once_and_predictions_leave_no_trace(days: Series) -> None:
+def test_learning_in_parts_is_learning_at_once_and_predictions_leave_no_trace(days: ThermalSeries) -> None:
     y = sparse(days)
     whole = talc.Learner().fit(days.inputs[:200], y[:200])
     parts = talc.Learner()
@@ -102,14 +102,14 @@ def test_learning_in_parts_is_learning_at_once_and_predictions_leave_no_trace(da
     )
 
 
-def test_contributions_add_up_to_the_prediction(days: Series) -> None:
+def test_contributions_add_up_to_the_prediction(days: ThermalSeries) -> None:
     learner = talc.Learner().fit(days.inputs[:200], sparse(days)[:200])
     parts = learner.contributions(days.inputs[200:])
     assert parts.shape == (80, 9, 7)
     np.testing.assert_allclose(parts.sum(axis=2), learner.predict(days.inputs[200:]), atol=1e-9)
 
 
-def test_the_unit_of_the_errors_only_scales(days: Series) -> None:
+def test_the_unit_of_the_errors_only_scales(days: ThermalSeries) -> None:
     y = sparse(days)
     um = talc.Learner(noise=1.0).fit(days.inputs[:200], y[:200])
     mm = talc.Learner(noise=0.001, unit_um=1000.0).fit(days.inputs[:200], y[:200] / 1000.0)
@@ -119,7 +119,7 @@ def test_the_unit_of_the_errors_only_scales(days: Series) -> None:
         np.testing.assert_allclose(1000.0 * b, a, rtol=1e-6, atol=1e-6)
 
 
-def test_missing_inputs_are_filled_and_make_it_less_sure(days: Series) -> None:
+def test_missing_inputs_are_filled_and_make_it_less_sure(days: ThermalSeries) -> None:
     learner = talc.Learner().fit(days.inputs[:200], sparse(days)[:200])
     holes = days.inputs[200:].copy()
     holes[5:, :3] = np.nan
@@ -146,7 +146,7 @@ def test_what_is_wrong_is_said(arguments: dict[str, object], text: str) -> None:
         talc.Learner(step_s=300.0).fit(**arguments)
 
 
-def test_rows_to_predict_must_follow(days: Series) -> None:
+def test_rows_to_predict_must_follow(days: ThermalSeries) -> None:
     times = 300.0 * np.arange(100)
     learner = talc.Learner().fit(days.inputs[:50], days.measured[:50], times[:50])
     with pytest.raises(ValueError, match="row 0 is not later than the last row before it"):
@@ -157,7 +157,7 @@ def test_rows_to_predict_must_follow(days: Series) -> None:
         talc.Learner().predict(days.inputs[:3])
 
 
-def test_other_errors_than_before_are_refused(days: Series) -> None:
+def test_other_errors_than_before_are_refused(days: ThermalSeries) -> None:
     learner = talc.Learner().fit(days.inputs[:50], pd.DataFrame(days.measured[:50], columns=list(THERMAL_ERRORS)))
     with pytest.raises(ValueError, match="y has 2 columns: expected EY0A, EZ0A"):
         learner.partial_fit(days.inputs[50:60], days.measured[50:60, :2])

@@ -8,7 +8,7 @@ import pytest
 from talc.control import Controller
 from talc.frame import Decision, EventKind, FloatArray, Frame, Measurement, Phase, Why
 from talc.settings import LearnerSettings, TalcSettings
-from tests.benches.thermal_series import Series, series, without_ninth
+from tests.benches.thermal_series import ThermalSeries, series, without_ninth
 
 SETTINGS = TalcSettings(method="learner")
 SIGMA = np.full(9, 0.5)
@@ -16,17 +16,17 @@ FIELDS = ("predicted", "corrected", "sigma", "limits", "trusted")
 
 
 @pytest.fixture(scope="module")
-def days() -> Series:
+def days() -> ThermalSeries:
     """Two days; the ninth error is zero."""
     return without_ninth(series(576, 3))
 
 
-def step(controller: Controller, days: Series, k: int, at: int, measured: bool) -> Decision:
+def step(controller: Controller, days: ThermalSeries, k: int, at: int, measured: bool) -> Decision:
     measurement = Measurement(days.measured[k], SIGMA) if measured else None
     return controller.step(Frame(at, days.inputs[k], np.isfinite(days.inputs[k]), measurement))
 
 
-def run(days: Series, every: int = 11, rows: range | None = None) -> tuple[Controller, list[Decision]]:
+def run(days: ThermalSeries, every: int = 11, rows: range | None = None) -> tuple[Controller, list[Decision]]:
     controller = Controller(days.names, SETTINGS)
     rows = rows or range(len(days.inputs))
     return controller, [step(controller, days, k, k, k % every == 0) for k in rows]
@@ -36,7 +36,7 @@ def rms(values: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def test_compensation_begins_with_the_first_measurement_and_soon_is_better_than_none(days: Series) -> None:
+def test_compensation_begins_with_the_first_measurement_and_soon_is_better_than_none(days: ThermalSeries) -> None:
     _, decisions = run(days)
     assert decisions[0].phase is Phase.COMPENSATION
     left = days.truth - np.array([d.predicted for d in decisions])
@@ -44,20 +44,20 @@ def test_compensation_begins_with_the_first_measurement_and_soon_is_better_than_
     assert (rms(left[288:]) < 0.4 * rms(days.truth[288:]))[:8].all()
 
 
-def test_an_error_that_is_only_noise_stays_untouched(days: Series) -> None:
+def test_an_error_that_is_only_noise_stays_untouched(days: ThermalSeries) -> None:
     _, decisions = run(days)
     assert not any(d.trusted[8] for d in decisions[24:])
     assert rms(np.array([d.corrected[8] for d in decisions])) < 0.1
 
 
-def test_95_percent_intervals_hold_the_truth(days: Series) -> None:
+def test_95_percent_intervals_hold_the_truth(days: ThermalSeries) -> None:
     _, decisions = run(days)
     off = np.abs(days.truth - np.array([d.corrected for d in decisions]))[:, :8]
     inside = off <= 1.96 * np.array([d.sigma for d in decisions])[:, :8]
     assert inside[24:].mean() > 0.9
 
 
-def test_a_restart_from_a_saved_state_decides_as_no_restart(days: Series) -> None:
+def test_a_restart_from_a_saved_state_decides_as_no_restart(days: ThermalSeries) -> None:
     whole, _ = run(days, rows=range(200))
     again = Controller.restore(whole.state(), SETTINGS)
     for k in range(200, 320):
@@ -68,14 +68,14 @@ def test_a_restart_from_a_saved_state_decides_as_no_restart(days: Series) -> Non
         assert (a.phase, a.measure, a.events) == (b.phase, b.measure, b.events)
 
 
-def test_a_state_of_the_other_method_is_refused(days: Series) -> None:
+def test_a_state_of_the_other_method_is_refused(days: ThermalSeries) -> None:
     controller, _ = run(days, rows=range(3))
     with pytest.raises(ValueError, match="method = 'models': the state is of the other method"):
         Controller.restore(controller.state(), TalcSettings(method="models"))
 
 
 @pytest.mark.parametrize("gap", [5, 144, 4032])
-def test_after_a_gap_it_goes_on_with_a_larger_sigma_and_asks_at_once(days: Series, gap: int) -> None:
+def test_after_a_gap_it_goes_on_with_a_larger_sigma_and_asks_at_once(days: ThermalSeries, gap: int) -> None:
     controller, before = run(days, rows=range(289))
     after = step(controller, days, 300, 289 + gap, False)
     assert np.isfinite(after.corrected).all()
@@ -86,7 +86,7 @@ def test_after_a_gap_it_goes_on_with_a_larger_sigma_and_asks_at_once(days: Serie
     assert (rms(left) < 0.6 * rms(days.truth[302:330]) + 0.5)[:8].all()
 
 
-def test_a_machine_that_is_off_at_night_is_compensated_by_day(days: Series) -> None:
+def test_a_machine_that_is_off_at_night_is_compensated_by_day(days: ThermalSeries) -> None:
     controller, left = Controller(days.names, SETTINGS), []
     for k in range(576):
         if k % 288 >= 96:
@@ -96,7 +96,7 @@ def test_a_machine_that_is_off_at_night_is_compensated_by_day(days: Series) -> N
     assert (rms(second) < 0.5 * rms(days.truth[292:384]))[:8].all()
 
 
-def test_a_failed_sensor_widens_sigma_and_does_not_throw_the_estimate(days: Series) -> None:
+def test_a_failed_sensor_widens_sigma_and_does_not_throw_the_estimate(days: ThermalSeries) -> None:
     controller, _ = run(days, rows=range(400))
     other = Controller.restore(controller.state(), SETTINGS)
     inputs, valid = days.inputs[400].copy(), np.ones(12, dtype=np.bool_)
@@ -110,7 +110,7 @@ def test_a_failed_sensor_widens_sigma_and_does_not_throw_the_estimate(days: Seri
     assert abs(without.corrected[0] - whole.corrected[0]) < 3.0 * without.sigma[0]
 
 
-def test_an_input_that_first_moves_after_a_day_does_not_throw_the_estimate(days: Series) -> None:
+def test_an_input_that_first_moves_after_a_day_does_not_throw_the_estimate(days: ThermalSeries) -> None:
     inputs = days.inputs.copy()
     inputs[:, 11] = 0.0
     inputs[400:, 11] = 12000.0
@@ -120,7 +120,7 @@ def test_an_input_that_first_moves_after_a_day_does_not_throw_the_estimate(days:
     assert (decisions[400].sigma > decisions[399].sigma)[:8].all()
 
 
-def test_the_policy_asks_by_its_limits(days: Series) -> None:
+def test_the_policy_asks_by_its_limits(days: ThermalSeries) -> None:
     counts = []
     for limit in (3.0, 6.0):
         settings = TalcSettings(method="learner", learner=LearnerSettings(limit_um=limit, limit_um_per_m=2 * limit))
@@ -136,7 +136,7 @@ def test_the_policy_asks_by_its_limits(days: Series) -> None:
     assert counts[0] > counts[1]
 
 
-def test_contributions_add_up_to_the_estimate(days: Series) -> None:
+def test_contributions_add_up_to_the_estimate(days: ThermalSeries) -> None:
     controller, decisions = run(days, rows=range(300))
     why = controller.explain()
     assert why is not None

@@ -10,18 +10,18 @@ from talc.control import Controller
 from talc.frame import FloatArray, Frame, Measurement
 from talc.learner import Prior, make_prior
 from talc.settings import TalcSettings
-from tests.benches.thermal_series import Series, series
+from tests.benches.thermal_series import ThermalSeries, series
 
 SETTINGS = TalcSettings(method="learner")
 
 
-def machine(seed: int) -> Series:
+def machine(seed: int) -> ThermalSeries:
     """Of one kind: the same physics under other loads."""
     made = series(288, seed)
     return replace(made, truth=made.truth - made.truth[0], measured=made.measured - made.truth[0])
 
 
-def run(days: Series, prior: Prior | None = None) -> tuple[Controller, FloatArray]:
+def run(days: ThermalSeries, prior: Prior | None = None) -> tuple[Controller, FloatArray]:
     """What it leaves, with a measurement each 55 min."""
     controller, left = Controller(days.names, SETTINGS, prior=prior), []
     for k, row in enumerate(days.inputs):
@@ -52,7 +52,7 @@ def test_a_second_machine_of_a_kind_starts_nearly_where_the_first_ones_are(prior
     assert rms(told[72:]) < rms(without[72:])
 
 
-def without_the_ninth(days: Series) -> Series:
+def without_the_ninth(days: ThermalSeries) -> ThermalSeries:
     """The same, while EC0C stays zero."""
     truth = days.truth.copy()
     truth[:, 8] = 0.0

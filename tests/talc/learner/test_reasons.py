@@ -9,19 +9,19 @@ from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement, Why
 from talc.learner import KINDS, make_prior
 from talc.settings import LearnerSettings, TalcSettings
-from tests.benches.thermal_series import Series, series, without_ninth
+from tests.benches.thermal_series import ThermalSeries, series, without_ninth
 
 SIGMA = np.full(9, 0.5)
 GOOD = np.ones(12, dtype=np.bool_)
 
 
 @pytest.fixture(scope="module")
-def days() -> Series:
+def days() -> ThermalSeries:
     """A day; the ninth error is zero."""
     return without_ninth(series(288, 3))
 
 
-def after_a_day(days: Series, **settings: object) -> tuple[Controller, Decision]:
+def after_a_day(days: ThermalSeries, **settings: object) -> tuple[Controller, Decision]:
     chosen = replace(LearnerSettings(), **settings)  # type: ignore[arg-type]
     controller = Controller(days.names, TalcSettings(method="learner", learner=chosen))
     for k, row in enumerate(days.inputs):
@@ -30,7 +30,7 @@ def after_a_day(days: Series, **settings: object) -> tuple[Controller, Decision]
     return controller, decision
 
 
-def test_parts_add_up_to_the_estimate_and_the_right_inputs_are_named(days: Series) -> None:
+def test_parts_add_up_to_the_estimate_and_the_right_inputs_are_named(days: ThermalSeries) -> None:
     controller, decision = after_a_day(days)
     reasons = controller.reasons()
     assert reasons is not None
@@ -47,7 +47,7 @@ def test_parts_add_up_to_the_estimate_and_the_right_inputs_are_named(days: Serie
     assert reasons.errors[0].experts[0][0] == "chosen inputs"
 
 
-def test_an_error_that_is_not_corrected_is_moved_by_nothing(days: Series) -> None:
+def test_an_error_that_is_not_corrected_is_moved_by_nothing(days: ThermalSeries) -> None:
     controller, _ = after_a_day(days)
     reasons = controller.reasons()
     assert reasons is not None
@@ -58,7 +58,9 @@ def test_an_error_that_is_not_corrected_is_moved_by_nothing(days: Series) -> Non
 
 
 @pytest.mark.parametrize("limit", [2.0, 3.0, 50.0])
-def test_the_next_measurement_comes_when_and_as_it_was_expected_while_inputs_stay(days: Series, limit: float) -> None:
+def test_the_next_measurement_comes_when_and_as_it_was_expected_while_inputs_stay(
+    days: ThermalSeries, limit: float
+) -> None:
     controller, decision = after_a_day(days, limit_um=limit, limit_um_per_m=limit)
     reasons = controller.reasons()
     assert reasons is not None
@@ -73,14 +75,14 @@ def test_the_next_measurement_comes_when_and_as_it_was_expected_while_inputs_sta
     np.testing.assert_allclose([e.expected_sigma for e in reasons.errors], decision.sigma, atol=1e-9)
 
 
-def test_a_fixed_interval_says_when(days: Series) -> None:
+def test_a_fixed_interval_says_when(days: ThermalSeries) -> None:
     controller, _ = after_a_day(days, policy="fixed", measurement_interval_steps=30)
     reasons = controller.reasons()
     assert reasons is not None
     assert (reasons.next_k, reasons.next_why) == (286 + 30, Why.INTERVAL)
 
 
-def test_before_the_first_measurement_nothing_is_known_but_that_it_is_wanted(days: Series) -> None:
+def test_before_the_first_measurement_nothing_is_known_but_that_it_is_wanted(days: ThermalSeries) -> None:
     controller = Controller(days.names, TalcSettings(method="learner"))
     assert controller.reasons() is None
     controller.step(Frame(0, days.inputs[0], GOOD))
@@ -90,7 +92,7 @@ def test_before_the_first_measurement_nothing_is_known_but_that_it_is_wanted(day
     assert all(np.isnan(e.estimate) and not e.trusted for e in reasons.errors)
 
 
-def test_what_other_machines_told_is_a_kind_of_its_own_and_models_give_no_reasons(days: Series) -> None:
+def test_what_other_machines_told_is_a_kind_of_its_own_and_models_give_no_reasons(days: ThermalSeries) -> None:
     state = after_a_day(days)[0].state().course
     assert state is not None
     told = Controller(days.names, TalcSettings(method="learner"), prior=make_prior([(days.names, state.learner)]))
@@ -103,7 +105,7 @@ def test_what_other_machines_told_is_a_kind_of_its_own_and_models_give_no_reason
     assert models.reasons() is None
 
 
-def test_asking_changes_no_later_decision(days: Series) -> None:
+def test_asking_changes_no_later_decision(days: ThermalSeries) -> None:
     asked, silent = after_a_day(days)[0], after_a_day(days)[0]
     for k in range(288, 300):
         asked.reasons()
