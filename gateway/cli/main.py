@@ -289,7 +289,7 @@ def replay(
     with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), and every other column is an input. The controller runs on it
     as if it were live and writes the report. The options are for recordings.
     """
-    from gateway.recordings import Clock, Columns, is_database
+    from gateway.recordings import Columns, TimeFormat, is_database
 
     if is_database(file):
         from gateway.cli.replay import show
@@ -298,7 +298,9 @@ def replay(
     from gateway.cli.replay import Request, run_recording
 
     named = _named_errors(errors)
-    columns = Columns(time_column, named, ignore, inputs, _named_units(units), Clock(time_format, _zone(time_zone)))
+    columns = Columns(
+        time_column, named, ignore, inputs, _named_units(units), TimeFormat(time_format, _zone(time_zone))
+    )
     page = _page(output, file, config)
     if out is not None:
         _page(out, file, config)

@@ -1,6 +1,6 @@
 """Recordings: of machines (CSV, Parquet), read, checked and put on the grid; and of wires, as a text log."""
 
-from gateway.recordings.cells import Clock, second_of
+from gateway.recordings.cells import TimeFormat, second_of
 from gateway.recordings.columns import UNITS, Columns
 from gateway.recordings.files import FileTable, is_database, open_table
 from gateway.recordings.grid import Recording, read_recording
@@ -19,12 +19,12 @@ from gateway.recordings.wire_log import (
 __all__ = [
     "UNITS",
     "BusTap",
-    "Clock",
     "Columns",
     "FileProblems",
     "FileTable",
     "Recording",
     "RecordingError",
+    "TimeFormat",
     "WireEvent",
     "WireLog",
     "WireLogError",

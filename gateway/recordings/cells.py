@@ -29,7 +29,7 @@ _FRACTIONS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class TimeFormat:
     """How times are written."""
 
     form: str = ""
@@ -60,13 +60,13 @@ class Clock:
         return again if again > before else second
 
 
-_DEFAULT = Clock()
+_DEFAULT = TimeFormat()
 
 
 class Times:
     """The time column, chunk by chunk: UTC seconds, ascending."""
 
-    def __init__(self, problems: FileProblems, clock: Clock = _DEFAULT) -> None:
+    def __init__(self, problems: FileProblems, clock: TimeFormat = _DEFAULT) -> None:
         self._problems, self._clock = problems, clock
         self._before: tuple[float, object] | None = None
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gateway.config import suggestion
-from gateway.recordings.cells import Clock
+from gateway.recordings.cells import TimeFormat
 from gateway.recordings.problems import FileProblems
 from talc.names import ERROR_UNITS, MICROMETRE, MICROMETRE_PER_METRE, THERMAL_ERRORS, like_an_error
 
@@ -39,7 +39,7 @@ class Columns:
     """Columns that are inputs although they resemble an error."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Error to the unit of its column, one of UNITS; otherwise µm, or µm/m for EA0C, EB0C and EC0C."""
-    clock: Clock = field(default_factory=Clock)
+    clock: TimeFormat = field(default_factory=TimeFormat)
     """How the times are written."""
 
 

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.cli import main
-from gateway.recordings import Clock, Columns, RecordingError, read_recording
+from gateway.recordings import Columns, RecordingError, TimeFormat, read_recording
 
 START = datetime(2026, 3, 2, 6, tzinfo=UTC)
 
@@ -85,11 +85,11 @@ def test_times_are_read_as_they_are_written(tmp_path: Path, written: str) -> Non
     else:
         times = [t.strftime(written) for t in local]
     path = table(tmp_path, "time,t1,t2,EX0C", times=times)
-    found = read_recording(path, Columns(clock=Clock(written, zone)), 300.0)
+    found = read_recording(path, Columns(clock=TimeFormat(written, zone)), 300.0)
     assert found.start_utc_s == pytest.approx(START.timestamp(), abs=0.001)
     assert len(found.k) == 40
     with pytest.raises(RecordingError, match="is not a time; expected a time like %Y"):
-        read_recording(path, Columns(clock=Clock("%Y.%j")), 300.0)
+        read_recording(path, Columns(clock=TimeFormat("%Y.%j")), 300.0)
 
 
 def test_the_hour_that_a_night_has_twice_is_read_twice(tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_the_hour_that_a_night_has_twice_is_read_twice(tmp_path: Path) -> None:
     path = table(tmp_path, "time,t1,t2,EX0C", rows=60, times=times)
     with pytest.raises(RecordingError, match=r"not later than the time before it.*--time-zone, as in Europe/Zurich"):
         read_recording(path, Columns(), 300.0)
-    found = read_recording(path, Columns(clock=Clock(zone=zone)), 300.0)
+    found = read_recording(path, Columns(clock=TimeFormat(zone=zone)), 300.0)
     assert (np.diff(found.k) == 1).all()
     assert found.start_utc_s == begin.timestamp()
     answer = run(path, "--time-zone", "Europe/Zuerich")
