@@ -15,7 +15,7 @@ from gateway.rebuild import Interrupted
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 from gateway.snapshots import SnapshotKeeper
-from gateway.storage import Store, boot_id
+from gateway.storage import Retention, Store, boot_id
 from gateway.telemetry import TelemetryPublisher
 from gateway.versions import versions
 from talc.frame import Event, EventKind
@@ -49,13 +49,19 @@ async def serve(
                 boot,
                 clock,
                 commit_s=config.storage.commit_s,
-                keep_samples_days=config.storage.keep_samples_days,
+                retention=Retention(
+                    samples_days=config.storage.keep_samples_days,
+                    minutes_days=config.storage.keep_minutes_days,
+                    most_mb=config.storage.most_mb,
+                ),
             )
         )
         past = await _past(store, config, clock, stop)
         if past is None:
             return
         news = _news(past, config)
+        if store.migrated_from is not None:
+            news.insert(0, f"storage: the database was migrated; what it was is kept as {store.migrated_from.name}")
         prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
         sinks: list[Sink] = [store.record]

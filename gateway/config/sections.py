@@ -35,9 +35,15 @@ class Storage(Section):
     path: FilePath = Path(DEFAULT_DATABASE)
     """SQLite database; a relative path starts at the configuration's folder."""
     keep_samples_days: Positive = 7.0
-    """Readings, compensation steps and reasons older than this are deleted; 30 channels at 1 Hz take about 230 MB a
-    day. Frames and decisions (0.2 MB a day), measurements, models and events are kept."""
-    commit_s: Positive = 1.0
+    """Raw readings are thinned to minute statistics, and compensation steps and reasons deleted, after so many days of
+    running; 30 channels at 1 Hz take about 80 MB a day. Frames and decisions (0.2 MB a day), measurements, models and
+    events are kept."""
+    keep_minutes_days: Positive = 400.0
+    """The minute statistics are deleted after so many days of running; 30 channels take about 2 MB a day."""
+    most_mb: Positive = 4000.0
+    """When the database is larger than this, the oldest readings are thinned before their time, then the oldest minute
+    statistics deleted."""
+    commit_s: Positive = 5.0
     """Readings are committed at least this often (real time): a power cut loses no more."""
     compensate_unstored: bool = False
     """What the compensation does while nothing can be stored, such as on a full disk. False: it goes to its declared

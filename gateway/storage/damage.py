@@ -21,7 +21,7 @@ from gateway.storage import rows
 from gateway.storage.schema import ADDED, SCHEMA, SCHEMA_VERSION, UNREADABLE, connect
 from gateway.storage.snapshot import marks_of
 
-_NOT_COPIED = "sample"
+_NOT_COPIED = ("reading", "minute", "mark")
 """Raw readings stay in the file that is set aside: they are many, and nothing is learnt from them."""
 _LEARNT = ("frame", "decision", "measurement", "model")
 _ALSO_LEARNT = ("trust", "reasons")
@@ -235,7 +235,7 @@ def _columns() -> Mapping[str, Sequence[tuple[tuple[type, ...], bool]]]:
                 for _, _, kind, required, _, key in connection.execute(f"PRAGMA table_info({table})")
             ]
             for (table,) in tables
-            if table != _NOT_COPIED
+            if table not in _NOT_COPIED
         }
 
 

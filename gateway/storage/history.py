@@ -11,7 +11,8 @@ import numpy as np
 
 from gateway.storage import rows
 from gateway.storage.placing import placed_frames, placed_step
-from gateway.storage.schema import SCHEMA_VERSION, StoreError, unusable
+from gateway.storage.readings import EARLIER, counts
+from gateway.storage.schema import READABLE, SCHEMA_VERSION, StoreError, unusable
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import Event, EventKind, Frames
 from talc.learner import Reasons
@@ -35,9 +36,11 @@ class History:
         except sqlite3.DatabaseError as error:
             self._connection.close()
             raise unusable(path, error) from error
-        if version != SCHEMA_VERSION:
+        if version not in READABLE:
             self._connection.close()
-            raise StoreError(f"{path}: schema version {version}, expected {SCHEMA_VERSION}")
+            raise StoreError(
+                f"{path}: schema version {version}, expected {SCHEMA_VERSION}; `talc-gateway run` migrates older ones"
+            )
 
     def __enter__(self) -> Self:
         return self
@@ -189,7 +192,12 @@ class History:
     def channel_health(self) -> dict[str, dict[str, int]]:
         """Channel to the number of stored readings of each quality."""
         found: dict[str, dict[str, int]] = {}
-        counts = self._connection.execute("SELECT channel, quality, count(*) FROM sample GROUP BY channel, quality")
-        for channel, quality, count in counts:
-            found.setdefault(channel, {})[quality] = count
+        rows_of = counts(self._connection) if self._has("reading") else []
+        for table in ("sample", EARLIER):
+            if self._has(table) and (table == EARLIER or not self._has("reading")):
+                before = f"SELECT channel, quality, count(*) FROM {table} GROUP BY channel, quality"
+                rows_of += self._connection.execute(before).fetchall()
+        for channel, quality, count in rows_of:
+            of_channel = found.setdefault(channel, {})
+            of_channel[quality] = of_channel.get(quality, 0) + count
         return found

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from gateway.acquisition import Sample
 from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
@@ -42,15 +41,6 @@ STEP_COLUMNS = (
 MEASUREMENT_COLUMNS = "number, why, ended, centres, in_force, errors, reason"
 EVENT_COLUMNS = "time, k, kind, text, error, value, bound"
 COMPENSATION_COLUMNS = "time, mode, source, offsets, written"
-
-
-def of_readings(boot: int, readings: Sequence[Sample]) -> list[Row]:
-    """Rows of `sample`."""
-    return [
-        (boot, r.sequence, r.channel, r.source_time.timestamp(), None if r.value != r.value else r.value,
-         r.unit, r.quality.value, r.detail)
-        for r in readings
-    ]  # fmt: skip
 
 
 def of_frame(boot: str, frame: Frame) -> Row:

@@ -6,16 +6,15 @@ import sqlite3
 from contextlib import closing, suppress
 from pathlib import Path
 
-SCHEMA_VERSION = 3
+from gateway.storage.migration import STEPS, migrate
+from gateway.storage.readings import TABLES
+
+SCHEMA_VERSION = 4
 _PAGE = 4096
-SCHEMA = """
+SCHEMA = f"""
 CREATE TABLE boot (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, began TEXT NOT NULL,
     config TEXT NOT NULL, fingerprint TEXT NOT NULL,
     versions TEXT NOT NULL);
-CREATE TABLE sample (boot INTEGER NOT NULL, sequence INTEGER NOT NULL, channel TEXT NOT NULL, time REAL NOT NULL,
-    value REAL, unit TEXT NOT NULL, quality TEXT NOT NULL, detail TEXT NOT NULL,
-    PRIMARY KEY (boot, sequence, channel)) WITHOUT ROWID;
-CREATE INDEX sample_time ON sample (time);
 CREATE TABLE frame (k INTEGER PRIMARY KEY, boot TEXT NOT NULL, inputs BLOB NOT NULL, valid BLOB NOT NULL,
     errors BLOB, sigma BLOB);
 CREATE TABLE decision (k INTEGER PRIMARY KEY, phase TEXT NOT NULL, predicted BLOB NOT NULL, corrected BLOB NOT NULL,
@@ -29,8 +28,12 @@ CREATE TABLE event (id INTEGER PRIMARY KEY, time TEXT NOT NULL, k INTEGER, kind 
 CREATE TABLE compensation (id INTEGER PRIMARY KEY, time TEXT NOT NULL, mode TEXT NOT NULL, source TEXT NOT NULL,
     k INTEGER, target BLOB NOT NULL, offsets BLOB NOT NULL, positions TEXT NOT NULL, written INTEGER NOT NULL,
     read_back BLOB, coefficients BLOB NOT NULL);
-CREATE INDEX compensation_time ON compensation (time);
+{TABLES}
 """
+READABLE = (3, SCHEMA_VERSION)
+"""Versions that can be read without migrating them."""
+_CHECKPOINT_PAGES = 2000
+"""Of the log (8 MB): pages that are written again and again reach the database's file once in that time."""
 
 ADDED = """
 CREATE TABLE IF NOT EXISTS running (id INTEGER PRIMARY KEY, boot INTEGER NOT NULL, began TEXT NOT NULL,
@@ -49,6 +52,10 @@ CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 
 UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 """What reading a damaged file raises: SQLite's own messages may contain what is in it."""
+
+
+_NO_TEXT = "Could not decode to UTF-8"
+"""Python's own message for a text that is none; it has no error code."""
 
 
 class StoreError(Exception):
@@ -101,6 +108,7 @@ def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
     try:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
+        connection.execute(f"PRAGMA wal_autocheckpoint = {_CHECKPOINT_PAGES}")
     except UNREADABLE:  # not a database, or locked: the caller says which
         connection.close()
         raise
@@ -109,7 +117,7 @@ def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
 
 def is_damage(error: BaseException) -> bool:
     """Whether this was raised because of what the file holds."""
-    if isinstance(error, UnicodeDecodeError | DamagedError):
+    if isinstance(error, UnicodeDecodeError | DamagedError) or str(error).startswith(_NO_TEXT):
         return True
     code = getattr(error, "sqlite_errorcode", None)
     return code is not None and code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
@@ -131,8 +139,12 @@ def looks_like_a_database(path: Path) -> bool:
     return size > 0 and size % _PAGE == 0
 
 
-def make_schema(path: Path) -> None:
-    """Make the tables in a new file; check them in an existing one. Raises StoreError."""
+def make_schema(path: Path) -> Path | None:
+    """Make the tables in a new file; bring those of an earlier version to this one.
+
+    Returns the backup of what was migrated. Raises StoreError.
+    """
+    backup = None
     try:
         with closing(connect(path)) as connection:
             version = connection.execute("PRAGMA user_version").fetchone()[0]
@@ -140,6 +152,9 @@ def make_schema(path: Path) -> None:
             if version == 0 and not foreign:
                 # One transaction: a power cut leaves either no table or all of them.
                 connection.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
+            if version in STEPS:
+                backup = migrate(path, connection, version)
+                version = SCHEMA_VERSION
             if version in (0, SCHEMA_VERSION) and not foreign:
                 connection.executescript(ADDED)
     except UNREADABLE as error:
@@ -149,5 +164,8 @@ def make_schema(path: Path) -> None:
     if foreign:
         raise StoreError(f"{path}: is the database of another program; give [storage] another path")
     if version not in (0, SCHEMA_VERSION):
-        remedy = "use a newer program" if version > SCHEMA_VERSION else "move it away to start a new one"
-        raise StoreError(f"{path}: schema version {version}, this program knows {SCHEMA_VERSION}; {remedy}")
+        raise StoreError(
+            f"{path}: schema version {version}, this program knows {SCHEMA_VERSION}; use a newer program, or move the "
+            "file away to start a new one"
+        )
+    return backup

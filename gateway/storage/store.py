@@ -7,7 +7,6 @@ committed in groups, after at most `commit_s`.
 
 import sqlite3
 from contextlib import AbstractContextManager, closing
-from datetime import timedelta
 from pathlib import Path
 from typing import Self, assert_never
 
@@ -31,13 +30,14 @@ from gateway.events import (
 )
 from gateway.storage import rows
 from gateway.storage.damage import Known, mend, unreadable_rows
+from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
 from gateway.storage.schema import UNREADABLE, DamagedError, FileLock, StoreError, connect, is_damage, make_schema
 from gateway.storage.snapshot import Snapshot
 from gateway.storage.waiting import Kind
 from gateway.storage.writer import DatabaseWriter
 
-_SECONDS_PER_DAY = 86400.0
-_MOST_BOOTS = 2**31
+_RETENTION = Retention()
+_CHANNEL = "INSERT OR IGNORE INTO channel VALUES (?, ?, ?)"
 _NUMBER_WITHIN_S = 5.0
 """How long the event loop waits for the number of a probing request to be on the disk; half of the usual watchdog."""
 
@@ -51,7 +51,7 @@ class Store:
     boot: identifies this run of the process; with a reading's sequence number it identifies duplicates
     clock: for the time of events
     commit_s: readings are committed at least this often, in real seconds
-    keep_samples_days: older readings, compensation steps and reasons are deleted
+    retention: how long readings, compensation steps and reasons stay
     retry_s: interval between attempts after a failure, in real seconds
 
     Raises StoreError: not a database of this gateway, of a newer version, locked by another gateway, or not writable.
@@ -63,17 +63,20 @@ class Store:
         boot: str,
         clock: Clock,
         *,
-        commit_s: float = 1.0,
-        keep_samples_days: float = 7.0,
+        commit_s: float = 5.0,
+        retention: Retention = _RETENTION,
         retry_s: float = 5.0,
     ) -> None:
-        self._boot, self._clock, self._keep_s = boot, clock, keep_samples_days * _SECONDS_PER_DAY
+        self._boot, self._clock = boot, clock
+        self._pruning = Pruning(retention, clock.monotonic())
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
         self._lock = FileLock(path)
         self._path, self._known, mended = path, Known(), ""
+        self.migrated_from: Path | None = None
+        """Backup of the database of an earlier schema version, which was migrated now."""
         try:
             try:
                 self._open()
@@ -85,10 +88,10 @@ class Store:
         except BaseException:
             self._lock.release()
             raise
-        self._writer = DatabaseWriter(path, commit_s, self._prune, self._mend, retry_s, mended)
+        self._writer = DatabaseWriter(path, commit_s, self._prune, self._mark, self._mend_and_number, retry_s, mended)
 
     def _open(self) -> None:
-        make_schema(self._path)
+        self.migrated_from = make_schema(self._path) or self.migrated_from
         with closing(connect(self._path)) as connection:
             self._number = _next_boot(connection)
             self._earlier_boot = _latest_boot(connection)
@@ -96,6 +99,7 @@ class Store:
             reference = connection.execute(
                 "SELECT * FROM measurement WHERE errors IS NOT NULL AND centres IS NOT NULL ORDER BY id LIMIT 1"
             ).fetchone()
+            self._channels = Channels(connection.execute("SELECT id, name, unit FROM channel").fetchall())
         self._known.reference = None if reference is None else reference[1:]
 
     def same_file(self) -> AbstractContextManager[int]:
@@ -158,9 +162,11 @@ class Store:
                 ran = (self._number, self._clock.utc().isoformat(), config.canonical(), config.fingerprint())
                 put("INSERT INTO running VALUES (NULL, ?, ?, ?, ?)", [ran], commit=True)
             case ReadingsTaken(readings):
+                if new := self._channels.new(readings):
+                    put(_CHANNEL, new)
                 put(
-                    "INSERT OR IGNORE INTO sample VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-                    rows.of_readings(self._number, readings),
+                    "INSERT OR IGNORE INTO reading VALUES (?, ?, ?, ?, ?)",
+                    self._channels.readings(self._number, readings),
                     kind=Kind.READINGS,
                 )
             case FrameMade(frame):
@@ -211,21 +217,26 @@ class Store:
     def _mend(self, why: str) -> str:
         return mend(self._path, why, self._clock.utc(), self._known)
 
+    def _mend_and_number(self, why: str) -> str:
+        """While it runs: the channels keep their numbers."""
+        mended = self._mend(why)
+        self._writer.put(_CHANNEL, self._channels.rows())
+        return mended
+
+    def _mark(self, connection: sqlite3.Connection) -> None:
+        self._pruning.mark(connection, self._clock.monotonic())
+
     def _prune(self, connection: sqlite3.Connection) -> None:
-        oldest = self._clock.utc() - timedelta(seconds=self._keep_s)
-        connection.execute("DELETE FROM sample WHERE time < ?", (oldest.timestamp(),))
-        connection.execute("DELETE FROM reasons WHERE time < ?", (oldest.timestamp(),))
-        connection.execute("DELETE FROM compensation WHERE time < ?", (oldest.isoformat(),))
+        self._pruning.prune(connection, self._clock.monotonic())
 
 
 def _next_boot(connection: sqlite3.Connection) -> int:
     """Number of this run in this file: readings contain it instead of the long boot id."""
-    row = connection.execute(
-        "SELECT max(coalesce((SELECT max(number) FROM boot), 0), coalesce((SELECT max(boot) FROM sample), 0))"
-    ).fetchone()
-    if not (isinstance(row[0], int) and row[0] < _MOST_BOOTS):
+    (last,) = connection.execute("SELECT coalesce(max(number), 0) FROM boot").fetchone()
+    with_readings = last_boot(connection)
+    if not (isinstance(last, int) and isinstance(with_readings, int) and max(last, with_readings) < MOST_BOOTS):
         raise DamagedError("the number of a run is not one")
-    return row[0] + 1
+    return max(last, with_readings) + 1
 
 
 def _latest_boot(connection: sqlite3.Connection) -> str | None:

@@ -39,6 +39,7 @@ class DatabaseWriter:
     path: the database; its tables exist
     commit_s: commits at least this often, in real seconds
     prune: deletes what is too old; called in the thread, when it opens the file and each ten minutes
+    end: called in the thread before the last commit
     mend: sets a damaged file aside for a reason, begins another, and says so; called in the thread, which then has no
         connection
     retry_s: how long another program's lock is waited for, and how long between two attempts, real seconds
@@ -50,11 +51,12 @@ class DatabaseWriter:
         path: Path,
         commit_s: float,
         prune: Callable[[sqlite3.Connection], None],
+        end: Callable[[sqlite3.Connection], None],
         mend: Callable[[str], str],
         retry_s: float = 5.0,
         mended: str = "",
     ) -> None:
-        self._path, self._commit_s, self._prune, self._retry_s = path, commit_s, prune, retry_s
+        self._path, self._commit_s, self._prune, self._end, self._retry_s = path, commit_s, prune, end, retry_s
         self._mend, self._mended, self._to_mend = mend, mended, ""
         self._mending, self._times_mended = threading.Lock(), 0
         self._changed = threading.Condition()
@@ -207,11 +209,14 @@ class DatabaseWriter:
         self._prune(connection)
         self._commit(connection)
         committed = pruned = time.monotonic()
+        wanted = False
         while True:
             item = self._next()
             if item is None:
                 self._commit(connection)
                 if self._closing and not len(self._waiting):
+                    self._end(connection)
+                    self._commit(connection)
                     return
             elif item.statement:
                 self._execute(connection, item)
@@ -219,9 +224,10 @@ class DatabaseWriter:
             if now - pruned >= _PRUNE_EVERY_S:
                 self._prune(connection)
                 pruned = now
-            if (item is not None and item.commit and not len(self._waiting)) or now - committed >= self._commit_s:
+            wanted = wanted or (item is not None and item.commit)
+            if (wanted and not len(self._waiting)) or now - committed >= self._commit_s:
                 self._commit(connection)
-                committed = now
+                committed, wanted = now, False
             if now - self._looked_s >= _LOOK_EVERY_S:
                 self._look()
 

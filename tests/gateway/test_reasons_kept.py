@@ -14,7 +14,7 @@ from gateway.cli import main
 from gateway.config import GatewayConfig, parse
 from gateway.events import DecisionMade, FrameMade, ReasonsGiven
 from gateway.replay import replay
-from gateway.storage import History, Store
+from gateway.storage import History, Retention, Store
 from talc.control import Controller
 from talc.frame import Frame, Measurement
 from talc.learner import Reasons
@@ -90,11 +90,14 @@ def test_a_database_of_an_earlier_program_has_neither_and_is_replayed(config: Ga
 
 
 def test_old_reasons_are_deleted_with_the_readings(config: GatewayConfig, given: Reasons) -> None:
-    clock = SteppedClock()
-    clock.spend(8 * 86400.0)
-    with Store(config.storage.path, "later", clock, keep_samples_days=7.0) as store:
-        store.record(ReasonsGiven(replace(given, k=STEPS)))
-        store.flush()
+    for boot in ("later", "latest"):
+        clock = SteppedClock()
+        with Store(config.storage.path, boot, clock, retention=Retention(samples_days=7.0)) as store:
+            store.record(ReasonsGiven(replace(given, k=STEPS)))
+            store.flush()
+            clock.spend(8 * 86400.0)
+    with Store(config.storage.path, "last", clock):
+        pass
     with closing(sqlite3.connect(config.storage.path)) as connection:
         kept = connection.execute("SELECT k FROM reasons").fetchall()
     assert kept == [(STEPS,)]

@@ -41,13 +41,12 @@ ROOT = Path(__file__).parents[3]
 AWKWARD = np.array([math.nan, -0.0, 0.1 + 0.2, 5e-324, 1.7976931348623157e308, -math.pi, math.inf, 1 / 3, 20.1])
 
 
-def store_at(path: Path, **options: float) -> Store:
-    return Store(path, "boot1", SteppedClock(), **options)
+def store_at(path: Path) -> Store:
+    return Store(path, "boot1", SteppedClock())
 
 
-def reading(channel: str = "a", sequence: int = 1, value: float = 20.0, age_days: float = 0.0) -> Sample:
-    time_ = EPOCH - timedelta(days=age_days)
-    return Sample(channel, value, "degC", Quality.GOOD, time_, 0.0, sequence=sequence)
+def reading(channel: str = "a", sequence: int = 1, value: float = 20.0) -> Sample:
+    return Sample(channel, value, "degC", Quality.GOOD, EPOCH, 0.0, sequence=sequence)
 
 
 def decision(k: int, events: tuple[Event, ...] = ()) -> Decision:
@@ -157,25 +156,6 @@ def test_a_reading_handed_in_twice_is_kept_once(tmp_path: Path) -> None:
     assert rows(path, "SELECT number, id FROM boot") == [(2, "boot2")]
     with History(path) as history:
         assert history.channel_health() == {"a": {"good": 3}, "b": {"good": 1}}
-
-
-def test_old_readings_and_writes_go_and_what_was_learnt_stays(tmp_path: Path) -> None:
-    path = tmp_path / "g.sqlite"
-    still = Step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), Source.NO_MODEL, (False, False, False))
-    with store_at(path) as store:
-        store.record(ReadingsTaken([reading(sequence=1, age_days=11), reading(sequence=2, age_days=9)]))
-        for days in (11, 9):
-            store.record(
-                CompensationStepped(Write(EPOCH - timedelta(days=days), "monitor", still, None, {}, False, None))
-            )
-        store.record(FrameMade(Frame(1, AWKWARD, AWKWARD > 0)))
-        store.record(DecisionMade(decision(1)))
-    with store_at(path, keep_samples_days=10.0):
-        pass
-    assert rows(path, "SELECT sequence FROM sample") == [(2,)]
-    assert rows(path, "SELECT count(*) FROM compensation") == [(1,)]
-    with History(path) as history:
-        assert len(list(history.steps())) == 1
 
 
 def test_a_second_gateway_is_refused_and_the_lock_goes_with_the_first(tmp_path: Path) -> None:

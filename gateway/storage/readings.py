@@ -1,0 +1,184 @@
+"""Raw readings as thin rows, and how long they stay: thinned to minute statistics after so much time of running.
+
+A reading's id is made of the run's number, the read's number and the channel's id, so that rows are appended, one
+handed in twice is kept once, and no index is needed. The view `sample` shows them in words.
+
+No age depends on a wall clock, which may jump. A mark is set at each pruning: for how long the gateway has run in this
+file, by its monotonic clock, and what the newest rows were. What is older than a mark of that age goes.
+"""
+
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.base import Quality
+from gateway.acquisition import Sample
+
+_CHANNEL_BITS, _SEQUENCE_BITS = 11, 32
+MOST_BOOTS = 2**20 - 1
+_BOOT = f"(id >> {_CHANNEL_BITS + _SEQUENCE_BITS})"
+_SEQUENCE = f"((id >> {_CHANNEL_BITS}) & {2**_SEQUENCE_BITS - 1})"
+_CHANNEL = f"(id & {2**_CHANNEL_BITS - 1})"
+_QUALITIES = tuple(Quality)
+"""By number; new ones go to the end."""
+_WORDS = " ".join(f"WHEN {number} THEN '{quality.value}'" for number, quality in enumerate(_QUALITIES))
+
+TABLES = f"""
+CREATE TABLE channel (id INTEGER PRIMARY KEY, name TEXT NOT NULL, unit TEXT NOT NULL);
+CREATE TABLE reading (id INTEGER PRIMARY KEY, time REAL NOT NULL, value REAL, quality INTEGER NOT NULL, detail TEXT);
+CREATE TABLE minute (id INTEGER PRIMARY KEY, channel INTEGER NOT NULL, time INTEGER NOT NULL, count INTEGER NOT NULL,
+    mean REAL NOT NULL, low REAL NOT NULL, high REAL NOT NULL);
+CREATE TABLE mark (id INTEGER PRIMARY KEY, ran_s REAL NOT NULL, reading INTEGER NOT NULL, step INTEGER NOT NULL,
+    reasons INTEGER NOT NULL, minute INTEGER NOT NULL);
+CREATE VIEW sample AS SELECT {_BOOT} AS boot, {_SEQUENCE} AS sequence, c.name AS channel, r.time AS time,
+    r.value AS value, c.unit AS unit, CASE r.quality {_WORDS} END AS quality, coalesce(r.detail, '') AS detail
+    FROM (SELECT *, {_CHANNEL} AS channel FROM reading) r JOIN channel c ON c.id = r.channel;
+""".replace("(id >> ", "(r.id >> ").replace("(id & ", "(id & ")
+EARLIER = "sample_before"
+"""Readings of an earlier schema, as they were; dropped when they are old enough."""
+
+_SECONDS_PER_DAY = 86400.0
+_LEAST_S = 60.0
+"""Between two marks."""
+_DAMPED = 0.9
+"""Of the largest size, what is left after making room."""
+
+
+class Channels:
+    """The numbers of channels in a database."""
+
+    def __init__(self, known: Sequence[tuple[int, str, str]]) -> None:
+        self._ids = {(name, unit): number for number, name, unit in known}
+
+    def rows(self) -> list[tuple[int, str, str]]:
+        """Rows of `channel`."""
+        return [(number, name, unit) for (name, unit), number in self._ids.items()]
+
+    def new(self, readings: Sequence[Sample]) -> list[tuple[int, str, str]]:
+        """Rows of `channel` to add before these readings."""
+        added = []
+        for r in readings:
+            if (r.channel, r.unit) not in self._ids:
+                number = self._ids[(r.channel, r.unit)] = max(self._ids.values(), default=0) + 1
+                added.append((number, r.channel, r.unit))
+        return added
+
+    def readings(self, boot: int, readings: Sequence[Sample]) -> list[tuple[object, ...]]:
+        """Rows of `reading`."""
+        return [
+            (
+                (boot << _SEQUENCE_BITS | r.sequence) << _CHANNEL_BITS | self._ids[(r.channel, r.unit)],
+                r.source_time.timestamp(),
+                None if r.value != r.value else r.value,
+                _QUALITIES.index(r.quality),
+                r.detail or None,
+            )
+            for r in readings
+        ]
+
+
+def last_boot(connection: sqlite3.Connection) -> object:
+    """The highest number of a run that left a reading; 0: none did."""
+    (last,) = connection.execute(
+        f"SELECT coalesce((SELECT {_BOOT} FROM reading ORDER BY id DESC LIMIT 1), 0)"
+    ).fetchone()
+    return last
+
+
+def counts(connection: sqlite3.Connection) -> list[tuple[str, str, int]]:
+    """Channel, quality and number of readings."""
+    found = connection.execute(
+        f"SELECT c.name, CASE r.quality {_WORDS} END, sum(r.many) FROM (SELECT {_CHANNEL} AS channel, quality,"
+        " count(*) AS many FROM reading GROUP BY 1, 2) r JOIN channel c ON c.id = r.channel GROUP BY 1, 2"
+    )
+    return found.fetchall()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Retention:
+    """How long rows stay, in days of running, and how large the database may become."""
+
+    samples_days: float = 7.0
+    minutes_days: float = 400.0
+    most_mb: float = 4000.0
+
+
+class Pruning:
+    """Deletes what is old enough; at each call the monotonic clock says how long the gateway has run since the last."""
+
+    def __init__(self, retention: Retention, monotonic_s: float) -> None:
+        self._keep, self._marked_s = retention, monotonic_s
+
+    def mark(self, connection: sqlite3.Connection, monotonic_s: float) -> float:
+        """Set a mark, if the latest one is not of this minute. Returns for how long the gateway has run."""
+        latest = connection.execute("SELECT ran_s FROM mark ORDER BY id DESC LIMIT 1").fetchone()
+        passed_s = max(0.0, monotonic_s - self._marked_s)
+        ran_s = passed_s + (0.0 if latest is None else latest[0])
+        if latest is None or passed_s >= _LEAST_S:
+            self._marked_s = monotonic_s
+            connection.execute(
+                "INSERT INTO mark SELECT NULL, ?, coalesce((SELECT max(id) FROM reading), 0),"
+                " coalesce((SELECT max(id) FROM compensation), 0), coalesce((SELECT max(k) FROM reasons), -1),"
+                " coalesce((SELECT max(id) FROM minute), 0)",
+                (ran_s,),
+            )
+        return ran_s
+
+    def prune(self, connection: sqlite3.Connection, monotonic_s: float) -> None:
+        """Set a mark, thin raw readings that are old enough, and delete what else is."""
+        ran_s = self.mark(connection, monotonic_s)
+        old = self._before(connection, ran_s - self._keep.samples_days * _SECONDS_PER_DAY)
+        if old is not None:
+            _thin(connection, old)
+            connection.execute(f"DROP TABLE IF EXISTS {EARLIER}")
+        ancient = self._before(connection, ran_s - self._keep.minutes_days * _SECONDS_PER_DAY)
+        if ancient is not None:
+            (minute,) = connection.execute("SELECT minute FROM mark WHERE id = ?", (ancient,)).fetchone()
+            connection.execute("DELETE FROM minute WHERE id <= ? AND id < (SELECT max(id) FROM minute)", (minute,))
+            connection.execute("DELETE FROM mark WHERE id < ?", (ancient,))
+        self._make_room(connection)
+
+    def _before(self, connection: sqlite3.Connection, before_s: float) -> int | None:
+        found = connection.execute("SELECT max(id) FROM mark WHERE ran_s <= ?", (before_s,)).fetchone()[0]
+        return None if found is None else int(found)
+
+    def _make_room(self, connection: sqlite3.Connection) -> None:
+        """Thin readings before their time, the oldest first, then delete minutes; nothing else ever."""
+        if _used_mb(connection) <= self._keep.most_mb:
+            return
+        connection.execute(f"DROP TABLE IF EXISTS {EARLIER}")
+        marks = connection.execute(
+            "SELECT id FROM mark WHERE reading >= (SELECT min(id) FROM reading) ORDER BY id"
+        ).fetchall()
+        for (mark,) in marks:
+            if _used_mb(connection) <= _DAMPED * self._keep.most_mb:
+                return
+            _thin(connection, mark)
+        if _used_mb(connection) > self._keep.most_mb:
+            connection.execute("DELETE FROM minute WHERE id < (SELECT min(id) + (max(id) - min(id)) / 10 FROM minute)")
+
+
+def _thin(connection: sqlite3.Connection, mark: int) -> None:
+    """Raw readings up to a mark become minute statistics; steps of the compensation and reasons up to it go.
+
+    The newest row of each stays, so that no number is given twice.
+    """
+    reading, step, reasons = connection.execute(
+        "SELECT reading, step, reasons FROM mark WHERE id = ?", (mark,)
+    ).fetchone()
+    connection.execute(
+        f"INSERT INTO minute SELECT NULL, {_CHANNEL}, CAST(time / 60 AS INTEGER) * 60, count(*), avg(value),"
+        " min(value), max(value) FROM reading WHERE id <= ? AND id < (SELECT max(id) FROM reading)"
+        " AND value IS NOT NULL AND quality IN (?, ?) GROUP BY 2, 3 ORDER BY 3, 2",
+        (reading, _QUALITIES.index(Quality.GOOD), _QUALITIES.index(Quality.SIMULATED)),
+    )
+    connection.execute("DELETE FROM reading WHERE id <= ? AND id < (SELECT max(id) FROM reading)", (reading,))
+    connection.execute("DELETE FROM compensation WHERE id <= ? AND id < (SELECT max(id) FROM compensation)", (step,))
+    connection.execute("DELETE FROM reasons WHERE k <= ? AND k < (SELECT max(k) FROM reasons)", (reasons,))
+
+
+def _used_mb(connection: sqlite3.Connection) -> float:
+    (pages,), (free,), (size,) = (
+        connection.execute(f"PRAGMA {name}").fetchone() for name in ("page_count", "freelist_count", "page_size")
+    )
+    return float((pages - free) * size / 1e6)
