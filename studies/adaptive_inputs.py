@@ -67,6 +67,11 @@ def runs(seed: int, small: bool) -> list[RunParameters]:
     return ways
 
 
+def learns(parameters: RunParameters) -> bool:
+    """Whether a run is the learner's."""
+    return bool(parameters["selector"] == LEARNER)
+
+
 def plainly_measured(here: Days) -> BoolArray:
     """(T,) every step of the first day, then every 2 h and at the start of a stretch; nothing that is found adds
     more."""
@@ -103,7 +108,7 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
     training, settings = SELECTORS.get(parameters["selector"], SELECTORS["search"])
     kept = parameters["inputs"] == "static"
     own = replace(training, seed=parameters["repetition"], static_inputs=kept)
-    if parameters["selector"] == LEARNER:
+    if learns(parameters):
         course = control(here, TalcSettings(method="learner"), measured=plainly_measured(here))
     else:
         course = control(here, TalcSettings(method="models", control=settings, training=own))
@@ -156,4 +161,5 @@ STUDY = Study(
     run,
     report,
     goal_min=60.0,
+    learns=learns,
 )

@@ -20,12 +20,14 @@ from typing import Any
 import simulators
 import talc
 from studies.page import Origin, Report, write
-from talc import _kernel
 
 RunParameters = Mapping[str, Any]
 """JSON-able; contains everything that a run depends on, including its seed."""
 _PHYSICS = ("plant", "cases", "three_body")
 """Packages of the simulators that studies use."""
+_CODE = {".py", ".json", ".toml", ".cpp", ".hpp"}
+_LEARNER = ("learner", "kernel/learner.hpp")
+"""Of talc: what only the learner uses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,32 +57,33 @@ class Study:
     """Runs that depend on the results of the first ones, such as other seeds for what was chosen among them."""
     goal_min: float | None = None
     """How long all of it may take on two cores."""
+    learns: Callable[[RunParameters], bool] | None = None
+    """Whether a run uses the learner; None: all may. The others are not done again when only the learner changed."""
 
 
 @cache
-def code_fingerprint(module: str) -> str:
+def code_fingerprint(module: str, learner: bool = True) -> str:
     """SHA-256, hexadecimal, over the code that determines a study's results; not over how they are shown.
 
-    That is talc with its compiled kernel, the simulated physics, the module itself and the control's loop.
+    That is talc with its kernel, the simulated physics, the module itself and the control's loop; without `learner`
+    all of this except what only the learner uses.
     """
     digest = hashlib.sha256()
-    physics = Path(str(simulators.__file__)).parent
-    roots = [Path(str(talc.__file__)).parent, *(physics / name for name in _PHYSICS)]
-    sources = [
-        Path(str(_kernel.__file__)),
-        Path(__file__).with_name("loop.py"),
-        Path(str(sys.modules[module].__file__)),
-    ]
+    science, physics = Path(str(talc.__file__)).parent, Path(str(simulators.__file__)).parent
+    roots = [science, *(physics / name for name in _PHYSICS)]
+    sources = [Path(__file__).with_name("loop.py"), Path(str(sys.modules[module].__file__))]
     for root in roots:
-        sources += sorted(p for p in root.rglob("*") if p.suffix in {".py", ".json", ".toml"})
+        sources += sorted(p for p in root.rglob("*") if p.suffix in _CODE)
     for source in sources:
-        digest.update(source.read_bytes())
+        if learner or not any(source.is_relative_to(science / part) for part in _LEARNER):
+            digest.update(source.read_bytes())
     return digest.hexdigest()
 
 
 def key(study: Study, parameters: RunParameters) -> str:
     """Name of a run's file: another study, parameter or version of the code is another run."""
-    code = code_fingerprint(study.run.__module__)
+    learner = study.learns is None or study.learns(parameters)
+    code = code_fingerprint(study.run.__module__, learner)
     canonical = json.dumps([study.name, code, parameters], sort_keys=True, allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:20]
 

@@ -75,6 +75,11 @@ def runs(seed: int, small: bool) -> list[RunParameters]:
     return [*grid, *({"seed": seed, "case": case, "peer": peer, "small": small} for case in cases for peer in peers)]
 
 
+def learns(parameters: RunParameters) -> bool:
+    """Whether a run is the learner's, or of chosen sets, among which are the learner's."""
+    return "sets" in parameters or parameters.get("peer") == "learner"
+
+
 def then(first: list[Run]) -> list[RunParameters]:
     """The sets chosen on one seed and machine: there beside closer peers, on other seeds, on other machines."""
     seed, small = first[0].parameters["seed"], first[0].parameters["small"]
@@ -363,4 +368,5 @@ STUDY = Study(
     report,
     then,
     goal_min=15.0,
+    learns=learns,
 )

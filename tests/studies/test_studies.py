@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +19,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from studies import STUDIES, Run, carry_out
+import talc
+from studies import STUDIES, Run, carry_out, key
 from studies.__main__ import main
 from studies.arx_vs_static import REST, STEPS, judge, recordings
 from studies.arx_vs_static_report import MODELS
@@ -158,6 +160,27 @@ def test_runs_that_rest_on_the_first_ones_follow_them_and_are_kept_too(tmp_path:
     assert list(carry_out(study, tmp_path, 1, True, 1)) == [(0, 1), (1, 1), (1, 2), (2, 2)]
     assert list(carry_out(study, tmp_path, 1, True, 1)) == [(1, 1), (2, 2)]
     assert {row["pair"] for row in figures(tmp_path)} == {"0", "7"}
+
+
+def test_another_learner_leaves_the_runs_of_models_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study, science = STUDIES["adaptive-inputs"], tmp_path / "talc"
+    shutil.copytree(Path(talc.__file__).parent, science, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+    monkeypatch.setattr(talc, "__file__", str(science / "__init__.py"))
+    ways = {way["selector"]: way for way in study.runs(1, True)}
+
+    def keys() -> dict[str, str]:
+        code_fingerprint.cache_clear()
+        return {name: key(study, way) for name, way in ways.items()}
+
+    before = keys()
+    for source in ("learner/experts.py", "kernel/learner.hpp", "settings.py"):
+        with (science / source).open("a", encoding="utf-8") as file:
+            file.write("\n")
+        after = keys()
+        assert after["learner"] != before["learner"]
+        assert (after["pso"] != before["pso"]) == (source == "settings.py")
+        before = after
+    code_fingerprint.cache_clear()
 
 
 def test_unknown_study_is_named_and_the_list_is_shown() -> None:
