@@ -91,7 +91,7 @@ class ReportData:
 
     @property
     def judged_from(self) -> int | None:
-        """Row of the first decision with models: the end of calibration; None if it never ended."""
+        """Row of the first decision after `calibration`, when corrections began; None if they never did."""
         rows = [i for i, phase in enumerate(self.phases) if phase is not Phase.CALIBRATION]
         return rows[0] if rows else None
 

@@ -16,7 +16,7 @@ CYCLE_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class SummaryRow:
-    """One error or direction, after the end of calibration."""
+    """One error or direction, since corrections began."""
 
     name: str
     unit: str
@@ -45,11 +45,12 @@ class Summary:
     tool: tuple[SummaryRow, ...]
     """Tool to workpiece through the control, X Y Z; only where the truth is known."""
     hours: float
-    calibration_hours: float
+    begin_hours: float
+    """When corrections began: with the learner's first measurement, or with the first models."""
     productivity: float
-    """Pd after calibration, %."""
+    """Pd since then, %."""
     measurements: int
-    """After calibration."""
+    """Since then."""
     state_updates: int
     model_updates: int
     rejected_cycles: int
@@ -58,13 +59,13 @@ class Summary:
 
 
 def summary(data: ReportData) -> Summary:
-    """The figures over all times after calibration. A run with an unfinished calibration has no rows."""
+    """The figures over all times since corrections began. A run in which they never did has no rows."""
     first = data.judged_from
     time_s = data.time_s
     total_s = float(time_s[-1]) + data.step_s
     if first is None:
         return Summary(
-            "calibration has not ended", (), (), total_s / 3600, total_s / 3600, 0.0, 0, 0, 0, data.rejected_cycles
+            "no correction has begun", (), (), total_s / 3600, total_s / 3600, 0.0, 0, 0, 0, data.rejected_cycles
         )
     begin_s = float(time_s[first])
     if data.truth is not None:
@@ -82,7 +83,7 @@ def summary(data: ReportData) -> Summary:
         rows=rows,
         tool=_tool(data, begin_s),
         hours=total_s / 3600,
-        calibration_hours=begin_s / 3600,
+        begin_hours=begin_s / 3600,
         productivity=productivity(after, CYCLE_S, total_s - begin_s),
         measurements=after,
         state_updates=data.count(EventKind.STATE_UPDATE),
@@ -95,7 +96,7 @@ def summary(data: ReportData) -> Summary:
 
 
 def _recorded(data: ReportData, errors: FloatArray, estimate: FloatArray) -> tuple[SummaryRow, ...]:
-    """Of the errors that were recorded after calibration."""
+    """Of the errors that were recorded since corrections began."""
     return tuple(row for row in _rows(data.labels, errors, errors - estimate) if np.isfinite(row.e_pv))
 
 
@@ -131,7 +132,7 @@ def _tool(data: ReportData, begin_s: float) -> tuple[SummaryRow, ...]:
 def table(s: Summary) -> Table:
     """For a terminal."""
     caption = (
-        f"Basis: {s.basis}; after {s.calibration_hours:.1f} h of calibration, {s.hours:.1f} h in all.\n"
+        f"Basis: {s.basis}; from {s.begin_hours:.1f} h on, when corrections began; {s.hours:.1f} h in all.\n"
         f"Productivity Pd {s.productivity:.1f} % ({s.measurements} measurements of {CYCLE_S:.0f} s), "
         f"{s.model_updates} model updates, {s.state_updates} state updates, {s.rejected_cycles} cycles rejected."
     )

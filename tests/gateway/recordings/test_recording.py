@@ -274,7 +274,7 @@ def test_settings_come_from_a_configuration_and_too_little_is_told(tmp_path: Pat
     path.write_text("\n".join(GOOD), encoding="utf-8")
     config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
     answer = run(path, "--config", config)
-    assert "calibration has not ended" in answer.output
+    assert "no correction has begun" in answer.output
     config.write_text("[grid]\nstep_s = 300\n[talc.control]\ncalibration_step = 12\n[nc]\n", encoding="utf-8")
     answer = run(path, "--config", config)
     assert answer.exit_code == 2
