@@ -113,6 +113,15 @@ def filters_learn(
     spread: NDArray[float64],
     innovation: NDArray[float64],
     noise: float,
+    prior: NDArray[float64],
+    first_prior: NDArray[float64],
+    which: NDArray[int64],
+    groups: NDArray[int64],
+    width: int,
+    rules: NDArray[float64],
+    weight: NDArray[float64],
+    least: float,
+    mixed: NDArray[float64],
 ) -> None: ...
 def filters_inform(
     covariance: NDArray[float64],
@@ -122,19 +131,17 @@ def filters_inform(
     width: int,
     information: NDArray[float64],
 ) -> None: ...
-def filters_renew(
+def filters_rescale(
     covariance: NDArray[float64],
     mean: NDArray[float64],
-    prior: NDArray[float64],
-    first_prior: NDArray[float64],
+    factor: NDArray[float64],
     which: NDArray[int64],
-    groups: NDArray[int64],
+    first: NDArray[int64],
     width: int,
-    rules: NDArray[float64],
-) -> None: ...
-def filter_rescale(covariance: NDArray[float64], mean: NDArray[float64], factor: NDArray[float64]) -> None: ...
-def filters_mix(
-    covariance: NDArray[float64], weight: NDArray[float64], least: float, mixed: NDArray[float64]
+    information: NDArray[float64],
+    weight: NDArray[float64],
+    least: float,
+    mixed: NDArray[float64],
 ) -> None: ...
 def mixtures_predict(
     mean: NDArray[float64],

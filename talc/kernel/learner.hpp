@@ -14,10 +14,12 @@
 #define TALC_WIDE
 #endif
 
+#define TALC_ALONE __restrict__  // nothing else points there: GCC and Clang have the word, C++ has not
+
 namespace talc {
 
 // h := P x. Rows without variance are skipped: a filter that does not estimate a weight has zeros there.
-TALC_WIDE inline void packed_times(const double *p, const double *x, double *h, size_t n) {
+TALC_WIDE inline void packed_times(const double *TALC_ALONE p, const double *TALC_ALONE x, double *TALC_ALONE h, size_t n) {
     for (size_t i = 0; i < n; ++i) h[i] = 0.0;
     for (size_t i = 0; i < n; p += ++i) {
         if (p[i] == 0.0) continue;
@@ -25,15 +27,10 @@ TALC_WIDE inline void packed_times(const double *p, const double *x, double *h, 
         const double own = x[i];
         size_t j = 0;
         for (; j + 8 <= i; j += 8)
-            for (size_t q = 0; q < 8; ++q) {
-                sums[q] += p[j + q] * x[j + q];
-                h[j + q] += p[j + q] * own;
-            }
+            for (size_t q = 0; q < 8; ++q) sums[q] += p[j + q] * x[j + q];
         double rest = 0.0;
-        for (; j < i; ++j) {
-            rest += p[j] * x[j];
-            h[j] += p[j] * own;
-        }
+        for (; j < i; ++j) rest += p[j] * x[j];
+        for (j = 0; j < i; ++j) h[j] += p[j] * own;
         h[i] += (((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]))) + rest +
                 p[i] * own;
     }
@@ -58,7 +55,7 @@ TALC_WIDE inline double packed_square(const double *p, const double *x, size_t n
 }
 
 // P := P - h h' / s.
-TALC_WIDE inline void packed_downdate(double *p, const double *h, double s, size_t n) {
+TALC_WIDE inline void packed_downdate(double *TALC_ALONE p, const double *TALC_ALONE h, double s, size_t n) {
     for (size_t i = 0; i < n; p += ++i) {
         if (h[i] == 0.0) continue;
         const double factor = h[i] / s;
@@ -67,7 +64,8 @@ TALC_WIDE inline void packed_downdate(double *p, const double *h, double s, size
 }
 
 // P := P - sum_q g_q c_q', q = 0..width-1; g and c hold one row per q. Five at once, as a row of P is then read once.
-TALC_WIDE inline void packed_subtract(double *p, const double *g, const double *c, size_t width, size_t n) {
+TALC_WIDE inline void packed_subtract(double *TALC_ALONE p, const double *TALC_ALONE g, const double *TALC_ALONE c,
+                                      size_t width, size_t n) {
     for (size_t i = 0; i < n; ++i) {
         size_t q = 0;
         for (; q + 5 <= width; q += 5) {
@@ -84,7 +82,7 @@ TALC_WIDE inline void packed_subtract(double *p, const double *g, const double *
     }
 }
 
-TALC_WIDE inline void add_scaled(double *to, const double *from, double factor, size_t n) {
+TALC_WIDE inline void add_scaled(double *TALC_ALONE to, const double *TALC_ALONE from, double factor, size_t n) {
     for (size_t i = 0; i < n; ++i) to[i] += factor * from[i];
 }
 
@@ -111,21 +109,6 @@ inline void filters_look(MatrixOut covariance, Matrix growth, Vector x, MatrixOu
         for (size_t i = 0, d = 0; i < n; d += ++i + 1) p[d] += add[i];
         packed_times(p, x.data(), h, n);
         spread.data()[e] = packed_dot(h, x.data(), n);
-    }
-}
-
-// Of each filter: condition on an innovation seen with noise, after filters_look. spread: x' P x.
-inline void filters_learn(MatrixOut covariance, MatrixOut mean, Matrix gain, Vector spread, Vector innovation, double noise) {
-    const size_t filters = covariance.shape(0), n = mean.shape(1), packed = n * (n + 1) / 2;
-    if (covariance.shape(1) != packed || mean.shape(0) != filters || gain.shape(0) != filters || gain.shape(1) != n ||
-        spread.shape(0) != filters || innovation.shape(0) != filters || !(noise > 0.0))
-        throw nb::value_error("filters: shapes do not fit together, or no noise");
-    nb::gil_scoped_release release;
-    for (size_t e = 0; e < filters; ++e) {
-        const double *h = gain.data() + e * n;
-        const double total = spread.data()[e] + noise;
-        add_scaled(mean.data() + e * n, h, innovation.data()[e] / total, n);
-        packed_downdate(covariance.data() + e * packed, h, total, n);
     }
 }
 
@@ -185,77 +168,100 @@ inline void filters_inform(MatrixOut covariance, MatrixOut mean, Integers which,
     }
 }
 
-// Prior variances of the given groups of weights (automatic relevance determination; MacKay, Neural Computation 4 (1992)
-// 415-447): v = (sum of m^2 + k v0) / (sum of (1 - P / v0) + k), bounded, and the posterior that follows from it.
-// rules: k, the least relative change that is made, the bounds of one renewal over v0 and over the first prior.
-inline void filters_renew(MatrixOut covariance, MatrixOut mean, MatrixOut prior, Matrix first_prior, Integers which,
-                          Integers groups, size_t width, Vector rules) {
-    const size_t filters = covariance.shape(0), n = mean.shape(1), many = groups.shape(0);
-    if (covariance.shape(1) != n * (n + 1) / 2 || mean.shape(0) != filters || prior.shape(0) != filters ||
-        prior.shape(1) != n || first_prior.shape(0) != filters || first_prior.shape(1) != n || rules.shape(0) != 6 ||
-        width == 0 || width > widest)
+// Prior variances of the given groups of one filter's weights (automatic relevance determination; MacKay, Neural
+// Computation 4 (1992) 415-447): v = (sum of m^2 + k v0) / (sum of (1 - P / v0) + k), bounded, and the posterior that
+// follows from it. rule: k, the least relative change that is made, the bounds of one renewal over v0 and over the first
+// prior.
+inline void renew(double *p, double *m, double *own, const double *first_own, const std::int64_t *groups, size_t many,
+                  size_t width, const double *rule, size_t n, std::vector<double> &after, std::vector<double> &column,
+                  std::vector<double> &gain, std::vector<double> &small) {
+    after.resize(many);
+    for (size_t l = 0; l < many; ++l) {
+        const size_t first = static_cast<size_t>(groups[l]) * width;
+        const double before = own[first], began = first_own[first];
+        double square = 0.0, learnt = 0.0;
+        for (size_t i = first; i < first + width; ++i) {
+            square += m[i] * m[i];
+            learnt += 1.0 - p[i * (i + 3) / 2] / before;
+        }
+        const double found = (square + rule[0] * before) / (std::max(learnt, 1e-3) + rule[0]);
+        const double least = std::max(rule[4] * began, rule[2] * before);
+        const double most = std::min(rule[5] * began, rule[3] * before);
+        after[l] = std::min(std::max(found, least), most);
+    }
+    for (size_t l = 0; l < many; ++l) {
+        const size_t first = static_cast<size_t>(groups[l]) * width;
+        if (std::abs(after[l] / own[first] - 1.0) < rule[1]) continue;
+        inform(p, m, first, width, 1.0 / after[l] - 1.0 / own[first], n, column, gain, small);
+        for (size_t i = first; i < first + width; ++i) own[i] = after[l];
+    }
+}
+
+// to := to + weight P; rows without variance are skipped.
+TALC_WIDE inline void mix(double *TALC_ALONE to, const double *TALC_ALONE p, double weight, size_t n) {
+    for (size_t i = 0; i < n; to += i + 1, p += ++i) {
+        if (p[i] == 0.0) continue;
+        for (size_t j = 0; j <= i; ++j) to[j] += weight * p[j];
+    }
+}
+
+// After filters_look, of each filter: condition on an innovation seen with noise; of the filters `which`, renew the prior
+// variances of `groups`; mixed := sum of weight_e P_e over the filters with at least `least` weight. All that is done to one
+// covariance is done while it is in the cache. spread: x' P x.
+inline void filters_learn(MatrixOut covariance, MatrixOut mean, Matrix gain, Vector spread, Vector innovation, double noise,
+                          MatrixOut prior, Matrix first_prior, Integers which, Integers groups, size_t width, Vector rules,
+                          Vector weight, double least, VectorOut mixed) {
+    const size_t filters = covariance.shape(0), n = mean.shape(1), packed = n * (n + 1) / 2, many = groups.shape(0);
+    if (covariance.shape(1) != packed || mean.shape(0) != filters || gain.shape(0) != filters || gain.shape(1) != n ||
+        spread.shape(0) != filters || innovation.shape(0) != filters || !(noise > 0.0))
+        throw nb::value_error("filters: shapes do not fit together, or no noise");
+    if (prior.shape(0) != filters || prior.shape(1) != n || first_prior.shape(0) != filters || first_prior.shape(1) != n ||
+        rules.shape(0) != 6 || width == 0 || width > widest || weight.shape(0) != filters || mixed.shape(0) != packed)
         throw nb::value_error("filters: shapes do not fit together");
     for (size_t k = 0; k < many; ++k)
         if (groups.data()[k] < 0 || (static_cast<size_t>(groups.data()[k]) + 1) * width > n)
             throw nb::value_error("filters: no such group of weights");
-    for (size_t k = 0; k < which.shape(0); ++k)
+    std::vector<bool> renewed(filters, false);
+    for (size_t k = 0; k < which.shape(0); ++k) {
         if (which.data()[k] < 0 || static_cast<size_t>(which.data()[k]) >= filters)
             throw nb::value_error("filters: no such filter");
+        renewed[static_cast<size_t>(which.data()[k])] = true;
+    }
     nb::gil_scoped_release release;
-    const double *rule = rules.data();
-    std::vector<double> column, gain, small, after(many);
-    for (size_t k = 0; k < which.shape(0); ++k) {
-        const size_t e = static_cast<size_t>(which.data()[k]);
-        double *p = covariance.data() + e * covariance.shape(1), *m = mean.data() + e * n, *own = prior.data() + e * n;
-        for (size_t l = 0; l < many; ++l) {
-            const size_t first = static_cast<size_t>(groups.data()[l]) * width;
-            const double before = own[first], began = first_prior.data()[e * n + first];
-            double square = 0.0, learnt = 0.0;
-            for (size_t i = first; i < first + width; ++i) {
-                square += m[i] * m[i];
-                learnt += 1.0 - p[i * (i + 3) / 2] / before;
-            }
-            const double found = (square + rule[0] * before) / (std::max(learnt, 1e-3) + rule[0]);
-            const double least = std::max(rule[4] * began, rule[2] * before);
-            const double most = std::min(rule[5] * began, rule[3] * before);
-            after[l] = std::min(std::max(found, least), most);
-        }
-        for (size_t l = 0; l < many; ++l) {
-            const size_t first = static_cast<size_t>(groups.data()[l]) * width;
-            if (std::abs(after[l] / own[first] - 1.0) < rule[1]) continue;
-            inform(p, m, first, width, 1.0 / after[l] - 1.0 / own[first], n, column, gain, small);
-            for (size_t i = first; i < first + width; ++i) own[i] = after[l];
-        }
+    std::vector<double> column, inverse, small, after;
+    std::fill_n(mixed.data(), packed, 0.0);
+    for (size_t e = 0; e < filters; ++e) {
+        double *p = covariance.data() + e * packed, *m = mean.data() + e * n;
+        const double *h = gain.data() + e * n;
+        const double total = spread.data()[e] + noise;
+        add_scaled(m, h, innovation.data()[e] / total, n);
+        packed_downdate(p, h, total, n);
+        if (renewed[e])
+            renew(p, m, prior.data() + e * n, first_prior.data() + e * n, groups.data(), many, width, rules.data(), n, after,
+                  column, inverse, small);
+        if (weight.data()[e] >= least) mix(mixed.data(), p, weight.data()[e], n);
     }
 }
 
-// One filter in other units: weight i becomes factor_i times itself.
-inline void filter_rescale(VectorOut covariance, VectorOut mean, Vector factor) {
-    const size_t n = mean.shape(0);
-    if (covariance.shape(0) != n * (n + 1) / 2 || factor.shape(0) != n)
-        throw nb::value_error("filter: shapes do not fit together");
-    double *p = covariance.data();
-    for (size_t i = 0; i < n; ++i) {
-        mean.data()[i] *= factor.data()[i];
-        for (size_t j = 0; j <= i; ++j) *p++ *= factor.data()[i] * factor.data()[j];
-    }
-}
-
-// mixed := sum of weight_e P_e over the filters with at least `least` weight.
-inline void filters_mix(Matrix covariance, Vector weight, double least, VectorOut mixed) {
-    const size_t filters = covariance.shape(0), packed = covariance.shape(1);
-    const size_t n = static_cast<size_t>((std::sqrt(8.0 * static_cast<double>(packed) + 1.0) - 1.0) / 2.0);
-    if (n * (n + 1) / 2 != packed || weight.shape(0) != filters || mixed.shape(0) != packed)
+// All filters in other units, in which some weights are a priori what they were in the old one: weight i becomes factor_i
+// times itself; then the filter which_k gets information_k about its weights first_k..first_k+width-1 being zero; mixed as in
+// filters_learn.
+inline void filters_rescale(MatrixOut covariance, MatrixOut mean, Vector factor, Integers which, Integers first, size_t width,
+                            Vector information, Vector weight, double least, VectorOut mixed) {
+    const size_t filters = covariance.shape(0), n = mean.shape(1), packed = n * (n + 1) / 2;
+    if (factor.shape(0) != n || weight.shape(0) != filters || mixed.shape(0) != packed)
         throw nb::value_error("filters: shapes do not fit together");
-    nb::gil_scoped_release release;
-    for (size_t i = 0; i < packed; ++i) mixed.data()[i] = 0.0;
-    for (size_t e = 0; e < filters; ++e)
-        if (weight.data()[e] >= least) {
-            const double *p = covariance.data() + e * packed;
-            double *to = mixed.data();
-            for (size_t i = 0; i < n; to += i + 1, p += ++i)
-                if (p[i] != 0.0) add_scaled(to, p, weight.data()[e], i + 1);
+    for (size_t e = 0; e < filters; ++e) {
+        double *p = covariance.data() + e * packed, *m = mean.data() + e * n;
+        for (size_t i = 0; i < n; ++i) {
+            m[i] *= factor.data()[i];
+            for (size_t j = 0; j <= i; ++j) *p++ *= factor.data()[i] * factor.data()[j];
         }
+    }
+    filters_inform(covariance, mean, which, first, width, information);
+    std::fill_n(mixed.data(), packed, 0.0);
+    for (size_t e = 0; e < filters; ++e)
+        if (weight.data()[e] >= least) mix(mixed.data(), covariance.data() + e * packed, weight.data()[e], n);
 }
 
 // What each mixture says: the mean of its filters' means, and its variance: x' mixed x, what the weights have drifted
@@ -288,17 +294,16 @@ inline void bind_learner(nb::module_ &m) {
     m.def("filters_look", &filters_look, nb::arg("covariance"), nb::arg("growth"), nb::arg("x"), nb::arg("gain"),
           nb::arg("spread"), "Grow the covariances (filters, n (n + 1) / 2); gain := P x, spread := x' P x.");
     m.def("filters_learn", &filters_learn, nb::arg("covariance"), nb::arg("mean"), nb::arg("gain"), nb::arg("spread"),
-          nb::arg("innovation"), nb::arg("noise"), "Condition each filter on its innovation, after filters_look.");
+          nb::arg("innovation"), nb::arg("noise"), nb::arg("prior"), nb::arg("first_prior"), nb::arg("which"),
+          nb::arg("groups"), nb::arg("width"), nb::arg("rules"), nb::arg("weight"), nb::arg("least"), nb::arg("mixed"),
+          "After filters_look: condition each filter on its innovation, find some prior variances of some filters anew, and "
+          "sum up the weighted covariances.");
     m.def("filters_inform", &filters_inform, nb::arg("covariance"), nb::arg("mean"), nb::arg("which"), nb::arg("first"),
           nb::arg("width"), nb::arg("information"),
           "Add information that some weights of some filters are zero; negative: take it away.");
-    m.def("filters_renew", &filters_renew, nb::arg("covariance"), nb::arg("mean"), nb::arg("prior"), nb::arg("first_prior"),
-          nb::arg("which"), nb::arg("groups"), nb::arg("width"), nb::arg("rules"),
-          "Find the prior variances of some inputs anew, and the posterior that follows.");
-    m.def("filter_rescale", &filter_rescale, nb::arg("covariance"), nb::arg("mean"), nb::arg("factor"),
-          "One filter's weights, times factors.");
-    m.def("filters_mix", &filters_mix, nb::arg("covariance"), nb::arg("weight"), nb::arg("least"), nb::arg("mixed"),
-          "Weighted sum of the covariances.");
+    m.def("filters_rescale", &filters_rescale, nb::arg("covariance"), nb::arg("mean"), nb::arg("factor"), nb::arg("which"),
+          nb::arg("first"), nb::arg("width"), nb::arg("information"), nb::arg("weight"), nb::arg("least"), nb::arg("mixed"),
+          "Weights times factors, information about some of them, and the weighted sum of the covariances.");
     m.def("mixtures_predict", &mixtures_predict, nb::arg("mean"), nb::arg("weight"), nb::arg("mixed"), nb::arg("drift"),
           nb::arg("elapsed"), nb::arg("x"), nb::arg("predicted"), nb::arg("variance"),
           "Mean and variance of each error's mixture of filters.");

@@ -219,13 +219,11 @@ class Mixture:
         s, lags = self._s, self._lags
         times, first = np.append(np.repeat(factor, lags), 1.0), np.flatnonzero(factor > 1.0) * lags
         for j in np.flatnonzero(s.count):
-            for e in range(len(self._experts)):
-                _kernel.filter_rescale(s.covariance[j, e], s.mean[j, e], times)
             variance = s.prior[j][:, first]
             which, g = np.nonzero(variance)
             more = (1.0 - 1.0 / factor[first[g] // lags] ** 2) / variance[which, g]
-            _kernel.filters_inform(s.covariance[j], s.mean[j], which, first[g], lags, more)
-            self._remix(int(j))
+            own = s.covariance[j], s.mean[j], times, which, first[g], lags, more
+            _kernel.filters_rescale(*own, s.weight[j], _LEAST_MIXED, s.mixed[j])
 
     def learn(self, x: FloatArray, errors: FloatArray, sigma: FloatArray, doubt: FloatArray) -> Surprise:
         """Take in a measurement: (9,) errors, NaN where there is none, and their standard uncertainties.
@@ -269,18 +267,28 @@ class Mixture:
         elif outlier:
             noise += (centre / _OUTLIER_AS) ** 2 - total
         likelihood = -0.5 * (np.log(spread + noise) + innovation**2 / (spread + noise))
-        _kernel.filters_learn(covariance, mean, gain, spread, innovation, noise)
         log_weight = _KEPT * (s.log_weight[j] - s.log_weight[j].max()) + _TEMPER * likelihood
         weight = np.exp(log_weight - log_weight.max())
         weight = (1.0 - _SHARED) * weight / weight.sum() + _SHARED / len(weight)
         s.weight[j], s.log_weight[j] = weight, np.log(weight)
         s.count[j] += 1
         s.elapsed[j] = s.jolt[j] = 0.0
-        if s.count[j] >= _EVIDENCE_FROM:
-            groups = (s.cursor + self._groups) % self._inputs
-            own = covariance, mean, s.prior[j], self._first_prior
-            _kernel.filters_renew(*own, self._evidence, groups, self._lags, _EVIDENCE)
-        self._remix(j)
+        renewed = self._evidence if s.count[j] >= _EVIDENCE_FROM else self._evidence[:0]
+        groups = (s.cursor + self._groups) % max(self._inputs, 1)
+        _kernel.filters_learn(
+            covariance,
+            mean,
+            *(gain, spread, innovation, noise),
+            *(s.prior[j], self._first_prior),
+            renewed,
+            groups,
+            self._lags,
+            _EVIDENCE,
+            weight,
+            _LEAST_MIXED,
+            s.mixed[j],
+        )
+        s.drift[j] = np.sum(weight[:, None] * self._growth, axis=0)
         return ratio, outlier, jump
 
     def _begin(self, j: int, y: float, noise: float) -> None:
@@ -314,8 +322,3 @@ class Mixture:
         other = -0.5 * (np.log(total) + min(centre * centre / total, far))
         odds = _NULL_KEPT * self._s.null[j] + zero - other
         self._s.null[j] = min(max(odds, -_NULL_BOUND), _NULL_BOUND)
-
-    def _remix(self, j: int) -> None:
-        s = self._s
-        _kernel.filters_mix(s.covariance[j], s.weight[j], _LEAST_MIXED, s.mixed[j])
-        s.drift[j] = np.sum(s.weight[j][:, None] * self._growth, axis=0)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from statsmodels.tsa.statespace.mlemodel import MLEModel
 
 from talc import _kernel
@@ -90,7 +91,7 @@ def test_prior_variances_are_renewed_by_the_fixed_point_of_mackay() -> None:
     began[0:2], began[4:6] = np.clip(found, down * 0.2, up * 0.2)
     rules = np.array([k, 0.0, down, up, 1e-4, 1e2])
     before = prior.copy()
-    _kernel.filters_renew(cov, mean, prior, before, np.array([0]), np.array([0, 2]), LAGS, rules)
+    learn(cov, mean, np.zeros((1, n)), np.zeros(1), np.zeros(1), NOISE**2, (prior, before, np.array([0, 2]), rules))
     np.testing.assert_allclose(prior[0], began, rtol=1e-12)
     wanted_cov, wanted_mean = filtered(x, y, began)
     np.testing.assert_allclose(cov, wanted_cov, rtol=1e-8, atol=1e-11)
@@ -133,8 +134,26 @@ def filtered(x: Array, y: Array, prior: Array) -> tuple[Array, Array]:
     gain, spread, still = np.empty((1, n)), np.empty(1), np.zeros((1, n))
     for row, value in zip(x, y, strict=True):
         _kernel.filters_look(cov, still, row, gain, spread)
-        _kernel.filters_learn(cov, mean, gain, spread, np.array([value - mean[0] @ row]), NOISE**2)
+        learn(cov, mean, gain, spread, np.array([value - mean[0] @ row]), NOISE**2)
     return cov, mean
+
+
+def learn(
+    cov: Array,
+    mean: Array,
+    gain: Array,
+    spread: Array,
+    innovation: Array,
+    noise: float,
+    evidence: tuple[Array, Array, NDArray[np.int64], Array] | None = None,
+) -> Array:
+    """One filter takes in an innovation. evidence: its prior, the first one, inputs to be renewed, and the rules.
+    Returns the mixture's covariance."""
+    prior, first, groups, rules = evidence or (*np.ones((2, *mean.shape)), np.array([0]), np.ones(6))
+    which, mixed = np.zeros(0 if evidence is None else 1, dtype=np.int64), np.empty(cov.shape[1])
+    own = prior, first, which, groups, LAGS, rules
+    _kernel.filters_learn(cov, mean, gain, spread, innovation, noise, *own, np.array([0.5]), 0.0, mixed)
+    return mixed
 
 
 def test_covariances_stay_positive_over_long_runs_without_drift() -> None:
@@ -150,7 +169,7 @@ def test_covariances_stay_positive_over_long_runs_without_drift() -> None:
     gain, spread, still = np.empty((1, n)), np.empty(1), np.zeros((1, n))
     for k, row in enumerate(x):
         _kernel.filters_look(cov, still, row, gain, spread)
-        _kernel.filters_learn(cov, mean, gain, spread, np.zeros(1), 0.0625)
+        learn(cov, mean, gain, spread, np.zeros(1), 0.0625)
         if k % 1000 == 999:
             full = np.zeros((n, n))
             full[np.tril_indices(n)] = cov[0]
