@@ -169,8 +169,8 @@ def _thin(connection: sqlite3.Connection, mark: int) -> None:
     connection.execute(
         f"INSERT INTO minute SELECT NULL, {_CHANNEL}, CAST(time / 60 AS INTEGER) * 60, count(*), avg(value),"
         " min(value), max(value) FROM reading WHERE id <= ? AND id < (SELECT max(id) FROM reading)"
-        " AND value IS NOT NULL AND quality IN (?, ?) GROUP BY 2, 3 ORDER BY 3, 2",
-        (reading, _QUALITIES.index(Quality.GOOD), _QUALITIES.index(Quality.SIMULATED)),
+        " AND value IS NOT NULL AND quality = ? GROUP BY 2, 3 ORDER BY 3, 2",
+        (reading, _QUALITIES.index(Quality.GOOD)),
     )
     connection.execute("DELETE FROM reading WHERE id <= ? AND id < (SELECT max(id) FROM reading)", (reading,))
     connection.execute("DELETE FROM compensation WHERE id <= ? AND id < (SELECT max(id) FROM compensation)", (step,))
