@@ -7,7 +7,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 WIDTH = 120
-PAGES = sorted(page.relative_to(ROOT).as_posix() for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")))
+PAGES = sorted(
+    page.relative_to(ROOT).as_posix()
+    for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*.md"))
+)
 
 
 def prose(text: str) -> list[tuple[int, str]]:

@@ -138,7 +138,7 @@ def picture(data: ReportData) -> bytes:
     """
     if data.truth is None:
         raise ValueError("the picture is of a simulation, whose truth is known")
-    cutting = ~data.truth.probing
+    cutting = ~data.truth.probing & (data.truth.time_s <= data.time_s[-1] + data.step_s)  # afterwards nothing runs
     hours = data.truth.time_s[cutting] / _HOUR
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(9, 3), layout="constrained")
