@@ -37,7 +37,7 @@ def load_profile(name: str) -> Profile:
     Raises SetupError naming file, field and value, or listing the profiles that exist.
     """
     if is_users(name):
-        return _parse(Path(name).stem, _text(name), file=name)
+        return _parse(Path(name).stem, _decoded(name, _bytes(name)), file=name)
     if name not in profile_names():
         raise SetupError(
             f"profile {name!r} is unknown",
@@ -55,6 +55,7 @@ def is_users(name: str) -> bool:
 class UserProfile:
     """A user's own profile as read from its files at one moment."""
 
+    profile: Profile
     text: str
     dbc: str | None
     """Text of the DBC file that it names, if any."""
@@ -64,16 +65,16 @@ class UserProfile:
 
 def user_profile(name: str) -> UserProfile:
     """The current content of a user's profile file and of the DBC file that it names. Raises SetupError."""
-    profile = load_profile(name)
+    own = _bytes(name)
+    text = _decoded(name, own)
+    profile = _parse(Path(name).stem, text, file=name)
     try:
-        own = Path(name).read_bytes()
         named = profile.dbc.read_bytes() if isinstance(profile, CanDbcProfile) else None
-        text = _one_line_end(own.decode("utf-8"))
         dbc = None if named is None else _one_line_end(named.decode(DBC_ENCODING))
     except (OSError, UnicodeDecodeError) as error:
         raise SetupError(f"profile {name}: cannot be read: {error}") from error
     parts = [own] if named is None else [own, named]
-    return UserProfile(text, dbc, sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest())
+    return UserProfile(profile, text, dbc, sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest())
 
 
 def _one_line_end(text: str) -> str:
@@ -81,10 +82,17 @@ def _one_line_end(text: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _text(name: str) -> str:
+def _bytes(name: str) -> bytes:
     try:
-        return Path(name).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return Path(name).read_bytes()
+    except OSError as error:
+        raise SetupError(f"profile {name}: cannot be read: {error}", hint="give the path of a TOML file") from error
+
+
+def _decoded(name: str, content: bytes) -> str:
+    try:
+        return _one_line_end(content.decode("utf-8"))
+    except UnicodeDecodeError as error:
         raise SetupError(f"profile {name}: cannot be read: {error}", hint="give the path of a TOML file") from error
 
 

@@ -40,7 +40,7 @@ def lines_of(
             make_device(
                 device.name,
                 bus,
-                device.profile,
+                config.profile_of(device),
                 device.unit,
                 device.channels,
                 device.options,

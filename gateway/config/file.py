@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from drivers.base import SetupError
-from drivers.profiles import is_users, user_profile
+from drivers.profiles import UserProfile, is_users, user_profile
 from gateway.config.model import GatewayConfig, with_database
 from gateway.config.prior import PriorError, prior_for
 from gateway.config.problems import ConfigError, Problem, read_sections
@@ -48,19 +48,28 @@ def draft(text: str, path: Path) -> GatewayConfig:
 
 def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
     """The checked configuration of TOML's data. Raises ConfigError with every problem found."""
-    config = _validated(data, path)
+    config, unreadable = _with_own_profiles(_validated(data, path))
     problems, prior = problems_between(config), None
     try:
         prior = prior_for(config.talc, config.input_names)
     except PriorError as error:
         problems.append(Problem("[talc] prior", str(error)))
-    if problems:
-        raise ConfigError(path, problems)
-    config = config.with_prior(prior)
-    try:
-        return config.with_profiles({d.profile: user_profile(d.profile) for d in config.devices if is_users(d.profile)})
-    except SetupError as error:  # deleted since it was checked
-        raise ConfigError(path, [Problem("", str(error))]) from None
+    if problems or unreadable:
+        raise ConfigError(path, problems or unreadable)
+    return config.with_prior(prior)
+
+
+def _with_own_profiles(config: GatewayConfig) -> tuple[GatewayConfig, list[Problem]]:
+    """The user's own profiles are read here once, so that what was checked is what runs. Also what cannot be read; a
+    device's check reports it with the device."""
+    profiles: dict[str, UserProfile] = {}
+    unreadable: list[Problem] = []
+    for name in dict.fromkeys(device.profile for device in config.devices if is_users(device.profile)):
+        try:
+            profiles[name] = user_profile(name)
+        except SetupError as error:
+            unreadable.append(Problem("", str(error)))
+    return config.with_profiles(profiles), unreadable
 
 
 def data_of(text: str, path: Path) -> dict[str, object]:

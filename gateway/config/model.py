@@ -9,7 +9,7 @@ from typing import Self
 
 from pydantic import Field, PrivateAttr
 
-from drivers.profiles import UserProfile
+from drivers.profiles import Profile, UserProfile
 from drivers.section import Section, strictly
 from gateway.config.buses import BusSection
 from gateway.config.controls import Nc
@@ -65,6 +65,11 @@ class GatewayConfig(Section):
     def profiles(self) -> Mapping[str, UserProfile]:
         """The content of the user's own profiles when this configuration was loaded, by `profile` of a device."""
         return self._profiles
+
+    def profile_of(self, device: Device) -> str | Profile:
+        """A device's profile: the user's own as it was when this configuration was loaded, or a supplied one's name."""
+        own = self._profiles.get(device.profile)
+        return device.profile if own is None else own.profile
 
     def with_profiles(self, profiles: Mapping[str, UserProfile]) -> Self:
         """A copy with these user profiles."""

@@ -207,7 +207,8 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
                 )
                 continue
             try:
-                check_device(device.name, bus.name, bus, device.profile, device.unit, device.channels, device.options)
+                profile = config.profile_of(device)
+                check_device(device.name, bus.name, bus, profile, device.unit, device.channels, device.options)
             except SetupError as error:
                 yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, _said(error))
 
