@@ -1,8 +1,8 @@
 """The database of a gateway: writing while it runs, and reading."""
 
+from gateway.storage.faults import StoreError
 from gateway.storage.history import History
 from gateway.storage.readings import Retention
-from gateway.storage.schema import StoreError
 from gateway.storage.snapshot import Snapshot, SnapshotError, decode, encode, marks_of
 from gateway.storage.store import Store, boot_id
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep

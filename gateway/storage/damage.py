@@ -34,6 +34,9 @@ _NUMBERS_SKIPPED = 100
 Row = tuple[Any, ...]
 
 
+_NEW = f"BEGIN;{SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;"
+
+
 @dataclass(slots=True)
 class Known:
     """Rows that the running gateway has in memory."""
@@ -80,7 +83,7 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> str:
         with suppress(FileNotFoundError):
             path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
     with closing(connect(path)) as target:
-        target.executescript(f"BEGIN;{SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
+        target.executescript(_NEW)
         counts, lost = _copy(aside, target)
         _restore(target, known)
         anew = _settle(target, counts, reference_known=known.reference is not None)
@@ -91,6 +94,24 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> str:
     )
     text += f"; at least {lost} other rows are lost" if lost else ""
     return text + (f"; {anew}" if anew else "; raw readings stay there")
+
+
+def begin_anew(path: Path, known: Known) -> str:
+    """Begin another database in the place of one that was deleted. Returns what was done, in words.
+
+    Raises sqlite3.Error or OSError.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for ending in ("-wal", "-shm"):  # of the deleted one
+        path.with_name(path.name + ending).unlink(missing_ok=True)
+    with closing(connect(path)) as target:
+        target.executescript(_NEW)
+        _restore(target, known)
+        target.commit()
+    return (
+        f"storage: {path} was deleted while the gateway ran; a new database is begun. What the gateway has learnt stays"
+        " in its memory, but after a restart only what is stored from now on counts"
+    )
 
 
 def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:

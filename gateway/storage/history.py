@@ -10,9 +10,10 @@ from typing import Self
 import numpy as np
 
 from gateway.storage import rows
+from gateway.storage.faults import StoreError
 from gateway.storage.placing import placed_frames, placed_step
 from gateway.storage.readings import EARLIER, counts
-from gateway.storage.schema import READABLE, SCHEMA_VERSION, StoreError, unusable
+from gateway.storage.schema import READABLE, SCHEMA_VERSION, unusable
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import Event, EventKind, Frames
 from talc.learner import Reasons

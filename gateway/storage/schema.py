@@ -1,11 +1,11 @@
-"""The database file: its tables, how it is opened, and the lock that keeps a second gateway out."""
+"""The database file: its tables, and how it is opened."""
 
-import fcntl
 import os
 import sqlite3
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 
+from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.migration import STEPS, migrate
 from gateway.storage.readings import TABLES
 
@@ -56,46 +56,6 @@ UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 
 _NO_TEXT = "Could not decode to UTF-8"
 """Python's own message for a text that is none; it has no error code."""
-
-
-class StoreError(Exception):
-    """The database cannot be used; the message says which file, why and what to do."""
-
-
-class DamagedError(StoreError):
-    """What the file holds is damaged."""
-
-
-class FileLock:
-    """Lock of the single gateway that writes to a database; the kernel releases it when the process ends in any way.
-
-    Raises StoreError if another process holds it, or if its file cannot be written.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._lock_path = path.with_name(path.name + ".lock")
-        while True:
-            try:
-                self._file = self._lock_path.open("w")
-            except OSError as error:
-                raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
-            try:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                self._file.close()
-                raise StoreError(
-                    f"{path}: another gateway writes to it; stop it or give [storage] another path"
-                ) from None
-            # The previous holder may have removed the file between our opening and locking it.
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(self._file.fileno()), self._lock_path.stat()):
-                    return
-            self._file.close()
-
-    def release(self) -> None:
-        """Remove the lock's file and release it. A process that waits for it detects that and makes a new one."""
-        self._lock_path.unlink(missing_ok=True)
-        self._file.close()
 
 
 def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:

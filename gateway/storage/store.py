@@ -29,9 +29,11 @@ from gateway.events import (
     StoreHealth,
 )
 from gateway.storage import rows
-from gateway.storage.damage import Known, mend, unreadable_rows
+from gateway.storage.damage import Known, begin_anew, mend, unreadable_rows
+from gateway.storage.faults import DamagedError, StoreError
+from gateway.storage.lock import FileLock
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
-from gateway.storage.schema import UNREADABLE, DamagedError, FileLock, StoreError, connect, is_damage, make_schema
+from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema
 from gateway.storage.snapshot import Snapshot
 from gateway.storage.waiting import Kind
 from gateway.storage.writer import DatabaseWriter
@@ -53,6 +55,7 @@ class Store:
     commit_s: readings are committed at least this often, in real seconds
     retention: how long readings, compensation steps and reasons stay
     retry_s: interval between attempts after a failure, in real seconds
+    look_s: how often it looks whether the file is still at its path, in real seconds
 
     Raises StoreError: not a database of this gateway, of a newer version, locked by another gateway, or not writable.
     """
@@ -66,6 +69,7 @@ class Store:
         commit_s: float = 5.0,
         retention: Retention = _RETENTION,
         retry_s: float = 5.0,
+        look_s: float = 10.0,
     ) -> None:
         self._boot, self._clock = boot, clock
         self._pruning = Pruning(retention, clock.monotonic())
@@ -88,7 +92,9 @@ class Store:
         except BaseException:
             self._lock.release()
             raise
-        self._writer = DatabaseWriter(path, commit_s, self._prune, self._mark, self._mend_and_number, retry_s, mended)
+        self._writer = DatabaseWriter(
+            path, commit_s, self._prune, self._mark, self._mend_and_number, retry_s, mended, look_s
+        )
 
     def _open(self) -> None:
         self.migrated_from = make_schema(self._path) or self.migrated_from
@@ -219,7 +225,7 @@ class Store:
 
     def _mend_and_number(self, why: str) -> str:
         """While it runs: the channels keep their numbers."""
-        mended = self._mend(why)
+        mended = self._mend(why) if self._path.exists() else begin_anew(self._path, self._known)
         self._writer.put(_CHANNEL, self._channels.rows())
         return mended
 

@@ -7,6 +7,7 @@ seconds until they are stored.
 
 import logging
 import math
+import os
 import shutil
 import sqlite3
 import threading
@@ -17,14 +18,15 @@ from pathlib import Path
 
 from gateway.events import StoreHealth
 from gateway.storage.damage import contradiction
-from gateway.storage.schema import DamagedError, StoreError, connect, is_damage
+from gateway.storage.faults import DamagedError, GoneError, StoreError
+from gateway.storage.schema import connect, is_damage
 from gateway.storage.waiting import Item, Kind, Rows, Waiting
 
 log = logging.getLogger(__name__)
 
 _PRUNE_EVERY_S = 600.0
 _LOOK_EVERY_S = 10.0
-"""How often the free space of the disk is read."""
+"""Real seconds."""
 _YIELD_S = 0.05
 """How long a producer that is faster than the thread waits for it, as in a simulation that outruns the disk."""
 _REFUSED = (sqlite3.IntegrityError, sqlite3.DataError, sqlite3.InterfaceError, sqlite3.ProgrammingError, OverflowError)
@@ -44,6 +46,7 @@ class DatabaseWriter:
         connection
     retry_s: how long another program's lock is waited for, and how long between two attempts, real seconds
     mended: what became of a file that was damaged before
+    look_s: how often the disk's free space is read, and whether the file is still at its path
     """
 
     def __init__(
@@ -55,7 +58,9 @@ class DatabaseWriter:
         mend: Callable[[str], str],
         retry_s: float = 5.0,
         mended: str = "",
+        look_s: float = _LOOK_EVERY_S,
     ) -> None:
+        self._look_s = look_s
         self._path, self._commit_s, self._prune, self._end, self._retry_s = path, commit_s, prune, end, retry_s
         self._mend, self._mended, self._to_mend = mend, mended, ""
         self._mending, self._times_mended = threading.Lock(), 0
@@ -168,7 +173,7 @@ class DatabaseWriter:
                 return
             except Exception as error:  # noqa: BLE001 - the gateway continues without its store
                 self._failed(error)
-                if is_damage(error) or self._to_mend:
+                if is_damage(error) or isinstance(error, GoneError) or self._to_mend:
                     self._renew(self._to_mend or str(error))
                     continue
             if last:
@@ -206,6 +211,7 @@ class DatabaseWriter:
 
     def _write_to(self, connection: sqlite3.Connection) -> None:
         """Until the writer is closed and nothing waits any more. Raises the database's errors."""
+        opened = self._path.stat()
         self._prune(connection)
         self._commit(connection)
         committed = pruned = time.monotonic()
@@ -228,8 +234,18 @@ class DatabaseWriter:
             if (wanted and not len(self._waiting)) or now - committed >= self._commit_s:
                 self._commit(connection)
                 committed, wanted = now, False
-            if now - self._looked_s >= _LOOK_EVERY_S:
+            if now - self._looked_s >= self._look_s:
                 self._look()
+                self._check_place(opened)
+
+    def _check_place(self, opened: os.stat_result) -> None:
+        """A file that is deleted stays open, and whatever is written to it is lost in the end."""
+        try:
+            if os.path.samestat(opened, self._path.stat()):
+                return
+        except FileNotFoundError:
+            raise GoneError("the database was deleted while the gateway ran") from None
+        raise GoneError("another file was put in its place while the gateway ran")
 
     def _next(self) -> Item | None:
         with self._changed:

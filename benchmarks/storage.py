@@ -1,0 +1,190 @@
+"""What the store writes to the disk in a day, and how long a restart takes on a record of years."""
+
+import json
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.rows import BenchRow
+from drivers.base import Quality, SystemClock
+from gateway.acquisition import Sample
+from gateway.config import GatewayConfig, parse
+from gateway.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.nc import Source, Step, Write
+from gateway.past import Past, past_in
+from gateway.probing import Outcome
+from gateway.rebuild import controller_of
+from gateway.snapshots import SnapshotKeeper
+from gateway.storage import Store
+from talc.frame import Frame, Measurement, Why
+
+_DEVICES, _EACH = 7, 4
+_CHANNELS, _STEP_S, _STEPS_A_YEAR = _DEVICES * _EACH, 300, 365 * 288
+_REAL_S = 400
+"""At the real pace; the log is checkpointed several times."""
+_AT_ONCE, _DECIDED = 20_000, 300
+_TEXT = """
+[machine]
+name = "mill"
+[storage]
+path = "gateway.sqlite"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "nowhere"
+"""
+_DEVICE = '[[device]]\nname = "adam{0}"\nbus = "tcp1"\nprofile = "advantech_adam6015"\nunit = {1}\n[device.channels]\n'
+_STILL = Step((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), Source.PREDICTION, (False, False, False))
+_FILL = (
+    "INSERT INTO frame VALUES (?1, 'earlier', ?2, ?3, ?4, ?4)",
+    "INSERT INTO decision SELECT ?1, 'compensation', zeroblob(72), zeroblob(72), zeroblob(72), zeroblob(72), NULL,"
+    " NULL, '[]' WHERE ?2 <> ?3",
+    "INSERT INTO trust SELECT ?1, x'0000' WHERE ?2 <> ?3",
+    "INSERT INTO event SELECT NULL, '2026-01-01T00:00:00+00:00', ?1, 'state_update', 'a measurement was learnt from',"
+    " NULL, NULL, NULL WHERE ?2 <> ?3 AND ?4 IS NOT NULL",
+)
+_RESTART = "import sys; from benchmarks.storage import restart; restart(sys.argv[1])"
+
+
+def config_in(folder: Path) -> GatewayConfig:
+    """A gateway of 28 temperatures on seven devices."""
+    devices = (
+        _DEVICE.format(d, d + 1) + "".join(f"t{_EACH * d + i} = {i}\n" for i in range(_EACH)) for d in range(_DEVICES)
+    )
+    return parse(_TEXT + "".join(devices), folder / "gateway.toml")
+
+
+def rows() -> list[BenchRow]:
+    """Wear, and restarts on a record of one year and of five."""
+    with tempfile.TemporaryDirectory(dir=".") as folder:  # not in /tmp, which may be memory
+        table = [
+            BenchRow(
+                "written to the disk in a day, 28 channels at 1 Hz", f"{wear(Path(folder)):.2f} GB", "", "≤ 0.5 GB"
+            )
+        ]
+    for years in (1.0, 5.0):
+        with tempfile.TemporaryDirectory(dir=".") as folder:
+            config = config_in(Path(folder))
+            fill(config, years)
+            size = config.storage.path.stat().st_size / 1e6
+            done = subprocess.run([sys.executable, "-c", _RESTART, folder], check=True, capture_output=True, text=True)
+            found = json.loads(done.stdout)
+            table.append(
+                BenchRow(
+                    f"restart on a record of {years:g} years ({size:.0f} MB): all rebuilt, first decision",
+                    f"{found['rebuilt_s']:.2f} s, {found['decided_s']:.2f} s",
+                    f"{found['memory_mb']:.0f} MB of memory; {found['steps']} steps repeated",
+                    "≤ 3 s, ≤ 6 s",
+                )
+            )
+    return table
+
+
+def wear(folder: Path, real_s: int = _REAL_S) -> float:
+    """GB a day of all that is stored, at the real pace: readings, steps of the grid each 300 s and of the compensation
+    each 20 s, and a measurement each 2 h. The daily snapshot is added.
+    """
+    config, clock, draw = config_in(folder), SystemClock(), np.random.default_rng(1)
+    x = 20.0 + draw.normal(0, 2, _CHANNELS)
+    with Store(config.storage.path, "boot", clock, commit_s=config.storage.commit_s) as store:
+        past = past_in(store, config)
+        store.begin(config.canonical(), config.fingerprint(), "")
+        store.flush()
+        began_bytes, began_s = _written(config), time.monotonic()
+        for second in range(real_s):
+            x += draw.normal(0, 0.01, _CHANNELS)
+            for device in range(_DEVICES):
+                store.record(ReadingsTaken(_readings(device, x, clock, second * _DEVICES + device)))
+            if second % 20 == 0:
+                write = Write(clock.utc(), "compensate", _STILL, second, {"X": 1.0}, True, (1.0, 2.0, 3.0))
+                store.record(CompensationStepped(write))
+            if second % _STEP_S == _STEP_S // 2:
+                frame = Frame(second, x.copy(), np.ones(_CHANNELS, np.bool_), None)
+                store.record(FrameMade(frame))
+                store.record(DecisionMade(past.controller.step(frame)))
+            time.sleep(max(0.0, began_s + second + 1 - time.monotonic()))
+        store.flush()
+        a_day = (_written(config) - began_bytes) * 86400.0 / real_s
+        measured = Measurement(draw.normal(0, 5, 9), np.full(9, 0.5))
+        now = clock.utc()
+        outcome = Outcome(1, Why.INTERVAL, now, now, draw.normal(0, 1, (6, 3)), (0.0, 0.0, 0.0), measured, 0.4)
+        before = _written(config)
+        store.record(MeasurementEnded(outcome))
+        store.flush()
+        a_day += 12 * (_written(config) - before)
+        before = _written(config)
+        keeper = SnapshotKeeper(past, store, config, every_steps=1)
+        frame = Frame(real_s, x, np.ones(_CHANNELS, np.bool_), measured)
+        keeper.take(FrameMade(frame))
+        keeper.take(DecisionMade(past.controller.step(frame)))
+        store.flush()
+        return (a_day + _written(config) - before) / 1e9
+
+
+def _readings(device: int, x: np.ndarray, clock: SystemClock, sequence: int) -> list[Sample]:
+    now, own = clock.utc(), range(_EACH * device, _EACH * (device + 1))
+    return [
+        Sample(f"t{i}", round(float(x[i]), 2), "degC", Quality.GOOD, now, clock.monotonic(), sequence=sequence)
+        for i in own
+    ]
+
+
+def _written(config: GatewayConfig) -> int:
+    """Bytes that this process has sent to disks so far, from the kernel, with all of the log in the database."""
+    with closing(sqlite3.connect(config.storage.path)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    lines = Path("/proc/self/io").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("write_bytes"))
+
+
+def fill(config: GatewayConfig, years: float) -> None:
+    """A record of years, with a measurement each two hours; only the last 300 are the controller's own."""
+    last = round(SystemClock().utc().timestamp() / _STEP_S) - 2
+    first, middle = last - round(years * _STEPS_A_YEAR), last - _DECIDED
+    draw, mask = np.random.default_rng(3), np.packbits(np.ones(_CHANNELS, np.bool_)).tobytes()
+    with Store(config.storage.path, "earlier", SystemClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+    with closing(sqlite3.connect(config.storage.path)) as connection:
+        for begin in range(first, middle, _AT_ONCE):
+            k = np.arange(begin, min(begin + _AT_ONCE, middle))
+            x = 20.0 + np.sin(k[:, None] / 300.0 + np.arange(_CHANNELS)) + draw.normal(0, 0.02, (len(k), _CHANNELS))
+            found = [
+                (int(at), row.tobytes(), mask, (row[:9] - 20.0).tobytes() if at % 24 == 0 else None)
+                for at, row in zip(k, x, strict=True)
+            ]
+            for statement in _FILL:
+                connection.executemany(statement, found)
+        connection.commit()
+    with Store(config.storage.path, "before", SystemClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        past = Past(controller_of(config))
+        keeper = SnapshotKeeper(past, store, config)
+        for k_now in range(middle, last):
+            x = 20.0 + np.sin(k_now / 300.0 + np.arange(_CHANNELS))
+            measured = Measurement(x[:9] - 20.0, np.full(9, 0.5)) if k_now % 24 == 0 else None
+            frame = Frame(k_now, x, np.ones(_CHANNELS, np.bool_), measured)
+            for event in (FrameMade(frame), DecisionMade(past.controller.step(frame))):
+                store.record(event)
+                keeper.take(event)
+
+
+def restart(folder: str) -> None:
+    """In a fresh process: from the start of the interpreter, as the kernel knows it, to the first decision."""
+    ticks = float(Path("/proc/self/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[19]) / 100.0
+    config = config_in(Path(folder))
+    with Store(config.storage.path, "now", SystemClock()) as store:
+        past = past_in(store, config)
+        store.begin(config.canonical(), config.fingerprint(), "")
+        rebuilt_s = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks
+        last = past.last_k or 0
+        past.controller.step(Frame(last + 1, np.full(_CHANNELS, 20.0), np.ones(_CHANNELS, np.bool_), None))
+        decided_s = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks
+    peak = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmHWM"))
+    found = {"rebuilt_s": rebuilt_s, "decided_s": decided_s, "memory_mb": int(peak.split()[1]) / 1024}
+    print(json.dumps({**found, "steps": past.since_snapshot}))

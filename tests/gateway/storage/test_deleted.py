@@ -1,0 +1,104 @@
+"""The database is deleted while the gateway runs: it is noticed and told, and another one begun."""
+
+import multiprocessing
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.storage import History, Store, StoreError
+from tests.benches import telemetry_examples as example
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.store_writer import step
+
+
+def store_at(path: Path) -> Store:
+    return Store(path, "boot1", SteppedClock(), commit_s=0.01, retry_s=0.05, look_s=0.02)
+
+
+def make(store: Store, k: int) -> None:
+    frame, decision = step(k)
+    store.record(ReadingsTaken([example.READING]))
+    store.record(FrameMade(frame))
+    store.record(DecisionMade(decision))
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def delete_all(path: Path) -> None:
+    for one in path.parent.iterdir():
+        one.unlink()
+
+
+def delete_the_file(path: Path) -> None:
+    path.unlink()
+
+
+def delete_the_folder(path: Path) -> None:
+    delete_all(path)
+    path.parent.rmdir()
+
+
+@pytest.mark.parametrize("delete", [delete_all, delete_the_file, delete_the_folder])
+def test_another_database_is_begun_and_says_so(delete: Callable[[Path], None], tmp_path: Path) -> None:
+    path = tmp_path / "data" / "g.sqlite"
+    with store_at(path) as store:
+        store.begin("{}", "hash", "versions")
+        store.record(MeasurementEnded(example.OUTCOME))
+        make(store, 1)
+        store.flush()
+        delete(path)
+        until(lambda: bool(store.health.mended))
+        assert "was deleted while the gateway ran; a new database is begun" in store.health.mended
+        make(store, 2)
+        until(lambda: not store.health.problem and not store.health.waiting)
+    with History(path) as history:
+        assert [found.frame.k for found in history.steps()] == [2]
+        assert history.config() == ("{}", "hash", "versions")
+        assert [m.number for m in history.measurements()] == [example.OUTCOME.number], "the reference of all others"
+        assert list(history.channel_health()) == [example.READING.channel]
+    assert [p.name for p in path.parent.iterdir()] == ["g.sqlite"]
+
+
+def test_another_file_in_its_place_is_set_aside(tmp_path: Path) -> None:
+    path, other = tmp_path / "g.sqlite", tmp_path / "other.sqlite"
+    with store_at(other) as store:
+        make(store, 5)
+    with store_at(path) as store:
+        store.begin("{}", "hash", "versions")
+        make(store, 7)
+        store.flush()
+        other.replace(path)
+        until(lambda: bool(store.health.mended))
+        assert "another file was put in its place" in store.health.mended
+    assert len(list(tmp_path.glob("g.sqlite.damaged-*"))) == 1
+
+
+def _refused(path: Path, answers: "multiprocessing.Queue[str]") -> None:
+    try:
+        with store_at(path):
+            answers.put("")
+    except StoreError as error:
+        answers.put(str(error))
+
+
+def test_who_deletes_all_that_is_there_does_not_delete_the_lock(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        make(store, 1)
+        store.flush()
+        delete_all(path)
+        context = multiprocessing.get_context("spawn")
+        answers: multiprocessing.Queue[str] = context.Queue()
+        other = context.Process(target=_refused, args=(path, answers))
+        other.start()
+        said = answers.get(timeout=60)
+        other.join()
+    assert "another gateway writes to it" in said
