@@ -15,7 +15,7 @@ GATEWAYS = sorted(file.name for file in FOLDER.glob("*.toml") if file.name not i
 
 def explanations() -> dict[str, list[str]]:
     """By file, the lines that explain it."""
-    _, *sections = (FOLDER / "README.md").read_text(encoding="utf-8").split("\n## [")
+    _, *sections = (FOLDER / "README.md").read_text(encoding="utf-8").split("\n# Notebooks")[0].split("\n## [")
     return {section.split("]")[0]: section.strip().splitlines()[2:] for section in sections}
 
 
