@@ -44,8 +44,8 @@ _STILL = Step((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), Source.PREDICTION, (False, False
 _FILL = (
     "INSERT INTO frame VALUES (?1, 'earlier', ?2, ?3, ?4, ?4)",
     "INSERT INTO decision SELECT ?1, 'compensation', zeroblob(72), zeroblob(72), zeroblob(72), zeroblob(72), NULL,"
-    " NULL, '[]' WHERE ?2 <> ?3",
-    "INSERT INTO trust SELECT ?1, x'0000' WHERE ?2 <> ?3",
+    " NULL, '[]' WHERE ?2 <> ?3 OR ?4 IS NULL",
+    "INSERT INTO trust SELECT ?1, x'0000' WHERE ?2 <> ?3 OR ?4 IS NULL",
     "INSERT INTO event SELECT NULL, '2026-01-01T00:00:00+00:00', ?1, 'state_update', 'a measurement was learnt from',"
     " NULL, NULL, NULL WHERE ?2 <> ?3 AND ?4 IS NOT NULL",
 )

@@ -9,6 +9,7 @@ import click
 
 from drivers.base import DriverError, SetupError
 from drivers.can import is_multicast_group
+from gateway.cli.db import db
 from gateway.cli.log import log_to_stderr
 from gateway.config import ConfigError, GatewayConfig, cautions, described, load, unarmed
 from gateway.recordings import RecordingError, WireLogError
@@ -187,13 +188,8 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
               help="A paper's complete system, instead of the learner (docs/presets.md).")  # fmt: skip
 @click.option("--calibration-hours", type=click.FloatRange(min=1),
               help="For models and presets. Default: 24 h; blaser-2019 6.5 h.")  # fmt: skip
-@click.option(
-    "--speed",
-    type=click.FloatRange(1, 20000),
-    default=6000.0,
-    show_default=True,
-    help="Highest speed of the simulated clock.",
-)
+@click.option("--speed", type=click.FloatRange(1, 20000), default=6000.0, show_default=True,
+              help="Highest speed of the simulated clock.")  # fmt: skip
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of weather, loads and sensor noise.")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default=Path("out/demo"), show_default=True)
 @click.option("--zenoh-port", type=click.IntRange(1, 65535), default=7447, show_default=True,
@@ -396,3 +392,6 @@ def report(database: Path, output: Path | None) -> None:
     from gateway.cli.report import write
 
     write(database, _page(output, database))
+
+
+main.add_command(db)

@@ -1,5 +1,6 @@
 """The database of a gateway: writing while it runs, and reading."""
 
+from gateway.storage.damage import findings
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
 from gateway.storage.readings import Retention
@@ -20,5 +21,6 @@ __all__ = [
     "boot_id",
     "decode",
     "encode",
+    "findings",
     "marks_of",
 ]

@@ -73,6 +73,21 @@ def unreadable_rows(path: Path) -> int:
         )
 
 
+def findings(path: Path) -> list[str]:
+    """What is damaged, in words, with the raw readings; may be called while a gateway writes to the file."""
+    found, bad = list[str](), Counter[str]()
+    with closing(sqlite3.connect(path, timeout=10.0)) as source:
+        source.text_factory = _text
+        try:
+            pages = source.execute("PRAGMA integrity_check(20)").fetchall()
+            found += [str(text) for (text,) in pages if text != "ok"]
+            for table in _columns():
+                bad[table] += sum(not _checked(table, row) for row in source.execute(f"SELECT * FROM {table}"))
+        except UNREADABLE as error:
+            found.append(str(error))
+    return found + [f"{table}: {many} rows hold no values of this gateway" for table, many in bad.items() if many]
+
+
 def mend(path: Path, why: str, now: datetime, known: Known) -> str:
     """Set the file aside and begin a new one with what can be read. Returns what was done, in words.
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from itertools import groupby
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -189,6 +189,43 @@ class History:
         """Every step of the compensation, oldest first."""
         found = self._connection.execute(f"SELECT {rows.COMPENSATION_COLUMNS} FROM compensation ORDER BY id")
         return [rows.compensation_of(row) for row in found]
+
+    def readings(self) -> Iterator[tuple[Any, ...]]:
+        """UTC timestamp, channel, value, unit, quality, detail, number of the run and of the read; oldest first."""
+        columns = "time, channel, value, unit, quality, detail, boot, sequence"
+        for table in (EARLIER, "sample"):
+            if self._has(table):
+                yield from self._connection.execute(f"SELECT {columns} FROM {table}")
+
+    def minutes(self) -> Iterator[tuple[Any, ...]]:
+        """UTC timestamp, channel, unit, count, mean, lowest and highest; a minute may be in two rows."""
+        if self._has("minute"):
+            yield from self._connection.execute(
+                "SELECT m.time, c.name, c.unit, m.count, m.mean, m.low, m.high FROM minute m"
+                " JOIN channel c ON c.id = m.channel ORDER BY m.id"
+            )
+
+    def sizes(self) -> list[tuple[str, int, int]]:
+        """Of each table: name, rows and bytes, with its indices; the largest first."""
+        names = [n for (n,) in self._connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+        bytes_of = dict(
+            self._connection.execute(
+                "SELECT m.tbl_name, sum(s.pgsize) FROM dbstat s JOIN sqlite_master m ON m.name = s.name"
+                " WHERE s.aggregate GROUP BY 1"
+            ).fetchall()
+        )
+        counted = ((n, *self._connection.execute(f'SELECT count(*) FROM "{n}"').fetchone()) for n in names)
+        return sorted(((n, many, bytes_of.get(n, 0)) for n, many in counted), key=lambda row: -row[2])
+
+    def span(self) -> tuple[int | None, int | None]:
+        """Grid indices of the first and of the last frame; None: there is none."""
+        first, last = self._connection.execute("SELECT min(k), max(k) FROM frame").fetchone()
+        return first, last
+
+    def free_bytes(self) -> int:
+        """Of pages that new rows use before the file grows."""
+        pages, size = (self._connection.execute(f"PRAGMA {n}").fetchone()[0] for n in ("freelist_count", "page_size"))
+        return int(pages * size)
 
     def channel_health(self) -> dict[str, dict[str, int]]:
         """Channel to the number of stored readings of each quality."""

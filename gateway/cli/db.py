@@ -1,0 +1,83 @@
+"""`talc-gateway db`: looks after a database, also while a gateway writes to it."""
+
+import sqlite3
+import sys
+from contextlib import closing, suppress
+from pathlib import Path
+
+import click
+
+Database = click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+_DAMAGED = 1
+_MB = 1e6
+
+
+@click.group()
+def db() -> None:
+    """Check, measure, export or back up a database, also while a gateway writes to it."""
+
+
+@db.command()
+@Database
+def check(database: Path) -> None:
+    """Read all of DATABASE and say what is damaged: pages, rows, snapshots. Exit code 1: something is."""
+    from gateway.storage import History, findings
+
+    with History(database):
+        pass
+    found = findings(database)
+    for text in found:
+        click.echo(f"{database}: {text}")
+    click.echo(f"{database}: {'damaged' if found else 'whole'}")
+    sys.exit(_DAMAGED if found else 0)
+
+
+@db.command()
+@Database
+def stats(database: Path) -> None:
+    """Show what DATABASE holds: rows and size of each table, and the free space in it."""
+    from gateway.storage import History
+
+    with History(database) as history:
+        click.echo(f"{'table':<16}{'rows':>12}{'MB':>10}")
+        for table, rows, size in history.sizes():
+            click.echo(f"{table:<16}{rows:>12}{size / _MB:>10.2f}")
+        first, last = history.span()
+        free = history.free_bytes()
+    on_disk = sum(p.stat().st_size for p in (database, database.with_name(database.name + "-wal")) if p.exists())
+    click.echo(f"on the disk {on_disk / _MB:.2f} MB, of which {free / _MB:.2f} MB are free for new rows")
+    click.echo("no steps yet" if first is None or last is None else f"steps {first} to {last}")
+
+
+@db.command()
+@Database
+@click.argument("table", type=click.Choice(["readings", "minutes", "steps", "measurements", "events", "compensation"]))
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help=".csv or .parquet")
+def export(database: Path, table: str, output: Path) -> None:
+    """Write TABLE of DATABASE to a file, one value a column (docs/storage.md describes them)."""
+    from gateway.cli.tables import export as write
+
+    if output.suffix not in (".csv", ".parquet"):
+        raise click.BadParameter(f"{str(output)!r}: expected a name that ends in .csv or .parquet", param_hint="-o")
+    click.echo(f"{output}: {write(database, table, output)} rows")
+
+
+@db.command()
+@Database
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="Must not exist.")
+def backup(database: Path, output: Path) -> None:
+    """Copy DATABASE to a file that is whole and appears when it is, also while a gateway writes to it."""
+    from gateway.storage import History
+
+    if output.exists():
+        raise click.UsageError(f"{output} already exists; give another name with -o")
+    part = output.with_name(output.name + ".part")
+    try:
+        with History(database), closing(sqlite3.connect(database)) as source, closing(sqlite3.connect(part)) as target:
+            source.backup(target)
+            target.execute("PRAGMA journal_mode = DELETE")
+        part.rename(output)
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+    click.echo(f"{output}: {output.stat().st_size / _MB:.1f} MB")

@@ -1,0 +1,142 @@
+"""`talc-gateway db` on a database that a gateway writes to."""
+
+import csv
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from pyarrow import parquet
+
+from drivers.base import Quality
+from gateway.acquisition import Sample
+from gateway.cli.main import main
+from gateway.config import parse
+from gateway.events import CompensationStepped, DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.nc import Source, Step, Write
+from gateway.probing import Outcome
+from gateway.storage import History, Store
+from talc.control import Controller
+from talc.frame import Event, EventKind, Frame, Measurement, Why
+from tests.benches.stepped_clock import EPOCH, SteppedClock
+
+TEXT = """
+[machine]
+name = "mill"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "nowhere"
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+[device.channels]
+bed = 0
+column = 1
+"""
+STEPS = 12
+MEASURED = Measurement(np.arange(9.0), np.full(9, 0.5))
+STILL = Step((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), Source.PREDICTION, (False, False, False))
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Iterator[Path]:
+    """A database that is open for writing."""
+    config = parse(TEXT, tmp_path / "gateway.toml")
+    controller = Controller(config.input_names, config.talc)
+    with Store(tmp_path / "g.sqlite", "boot", SteppedClock(), commit_s=0.01) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        for k in range(STEPS):
+            measured = MEASURED if k == 5 else None
+            frame = Frame(k, np.array([20.5 + k, np.nan]), np.array([True, False]), measured)
+            store.record(ReadingsTaken([Sample("bed", 20.5 + k, "degC", Quality.GOOD, EPOCH, 0.0, sequence=k)]))
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(controller.step(frame)))
+        centres = np.zeros((6, 3))
+        store.record(MeasurementEnded(Outcome(7, Why.INTERVAL, EPOCH, EPOCH, centres, (0.0, 0.0, 0.0), MEASURED, 0.4)))
+        store.record(EventReported(Event(EventKind.PROBLEM, 'a "quoted", text'), 3))
+        store.record(CompensationStepped(Write(EPOCH, "compensate", STILL, 4, {"X": 1.0}, True, None)))
+        store.flush()
+        yield tmp_path / "g.sqlite"
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, ["db", *map(str, words)])
+
+
+def exported(database: Path, table: str) -> list[dict[str, str]]:
+    file = database.with_name(f"{table}.csv")
+    answer = run("export", database, table, "-o", file)
+    assert answer.exit_code == 0, answer.output
+    with file.open(newline="", encoding="utf-8") as found:
+        return list(csv.DictReader(found))
+
+
+def test_steps_are_exported_with_a_column_for_each_value(running: Path) -> None:
+    rows = exported(running, "steps")
+    assert len(rows) == STEPS
+    assert (rows[5]["k"], rows[5]["time"]) == ("5", "1970-01-01T00:25:00+00:00")
+    assert (rows[5]["input_bed"], rows[5]["input_column"]) == ("25.5", "")
+    assert [rows[5]["measured_EY0A_um"], rows[5]["measured_EC0C_um_per_m"]] == ["0.0", "8.0"]
+    assert rows[4]["measured_EY0A_um"] == ""
+    assert rows[5]["phase"] == "compensation"
+
+
+def test_the_other_tables_are_exported_too(running: Path) -> None:
+    (reading, *_), (measured,), (event,), (step,) = (
+        exported(running, table) for table in ("readings", "measurements", "events", "compensation")
+    )
+    assert [reading[n] for n in ("time", "channel", "value", "unit", "quality", "run")] == [
+        EPOCH.isoformat(), "bed", "20.5", "degC", "good", "1",
+    ]  # fmt: skip
+    assert (measured["number"], measured["measured_EC0C_um_per_m"], measured["rejected_because"]) == ("7", "8.0", "")
+    assert (event["kind"], event["text"], event["value"]) == ("problem", 'a "quoted", text', "")
+    assert (step["x_um"], step["z_um"], step["written"]) == ("1.0", "3.0", "1")
+    assert exported(running, "minutes") == []
+
+
+def test_parquet_holds_the_same_with_types(running: Path) -> None:
+    file = running.with_name("steps.parquet")
+    assert run("export", running, "steps", "-o", file).exit_code == 0
+    found = parquet.read_table(file).to_pylist()
+    assert len(found) == STEPS
+    assert isinstance(found[5]["time"], datetime)
+    assert (found[5]["input_bed"], found[5]["input_column"], found[5]["measured_EC0C_um_per_m"]) == (25.5, None, 8.0)
+
+
+def test_a_name_of_another_kind_is_refused(running: Path) -> None:
+    answer = run("export", running, "steps", "-o", running.with_name("steps.txt"))
+    assert answer.exit_code == 2
+    assert "ends in .csv or .parquet" in answer.output
+
+
+def test_a_backup_is_whole_while_the_gateway_writes(running: Path) -> None:
+    copy = running.with_name("copy.sqlite")
+    assert run("backup", running, "-o", copy).exit_code == 0
+    assert run("backup", running, "-o", copy).exit_code == 2, "nothing is overwritten"
+    with History(copy) as history:
+        assert [step.frame.k for step in history.steps()] == list(range(STEPS))
+    assert sorted(p.name for p in running.parent.glob("copy*")) == ["copy.sqlite"]
+
+
+def test_stats_tell_rows_and_sizes(running: Path) -> None:
+    answer = run("stats", running)
+    assert answer.exit_code == 0, answer.output
+    counts = {line.split()[0]: line.split()[1] for line in answer.output.splitlines()}
+    assert (counts["frame"], counts["reading"], counts["measurement"]) == (str(STEPS), str(STEPS), "1")
+    assert f"steps 0 to {STEPS - 1}" in answer.output
+
+
+def test_check_finds_rows_that_are_none_and_passes_a_whole_database(running: Path) -> None:
+    answer = run("check", running)
+    assert (answer.exit_code, answer.output) == (0, f"{running}: whole\n")
+    with closing(sqlite3.connect(running)) as connection, connection:
+        connection.execute("UPDATE frame SET inputs = x'00' WHERE k = 3")
+    answer = run("check", running)
+    assert answer.exit_code == 1
+    assert "frame: 1 rows hold no values of this gateway" in answer.output
