@@ -17,7 +17,7 @@ bench: $(VENV)/.ready
 study: $(VENV)/.ready
 	$(BIN)/python -m studies $(NAME) --results docs/results.md
 
-.PHONY: bench study demo test lint format types imports clean
+.PHONY: bench study demo deb test lint format types imports clean
 
 $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -28,6 +28,10 @@ $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 # NC=linuxcnc: the NC side against the real LinuxCNC (Debian's linuxcnc-uspace), in three minutes of real time.
 demo: $(VENV)/.ready
 	$(BIN)/talc-gateway demo $(if $(NC),--nc $(NC))
+
+# dist/talc-gateway_VERSION_ARCH.deb for this computer's Debian release (docs/install-pi.md)
+deb: $(VENV)/.ready
+	PYTHON=$(BIN)/python deploy/debian/build.sh dist
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .
