@@ -1,8 +1,10 @@
 """The command line `talc-gateway`."""
 
+from gateway.cli.condition import doctor, status
 from gateway.cli.main import main
 from gateway.cli.scan import scan
 
-main.add_command(scan)
+for command in (scan, status, doctor):
+    main.add_command(command)
 
 __all__ = ["main"]

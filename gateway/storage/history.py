@@ -180,6 +180,25 @@ class History:
         found = self._connection.execute(f"SELECT {rows.MEASUREMENT_COLUMNS} FROM measurement ORDER BY id")
         return [rows.measurement_of(row) for row in found]
 
+    def residuals_um(self) -> list[float]:
+        """What no rigid body explains of each measurement that was used, RMS, µm, oldest first."""
+        found = "SELECT residual FROM measurement WHERE errors IS NOT NULL AND residual IS NOT NULL ORDER BY id"
+        return [float(residual) for (residual,) in self._connection.execute(found)]
+
+    def latest_k(self) -> int | None:
+        """Grid index of the latest frame."""
+        return self._connection.execute("SELECT max(k) FROM frame").fetchone()[0]  # type: ignore[no-any-return]
+
+    def latest_decision(self) -> tuple[int, str] | None:
+        """Grid index and phase."""
+        row = self._connection.execute("SELECT k, phase FROM decision ORDER BY k DESC LIMIT 1").fetchone()
+        return None if row is None else (int(row[0]), str(row[1]))
+
+    def latest_readings(self, since: datetime) -> dict[str, tuple[float | None, str, str]]:
+        """Channel to its latest value, unit and quality, of what was read since then."""
+        found = "SELECT channel, value, unit, quality, max(time) FROM sample WHERE time >= ? GROUP BY channel"
+        return {row[0]: row[1:4] for row in self._connection.execute(found, (since.timestamp(),))}
+
     def events(self) -> list[tuple[datetime, int | None, Event]]:
         """Every event, oldest first."""
         found = self._connection.execute(f"SELECT {rows.EVENT_COLUMNS} FROM event ORDER BY id")

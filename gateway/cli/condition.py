@@ -1,0 +1,37 @@
+"""The commands `status` and `doctor`: how a gateway is, and what is wrong around it."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from gateway.config import load
+
+_EXIT_UNWELL = 3
+_ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
+
+
+@click.command()
+@_ConfigPath
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, for other programs.")
+def status(config: Path, as_json: bool) -> None:
+    """Show how the gateway of CONFIG is, on the computer where it runs. Exit code 3 unless all is well.
+
+    Well means that it runs, decides in time, and every channel is good. It reads the database and touches no device.
+    """
+    from gateway.cli.status import show
+
+    sys.exit(0 if show(load(config), as_json) else _EXIT_UNWELL)
+
+
+@click.command()
+@_ConfigPath
+def doctor(config: Path) -> None:
+    """Look for what is wrong around the gateway of CONFIG; say why it matters and what to do. Exit code 3: found.
+
+    Clock, disk, supply voltage, CAN interfaces, other programs on a serial port, certificates, probing that scatters
+    more than at first, sensors that are the same all day. It reads files only.
+    """
+    from gateway.cli.doctor import show
+
+    sys.exit(0 if show(load(config)) else _EXIT_UNWELL)

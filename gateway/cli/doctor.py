@@ -1,0 +1,180 @@
+"""`talc-gateway doctor`: what is wrong around the gateway on this computer, why it matters, and what to do."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from gateway.cli.terminal import terminal
+from gateway.config import CanOpenSection, CanSection, GatewayConfig, ModbusRtuSection, cautions
+from gateway.storage import History
+from talc.frame import FloatArray
+
+_POWER = {
+    0: ("the supply voltage is too low now", "use the power supply that was made for this computer"),
+    1: ("the processor is slowed down now", "use a stronger power supply, and cool the computer"),
+    2: ("the processor is throttled now", "cool the computer: heat sink, fan, a larger cabinet"),
+    16: ("the supply voltage was too low since the start", "use the power supply that was made for this computer"),
+    18: ("the processor was throttled since the start", "cool the computer: heat sink, fan, a larger cabinet"),
+}
+"""Bits of the firmware's get_throttled (raspberrypi.com, documentation of vcgencmd)."""
+_SCATTER_CYCLES, _SCATTER_GROWN = 10, 2.0
+_DAY_STEPS, _SAME_K, _MOVED_K = 288, 0.02, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Ailment:
+    """One thing that is wrong."""
+
+    what: str
+    why: str
+    remedy: str
+
+
+def show(config: GatewayConfig, root: Path = Path("/")) -> bool:
+    """Print every finding; True if there is none.
+
+    root: where /sys, /proc and /run are
+    """
+    console = terminal()
+    found = list(findings(config, root))
+    for finding in found:
+        console.print(
+            f"{finding.what}\n  why it matters: {finding.why}\n  what to do: {finding.remedy}", soft_wrap=True
+        )
+    if not found:
+        console.print("nothing found")
+    return not found
+
+
+def findings(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
+    """Everything that is wrong, the computer first."""
+    yield from _clock(root)
+    yield from _disk(config)
+    yield from _power(root)
+    yield from _can(config, root)
+    yield from _other_programs(config, root)
+    for caution in cautions(config):
+        yield Ailment(
+            str(caution), "it works now and may fail later", "change it in the configuration, or renew the file"
+        )
+    if config.storage.path.is_file():
+        with History(config.storage.path) as history:
+            yield from _scatter(history.residuals_um())
+            yield from _too_equal(history, config)
+
+
+def _clock(root: Path) -> Iterator[Ailment]:
+    if (root / "run/systemd/timesync/synchronized").exists() or (root / "run/chrony/chronyd.pid").exists():
+        return
+    yield Ailment(
+        "the clock is not known to be synchronised: neither systemd-timesyncd nor chronyd says so",
+        "the grid and everything stored have the computer's time; a Pi without a clock of its own starts in the past",
+        "install chrony and give it a server of the plant (docs/install-pi.md)",
+    )
+
+
+def _disk(config: GatewayConfig) -> Iterator[Ailment]:
+    folder = config.storage.path.parent
+    if not folder.is_dir():
+        yield Ailment(f"{folder} does not exist", "the database is there", "create it, or change [storage] path")
+        return
+    free = os.statvfs(folder)
+    free_mb = free.f_bavail * free.f_frsize / 1e6
+    if free_mb < config.storage.warn_free_mb:
+        yield Ailment(
+            f"{free_mb:.0f} MB are free on the disk of {folder}, less than {config.storage.warn_free_mb:g}",
+            "on a full disk nothing is stored, and the compensation ends",
+            "delete something, or lower [storage] keep_samples_days",
+        )
+
+
+def _power(root: Path) -> Iterator[Ailment]:
+    text = _read(root / "sys/devices/platform/soc/soc:firmware/get_throttled")
+    if not text:
+        return  # not a Raspberry Pi
+    bits = int(text, 16)
+    for bit, (what, remedy) in _POWER.items():
+        if bits >> bit & 1:
+            yield Ailment(what, "adapters lose their connection, and cards their content", remedy)
+
+
+def _can(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
+    for bus in config.buses:
+        if not isinstance(bus, CanOpenSection | CanSection) or bus.interface != "socketcan":
+            continue
+        state = _read(root / "sys/class/net" / bus.channel / "operstate")
+        why = f"bus '{bus.name}' cannot be read"
+        if not state:
+            yield Ailment(f"there is no interface {bus.channel}", why, "is the adapter plugged in? ip -details link")
+        elif state == "down":
+            up = f"ip link set {bus.channel} up type can bitrate {bus.bitrate} restart-ms 100"
+            yield Ailment(f"{bus.channel} is down", why, f"{up}; at every start: deploy/pi/80-can.network")
+
+
+def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
+    """Serial ports that several processes have open. Another master elsewhere on the line cannot be seen from here."""
+    ports = {os.path.realpath(bus.port): bus.name for bus in config.buses if isinstance(bus, ModbusRtuSection)}
+    users: dict[str, set[str]] = {}
+    for link in (root / "proc").glob("[0-9]*/fd/*"):
+        try:
+            target = str(link.readlink())
+        except OSError:  # ended meanwhile, or another user's
+            continue
+        if target in ports:
+            users.setdefault(target, set()).add(link.parts[-3])
+    for port, processes in users.items():
+        if len(processes) > 1:
+            yield Ailment(
+                f"bus '{ports[port]}': {port} is open in {len(processes)} processes: {', '.join(sorted(processes))}",
+                "two masters on one line destroy each other's answers",
+                "end the other program; the gateway alone may read the line",
+            )
+
+
+def _scatter(residuals_um: Sequence[float]) -> Iterator[Ailment]:
+    """The newest cycles against the first ones."""
+    if len(residuals_um) < 2 * _SCATTER_CYCLES:
+        return
+    first = float(np.median(residuals_um[:_SCATTER_CYCLES]))
+    last = float(np.median(residuals_um[-_SCATTER_CYCLES:]))
+    if last > _SCATTER_GROWN * first:
+        yield Ailment(
+            f"what no rigid body explains of a probing cycle grew from {first:.1f} to {last:.1f} µm (medians of ten)",
+            "every error is learnt from these touches",
+            "clean the sphere, check its clamping and the probe's stylus and battery",
+        )
+
+
+def _too_equal(history: History, config: GatewayConfig) -> Iterator[Ailment]:
+    """Inputs that were the same all day although they moved."""
+    names = [channel.name for channel in config.channels]
+    last_k = history.latest_k()
+    if last_k is None:
+        return
+    frames = history.frames(names, last_k - _DAY_STEPS + 1, last_k)
+    inputs = np.where(frames.valid, frames.inputs, np.nan)
+    for a, b in combinations(range(len(names)), 2):
+        if _same(inputs[:, a], inputs[:, b]):
+            yield Ailment(
+                f"{names[a]} and {names[b]} were the same all day",
+                "they may be one sensor under two names, or two sensors in one hole: one of them tells nothing",
+                "warm each by hand while `talc-gateway probe --watch` runs",
+            )
+
+
+def _same(a: FloatArray, b: FloatArray) -> bool:
+    known = np.isfinite(a) & np.isfinite(b)
+    if known.sum() < _DAY_STEPS // 2:
+        return False
+    return bool(np.ptp(a[known]) > _MOVED_K and np.max(np.abs(a[known] - b[known])) < _SAME_K)
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""

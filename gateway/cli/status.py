@@ -1,0 +1,106 @@
+"""`talc-gateway status`: how the gateway of a configuration is, from its database and its lock, on this computer."""
+
+import json
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from gateway.cli.opening import armed
+from gateway.cli.terminal import printable, terminal
+from gateway.config import GatewayConfig, unarmed
+from gateway.storage import History
+from talc.frame import EventKind
+
+_RECENT = timedelta(hours=24)
+_EVENTS = 5
+_LATE_STEPS = 2
+_GOOD = ("good", "simulated")
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """How a gateway is."""
+
+    machine: str
+    running: bool
+    """Whether a process holds the lock of the database."""
+    phase: str | None
+    decision_age_s: float | None
+    """Since the end of the step that the latest decision is about."""
+    armed: str
+    unarmed: tuple[str, ...]
+    readings: dict[str, tuple[float | None, str, str]]
+    """Channel to the latest value of the last minutes, unit and quality."""
+    missing: tuple[str, ...]
+    """Channels that were not read in that time, or are not good."""
+    problems: tuple[str, ...]
+    """The latest problems of the last day and their ends, oldest first."""
+    well: bool
+    """It runs, decides in time, and every channel is good."""
+
+
+def status_of(config: GatewayConfig, now: datetime) -> Status:
+    """The status at this time. Raises StoreError when the database cannot be read."""
+    path, step_s = config.storage.path, config.grid.step_s
+    channels = [channel.name for channel in config.channels]
+    decision: tuple[int, str] | None = None
+    readings: dict[str, tuple[float | None, str, str]] = {}
+    problems: list[str] = []
+    if path.is_file():
+        with History(path) as history:
+            decision = history.latest_decision()
+            longest_s = max((channel.period_s for channel in config.channels), default=step_s)
+            readings = history.latest_readings(now - timedelta(seconds=max(step_s, 3 * longest_s)))
+            notable = (EventKind.PROBLEM, EventKind.PROBLEM_ENDED)
+            recent = [(at, e.text) for at, _, e in history.events() if e.kind in notable and now - at < _RECENT]
+            problems = [f"{at:%H:%M} {text}" for at, text in recent[-_EVENTS:]]
+    missing = tuple(name for name in channels if name not in readings or readings[name][2] not in _GOOD)
+    age_s = None if decision is None else now.timestamp() - decision[0] * step_s
+    running = _held(path)
+    return Status(
+        machine=config.machine.name,
+        running=running,
+        phase=None if decision is None else decision[1],
+        decision_age_s=age_s,
+        armed=armed(config),
+        unarmed=unarmed(config),
+        readings=readings,
+        missing=missing,
+        problems=tuple(problems),
+        well=running and age_s is not None and age_s <= _LATE_STEPS * step_s and not missing,
+    )
+
+
+def show(config: GatewayConfig, as_json: bool) -> bool:
+    """Print it; True if all is well."""
+    status = status_of(config, datetime.now(UTC))
+    console = terminal()
+    if as_json:
+        console.print(json.dumps(asdict(status), ensure_ascii=False), soft_wrap=True, highlight=False)
+        return status.well
+    age = "no decision yet" if status.decision_age_s is None else f"last decision {status.decision_age_s:.0f} s ago"
+    lines = [
+        f"{status.machine}: {'runs' if status.running else 'DOES NOT RUN'}, {status.phase or 'starting'}, {age}",
+        status.armed,
+        *status.unarmed,
+        f"channels: {len(config.channels) - len(status.missing)} of {len(config.channels)} good",
+        *(f"  {name}: {_reading(status, name)}" for name in status.missing),
+        *(f"  {text}" for text in status.problems),
+    ]
+    for line in lines:
+        console.print(printable(line), soft_wrap=True, highlight=False)
+    return status.well
+
+
+def _reading(status: Status, name: str) -> str:
+    return status.readings[name][2] if name in status.readings else "not read lately"
+
+
+def _held(path: Path) -> bool:
+    """Whether a gateway has the database's lock. Asked of the kernel: trying it could keep a gateway from starting."""
+    try:
+        inode = path.with_name(path.name + ".lock").stat().st_ino
+        locks = Path("/proc/locks").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return False
+    return any("FLOCK" in line and f":{inode} " in line for line in locks)

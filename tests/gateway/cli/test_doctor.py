@@ -1,0 +1,131 @@
+"""`doctor` on a computer whose files say what is wrong."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.cli.doctor import findings
+from gateway.config import GatewayConfig, load
+from gateway.events import FrameMade, MeasurementEnded
+from gateway.storage import Store
+from talc.frame import Frame
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.telemetry_examples import OUTCOME
+
+TEXT = """
+[machine]
+name = "mill"
+[storage]
+warn_free_mb = 0.0
+[[bus]]
+name = "rtu1"
+kind = "modbus_rtu"
+port = "line"
+[[bus]]
+name = "can1"
+kind = "canopen"
+channel = "can0"
+[[device]]
+name = "rtd1"
+bus = "rtu1"
+profile = "icpdas_m7015"
+channels = { bed = 0, column = 1, room = 2 }
+"""
+THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A computer on which all is well."""
+    root = tmp_path / "root"
+    write(root / "run/systemd/timesync/synchronized", "")
+    write(root / THROTTLED, "0x0")
+    write(root / "sys/class/net/can0/operstate", "up")
+    return root
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> GatewayConfig:
+    write(tmp_path / "gateway.toml", TEXT)
+    return load(tmp_path / "gateway.toml")
+
+
+def write(file: Path, text: str) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+
+
+def found(config: GatewayConfig, root: Path) -> list[str]:
+    """What is wrong; each says why and what to do."""
+    all_of_it = list(findings(config, root))
+    assert all(finding.why and finding.remedy for finding in all_of_it)
+    return [finding.what for finding in all_of_it]
+
+
+def test_nothing_is_found_where_nothing_is_wrong(config: GatewayConfig, root: Path) -> None:
+    assert found(config, root) == []
+
+
+def test_a_clock_that_nobody_synchronises_is_found(config: GatewayConfig, root: Path) -> None:
+    (root / "run/systemd/timesync/synchronized").unlink()
+    assert found(config, root) == [
+        "the clock is not known to be synchronised: neither systemd-timesyncd nor chronyd says so"
+    ]
+
+
+def test_a_supply_that_is_too_weak_is_found(config: GatewayConfig, root: Path) -> None:
+    write(root / THROTTLED, "0x50001")
+    assert found(config, root) == [
+        "the supply voltage is too low now",
+        "the supply voltage was too low since the start",
+        "the processor was throttled since the start",
+    ]
+
+
+def test_a_can_interface_that_is_down_or_absent_is_found(config: GatewayConfig, root: Path) -> None:
+    write(root / "sys/class/net/can0/operstate", "down\n")
+    assert found(config, root) == ["can0 is down"]
+    (root / "sys/class/net/can0/operstate").unlink()
+    assert found(config, root) == ["there is no interface can0"]
+
+
+def test_a_disk_that_is_nearly_full_is_found(config: GatewayConfig, root: Path) -> None:
+    storage = config.storage.model_copy(update={"warn_free_mb": 1e12})
+    (what,) = found(config.model_copy(update={"storage": storage}), root)
+    assert "MB are free on the disk of" in what
+
+
+def test_a_second_program_on_a_serial_line_is_found(config: GatewayConfig, root: Path, tmp_path: Path) -> None:
+    for process in ("17", "23"):
+        (root / "proc" / process / "fd").mkdir(parents=True)
+        (root / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line")
+    assert found(config, root) == [f"bus 'rtu1': {tmp_path}/line is open in 2 processes: 17, 23"]
+
+
+def test_two_names_that_were_the_same_all_day_are_found_and_neighbours_are_not(
+    config: GatewayConfig, root: Path
+) -> None:
+    day = 20.0 + 3.0 * np.sin(np.arange(288) / 288 * 2 * np.pi)
+    with Store(config.storage.path, "boot-1", SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "", None)
+        for k, value in enumerate(day):
+            store.record(FrameMade(Frame(k, np.array([value, value + 0.001, value + 0.5]), np.full(3, True))))
+        store.flush()
+    assert found(config, root) == ["bed and column were the same all day"]
+
+
+@pytest.mark.parametrize(("last_um", "grown"), [(0.8, []), (2.5, ["grew from 0.5 to 2.5 µm"])])
+def test_probing_that_scatters_more_than_at_first_is_found(
+    last_um: float, grown: list[str], config: GatewayConfig, root: Path
+) -> None:
+    with Store(config.storage.path, "boot-1", SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "", None)
+        for number in range(30):
+            residual_um = 0.5 if number < 20 else last_um
+            store.record(MeasurementEnded(replace(OUTCOME, number=number, residual_um=residual_um)))
+        store.flush()
+    whats = found(config, root)
+    assert len(whats) == len(grown)
+    assert all(part in what for part, what in zip(grown, whats, strict=True))

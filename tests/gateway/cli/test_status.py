@@ -1,0 +1,69 @@
+"""`status`: whether the gateway runs, decides in time and reads every channel, without disturbing it."""
+
+import json
+import math
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+from click.testing import CliRunner
+
+from drivers.base import Quality
+from gateway.acquisition import Sample
+from gateway.cli import main
+from gateway.cli.status import status_of
+from gateway.config import GatewayConfig, load
+from gateway.events import DecisionMade, EventReported, FrameMade, ReadingsTaken
+from gateway.storage import Store
+from talc.frame import Event, EventKind, Frame
+from tests.benches.service_file import TEXT
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.telemetry_peer import decision
+
+STEP_S = 300
+
+
+def configured(folder: Path) -> GatewayConfig:
+    (folder / "gateway.toml").write_text(TEXT, encoding="utf-8")
+    return load(folder / "gateway.toml")
+
+
+def sample(value: float, quality: Quality, at: datetime) -> Sample:
+    return Sample("bed_front", value, "degC", quality, at, 0.0, sequence=1 + int(at.timestamp()) % 1000)
+
+
+def test_a_gateway_that_runs_decides_and_reads_is_well_and_later_is_not(tmp_path: Path) -> None:
+    config, clock = configured(tmp_path), SteppedClock()
+    now = clock.utc()
+    k = int(now.timestamp()) // STEP_S
+    with Store(config.storage.path, "boot-1", clock) as store:
+        store.begin(config.canonical(), config.fingerprint(), "", None)
+        store.record(FrameMade(Frame(k, np.array([20.5]), np.array([True]))))
+        store.record(DecisionMade(decision(k)))
+        store.record(ReadingsTaken([sample(20.5, Quality.GOOD, now)]))
+        store.record(EventReported(Event(EventKind.PROBLEM, "device rtd1: silent"), k))
+        store.flush()
+        well = status_of(config, now)
+        assert (well.well, well.running, well.phase, well.missing) == (True, True, "calibration", ())
+        assert well.readings["bed_front"] == (20.5, "degC", "good")
+        assert well.problems[-1].endswith("device rtd1: silent")
+        assert well.unarmed[0] == "nothing will be learnt and nothing corrected: there is no [nc]"
+        assert not status_of(config, now + timedelta(seconds=3 * STEP_S)).well, "it has stopped deciding"
+        store.record(ReadingsTaken([sample(math.nan, Quality.SENSOR_FAULT, now + timedelta(seconds=1))]))
+        store.flush()
+        broken = status_of(config, now + timedelta(seconds=2))
+        assert (broken.well, broken.missing) == (False, ("bed_front",))
+    ended = status_of(config, now)
+    assert (ended.running, ended.well) == (False, False)
+
+
+def test_the_command_reads_and_its_exit_code_says_it(tmp_path: Path) -> None:
+    configured(tmp_path)
+    file = str(tmp_path / "gateway.toml")
+    answer = CliRunner().invoke(main, ["status", file], catch_exceptions=False)
+    assert answer.exit_code == 3
+    assert "mill: DOES NOT RUN, starting, no decision yet" in answer.output
+    assert "bed_front: not read lately" in answer.output
+    found = json.loads(CliRunner().invoke(main, ["status", file, "--json"], catch_exceptions=False).output)
+    assert (found["machine"], found["running"], found["well"]) == ("mill", False, False)
+    assert not (tmp_path / "gateway.sqlite").exists(), "nothing is made"
