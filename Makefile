@@ -17,7 +17,11 @@ bench: $(VENV)/.ready
 study: $(VENV)/.ready
 	$(BIN)/python -m studies $(NAME) --results docs/results.md
 
-.PHONY: bench study demo deb test lint format types imports clean
+# The documentation as a site, out/site; links and references that lead nowhere are errors.
+site: $(VENV)/.ready
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+.PHONY: bench study site demo deb test lint format types imports clean
 
 $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

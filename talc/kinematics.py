@@ -4,6 +4,8 @@ Machine coordinates: origin where the A and C axes meet at A = C = 0. The tool t
 position (X, Y, Z), which in the frame of the turned table is the point Rx(a)^-1 (X, Y, Z). Table-side errors move that
 point by delta; moving the tool by delta as well keeps it where it was on the workpiece.
 
+Examples
+--------
 The A axis has sunk by 30 µm, and the table has grown by 10 µm at 150 mm; the tool stands 200 mm out on X:
 
 >>> import numpy as np

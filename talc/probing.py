@@ -7,6 +7,8 @@ The sphere stands on the table at p0 = (R, 0, h) in the C frame. At pose (a, c) 
 
 which is linear in the nine errors: each pose gives three equations.
 
+Examples
+--------
 Six poses, the sphere 150 mm from the C axis and 80 mm above the table; which errors do they tell apart, and how well?
 
 >>> import numpy as np
