@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from fcntl import LOCK_EX, flock
 from pathlib import Path
 
 PEERS = Path(__file__).parent / "peers"
@@ -19,10 +20,13 @@ def node_with(peer: str, package: str) -> str:
     program, npm = shutil.which("node"), shutil.which("npm")
     assert program is not None, "Node.js is missing: install Debian's nodejs and npm"
     assert npm is not None, "npm is missing: install Debian's npm"
-    if not (PEERS / peer / "node_modules" / package).is_dir():
-        command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
-        done = subprocess.run(command, cwd=PEERS / peer, capture_output=True, text=True, timeout=300, check=False)
-        assert done.returncode == 0, f"npm ci failed: {done.stderr[-2000:]}"
+    folder = PEERS / peer
+    with (folder / "package.json").open() as file:
+        flock(file, LOCK_EX)  # other workers of the same run look, too
+        if not (folder / "node_modules" / package).is_dir():
+            command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+            assert done.returncode == 0, f"npm ci failed: {done.stderr[-2000:]}"
     return program
 
 

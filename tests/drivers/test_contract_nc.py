@@ -17,7 +17,8 @@ WATCH = WatchdogTerms(silence_s=60.0, ramp_um_per_s=2.0)
 
 
 def marks(name: str) -> list[pytest.MarkDecorator]:
-    return [pytest.mark.peer] * (name in NEEDS_DEBIAN) + [pytest.mark.slow] * (name in SLOW)
+    where = pytest.mark.peer if name in NEEDS_DEBIAN else pytest.mark.simulated_time
+    return [where] + [pytest.mark.slow] * (name in SLOW)
 
 
 @pytest.fixture(params=[pytest.param(name, marks=marks(name)) for name in BENCHES])

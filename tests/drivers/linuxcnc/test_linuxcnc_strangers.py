@@ -63,7 +63,7 @@ def agent(tmp_path: Path) -> Iterator[Serving]:
 def strangers(agent: Serving, count: int) -> Iterator[list[socket.socket]]:
     """Connections that are greeted and say nothing."""
     with ExitStack() as stack:
-        lines = [stack.enter_context(socket.create_connection(agent.address, timeout=5.0)) for _ in range(count)]
+        lines = [stack.enter_context(socket.create_connection(agent.address, timeout=60.0)) for _ in range(count)]
         yield lines
 
 
@@ -81,9 +81,9 @@ async def test_strangers_who_come_again_and_again_keep_no_gateway_out(agent: Ser
 
     def knock() -> None:
         while not ending.is_set():
-            with suppress(OSError), socket.create_connection(agent.address, timeout=5.0) as line:
+            with suppress(OSError), socket.create_connection(agent.address, timeout=60.0) as line:
                 line.sendall(b"slowly")
-                ending.wait(0.02)
+                ending.wait(0.1)
 
     knocking = [threading.Thread(target=knock) for _ in range(8)]
     for thread in knocking:

@@ -36,7 +36,7 @@ MINUTES = replace(JOB, settings=TrainingSettings(selector="pso", max_na=5, max_n
 """Seconds at the least: long enough to be met while it computes."""
 
 
-async def until(condition: Callable[[], bool], within_s: float = 30.0) -> None:
+async def until(condition: Callable[[], bool], within_s: float = 120.0) -> None:
     async with asyncio.timeout(within_s):
         while not condition():
             await asyncio.sleep(0.01)

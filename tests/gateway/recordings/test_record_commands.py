@@ -171,7 +171,7 @@ async def test_service_keeps_what_passed_across_a_reload(tmp_path: Path) -> None
         *(sys.executable, "-m", "gateway", "run", str(config), "--record", str(wire)), stderr=asyncio.subprocess.PIPE
     )
     try:
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(120):
             await until(lambda: " > 01" in text_of(wire))
             config.write_text(bus + m7015(unit=2), encoding="utf-8")
             process.send_signal(signal.SIGHUP)

@@ -1,7 +1,7 @@
 // A control with SINUMERIK's names on another maker's OPC UA stack, with its own small part program.
 // Usage: node server.js <pki folder> [<certificate.pem> <key.pem> <trusted client.der>]
 // Prints its URL, then serves until its standard input ends. Lines that it takes there: `allow` (the program reaches safe
-// points from now on), `alarm <number>`, `clear`. SLOW=1 in the environment: none before `allow`, and cycles of half a second.
+// points from now on), `alarm <number>`, `clear`. SLOW=1 in the environment: none before `allow`, and cycles of three seconds.
 "use strict";
 const fs = require("fs");
 const readline = require("readline");
@@ -81,7 +81,7 @@ async function main() {
     if (alarm) return answer(5, 1);
     if (r[61] === r[64]) return answer(5, 4);
     if (r[65] === 1 && now - began > 30) answer(2, 0);
-    if (r[65] === 2 && now - began > (slow ? 500 : 80)) {
+    if (r[65] === 2 && now - began > (slow ? 3000 : 80)) {
       CENTRES.flat().forEach((value, i) => { r[70 + i] = value + r[64] * 1e-4; });
       r[67] = r[64];
       answer(3, 0);
