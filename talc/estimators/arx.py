@@ -1,6 +1,6 @@
 """The papers' models, and the sparse output-error models beside them, with scikit-learn's manners."""
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from typing import Any, Literal, Self
 from warnings import warn
 
@@ -21,7 +21,7 @@ _PLACES = tuple(i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] 
 """A training makes nine models; these have one tolerance, the estimator's."""
 
 
-class TrainedModels(Manners):
+class TrainedModels(Manners, ABC):
     """A model for each error, from all rows at once; what its subclasses share.
 
     Rows are a time series. `predict` takes the rows that follow the fitted ones, in free run: without measurements.

@@ -6,7 +6,7 @@ import numpy as np
 
 from talc.estimators.rows import Inputs
 from talc.frame import IntArray
-from talc.steps import StepCounter, on_grid
+from talc.steps import StepCounter
 
 _STEP_S = 300.0
 """Of rows without times, if none is given: the gateway's."""
@@ -30,8 +30,7 @@ class RowClock:
         if first.time_s is not None:
             if step_s is None and len(first.time_s) > 1:
                 self.step_s = float(np.median(np.diff(first.time_s)))
-            self.step_s, start_s, _ = on_grid(first.time_s[:1], self.step_s)
-            self._counter = StepCounter(self.step_s, start_s, 0)
+            self._counter = StepCounter(self.step_s, float(first.time_s[0]), 0)
 
     def take(self, rows: Inputs) -> IntArray:
         """(T,) the steps of the next rows. ValueError: they are not later than those before, or too dense."""
@@ -43,7 +42,8 @@ class RowClock:
         if self._counter is None or rows.time_s is None:
             index = self._last + 1 + np.arange(len(rows.values))
         else:
-            index = self._counter.of(rows.time_s)
+            counter = copy(self._counter)
+            index = counter.of(rows.time_s)
             late = np.flatnonzero(np.diff(index, prepend=self._last) <= 0)
             if late.size and late[0] == 0:
                 raise ValueError(
@@ -55,11 +55,10 @@ class RowClock:
                     f"rows {int(late[0]) - 1} and {int(late[0])} are in one step of {self.step_s:g} s: average them "
                     f'first, as df.resample("{self.step_s:g}s").mean() does, or give a smaller step_s'
                 )
+            self._counter = counter  # only now: refused rows leave no trace
         self._last = int(index[-1])
         return index
 
     def ahead(self) -> "RowClock":
         """A copy, to look at rows without remembering them."""
-        twin = copy(self)
-        twin._counter = copy(self._counter)
-        return twin
+        return copy(self)

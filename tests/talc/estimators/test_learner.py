@@ -89,6 +89,30 @@ def test_a_gap_in_the_times_lets_the_lags_run_on(days: ThermalSeries) -> None:
     np.testing.assert_array_equal(learner.predict(days.inputs[row], times=times[row])[0], last.predicted)
 
 
+@pytest.mark.parametrize("late_s", [0.0, 100.0, 160.0, 299.0])
+def test_times_may_begin_anywhere_between_steps(days: ThermalSeries, late_s: float) -> None:
+    times = 1.7e9 + late_s + 300.0 * np.arange(60)
+    learner = talc.Learner().fit(days.inputs[:50], days.measured[:50], times[:50])
+    plain = talc.Learner().fit(days.inputs[:50], days.measured[:50])
+    np.testing.assert_array_equal(
+        learner.predict(days.inputs[50:60], times=times[50:]), plain.predict(days.inputs[50:60])
+    )
+
+
+def test_rows_that_are_refused_leave_no_trace(days: ThermalSeries) -> None:
+    times = 300.0 * np.arange(60)
+    learner = talc.Learner().fit(days.inputs[:50], days.measured[:50], times[:50])
+    with pytest.raises(ValueError, match="are in one step of 300 s"):
+        learner.partial_fit(days.inputs[50:53], days.measured[50:53], [15_000.0, 15_300.0, 15_310.0])
+    learner.partial_fit(days.inputs[50:60], days.measured[50:60], times[50:])
+    whole = talc.Learner().fit(days.inputs[:60], days.measured[:60], times)
+    later = times[-1] + np.array([300.0, 600.0, 900.0])
+    np.testing.assert_array_equal(
+        learner.predict(days.inputs[60:63], times=later),
+        whole.predict(days.inputs[60:63], times=later),
+    )
+
+
 def test_learning_in_parts_is_learning_at_once_and_predictions_leave_no_trace(days: ThermalSeries) -> None:
     y = sparse(days)
     whole = talc.Learner().fit(days.inputs[:200], y[:200])
