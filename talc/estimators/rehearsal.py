@@ -77,8 +77,10 @@ def rehearse(
     >>> bool(left.std() < 0.1 * df["drift"].std()), int(result["measured"].sum()) < 60
     (True, True)
     """
-    import pandas as pd
-
+    try:
+        import pandas as pd
+    except ImportError:
+        raise ImportError("talc.rehearse needs pandas: install talc-gateway with the extra `pandas`") from None
     errors, inputs = _columns(df, errors, inputs)
     measured = inputs_of(df[errors]).values
     rows = inputs_of(df[inputs], times)

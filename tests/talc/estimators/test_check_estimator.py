@@ -1,5 +1,7 @@
 """scikit-learn's own checks of estimators, and those of them that do not apply."""
 
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -43,3 +45,20 @@ def test_parameters_are_read_set_and_cloned(estimator: talc.Learner) -> None:
     assert "step_s=60.0" in repr(twin)
     with pytest.raises(ValueError, match="Invalid parameter 'depth' for estimator"):
         twin.set_params(depth=3)
+
+
+def test_talc_learns_without_pandas_and_scikit_learn() -> None:
+    program = """
+import sys
+import numpy as np
+import talc
+sys.modules["pandas"] = sys.modules["sklearn"] = None  # an import of either fails
+talc.Learner().fit(np.ones((3, 1)), [0.0, np.nan, 1.0], [0, 300, 900]).predict([[1.0]], times=[1200])
+talc.SparseOutputError().get_params()
+try:
+    talc.rehearse({}, errors=["drift"])
+except ImportError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("talc.rehearse needs pandas: install"), done.stderr
