@@ -25,6 +25,7 @@ from studies.__main__ import main
 from studies.arx_vs_static import REST, STEPS, judge, recordings
 from studies.arx_vs_static_report import MODELS
 from studies.frame import RunParameters, code_fingerprint
+from studies.page import Report, Table
 from tests.benches.small_study import study_by_command
 
 STUDY = STUDIES["arx-vs-static"]
@@ -113,14 +114,26 @@ def results(folder: Path) -> dict[str, Any]:
     return {name: (one["parameters"], one["result"]) for name, one in kept.items()}
 
 
-def test_a_stopped_study_goes_on_and_ends_the_same(folder: Path) -> None:
-    before = results(folder)
+@pytest.fixture
+def copied(folder: Path, tmp_path: Path) -> Path:
+    """The finished study, for a test that changes it."""
+    return shutil.copytree(folder, tmp_path / "copied")
+
+
+def undrawn(runs: list[Run]) -> Report:
+    """A report without pictures, for tests of what is not about them."""
+    return Report("?", Table(("pair",), ()), (), (), [["pair"], *([r.parameters["pair"]] for r in runs)])
+
+
+def test_a_stopped_study_goes_on_and_ends_the_same(copied: Path) -> None:
+    before = results(copied)
     lost, cut = sorted(before)[:2]
-    (folder / "runs" / lost).unlink()
-    (folder / "runs" / cut).write_text(json.dumps({"result": 1})[:-2], encoding="utf-8")
-    assert list(carry_out(STUDY, folder, 1, True, 1)) == [(6, 8), (7, 8), (8, 8)]
-    assert results(folder) == before
-    assert list(carry_out(STUDY, folder, 1, True, 1)) == [(8, 8)]
+    (copied / "runs" / lost).unlink()
+    (copied / "runs" / cut).write_text(json.dumps({"result": 1})[:-2], encoding="utf-8")
+    study = replace(STUDY, report=undrawn)
+    assert list(carry_out(study, copied, 1, True, 1)) == [(6, 8), (7, 8), (8, 8)]
+    assert results(copied) == before
+    assert list(carry_out(study, copied, 1, True, 1)) == [(8, 8)]
 
 
 def test_a_model_that_ran_away_is_not_counted_as_beaten() -> None:
@@ -139,24 +152,24 @@ def test_a_model_that_ran_away_is_not_counted_as_beaten() -> None:
     assert STUDY.report([*runs[2:], *runs[2:]]).claims[-1].holds
 
 
-def test_runs_without_their_time_make_no_time_and_the_goal_stands_beside_it(folder: Path) -> None:
-    timed = {f: json.loads(f.read_text(encoding="utf-8")) for f in (folder / "runs").iterdir()}
-    study = replace(STUDY, runs=lambda seed, _: STUDY.runs(seed, True), goal_min=7.0)
+def test_runs_without_their_time_make_no_time_and_the_goal_stands_beside_it(copied: Path) -> None:
+    timed = {f: json.loads(f.read_text(encoding="utf-8")) for f in (copied / "runs").iterdir()}
+    study = replace(STUDY, runs=lambda seed, _: STUDY.runs(seed, True), report=undrawn, goal_min=7.0)
     for seconds, line in (
         (30.0, ", 2.0 min on 2 cores (goal: 7 min on 2), "),
         (None, ", time not kept (goal: 7 min on 2), "),
     ):
         for file, content in timed.items():
             file.write_text(json.dumps({**content, "seconds": seconds}), encoding="utf-8")
-        assert list(carry_out(study, folder, 1, False, 2)) == [(8, 8)]
-        assert line in (folder / "summary.md").read_text(encoding="utf-8")
+        assert list(carry_out(study, copied, 1, False, 2)) == [(8, 8)]
+        assert line in (copied / "summary.md").read_text(encoding="utf-8")
 
 
 def test_runs_that_rest_on_the_first_ones_follow_them_and_are_kept_too(tmp_path: Path) -> None:
     def then(first: list[Run]) -> list[RunParameters]:
         return [{**run.parameters, "pair": 7} for run in first[:1]]
 
-    study = replace(STUDY, runs=lambda seed, small: STUDY.runs(seed, small)[:1], then=then)
+    study = replace(STUDY, runs=lambda seed, small: STUDY.runs(seed, small)[:1], report=undrawn, then=then)
     assert list(carry_out(study, tmp_path, 1, True, 1)) == [(0, 1), (1, 1), (1, 2), (2, 2)]
     assert list(carry_out(study, tmp_path, 1, True, 1)) == [(1, 1), (2, 2)]
     assert {row["pair"] for row in figures(tmp_path)} == {"0", "7"}

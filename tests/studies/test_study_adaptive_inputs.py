@@ -15,6 +15,8 @@ from studies.page import Claim
 from talc.names import THERMAL_ERRORS
 from tests.benches.small_study import Studied, study_by_command
 
+pytestmark = pytest.mark.slow
+
 STUDY = STUDIES["adaptive-inputs"]
 
 

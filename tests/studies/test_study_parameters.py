@@ -12,6 +12,8 @@ from studies.parameters import CALIBRATION_H, INTERVAL_H, NO_GOOD, judged, serie
 from studies.parameters_pictures import PAPER
 from tests.benches.small_study import Studied, study_by_command
 
+pytestmark = pytest.mark.slow
+
 STUDY = STUDIES["parameters"]
 SMALL, LONGER, REGRESSION, LEARNER = STUDY.runs(1, True)
 

@@ -27,6 +27,8 @@ from studies.test_piece import (
 )
 from tests.benches.small_study import Studied, study_by_command
 
+pytestmark = pytest.mark.slow
+
 STUDY = STUDIES["test-piece"]
 
 
