@@ -17,10 +17,10 @@ _SHORT_GAP_S = 3600.0
 """Across a shorter gap inputs are interpolated linearly; after a longer one the lags restart at the present values."""
 _LONGEST_RAMP = 2016
 _TRUSTED = 0.5
-_SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.15, 0.8, (0.7, 3.0)
+_SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.5, 0.8, (0.8, 3.0)
 """sigma is scaled by how far measurements are off: mean |z| of a normal distribution is 0.8. A measurement counts as
-far as its own noise does not hide this. A faster rate follows the chance of single measurements, and so asks for some
-that it does not need."""
+far as its own noise does not hide this. A slower rate, or a lower bound, would suit the simulated machines, whose
+intervals are too wide; on a real machine measured rarely after a dense beginning they become too narrow."""
 
 
 _FARTHEST_Z = 4.0
