@@ -79,7 +79,7 @@ def rows() -> list[BenchRow]:
                 BenchRow(
                     f"restart on a record of {years:g} years ({size:.0f} MB): all rebuilt, first decision",
                     f"{found['rebuilt_s']:.2f} s, {found['decided_s']:.2f} s",
-                    f"{found['memory_mb']:.0f} MB of memory; {found['steps']} steps repeated",
+                    f"of which {found['imported_s']:.2f} s to import; {found['memory_mb']:.0f} MB of memory",
                     "≤ 3 s, ≤ 6 s",
                 )
             )
@@ -177,6 +177,7 @@ def fill(config: GatewayConfig, years: float) -> None:
 def restart(folder: str) -> None:
     """In a fresh process: from the start of the interpreter, as the kernel knows it, to the first decision."""
     ticks = float(Path("/proc/self/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[19]) / 100.0
+    imported_s = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks
     config = config_in(Path(folder))
     with Store(config.storage.path, "now", SystemClock()) as store:
         past = past_in(store, config)
@@ -187,4 +188,4 @@ def restart(folder: str) -> None:
         decided_s = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks
     peak = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmHWM"))
     found = {"rebuilt_s": rebuilt_s, "decided_s": decided_s, "memory_mb": int(peak.split()[1]) / 1024}
-    print(json.dumps({**found, "steps": past.since_snapshot}))
+    print(json.dumps({**found, "imported_s": imported_s}))

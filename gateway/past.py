@@ -6,13 +6,23 @@ from dataclasses import asdict, dataclass, field
 
 from gateway.config import GatewayConfig, parse_prior, validate
 from gateway.control import SeenBefore
-from gateway.rebuild import Interrupted, Progress, controller_of, no_matter, rebuilt_from, used
+from gateway.rebuild import (
+    Interrupted,
+    Progress,
+    Rebuilt,
+    controller_of,
+    marks,
+    no_matter,
+    rebuilt_from,
+    used,
+)
 from gateway.storage import History, Store, StoreError
 from talc.control import Controller
 from talc.frame import FloatArray, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 
+_SAVE_EVERY_STEPS = 20_000
 _FIRST_METHOD = "models"
 """The method of programs that stored no `[talc] method`: they had no other."""
 
@@ -70,20 +80,32 @@ def _settings_alike(one: TalcSettings, other: TalcSettings) -> bool:
     return one.method == other.method and used(one) == used(other)
 
 
-def past_in(store: Store, config: GatewayConfig, progress: Progress = no_matter) -> Past:
+def past_in(
+    store: Store, config: GatewayConfig, progress: Progress = no_matter, save_every: int = _SAVE_EVERY_STEPS
+) -> Past:
     """`past_of` what a store holds. A damaged one is set aside first, and what can be read of it counts.
+
+    A rebuild of years takes minutes: it stores a snapshot every so many steps, from which the next start continues.
 
     Raises StoreError as `past_of`, or when the damaged one cannot be set aside; Interrupted as `progress`.
     """
+    of_this = marks(config)
+
+    def each(found: Rebuilt) -> None:
+        progress(found)
+        if found.steps >= save_every and not found.controller.learning:
+            found.steps = 0
+            store.keep(found.snapshot(of_this))
+
     try:
         with store.same_file() as file, History(config.storage.path) as history:
-            return past_of(history, config, progress)
+            return past_of(history, config, each)
     except (Interrupted, StoreError):
         raise
     except Exception as error:  # noqa: BLE001 - anything comes of a damaged row; of a whole database it is raised again
         store.repair(error, file)
     with store.same_file(), History(config.storage.path) as history:
-        return past_of(history, config, progress)
+        return past_of(history, config, each)
 
 
 def past_of(history: History, config: GatewayConfig, progress: Progress = no_matter) -> Past:

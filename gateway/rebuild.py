@@ -21,13 +21,6 @@ from talc.settings import ControlSettings, LearnerSettings, TalcSettings, Traini
 
 log = logging.getLogger(__name__)
 
-Progress = Callable[[], None]
-"""Called at every step of a rebuild; ends it by raising Interrupted."""
-
-
-def no_matter() -> None:
-    """Go on."""
-
 
 class Interrupted(Exception):
     """A rebuild was ended before its end."""
@@ -75,6 +68,14 @@ class Rebuilt:
         return Snapshot(marks, self.controller.state(), self.measure, self.missing, tuple(self.measured))
 
 
+Progress = Callable[[Rebuilt], None]
+"""Called after every step of a rebuild; ends it by raising Interrupted."""
+
+
+def no_matter(_: Rebuilt) -> None:
+    """Go on."""
+
+
 def rebuilt(
     steps: Iterable[StoredStep], config: GatewayConfig, start: Rebuilt | None = None, progress: Progress = no_matter
 ) -> Rebuilt:
@@ -84,13 +85,13 @@ def rebuilt(
     """
     found = Rebuilt(controller_of(config)) if start is None else start
     for step in steps:
-        progress()
         decision = found.controller.step(step.frame)
         found.follow(step.frame, decision)
         found.job = decision.training or found.job
         for stored in () if config.talc.method == "learner" else step.adopted:
             found.controller.adopt(stored)
             found.job = None
+        progress(found)
     return found
 
 

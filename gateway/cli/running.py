@@ -11,7 +11,7 @@ from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
 from gateway.nc import Identity
 from gateway.past import Past, past_in
-from gateway.rebuild import Interrupted
+from gateway.rebuild import Interrupted, Rebuilt
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 from gateway.snapshots import SnapshotKeeper
@@ -111,7 +111,7 @@ async def _past(store: Store, config: GatewayConfig, clock: ServiceClock, stop: 
     """What an earlier run left; None: stopped before it was rebuilt, which can take minutes after an update."""
     ended = threading.Event()
 
-    def progress() -> None:
+    def progress(_: Rebuilt) -> None:
         if ended.is_set():
             raise Interrupted
 

@@ -1,20 +1,24 @@
 """A restart from a snapshot decides as one from the whole record; other settings and inputs keep what was learnt."""
 
+import asyncio
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gateway.cli.running import serve
 from gateway.config import GatewayConfig, parse
 from gateway.events import DecisionMade, FrameMade, ModelsAdopted
-from gateway.past import Past, past_of
-from gateway.rebuild import Interrupted, marks
+from gateway.past import Past, past_in, past_of
+from gateway.rebuild import Interrupted, Rebuilt, marks
 from gateway.replay import replay
 from gateway.snapshots import SnapshotKeeper
-from gateway.storage import History, SnapshotError, Store, decode
+from gateway.storage import History, SnapshotError, Store, StoredStep, decode
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement
 from talc.training import train
@@ -208,7 +212,7 @@ def test_a_rebuild_can_be_interrupted(tmp_path: Path) -> None:
     run(config, fresh(config), 0, 100, "earlier")
     steps = 0
 
-    def progress() -> None:
+    def progress(_: Rebuilt) -> None:
         nonlocal steps
         steps += 1
         if steps > 10:
@@ -279,3 +283,44 @@ def test_other_settings_learn_from_the_whole_record_again(tmp_path: Path) -> Non
     decision = past.controller.step(next_frame)
     assert decision.limits[0] == 7.0
     assert decision.trusted.any()
+
+
+@pytest.mark.parametrize("method", ["learner", "models"])
+def test_a_rebuild_that_was_interrupted_continues_where_it_was(method: str, tmp_path: Path) -> None:
+    config = config_of(tmp_path, method)
+    run(config, fresh(config), 0, LONGER, "earlier")
+    change(config.storage.path, "DELETE FROM snapshot")
+    whole = restarted(config)
+
+    def progress(found: Rebuilt) -> None:
+        if found.last_k == LONGER - 10:
+            raise Interrupted
+
+    with Store(config.storage.path, "later", SteppedClock()) as store, pytest.raises(Interrupted):
+        past_in(store, config, progress, save_every=25)
+    again = restarted(config)
+    assert again.since_snapshot < 25 + 10
+    assert_same_past(again, whole)
+
+
+async def test_a_gateway_that_repeats_an_endless_record_stops_when_it_is_told_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = config_of(tmp_path, **{"[talc]": "[telemetry]\nenabled = false\n[talc]"})
+    run(config, fresh(config), 0, 30, "earlier")
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    whole = History.steps
+
+    def endless(history: History, after_k: int = -1, names: Sequence[str] | None = None) -> Iterator[StoredStep]:
+        steps = list(whole(history, after_k, names))
+        for lap in count():
+            for step in steps:
+                if lap == 1:
+                    loop.call_soon_threadsafe(stop.set)
+                yield replace(step, frame=replace(step.frame, k=step.frame.k + 30 * lap))
+
+    monkeypatch.setattr(History, "steps", endless)
+    async with asyncio.timeout(60):
+        await serve(config, SteppedClock(), stop, simulated=True)
+    monkeypatch.undo()
+    assert restarted(config).last_k == 29, "nothing was added"
