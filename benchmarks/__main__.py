@@ -15,6 +15,7 @@ _SUBJECTS = (
     "footprint",
     "unseen_days",
     "learner",
+    "sparse_expert",
     "recordings",
 )
 _RESULTS = Path(__file__).parents[1] / "docs" / "results.md"

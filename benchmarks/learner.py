@@ -22,7 +22,7 @@ from talc.settings import TalcSettings
 
 _SETTINGS = TalcSettings(method="learner")
 _HOUR, _DAY, _HOURS = 12, 288, 96
-_SEEDS = range(8)
+MACHINES = tuple((kind, seed) for kind in ("day", "axes") for seed in range(8))
 _POSITIONS = 6
 _STRETCHES = ((0, 2), (2, 6), (6, 24), (24, _HOURS))
 """Edges of the learning curve, in hours."""
@@ -101,15 +101,16 @@ def _curve_row(name: str, curves: list[FloatArray], goal: str = "", peer: list[F
 
 
 def _cost() -> list[BenchRow]:
+    """In processor time, which other programs disturb less."""
     m = machine("axes", 3, 340)
     times: dict[bool, list[float]] = {True: [], False: []}
     valid, used = np.ones(len(m.names), dtype=np.bool_), moments(1, 24, len(m.inputs))
     controller = Controller(m.names, _SETTINGS)
     for k, row in enumerate(m.inputs):
         frame = Frame(k, row, valid, Measurement(m.measured[k], m.sigma) if used[k] else None)
-        start = time.perf_counter()
+        start = time.process_time()
         controller.step(frame)
-        times[bool(used[k])].append(time.perf_counter() - start)
+        times[bool(used[k])].append(time.process_time() - start)
     tracemalloc.start()
     small = Controller(m.names, _SETTINGS)
     for k in range(30):
@@ -132,9 +133,8 @@ def rows() -> list[BenchRow]:
     """All rows of the table; takes a few minutes."""
     table = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        machines = [(kind, seed) for kind in ("day", "axes") for seed in _SEEDS]
         for name, every, goal in (("5 min", 1, "≤ 0.17, worst ≤ 0.40"), ("60 min", _HOUR, "≤ 0.25, worst ≤ 0.55")):
-            jobs = [(*m, every) for m in machines]
+            jobs = [(*m, every) for m in MACHINES]
             found = list(pool.map(_over_hold, *zip(*jobs, strict=True)))
             ratio, none, inside = (np.array([f[i] for f in found]) for i in range(3))
             table.append(
@@ -145,7 +145,7 @@ def rows() -> list[BenchRow]:
                     f"{goal}; of none ≤ 1.05; 93–98 %",
                 )
             )
-        hourly = list(pool.map(_curve, *zip(*((*m, _HOUR, None) for m in machines), strict=True)))
+        hourly = list(pool.map(_curve, *zip(*((*m, _HOUR, None) for m in MACHINES), strict=True)))
         table.append(_curve_row("hourly from the start, 16 machines", hourly, "≤ 0.85, 0.42, 0.22, 0.14"))
         prior = make_prior(list(pool.map(_learnt, range(7))))
         mirrored = replace(prior, mean=-prior.mean)
