@@ -43,7 +43,7 @@ class Storage(Section):
     most_mb: Positive = 4000.0
     """When the database is larger than this, the oldest readings are thinned before their time, then the oldest minute
     statistics deleted."""
-    commit_s: Positive = 5.0
+    commit_s: Positive = 10.0
     """Readings are committed at least this often (real time): a power cut loses no more."""
     compensate_unstored: bool = False
     """What the compensation does while nothing can be stored, such as on a full disk. False: it goes to its declared

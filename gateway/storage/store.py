@@ -66,7 +66,7 @@ class Store:
         boot: str,
         clock: Clock,
         *,
-        commit_s: float = 5.0,
+        commit_s: float = 10.0,
         retention: Retention = _RETENTION,
         retry_s: float = 5.0,
         look_s: float = 10.0,
