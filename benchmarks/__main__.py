@@ -13,6 +13,7 @@ _SUBJECTS = (
     "group_lasso",
     "selection",
     "footprint",
+    "storage",
     "unseen_days",
     "learner",
     "sparse_expert",
