@@ -54,6 +54,7 @@ done
 for folder in deploy/nc deploy/pi; do
     [ ! -d "$folder" ] || (mkdir -p "$root$home/share" && cp -r "$folder" "$root$home/share/")
 done
+/usr/bin/python3 deploy/debian/sbom.py "$root$home/lib/python$minor/site-packages" "$root/usr/share/doc/talc-gateway"
 mkdir -p "$root/usr/bin" "$root/DEBIAN"
 ln -s "$home/bin/talc-gateway" "$root/usr/bin/talc-gateway"
 install -m 755 deploy/debian/{postinst,prerm,postrm} "$root/DEBIAN/"

@@ -1,0 +1,123 @@
+"""The Debian package: built from the locks, installed in a Debian without a network, run, upgraded, removed, purged."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from shutil import copytree, which
+
+import pytest
+
+pytestmark = [pytest.mark.slow, pytest.mark.peer]
+
+ROOT = Path(__file__).parents[2]
+LIMIT_S = 900.0
+LOOPBACK_UP = """
+import fcntl, socket, struct
+fcntl.ioctl(socket.socket(), 0x8914, struct.pack("16sH14x", b"lo", 0x49))
+"""
+"""SIOCSIFFLAGS with IFF_UP, IFF_LOOPBACK and IFF_RUNNING: a new network namespace has its loopback down."""
+OWN = "opt/talc-gateway"
+CONFIG, DATA = "etc/talc-gateway/gateway.toml", "var/lib/talc-gateway"
+
+
+def run(*command: str | Path, folder: Path = ROOT) -> str:
+    """Its output; fails with all of it."""
+    done = subprocess.run(list(map(str, command)), cwd=folder, capture_output=True, text=True, timeout=LIMIT_S)
+    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built by the one command."""
+    assert which("dpkg-deb"), "Debian's package dpkg"
+    folder = tmp_path_factory.mktemp("package")
+    run("env", f"PYTHON={sys.executable}", ROOT / "deploy" / "debian" / "build.sh", folder)
+    (built,) = folder.glob("talc-gateway_*.deb")
+    return built
+
+
+@pytest.fixture
+def debian() -> Iterator[Path]:
+    """A minimal Debian of this computer's release with Python and nothing else."""
+    assert which("debootstrap"), "Debian's package debootstrap"
+    release = dict(line.split("=", 1) for line in Path("/etc/os-release").read_text().splitlines() if "=" in line)
+    suite = release["VERSION_CODENAME"].strip('"')
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as name:  # not on a /tmp without devices
+        root = Path(name) / "root"
+        run("debootstrap", "--variant=minbase", "--include=python3", suite, root)
+        yield root
+
+
+class Machine:
+    """A computer on which the package is installed: no network but loopback, and processes of its own."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def run(self, command: str) -> str:
+        inside = f"{sys.executable} -c '{LOOPBACK_UP}' && mount -t proc proc {self.root}/proc"
+        inside += f" && mount --rbind /dev {self.root}/dev"  # the demo's machine needs pseudo-terminals
+        within = f"exec chroot {self.root} sh -ec '{command}'"
+        return run("unshare", "--mount", "--net", "--pid", "--fork", "sh", "-ec", f"{inside} && {within}")
+
+    def files(self) -> set[str]:
+        """Paths that have the product's name, and the product's user."""
+        found = {str(p.relative_to(self.root)) for p in self.root.glob("*/**/talc-gateway*") if "proc" not in p.parts}
+        lines = [line for name in ("passwd", "group") for line in (self.root / "etc" / name).read_text().splitlines()]
+        return found | {line for line in lines if "talc-gateway" in line}
+
+
+def check_contents(package: Path, tmp_path: Path) -> None:
+    """The program, its kernel, its unit and its configuration, and no path of the computer that built it."""
+    run("dpkg-deb", "--raw-extract", package, tmp_path)
+    assert (tmp_path / "DEBIAN" / "conffiles").read_text().splitlines() == [f"/{CONFIG}"]
+    assert (tmp_path / "usr/lib/systemd/system/talc-gateway.service").exists()
+    scripts = [p for p in (tmp_path / OWN / "bin").iterdir() if p.is_file() and not p.is_symlink()]
+    first = {p.name: p.read_bytes().splitlines()[0] for p in scripts}
+    assert first["talc-gateway"].startswith(b"#!/opt/talc-gateway/bin/python")
+    assert not [name for name, p in zip(first, scripts, strict=True) if b"/tmp/" in p.read_bytes()]
+    assert list((tmp_path / OWN).glob("lib/python3.*/site-packages/talc/_kernel*.so"))
+    about = tmp_path / "usr/share/doc/talc-gateway"
+    bom = json.loads((about / "sbom.cdx.json").read_text(encoding="utf-8"))
+    listed = {f"{part['name'].lower().replace('_', '-')}=={part['version']}" for part in bom["components"]}
+    locked = (ROOT / "requirements" / "run.lock").read_text(encoding="utf-8").splitlines()
+    versions = {line.split()[0].lower() for line in locked if "==" in line and not line.startswith((" ", "#"))}
+    assert {name for name in listed if not name.startswith("talc-gateway==")} <= versions
+    assert "python-can" in (about / "licences.txt").read_text(encoding="utf-8")
+    unit = (tmp_path / "usr/lib/systemd/system/talc-gateway.service").read_text()
+    assert "ExecStart=/opt/talc-gateway/bin/talc-gateway run /etc/talc-gateway/gateway.toml" in unit
+
+
+def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, debian: Path, tmp_path: Path) -> None:
+    """One test, because several would each build the package on a worker of their own."""
+    assert os.geteuid() == 0, "a chroot needs root"
+    check_contents(package, tmp_path)
+    machine = Machine(debian)
+    copytree(package.parent, debian / "package")
+    before = machine.files()
+    install = f"dpkg --install /package/{package.name}"
+    machine.run(install)
+    good = machine.run(f"cd /; talc-gateway check /{CONFIG}")
+    assert f"/{CONFIG}: good. 1 buses, 1 devices, 3 channels" in good
+    assert "nothing will be learnt and nothing corrected: there is no [nc]" in good
+    demo = machine.run("cd /tmp; talc-gateway demo --hours 1 --plain; talc-gateway replay out/demo/gateway.sqlite")
+    assert demo.splitlines()[-1] == "identical"
+    assert machine.run(f"stat -c %U:%a /{DATA}").strip() == "talc-gateway:750"
+
+    (debian / CONFIG).write_text((debian / CONFIG).read_text().replace('"mill"', '"lathe"'), encoding="utf-8")
+    (debian / DATA / "gateway.sqlite").write_text("what was learnt", encoding="utf-8")
+    machine.run(install)
+    assert '"lathe"' in (debian / CONFIG).read_text(encoding="utf-8")
+    assert (debian / DATA / "gateway.sqlite").read_text(encoding="utf-8") == "what was learnt"
+
+    machine.run("dpkg --remove talc-gateway")
+    assert not (debian / OWN).exists()
+    assert (debian / CONFIG).exists()
+    assert (debian / DATA / "gateway.sqlite").exists()
+    machine.run("dpkg --purge talc-gateway")
+    assert machine.files() == before
