@@ -129,7 +129,7 @@ def ports_command() -> None:
 @click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
               help="Function code for reading; some simple units support only 4 and do not refuse 3.")  # fmt: skip
 @click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 5), default=0.15, show_default=True,
-              help="How long a unit may take to answer, s.")  # fmt: skip
+              help="Seconds that a unit may take to answer.")  # fmt: skip
 @Limit
 @Toml
 @Yes
@@ -138,7 +138,7 @@ def serial_command(
     me_addresses: tuple[int, ...], protocol: str, function: int, timeout_s: float, limit: float, toml: Path | None,
     yes: bool,
 ) -> None:  # fmt: skip
-    """Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
+    """Find Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
     what = plan(
         port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
         me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s, function=function,
@@ -154,7 +154,14 @@ def serial_command(
 @scan.command("tcp")
 @click.argument("hosts", type=Host(), nargs=-1, required=True)
 @click.option("--units", type=Numbers(0, 255), default="1", show_default=True, help="Units to ask behind each host.")
-@click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 60), default=1.0, show_default=True, help="s.")
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0.01, 60),
+    default=1.0,
+    show_default=True,
+    help="Seconds to wait for an answer.",
+)
 @Limit
 @Toml
 @Yes
@@ -181,7 +188,14 @@ def tcp_command(
 @click.option("--nodes", type=Numbers(1, 127), default="1-127", show_default=True, help="CANopen nodes to ask.")
 @click.option("--listen", "listen_s", type=click.FloatRange(0, 3600), default=3.0, show_default=True,
               help="Listen this many seconds before asking.")  # fmt: skip
-@click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 5), default=0.3, show_default=True, help="s.")
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0.01, 5),
+    default=0.3,
+    show_default=True,
+    help="Seconds to wait for an answer.",
+)
 @click.option("--udp-port", type=int, default=43113, show_default=True, help="For udp_multicast only.")
 @Limit
 @Toml

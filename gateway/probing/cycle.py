@@ -129,6 +129,8 @@ async def run_cycle(
             await to_its_end(nc.request_probing(number))
         except Refused as error:
             raise NotBegun(f"the control did not take the request: {error}") from error
+    # Not a Periodic: a look at the state is due poll_s after the answer to the last one. A slow control gets a pause
+    # between two looks; the periods of a poller could follow each other at once.
     while True:
         await clock.sleep_until(clock.monotonic() + poll_s)
         with clock.hold():
