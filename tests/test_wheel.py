@@ -1,4 +1,4 @@
-"""What is installed beside a machine: the service and the demo's machine, no studies, benchmarks or tests."""
+"""What is installed: the service and the demo's machine; beside a real machine the service alone."""
 
 import shutil
 import subprocess
@@ -12,6 +12,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
+VALID = ROOT / "tests" / "gateway" / "config" / "cases" / "valid" / "gateway.toml"
 INSTALLED = {"gateway", "drivers", "talc", "simulators"}
 NOT_BESIDE_A_MACHINE = {"celer", "clarabel", "hypothesis", "matplotlib", "pyarrow", "pytest", "scikit-fem", "skglm"}
 
@@ -23,14 +24,22 @@ def pip(*arguments: str | Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from a copy: the environment of these tests uses the tree's own build folder."""
-    folder = tmp_path_factory.mktemp("wheel")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy: the environment of these tests uses the tree's own build folder."""
     here = shutil.ignore_patterns(".*", "build", "dist", "out", "__pycache__", "*.so")
-    shutil.copytree(ROOT, folder / "source", ignore=here)
-    pip("wheel", "--no-deps", "--wheel-dir", folder, folder / "source")
-    (built,) = folder.glob("*.whl")
-    return built
+    return shutil.copytree(ROOT, tmp_path_factory.mktemp("wheel") / "source", ignore=here)
+
+
+def built(source: Path, name: str, *settings: str) -> Path:
+    """The wheel of the source, in a folder of that name beside it."""
+    pip("wheel", "--no-deps", "--wheel-dir", source.parent / name, *settings, source)
+    (wheel,) = (source.parent / name).glob("*.whl")
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def wheel(source: Path) -> Path:
+    return built(source, "whole")
 
 
 def test_the_wheel_holds_the_service_and_no_studies_benchmarks_or_tests(wheel: Path) -> None:
@@ -59,6 +68,23 @@ def test_what_is_installed_has_no_studies_benchmarks_or_tests(wheel: Path, tmp_p
     found = {entry.name for entry in (tmp_path / "site").iterdir() if not entry.name.endswith(".dist-info")}
     assert found == INSTALLED | {"bin"}
     assert [entry.name for entry in (tmp_path / "site" / "bin").iterdir()] == ["talc-gateway"]
+
+
+def test_the_wheel_for_a_machine_has_no_simulators_and_what_needs_them_says_so(source: Path, tmp_path: Path) -> None:
+    wheel = built(source, "machine", "-C", "wheel.packages=gateway;drivers;talc")
+    with ZipFile(wheel) as archive:
+        tops = {name.partition("/")[0] for name in archive.namelist()}
+        archive.extractall(tmp_path / "site")
+    assert {top for top in tops if not top.endswith(".dist-info")} == INSTALLED - {"simulators"}
+    # Without this tree: neither the path nor the finder of its editable installation.
+    alone = (
+        "import sys; sys.meta_path = [f for f in sys.meta_path if 'editable' not in type(f).__module__.lower()];"
+        f"sys.path = [{str(tmp_path / 'site')!r}, *(p for p in sys.path if p != {str(ROOT)!r})];"
+        "from gateway.cli.main import main; main()"
+    )
+    for arguments, code, said in [(("check", str(VALID)), 0, "good."), (("demo",), 2, "no emulated devices")]:
+        done = subprocess.run([sys.executable, "-I", "-c", alone, *arguments], capture_output=True, text=True)
+        assert (done.returncode, said in done.stdout + done.stderr) == (code, True), done.stderr
 
 
 def test_the_lock_of_an_installation_adds_the_report_alone() -> None:

@@ -2,6 +2,7 @@
 
 import logging
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -70,6 +71,12 @@ def main(verbose: int) -> None:
     log_to_stderr(level)
     for name in ("asyncua", "pymodbus", "can", "canopen"):  # their errors arrive as exceptions
         logging.getLogger(name).setLevel(logging.CRITICAL if verbose < 2 else logging.INFO)
+
+
+def _with_simulators() -> None:
+    """Raises click.UsageError in an installation for a machine, which has no emulated devices."""
+    if find_spec("simulators") is None:
+        raise click.UsageError("this installation has no emulated devices; install the whole wheel on another computer")
 
 
 def read_config(path: Path) -> GatewayConfig:
@@ -157,6 +164,7 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
     recorded answers in turn with their recorded delays, including late, broken and missing ones. After the last answer
     the sequence starts again.
     """
+    _with_simulators()
     from gateway.cli.play import play as be_devices
 
     group = None
@@ -217,6 +225,7 @@ def demo(
     nc: str,
 ) -> None:
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
+    _with_simulators()
     if nc == "linuxcnc":
         from gateway.cli.demo_linuxcnc import run_linuxcnc_demo
 
