@@ -1,4 +1,4 @@
-"""The commands of `talc-gateway`, and their exit codes."""
+"""The commands of `talc-gateway`."""
 
 import logging
 import sys
@@ -8,56 +8,19 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from drivers.base import DriverError, SetupError
 from drivers.can import is_multicast_group
 from gateway.cli.db import db
+from gateway.cli.exits import EXIT_DIFFERENT, EXIT_WORLD, Commands
 from gateway.cli.log import log_to_stderr
-from gateway.config import ConfigError, GatewayConfig, cautions, described, load, unarmed
-from gateway.recordings import RecordingError, WireLogError
-from gateway.storage import StoreError
+from gateway.config import GatewayConfig, cautions, described, load, unarmed
 
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
 
-EXIT_CONFIG = 2
-"""The configuration or the command line is invalid."""
-EXIT_WORLD = 3
-"""A fault outside the program: a port in use, a device absent, an NC that refuses."""
-EXIT_DIFFERENT = 1
-"""A comparison found a difference."""
-
 ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
 
 
-class _Commands(click.Group):
-    """Turns errors into one clear message and the right exit code."""
-
-    def invoke(self, ctx: click.Context) -> object:
-        try:
-            return super().invoke(ctx)
-        except (ConfigError, RecordingError, SetupError, WireLogError) as error:
-            click.echo(f"error: {error}", err=True)
-            sys.exit(EXIT_CONFIG)
-        except (DriverError, StoreError, OSError) as error:
-            click.echo(f"error: {error}", err=True)
-            sys.exit(EXIT_WORLD)
-        except BaseExceptionGroup as group:
-            known, other = group.split((DriverError, StoreError, OSError))
-            if known is None or other is not None:
-                raise
-            for leaf in _leaves(known):
-                click.echo(f"error: {leaf}", err=True)
-            sys.exit(EXIT_WORLD)
-
-
-def _leaves(group: BaseExceptionGroup[BaseException]) -> list[BaseException]:
-    found: list[BaseException] = []
-    for error in group.exceptions:
-        found += _leaves(error) if isinstance(error, BaseExceptionGroup) else [error]
-    return found
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="talc-gateway")
 @click.option("-v", "--verbose", count=True, help="Log more; twice: everything.")
 def main(verbose: int) -> None:

@@ -12,13 +12,13 @@ import click
 import msgspec
 import zenoh
 
+from gateway.cli.exits import EXIT_WORLD
 from gateway.cli.terminal import printable
 from gateway.cli.view import LiveView, ViewState
 from gateway.telemetry import decode, keys
 
 log = logging.getLogger(__name__)
 
-EXIT_WORLD = 3
 _ANSWER_LIMIT_S = 5.0
 _NAME = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
 """Of a prefix or a machine: no wildcard, and nothing that a key may not contain."""

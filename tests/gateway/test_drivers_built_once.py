@@ -67,6 +67,7 @@ def test_the_check_makes_none(tmp_path: Path, made: Counter[str]) -> None:
     ("right", "wrong"),
     [
         ("unit = 2", "unit = 248"),
+        ("unit = 1\n", "unit = 1\noptions = { address_offset = -1 }\n"),
         ("unit = 1\n", "unit = 1\noptions = { address_offset = 65536 }\n"),
         ("unit = 1\n", "unit = 1\noptions = { address_offset = 65530 }\n"),
         ("bed_front = 0", "bed_front = 6"),

@@ -98,6 +98,17 @@ async def test_of_many_dead_devices_one_is_tried_per_period() -> None:
     assert min(len(d.asked) for d in plant.devices.values()) >= 8, "each has its turn"
 
 
+async def test_of_many_dead_devices_the_longest_waiting_is_tried_first() -> None:
+    plant = ScriptedPlant("b", *(f"dead{i}" for i in range(7)))
+    for name, device in plant.devices.items():
+        if name != "b":
+            device.fault, device.fault_takes_s = NoAnswer("silent"), 0.3
+    async with plant.running():
+        await plant.clock.run_until(300.0)
+    tries = [len(device.asked) for name, device in plant.devices.items() if name != "b"]
+    assert max(tries) - min(tries) <= 1
+
+
 async def test_a_bus_that_does_not_open_is_tried_for_ever_and_told_once() -> None:
     plant = ScriptedPlant("a")
     plant.bus.fault = ConnectError("no such port", bus="rtu1")
