@@ -273,7 +273,7 @@ def _bars(groups: Mapping[Pairing, list[Run]], name: str) -> Picture:
             ax.bar(at, values.mean(axis=0), width, yerr=reach, color=colour, label=label, error_kw={"lw": 0.7})
         ax.set_xticks(x, [f"{e}\n{ERROR_UNITS[e]}" for e in THERMAL_ERRORS])
         ax.set_ylabel(name)
-        ax.legend(fontsize=7.5, frameon=False, ncols=4)
+        ax.legend(loc="upper right", fontsize=7.5, frameon=False, ncols=4)
         return Picture(svg(made), "Mean over the repetitions; error bars: twice the standard deviation (k = 2).")
 
 
@@ -296,7 +296,7 @@ def _course(run: Run) -> Picture:
             for border in borders(float(hours[-1])):
                 ax.axvline(border, color="#111111", lw=1.0)
             ax.set_ylabel(f"{error}, {ERROR_UNITS[error]}", fontsize=8)
-        axes[0].legend(fontsize=7.5, frameon=False, ncols=3)
+        axes[0].legend(loc="upper right", fontsize=7.5, frameon=False, ncols=3)
         axes[-1].set_xlabel(
             "hours (dashed green: model update; black: the next season begins, a day later on the controller's grid)"
         )

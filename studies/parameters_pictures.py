@@ -32,7 +32,7 @@ def over(fixed: ByCase, axis: str, name: str, label: str, below: str) -> Picture
             ax.fill_between(at, low, high, color=_COLOURS[case], alpha=0.1, lw=0)
         ax.set_xlabel(below)
         ax.set_ylabel(label)
-        ax.legend(fontsize=8, frameon=False)
+        ax.legend(loc="upper right", fontsize=8, frameon=False)
         return Picture(svg(made), "Mean over all other parameters; bands from the 10th to the 90th percentile.")
 
 
@@ -54,7 +54,7 @@ def front(cases: list[str], fronts: dict[str, ByCase]) -> Picture:
             ax.axhline(TARGET_UM, color="#b91c1c", lw=0.8, ls="--")
             ax.set_title(f"load case {case}", fontsize=9)
             ax.set_ylim(0, 20)
-        axes[0][0].legend(fontsize=7.5, frameon=False)
+        axes[0][0].legend(loc="upper right", fontsize=7.5, frameon=False)
         for row in axes:
             row[0].set_ylabel("P99, µm")
         for ax in axes[-1]:

@@ -234,7 +234,7 @@ def _picture(runs: list[Run]) -> Picture:
                 ax.fill_between(hours, lines.min(axis=0), lines.max(axis=0), color=colour, alpha=0.12, lw=0)
             ax.axvline(4, color="#cbd5e1", lw=0.8, ls="--")
             ax.set_title(feature, fontsize=9)
-        axes[0][0].legend(fontsize=7.5, frameon=False)
+        axes[0][0].legend(loc="upper right", fontsize=7.5, frameon=False)
         for row in axes:
             row[0].set_ylabel("µm")
         for ax in axes[1]:

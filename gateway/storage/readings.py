@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
+from gateway.storage.faults import DamagedError
 
 _CHANNEL_BITS, _SEQUENCE_BITS = 11, 32
 MOST_BOOTS = 2**20 - 1
@@ -112,6 +113,8 @@ class Pruning:
     def mark(self, connection: sqlite3.Connection, monotonic_s: float) -> float:
         """Set a mark, if the latest one is not of this minute. Returns for how long the gateway has run."""
         latest = connection.execute("SELECT ran_s FROM mark ORDER BY id DESC LIMIT 1").fetchone()
+        if latest is not None and not isinstance(latest[0], float):
+            raise DamagedError("the time of a mark is not a number")
         passed_s = max(0.0, monotonic_s - self._marked_s)
         ran_s = passed_s + (0.0 if latest is None else latest[0])
         if latest is None or passed_s >= _LEAST_S:

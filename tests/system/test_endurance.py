@@ -127,7 +127,7 @@ async def test_a_day_of_faults_leaves_nothing_behind(tmp_path: Path, caplog: pyt
     # A bus that is shut or a training that runs moves these; what leaks with each fault rises far beyond.
     for what in ("descriptors", "threads", "tasks"):
         most = [max(getattr(h, what) for h in some) for some in (early, late)]
-        assert most[1] <= most[0] + 2, f"{what}: {most}"
+        assert most[1] <= most[0] + 5, f"{what}: {most}"
     frames = (late[-1].hour - early[0].hour) * 12
     grown = float(np.median([h.traced_bytes for h in late]) - np.median([h.traced_bytes for h in early]))
     assert grown < FRAME_BYTES * frames, f"{grown:.0f} bytes in {frames:.0f} frames"

@@ -215,6 +215,14 @@ def test_a_run_whose_number_is_none_is_damage_and_the_gateway_starts(whole: Path
     assert check_start(path)
 
 
+def test_a_text_where_the_writer_expects_a_time_is_damage_and_is_mended(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE mark SET ran_s = 'noon'")
+    assert check_start(path)
+
+
 def test_damage_that_shows_while_it_runs_is_mended_while_it_runs(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)
