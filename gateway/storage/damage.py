@@ -113,6 +113,8 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> str:
 
     No other program may have the file open. Raises sqlite3.Error or OSError; the file then has its new name.
     """
+    if known.reference is not None and not _checked("measurement", (1, *known.reference)):
+        known.reference = None  # it was read from the damaged file
     aside = path.with_name(f"{path.name}.damaged-{now:%Y%m%dT%H%M%S}")
     for ending in ("-wal", "-shm", ""):
         with suppress(FileNotFoundError):

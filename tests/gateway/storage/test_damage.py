@@ -223,6 +223,14 @@ def test_a_text_where_the_writer_expects_a_time_is_damage_and_is_mended(whole: P
     assert check_start(path)
 
 
+def test_a_reference_whose_row_is_damaged_is_not_kept(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE measurement SET ended = '2026-p3-02T06:00:00+00:00' WHERE id = 1")
+    assert check_start(path)
+
+
 def test_damage_that_shows_while_it_runs_is_mended_while_it_runs(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)
