@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from gateway.storage import rows
-from gateway.storage.schema import ADDED, SCHEMA, SCHEMA_VERSION, UNREADABLE, connect, is_damage
+from gateway.storage.schema import ADDED, SCHEMA, SCHEMA_VERSION, UNREADABLE, connect
 from gateway.storage.snapshot import marks_of
 
 _NOT_COPIED = ("reading", "minute", "mark")
@@ -31,19 +31,7 @@ _LARGEST = 1e9
 _NUMBERS_SKIPPED = 100
 """Requests that may have been made after the last one that can be read."""
 
-_OF_THE_COMPUTER = (
-    sqlite3.SQLITE_BUSY,
-    sqlite3.SQLITE_LOCKED,
-    sqlite3.SQLITE_IOERR,
-    sqlite3.SQLITE_FULL,
-    sqlite3.SQLITE_CANTOPEN,
-    sqlite3.SQLITE_READONLY,
-    sqlite3.SQLITE_NOMEM,
-)
-"""Codes of errors that tell nothing of what a file holds."""
-
 Row = tuple[Any, ...]
-
 
 _NEW = f"BEGIN;{SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;"
 
@@ -82,15 +70,6 @@ def unreadable_rows(path: Path) -> int:
         return bool(contradiction(source)) + sum(
             not _checked(table, row) for table in _columns() for row in source.execute(f"SELECT * FROM {table}")
         )
-
-
-def comes_of_damage(error: BaseException, path: Path) -> bool:
-    """Whether an error came of what the file holds. When the error does not tell, the whole file is read."""
-    try:
-        return is_damage(error) or unreadable_rows(path) > 0
-    except UNREADABLE as found:
-        code = getattr(found, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
-        return code & 0xFF not in _OF_THE_COMPUTER
 
 
 def findings(path: Path) -> list[str]:

@@ -31,10 +31,11 @@ CREATE TABLE minute (id INTEGER PRIMARY KEY, channel INTEGER NOT NULL, time INTE
     mean REAL NOT NULL, low REAL NOT NULL, high REAL NOT NULL);
 CREATE TABLE mark (id INTEGER PRIMARY KEY, ran_s REAL NOT NULL, reading INTEGER NOT NULL, step INTEGER NOT NULL,
     reasons INTEGER NOT NULL, minute INTEGER NOT NULL);
-CREATE VIEW sample AS SELECT {_BOOT} AS boot, {_SEQUENCE} AS sequence, c.name AS channel, r.time AS time,
+CREATE VIEW sample AS SELECT r.boot AS boot, r.sequence AS sequence, c.name AS channel, r.time AS time,
     r.value AS value, c.unit AS unit, CASE r.quality {_WORDS} END AS quality, coalesce(r.detail, '') AS detail
-    FROM (SELECT *, {_CHANNEL} AS channel FROM reading) r JOIN channel c ON c.id = r.channel;
-""".replace("(id >> ", "(r.id >> ").replace("(id & ", "(id & ")
+    FROM (SELECT *, {_BOOT} AS boot, {_SEQUENCE} AS sequence, {_CHANNEL} AS channel FROM reading) r
+    JOIN channel c ON c.id = r.channel;
+"""
 EARLIER = "sample_before"
 """Readings of an earlier schema, as they were; dropped when they are old enough."""
 

@@ -29,7 +29,7 @@ from gateway.events import (
     StoreHealth,
 )
 from gateway.storage import rows
-from gateway.storage.damage import Known, begin_anew, comes_of_damage, mend
+from gateway.storage.damage import Known, begin_anew, mend, unreadable_rows
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.lock import FileLock
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
@@ -117,7 +117,11 @@ class Store:
 
         Raises StoreError when that fails, or the error itself when nothing is damaged.
         """
-        if not comes_of_damage(error, self._path):
+        try:
+            damaged = is_damage(error) or unreadable_rows(self._path) > 0
+        except UNREADABLE:
+            damaged = True
+        if not damaged:
             raise error
         self._writer.mend(str(error), file)
 

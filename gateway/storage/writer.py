@@ -17,7 +17,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from gateway.events import StoreHealth
-from gateway.storage.damage import comes_of_damage, contradiction
+from gateway.storage.damage import contradiction
 from gateway.storage.faults import DamagedError, GoneError, StoreError
 from gateway.storage.schema import connect, is_damage
 from gateway.storage.waiting import Item, Kind, Rows, Waiting
@@ -173,9 +173,7 @@ class DatabaseWriter:
                 return
             except Exception as error:  # noqa: BLE001 - the gateway continues without its store
                 self._failed(error)
-                known = isinstance(error, sqlite3.Error | OSError | StoreError)
-                damaged = is_damage(error) if known else comes_of_damage(error, self._path)
-                if damaged or isinstance(error, GoneError) or self._to_mend:
+                if is_damage(error) or isinstance(error, GoneError) or self._to_mend:
                     self._renew(self._to_mend or str(error))
                     continue
             if last:

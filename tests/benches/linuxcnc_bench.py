@@ -4,7 +4,7 @@ import asyncio
 import socket
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,18 +28,20 @@ class AgentBench:
 
     @asynccontextmanager
     async def beating(self, owner: int, period_s: float = 0.05) -> AsyncIterator[None]:
-        """The gateway lives as long as this."""
+        """The gateway lives as long as this. It ends between beats: a cancelled question closes the line."""
+        ended = asyncio.Event()
 
         async def beat() -> None:
-            while True:
+            while not ended.is_set():
                 await self.nc.heartbeat(owner)
-                await asyncio.sleep(period_s)
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(ended.wait(), period_s)
 
         task = asyncio.create_task(beat())
         try:
             yield
         finally:
-            task.cancel()
+            ended.set()
             await asyncio.gather(task, return_exceptions=True)
 
     async def pin(self, name: str) -> float:
