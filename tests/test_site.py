@@ -1,5 +1,6 @@
 """The documentation's site builds without a warning, has every page, and loads nothing from elsewhere."""
 
+import json
 import os
 import re
 import subprocess
@@ -22,6 +23,13 @@ def test_the_site_builds_strictly_and_needs_no_network(tmp_path: Path) -> None:
     assert pages <= {page.relative_to(tmp_path).with_suffix("") for page in tmp_path.rglob("*.html")}
     api = (tmp_path / "api.html").read_text(encoding="utf-8")
     assert all(f'id="talc.{name}"' in api for name in ("Learner", "Learner.predict", "rehearse", "GroupLassoARX"))
+    # A page opened as a file may neither fetch the index nor start a worker: both come as scripts beside it.
+    index = (tmp_path / "search" / "search_index.js").read_text(encoding="utf-8")
+    assert any("offsets" in entry["text"] for entry in json.loads(index.removeprefix("var __index = "))["docs"])
+    home = (tmp_path / "index.html").read_text(encoding="utf-8")
+    for script in re.findall(r'<script src="([^"]+)"', home):
+        assert (tmp_path / script).is_file(), script
+    assert '<script src="assets/javascripts/iframe-worker.js">' in home
     for page in tmp_path.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert re.findall(r"<(?:script|link|img)[^>]* (?:src|href)=\"?(https?://[^\"> ]+)", text) == []
