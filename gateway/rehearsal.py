@@ -1,5 +1,6 @@
 """Runs a controller on a recording as if it were live, and collects what the report shows."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -10,8 +11,9 @@ from gateway.recordings import Recording
 from gateway.report import AdoptedModels, ReportData
 from gateway.versions import versions
 from talc.control import Controller
-from talc.frame import Decision, Event, FloatArray, Frame, Measurement
-from talc.learner import Prior
+from talc.frame import Decision, Event, FloatArray, Frame, IntArray, Measurement
+from talc.learner import Prior, Weights
+from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 from talc.training import train
@@ -31,9 +33,9 @@ def rehearse(
     """Run every step of the recording through a fresh controller; a training ends within its step.
 
     A recorded measurement reaches the controller if it has requested one, as a probing cycle would; the others only
-    judge. every_measurement: all of them reach it. explained: with the contributions of the learner's inputs. Sensors
-    are not compared with each other and measurements are not checked, because a recording contains neither units nor
-    the centres of a probing cycle.
+    judge. every_measurement: all of them reach it. explained: with the contributions and weights of the learner's
+    inputs. Sensors are not compared with each other and measurements are not checked, because a recording contains
+    neither units nor the centres of a probing cycle.
     """
     controller = Controller(recording.input_names, settings, recording.step_s, prior)
     decisions: list[Decision] = []
@@ -98,8 +100,69 @@ def rehearse(
         labels=recording.labels,
         asked=tuple("" if d.measure is None else d.measure.value for d in decisions),
         contributions=np.array(parts) if parts else None,
+        weights=controller.weights() if explained else None,
         not_compared="a recording does not say which of its inputs are temperatures",
     )
+
+
+_MODEL_COLUMNS = (
+    "error", "k", "part", "input", "time_constant_s", "delay_s", "weight", "sigma", "reference", "share",
+)  # fmt: skip
+
+
+def models_of(data: ReportData) -> dict[str, Sequence[object]]:
+    """What was learnt of a recording, a row per weight, as columns; of the errors that it has.
+
+    error: its name. k: the step after which it was known: the last one with the learner, that of each adoption with
+    trained models. part: `level`, `input`, or `past` (of the error itself). A correction is
+    share · (sum of weight · (value - reference)), where the value of the level is 1 and its reference 0, and other
+    values come through a first-order lag of `time_constant_s`, or from `delay_s` ago. sigma: standard uncertainty of
+    the weight by itself, of the learner only. Weights are in µm or µm/m per unit of their input. A trained model's
+    bounds and disturbance are not among them.
+    """
+    rows: list[tuple[object, ...]] = []
+    for e in _errors_of(data).tolist():
+        if data.weights is not None:
+            rows += _learnt(data, data.weights, e)
+        for adopted in data.models:
+            model = adopted.models.models[e]
+            if model is not None:
+                rows += _trained(model, data.labels[e], adopted.after_k, data.step_s)
+    return {name: [row[i] for row in rows] for i, name in enumerate(_MODEL_COLUMNS)}
+
+
+def _learnt(data: ReportData, known: Weights, e: int) -> list[tuple[object, ...]]:
+    error, k, share, none = data.labels[e], int(data.k[-1]), float(known.share[e]), math.nan
+    level = (error, k, "level", "", none, none, float(known.level[e]), float(known.level_sigma[e]), 0.0, share)
+    inputs = [
+        (error, k, "input", name, lag, none, float(weight), float(sigma), float(reference), share)
+        for name, weights, sigmas, reference in zip(
+            data.input_names, known.inputs[e], known.inputs_sigma[e], known.reference, strict=True
+        )
+        for lag, weight, sigma in zip(known.time_constants_s, weights, sigmas, strict=True)
+    ]
+    return [level, *inputs]
+
+
+def _trained(model: ErrorModel, error: str, k: int, step_s: float) -> list[tuple[object, ...]]:
+    none = math.nan
+    constant = model.y_mean + model.y_std * model.intercept
+    level = (error, k, "level", "", none, none, constant, none, 0.0, 1.0)
+    past = [
+        (error, k, "past", "", none, i * step_s, -float(a), none, model.y_mean, 1.0) for i, a in enumerate(model.a, 1)
+    ]
+    inputs = [
+        (error, k, "input", name, none, j * step_s, float(b) * model.y_std / float(std), none, float(mean), 1.0)
+        for name, weights, mean, std in zip(model.inputs, model.b, model.u_mean, model.u_std, strict=True)
+        for j, b in enumerate(weights)
+    ]
+    return [level, *past, *inputs]
+
+
+def _errors_of(data: ReportData) -> IntArray:
+    """Places of the errors that a recording has."""
+    recorded = data.measured if data.recorded is None else data.recorded
+    return np.flatnonzero(np.isfinite(recorded).any(axis=0))
 
 
 def columns_of(data: ReportData) -> dict[str, Sequence[object]]:
@@ -117,7 +180,7 @@ def columns_of(data: ReportData) -> dict[str, Sequence[object]]:
         "wanted": data.asked,
     }
     recorded = data.measured if data.recorded is None else data.recorded
-    for e in np.flatnonzero(np.isfinite(recorded).any(axis=0)):
+    for e in _errors_of(data).tolist():
         error = data.labels[e]
         columns[error] = recorded[:, e].tolist()
         for name in ("predicted", "corrected", "sigma", "measured"):

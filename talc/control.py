@@ -19,7 +19,7 @@ from talc.frame import (
     Why,
 )
 from talc.free_running import FreeRunningModel, ModelState
-from talc.learner import CourseState, Explanation, LearningCourse, Prior, Reasons
+from talc.learner import CourseState, Explanation, LearningCourse, Prior, Reasons, Weights
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.record import Record
@@ -118,6 +118,10 @@ class Controller:
     def explain(self) -> Explanation | None:
         """Why the learner's present estimates are what they are; None with the method `models`."""
         return None if self._course is None else self._course.explain()
+
+    def weights(self) -> Weights | None:
+        """What the learner knows of how the errors follow the inputs; None with the method `models`."""
+        return None if self._course is None else self._course.weights()
 
     def reasons(self) -> Reasons | None:
         """The same for people, with what is expected at the next measurement. Takes as long as a few steps."""

@@ -232,7 +232,8 @@ def watch(connect: tuple[str, ...], prefix: str, machine: str | None) -> None:
 @click.option("--calibration-interval", "calibration_min", type=click.FloatRange(min=0, min_open=True),
               metavar="MINUTES", help="Between the measurements of a calibration (method models).")  # fmt: skip
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
-              help="Table of each step: predictions, sigmas, contributions of inputs. CSV or Parquet.")  # fmt: skip
+              help="Table of each step: predictions, sigmas, contributions of inputs; and beside it NAME-models with "
+              "the weights of what was learnt. CSV or Parquet.")  # fmt: skip
 @click.option("--every-measurement", is_flag=True, help="Use all measurements, not only the requested ones.")
 def replay(
     file: Path,
@@ -270,11 +271,12 @@ def replay(
         time_column, named, ignore, inputs, _named_units(units), TimeFormat(time_format, _zone(time_zone))
     )
     page = _page(output, file, config)
-    if out is not None:
-        _page(out, file, config)
-        if out.suffix not in (".csv", ".parquet"):
-            raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
-    run_recording(Request(file, columns, page, config, every_measurement, out, calibration_min))
+    if out is not None and out.suffix not in (".csv", ".parquet"):
+        raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
+    request = Request(file, columns, page, config, every_measurement, out, calibration_min)
+    for table in (request.out, request.models_out):
+        _spare("table", "--out", table, file, config)
+    run_recording(request)
 
 
 def _pairs(pairs: tuple[str, ...], option: str, expected: str) -> dict[str, str]:
@@ -330,10 +332,15 @@ def _zone(name: str | None) -> "ZoneInfo | None":
 def _page(wanted: Path | None, source: Path, *others: Path | None) -> Path:
     """Path of the page to write; never one of the files that it is made from."""
     page = wanted or source.with_suffix(".html")
-    for used in (source, *others):
-        if used is not None and page.exists() and page.samefile(used):
-            raise click.UsageError(f"the page would overwrite {used}; give it another name with -o")
+    _spare("page", "-o", page, source, *others)
     return page
+
+
+def _spare(what: str, option: str, written: Path | None, *sources: Path | None) -> None:
+    """Raises UsageError when a file to be written is one of those that it is made from."""
+    for used in sources:
+        if written is not None and used is not None and written.exists() and written.samefile(used):
+            raise click.UsageError(f"the {what} would overwrite {used}; give it another name with {option}")
 
 
 @main.group()

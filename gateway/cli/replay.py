@@ -46,9 +46,14 @@ class Request:
     config: Path | None
     every_measurement: bool
     out: Path | None = None
-    """Table to write."""
+    """Table of the steps to write; that of the models is written beside it."""
     calibration_min: float | None = None
     """Time between the measurements of the calibration of trained models."""
+
+    @property
+    def models_out(self) -> Path | None:
+        """Table of the models to write."""
+        return None if self.out is None else self.out.with_name(f"{self.out.stem}-models{self.out.suffix}")
 
     def command(self) -> str:
         """The command that makes the page again."""
@@ -77,7 +82,7 @@ _SAID_OTHERWISE = {
 
 def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
-    from gateway.rehearsal import columns_of, rehearse
+    from gateway.rehearsal import columns_of, models_of, rehearse
     from gateway.report import build, summary, table
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)
@@ -115,9 +120,10 @@ def run_recording(request: Request) -> None:
         build(replace(data, made=_made(request, recording, sections, takes, prior))), encoding="utf-8"
     )
     console.print(f"report: {request.page}", soft_wrap=True)
-    if request.out is not None:
+    if request.out is not None and request.models_out is not None:
         write_table(request.out, columns_of(data))
-        console.print(f"table: {request.out}", soft_wrap=True)
+        write_table(request.models_out, models_of(data))
+        console.print(f"tables: {request.out} (steps), {request.models_out} (models)", soft_wrap=True)
 
 
 def _roles(recording: Recording, columns: Columns) -> str:

@@ -16,11 +16,16 @@ def write_table(path: Path, columns: Mapping[str, Sequence[object]]) -> None:
     """
     if path.suffix == ".parquet":
         try:
-            from pyarrow import parquet, table
+            from pyarrow import array, float64, parquet, table
         except ImportError:
             what = "Parquet needs pyarrow: install talc-gateway with the extra `parquet`, or write .csv"
             raise RecordingError(path, [Problem("", what)]) from None
-        parquet.write_table(table({name: [_known(cell) for cell in cells] for name, cells in columns.items()}), path)
+        # A column of nothing but NaN would have no type.
+        arrays = {
+            name: array(map(_known, cells), float64() if any(isinstance(cell, float) for cell in cells) else None)
+            for name, cells in columns.items()
+        }
+        parquet.write_table(table(arrays), path)
         return
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Phase
-from talc.learner import Reasons
+from talc.learner import Reasons, Weights
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 
@@ -81,6 +81,8 @@ class ReportData:
     """(T,) why a measurement was wanted for the next step; empty: not. Only for a recording."""
     contributions: FloatArray | None = None
     """(T, 9, n + 1) what each input adds to `corrected`, and at last what no input explains; of a learner, if asked."""
+    weights: Weights | None = None
+    """What a learner knew after the last step; only for a recording."""
     made: tuple[tuple[str, str], ...] = ()
     """What is needed to make the page of a recording again: names and texts."""
 

@@ -1,7 +1,7 @@
 """Thermal errors as weighted lags of the inputs, learnt at every measurement by a mixture of Kalman filters."""
 
 from talc.learner.course import CourseState, LearningCourse
-from talc.learner.learner import Explanation, LearnerState
+from talc.learner.learner import Explanation, LearnerState, Weights
 from talc.learner.mixture import MixtureState
 from talc.learner.prior import Prior, make_prior
 from talc.learner.reasons import KINDS, ErrorReason, Reasons
@@ -16,5 +16,6 @@ __all__ = [
     "MixtureState",
     "Prior",
     "Reasons",
+    "Weights",
     "make_prior",
 ]

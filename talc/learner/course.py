@@ -18,7 +18,7 @@ from talc.frame import (
     Why,
 )
 from talc.learner.experts import EXPERTS, TOLD
-from talc.learner.learner import Estimate, Explanation, LearnerState, RowLearner
+from talc.learner.learner import Estimate, Explanation, LearnerState, RowLearner, Weights
 from talc.learner.mixture import Surprise
 from talc.learner.prior import Prior
 from talc.learner.reasons import Reasons, reasons_for
@@ -128,6 +128,10 @@ class LearningCourse:
     def explain(self) -> Explanation:
         """Why the present estimates are what they are."""
         return self._learner.explain()
+
+    def weights(self) -> Weights:
+        """What is known of how the errors follow the inputs."""
+        return self._learner.weights()
 
     def reasons(self) -> Reasons | None:
         """Why the present estimates are what they are, and what is expected next; None before the first frame."""

@@ -72,6 +72,29 @@ class Explanation:
     """(9,) probability that the error is not just zero."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Weights:
+    """What is known of how the errors follow the inputs.
+
+    The estimate of an error is `share` times the sum of `level` and of all inputs' weights times the deviation of the
+    input from `reference` through a first-order lag. Each sigma is a standard uncertainty by itself: those of one error
+    are correlated.
+    """
+
+    inputs: FloatArray
+    """(9, n, L) of each input through each lag; µm or µm/m per unit of the input."""
+    inputs_sigma: FloatArray
+    level: FloatArray
+    """(9,) µm or µm/m."""
+    level_sigma: FloatArray
+    share: FloatArray
+    """(9,) probability that the error is not just zero; 0 where it is not corrected."""
+    reference: FloatArray
+    """(n,) in the units of the inputs."""
+    time_constants_s: tuple[float, ...]
+    """(L,) of the lags; 0: no lag."""
+
+
 class RowLearner:
     """Inputs, lags and the mixture together; a pure function of the rows it has seen.
 
@@ -172,9 +195,23 @@ class RowLearner:
     def explain(self) -> Explanation:
         """The reasons for the estimates of the present row."""
         weights, features = self._mixture.weights(), self._bank.features()
-        parts = weights * features * np.where(self._mixture.believed > _TRUSTED, self._mixture.believed, 0.0)[:, None]
+        parts = weights * features * self._share()[:, None]
         inputs = parts[:, :-1].reshape(self._errors, -1, self._bank.lags).sum(axis=2)
         return Explanation(inputs, parts[:, -1], self._mixture.weight.copy(), self._mixture.believed)
+
+    def weights(self) -> Weights:
+        """What is known of how the errors follow the inputs."""
+        shape, span = (self._errors, -1, self._bank.lags), self._bank.span[:, None]
+        mean, sigma = self._mixture.weights(), self._scale * np.sqrt(self._mixture.variances())
+        return Weights(
+            inputs=mean[:, :-1].reshape(shape) / span,
+            inputs_sigma=sigma[:, :-1].reshape(shape) / span,
+            level=mean[:, -1],
+            level_sigma=sigma[:, -1],
+            share=self._share(),
+            reference=self._memory.reference.copy(),
+            time_constants_s=TIME_CONSTANTS_S,
+        )
 
     def state(self) -> LearnerState:
         """A copy of everything that is known."""
@@ -205,6 +242,11 @@ class RowLearner:
         m.reference, m.known, m.last = state.reference.copy(), state.known.copy(), state.last.copy()
         m.away, m.mean, m.covariance = state.away.astype(np.int64), state.mean.copy(), state.covariance.copy()
         m.rows, self._anchored, self._scale, self._doubt = state.rows, state.anchored, state.scale, state.doubt.copy()
+
+    def _share(self) -> FloatArray:
+        """(9,) of the mixture's mean in the estimate."""
+        believed = self._mixture.believed
+        return np.where(believed > _TRUSTED, believed, 0.0)
 
     def _cross(self, before: FloatArray, now: FloatArray, gap: int) -> None:
         """Cross a gap, in which the inputs are unknown. Its effect is judged by the difference of two guesses."""

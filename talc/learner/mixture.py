@@ -188,6 +188,14 @@ class Mixture:
         """(9, n) means of the mixtures."""
         return np.asarray(np.einsum("je,jen->jn", self._s.weight, self._s.mean), dtype=np.float64)
 
+    def variances(self) -> FloatArray:
+        """(9, n) of the weights and the level, by themselves: within the experts and between them."""
+        s = self._s
+        apart = np.einsum("je,jen->jn", s.weight, (s.mean - self.weights()[:, None]) ** 2)
+        own = s.mixed[:, self._diagonal] + s.drift * s.elapsed[:, None]
+        own[:, -1] += s.jolt
+        return np.asarray(own + apart, dtype=np.float64)
+
     def state(self) -> MixtureState:
         """A copy."""
         return deepcopy(self._s)

@@ -1,8 +1,10 @@
 """What `replay` takes besides a plain table: other names, units and times; and the table that it writes."""
 
 import csv
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -12,6 +14,12 @@ from click.testing import CliRunner, Result
 
 from gateway.cli import main
 from gateway.recordings import Columns, RecordingError, TimeFormat, read_recording
+from gateway.rehearsal import models_of, rehearse
+from gateway.report import AdoptedModels
+from talc.models import ModelSet
+from talc.names import THERMAL_ERRORS
+from talc.settings import TalcSettings
+from tests.benches.control_models import INPUTS, model
 
 START = datetime(2026, 3, 2, 6, tzinfo=UTC)
 
@@ -113,31 +121,88 @@ def test_a_file_of_several_days_has_gaps_at_night(tmp_path: Path) -> None:
     assert len(found.k) == 60
 
 
+def written(path: Path) -> list[dict[str, Any]]:
+    """Rows of a table by column; of a CSV file all are text."""
+    if path.suffix == ".parquet":
+        return list(pyarrow.parquet.read_table(path).to_pylist())
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_the_table_holds_each_step_and_contributions_add_up(tmp_path: Path, suffix: str) -> None:
     path, out = table(tmp_path, "time,t1,t2,lift"), tmp_path / f"steps{suffix}"
     answer = run(path, "--error", "lift=lift", "--out", out)
     assert answer.exit_code == 0, answer.output
-    if suffix == ".csv":
-        with out.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-    else:
-        rows = pyarrow.parquet.read_table(out).to_pylist()
+    rows = written(out)
     assert list(rows[0]) == [
         "time", "k", "phase", "wanted", "lift", "lift_predicted", "lift_corrected", "lift_sigma", "lift_measured",
         "lift_trusted", "lift_from_t1", "lift_from_t2", "lift_level",
     ]  # fmt: skip
     assert [row["time"] for row in rows[:2]] == ["2026-03-02T06:00:00+00:00", "2026-03-02T06:05:00+00:00"]
     assert rows[1]["lift_measured"] in ("", None)
+    models = written(tmp_path / f"steps-models{suffix}")
+    assert list(models[0]) == [
+        "error", "k", "part", "input", "time_constant_s", "delay_s", "weight", "sigma", "reference", "share",
+    ]  # fmt: skip
+    if suffix == ".parquet":
+        empty = pyarrow.parquet.read_schema(tmp_path / "steps-models.parquet").field("delay_s")
+        assert empty.type == pyarrow.float64()
     for row in rows:
         parts = sum(float(row[f"lift_{part}"]) for part in ("from_t1", "from_t2", "level"))
         assert parts == pytest.approx(float(row["lift_corrected"]), abs=1e-9)
 
 
+def test_the_learner_s_weights_repeat_its_last_correction(tmp_path: Path) -> None:
+    """By the lags as docs/control.md has them, over the recording's own columns."""
+    path, out = table(tmp_path, "time,t1,t2,lift", rows=120), tmp_path / "steps.csv"
+    assert run(path, "--error", "lift=lift", "--out", out).exit_code == 0
+    models, last = written(tmp_path / "steps-models.csv"), written(out)[-1]
+    assert len(models) == 1 + 2 * 5
+    assert {(m["error"], m["k"]) for m in models} == {("lift", last["k"])}
+    recorded, total = written(path), 0.0
+    for m in models:
+        lagged = 0.0 if m["part"] == "input" else 1.0
+        for row in recorded[1:] if m["part"] == "input" else ():
+            constant = float(m["time_constant_s"])
+            kept = np.exp(-300.0 / constant) if constant else 0.0
+            lagged = kept * lagged + (1.0 - kept) * (float(row[m["input"]]) - float(m["reference"]))
+        total += float(m["weight"]) * lagged
+        assert float(m["sigma"]) > 0.0
+    assert float(models[0]["share"]) > 0.9
+    assert float(models[0]["share"]) * total == pytest.approx(float(last["lift_corrected"]), abs=1e-9)
+
+
+def test_a_trained_model_s_weights_are_its_equation_in_physical_units(tmp_path: Path) -> None:
+    scaled = replace(
+        model("EX0C"), u_mean=np.full(1, 22.0), u_std=np.full(1, 3.0), y_mean=4.0, y_std=1.5, intercept=0.2
+    )
+    kept = ModelSet(k=7, why="calibration", input_names=INPUTS, models=tuple(
+        scaled if error == "EX0C" else None for error in THERMAL_ERRORS
+    ))  # fmt: skip
+    data = rehearse(read_recording(table(tmp_path, "time,warm,idle,EX0C"), Columns(), 300.0), TalcSettings())
+    found = models_of(replace(data, models=(AdoptedModels(9, kept),)))
+    rows = [dict(zip(found, row, strict=True)) for row in zip(*found.values(), strict=True)]
+    assert {(row["error"], row["k"]) for row in rows} == {("EX0C", 9)}
+    warm = np.concatenate([np.full(3, 20.0), np.linspace(20.0, 26.0, 30)])
+    wanted = scaled.free_run(warm[:, None], np.full(33, np.nan), 4.5)
+    y = [4.5] * 3
+    for k in range(3, 33):
+        past: dict[str, Any] = {"past": y, "input": warm}
+        y.append(sum(
+            row["weight"] * (1.0 if row["part"] == "level" else
+            past[row["part"]][k - round(row["delay_s"] / 300.0)] - row["reference"])
+            for row in rows
+        ))  # fmt: skip
+    np.testing.assert_allclose(y[25:], wanted[25:], rtol=1e-6)
+
+
 def test_the_table_needs_a_known_suffix_and_overwrites_no_source(tmp_path: Path) -> None:
     path = table(tmp_path, "time,t1,t2,EX0C")
     assert "expected a name that ends in .csv or .parquet" in run(path, "--out", tmp_path / "steps.xlsx").output
-    assert "would overwrite" in run(path, "--out", path).output
+    assert "the table would overwrite" in run(path, "--out", path).output
+    beside = path.rename(tmp_path / "own-models.csv")
+    assert "the table would overwrite" in run(beside, "--out", tmp_path / "own.csv").output
 
 
 def test_the_calibration_interval_is_of_the_trained_models(tmp_path: Path) -> None:

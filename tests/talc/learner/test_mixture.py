@@ -57,6 +57,23 @@ def test_one_filter_is_the_dense_normal_distribution_s_posterior(expert: Expert)
     wanted = posterior(x, steps, y, NOISE**2, prior, growth, at, steps[-1] + 7)
     assert mean[0] == pytest.approx(wanted[0], rel=1e-9)
     assert variance[0] == pytest.approx(wanted[1], rel=1e-9)
+    each = [posterior(x, steps, y, NOISE**2, prior, growth, one, steps[-1] + 7) for one in np.eye(len(at))]
+    np.testing.assert_allclose(mixture.weights()[0], [mean for mean, _ in each], rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(mixture.variances()[0], [variance for _, variance in each], rtol=1e-8, atol=1e-12)
+
+
+def test_a_weight_s_variance_is_that_of_the_mixed_distributions() -> None:
+    experts = (Expert(1.0, 0.01), Expert(0.0, 0.04))
+    mixture = Mixture(INPUTS, LAGS, 300.0, experts)
+    x = features(30)
+    fed(mixture, x, np.arange(30.0), 0.8 * x[:, 0])
+    draw, share, state = np.random.default_rng(0), mixture.weight[0], mixture.state()
+    diagonal = [i * (i + 3) // 2 for i in range(INPUTS * LAGS + 1)]
+    chosen = draw.choice(2, 200_000, p=share)
+    drawn = draw.normal(state.mean[0, chosen, 0], np.sqrt(state.covariance[0, chosen, diagonal[0]]))
+    assert 0.01 < share[1] < 0.99, "two that matter"
+    assert mixture.weights()[0, 0] == pytest.approx(drawn.mean(), rel=0.02)
+    assert mixture.variances()[0, 0] == pytest.approx(drawn.var(), rel=0.03)
 
 
 def test_a_renewed_prior_gives_the_posterior_of_a_filter_that_began_with_it() -> None:
