@@ -74,7 +74,7 @@ struct Terminal {
   bool operator==(const Terminal& other) const { return number == other.number && ours == other.ours; }
 };
 constexpr Terminal none{-1, false};
-constexpr Nanoseconds unread_after = second / 10;  // what is not read then, nobody reads
+constexpr Nanoseconds unread_after = second / 200;  // what is not read then, nobody waits for
 constexpr Nanoseconds lost_after = 2 * second;  // what has not come then was discarded
 std::mutex ends_guard;
 std::map<Terminal, End> ends;
@@ -118,6 +118,8 @@ struct Wait {
   Nanoseconds deadline;
   sem_t* semaphore;  // posted to end the wait; else the event is
   int event;
+  const pollfd* fds = nullptr;
+  nfds_t count = 0;
   bool expired = false;
 };
 std::mutex guard;
@@ -140,6 +142,14 @@ void expire(Wait& wait) {
   else eventfd_write(wait.event, 1);
 }
 
+// A wait that something has ended already, although the kernel may not have woken its thread yet.
+bool ended(const Wait& wait) {
+  std::vector<pollfd> all(wait.fds, wait.fds + wait.count);
+  ::poll(all.data(), all.size(), 0);
+  const auto ready = [](const pollfd& fd) { return (fd.revents & ~POLLNVAL) != 0; };
+  return wait.expired || std::any_of(all.begin(), all.end(), ready);
+}
+
 struct Event {  // one a thread
   int fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
   ~Event() { close(fd); }
@@ -154,7 +164,7 @@ int wait_for(pollfd* fds, nfds_t count, Nanoseconds deadline) {
   std::vector<pollfd> all(fds, fds + count);
   const int event = event_of_this_thread();
   all.push_back({event, POLLIN, 0});
-  Wait wait{deadline, nullptr, event};
+  Wait wait{deadline, nullptr, event, fds, count};
   enter(wait);
   int ready = ::poll(all.data(), all.size(), -1);
   const int error = errno;
@@ -252,15 +262,8 @@ int poll_(pollfd* fds, nfds_t count, int timeout) {
 
 int epoll_wait_(int epoll, epoll_event* events, int most, int timeout) {
   if (!active || timeout == 0) return ::epoll_wait(epoll, events, most, timeout);
-  if (timeout < 0) {
-    ++waits;
-    const int ready = ::epoll_wait(epoll, events, most, timeout);
-    ++waits;
-    return ready;
-  }
-  const Nanoseconds deadline = after_ms(timeout);
   pollfd fd{epoll, POLLIN, 0};
-  const int ready = wait_for(&fd, 1, deadline);
+  const int ready = wait_for(&fd, 1, timeout < 0 ? never : after_ms(timeout));
   return ready < 0 ? ready : ::epoll_wait(epoll, events, most, 0);
 }
 
@@ -457,6 +460,8 @@ pthread_t governor;
 void* govern(void*) {
   Threads threads;
   timespec rest{0, rest_ns};
+  uint64_t waits_then = 0;
+  Nanoseconds since = 0;  // real time at which these were first seen, and one of them ended
   while (active) {
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
     rest.tv_nsec = std::min(2 * rest.tv_nsec, longest_rest_ns);  // work goes on; looks cost, too
@@ -465,12 +470,14 @@ void* govern(void*) {
     if (!wires_are_quiet() || !threads.all_sleep()) continue;
     std::lock_guard lock(guard);
     if (waits != before || for_the_lock != 0) continue;
-    Nanoseconds next = never;
-    for (const auto* wait : waiting) {
-      if (wait->expired) next = -1;
-      next = std::min(next, wait->deadline);
+    if (std::any_of(waiting.begin(), waiting.end(), [](const Wait* wait) { return ended(*wait); })) {
+      const Nanoseconds now = real(CLOCK_MONOTONIC);
+      if (before != waits_then) waits_then = before, since = now;
+      if (now - since < lost_after) continue;  // later: somebody closed what this thread still waits for
     }
-    if (next == never || next == -1) continue;
+    Nanoseconds next = never;
+    for (const auto* wait : waiting) next = std::min(next, wait->expired ? never : wait->deadline);
+    if (next == never) continue;
     simulated = std::max(simulated.load(), next);
     for (auto* wait : waiting)
       if (wait->deadline <= simulated) expire(*wait);
