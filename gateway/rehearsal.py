@@ -12,7 +12,7 @@ from gateway.report import AdoptedModels, ReportData
 from gateway.versions import versions
 from talc.control import Controller
 from talc.frame import Decision, Event, FloatArray, Frame, IntArray, Measurement
-from talc.learner import Prior, Weights
+from talc.learner import Prior, Reasons, Weights
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
@@ -101,6 +101,8 @@ def rehearse(
         asked=tuple("" if d.measure is None else d.measure.value for d in decisions),
         contributions=np.array(parts) if parts else None,
         weights=controller.weights() if explained else None,
+        inputs=np.where(np.isfinite(recording.inputs), recording.inputs, np.nan),
+        moved=_moved(controller.reasons(), recording.input_names),
         not_compared="a recording does not say which of its inputs are temperatures",
     )
 
@@ -163,6 +165,14 @@ def _errors_of(data: ReportData) -> IntArray:
     """Places of the errors that a recording has."""
     recorded = data.measured if data.recorded is None else data.recorded
     return np.flatnonzero(np.isfinite(recorded).any(axis=0))
+
+
+def _moved(reasons: Reasons | None, names: Sequence[str]) -> FloatArray | None:
+    """(9, n) the magnitude by which each input moves each error, as of the last step."""
+    if reasons is None:
+        return None
+    now = [dict(reason.inputs) for reason in reasons.errors]
+    return np.array([[abs(of.get(name, 0.0)) for name in names] for of in now])
 
 
 def columns_of(data: ReportData) -> dict[str, Sequence[object]]:

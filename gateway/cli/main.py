@@ -15,6 +15,7 @@ from gateway.cli.log import log_to_stderr
 from gateway.config import GatewayConfig, cautions, described, load, unarmed
 
 if TYPE_CHECKING:
+    from datetime import time
     from zoneinfo import ZoneInfo
 
 ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
@@ -366,11 +367,28 @@ def make_prior(databases: tuple[Path, ...], output: Path) -> None:
 @main.command()
 @click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Default: beside DATABASE.")
-def report(database: Path, output: Path | None) -> None:
+@click.option("--time-zone", help="Of the times in the report, such as Europe/Zurich. Default: this computer's.")
+@click.option(
+    "--shifts", default="06:00,14:00,22:00", show_default=True, help="When shifts begin, local time; empty: no shifts."
+)
+def report(database: Path, output: Path | None, time_zone: str | None, shifts: str) -> None:
     """Write the HTML report of DATABASE and print its table."""
-    from gateway.cli.report import write
+    from gateway.cli.report import Reader, write
 
-    write(database, _page(output, database))
+    write(database, _page(output, database), reader=Reader(_zone(time_zone), _shifts(shifts)))
+
+
+def _shifts(text: str) -> "tuple[time, ...]":
+    from datetime import time
+
+    try:
+        parts = [part.strip().partition(":") for part in text.split(",") if part.strip()]
+        found = {time(int(hour), int(minute)) for hour, _, minute in parts}
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r}: expected times of day such as 06:00,14:00,22:00", param_hint="--shifts"
+        ) from None
+    return tuple(sorted(found))
 
 
 main.add_command(db)

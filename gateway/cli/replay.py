@@ -4,6 +4,7 @@ import hashlib
 import json
 import shlex
 from dataclasses import asdict, dataclass, replace
+from datetime import UTC
 from pathlib import Path
 
 import numpy as np
@@ -116,9 +117,8 @@ def run_recording(request: Request) -> None:
             f"Calibration takes {takes}; {_SAID_OTHERWISE[sections.talc.method]}",
             soft_wrap=True,
         )
-    request.page.write_text(
-        build(replace(data, made=_made(request, recording, sections, takes, prior))), encoding="utf-8"
-    )
+    told = replace(data, made=_made(request, recording, sections, takes, prior), zone=request.columns.clock.zone or UTC)
+    request.page.write_text(build(told), encoding="utf-8")
     console.print(f"report: {request.page}", soft_wrap=True)
     if request.out is not None and request.models_out is not None:
         write_table(request.out, columns_of(data))

@@ -1,36 +1,91 @@
 """`talc-gateway report`: makes a table and an HTML page from a database and, for a simulation, from the truth."""
 
 import csv
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, time, tzinfo
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import numpy as np
 
 from gateway.cli.terminal import terminal
+from gateway.config import GatewayConfig
+from gateway.nc import Source
 from gateway.past import stored_config
-from gateway.report import AdoptedModels, ReportData, Truth, build, picture, summary, table
-from gateway.storage import History, StoreError
+from gateway.report import (
+    SHIFTS,
+    AdoptedModels,
+    CycleSeen,
+    NotYet,
+    ReportData,
+    Truth,
+    build,
+    nothing_learnt,
+    picture,
+    summary,
+    table,
+    verdict,
+)
+from gateway.storage import History, StoredMeasurement, StoredStep, StoreError
 from talc.frame import FloatArray
+from talc.learner import Reasons
+from talc.names import THERMAL_ERRORS
 
 _TRUTH_COLUMNS = 17
 """Time, nine errors, tool deviation without and with compensation, probing; the last line may be truncated."""
+_WITHOUT_PREDICTION = frozenset({Source.STALE, Source.INPUTS_STALE, Source.NO_MODEL, Source.NOT_STORED})
 
 
-def write(database: Path, output: Path, truth: Path | None = None) -> None:
-    """Print the table and write the page, and of a simulation a picture too. Raises StoreError: nothing is stored."""
-    data = collect(database, truth)
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """Where and when the page is read."""
+
+    zone: tzinfo | None = None
+    """None: the time zone of this computer."""
+    shifts: tuple[time, ...] = SHIFTS
+    """When they begin; none: no shifts."""
+
+
+def write(database: Path, output: Path, truth: Path | None = None, reader: Reader | None = None) -> None:
+    """Print the table and write the page, and of a simulation a picture too. Raises StoreError: it holds no run."""
     console = terminal()
-    console.print(table(summary(data)))
-    output.write_text(build(data), encoding="utf-8")
+    if not _unbegun(database, output):
+        data = collect(database, truth, reader)
+        figures = summary(data)
+        console.print(verdict(data, figures), soft_wrap=True, highlight=False, markup=False)
+        if figures.rows:
+            console.print(table(figures))
+        output.write_text(build(data), encoding="utf-8")
+        if data.truth is not None:
+            output.with_suffix(".png").write_bytes(picture(data))
+    else:
+        console.print("nothing has been learnt yet: no grid step has ended")
     console.print(f"report: {output}", soft_wrap=True)
-    if data.truth is not None:
-        output.with_suffix(".png").write_bytes(picture(data))
 
 
-def collect(database: Path, truth: Path | None = None) -> ReportData:
-    """All that the report shows, as arrays. Times are seconds since the first frame's instant."""
+def _unbegun(database: Path, output: Path) -> bool:
+    """Whether no grid step has ended; then the page says what is missing."""
+    with History(database) as history:
+        config = stored_config(history)
+        if history.latest_k() is not None:
+            return False
+        missing = not_yet(history, config, ())
+    output.write_text(nothing_learnt(config.machine.name, missing), encoding="utf-8")
+    return True
+
+
+def collect(database: Path, truth: Path | None = None, reader: Reader | None = None) -> ReportData:
+    """All that the report shows, as arrays. Times are seconds since the first frame's instant.
+
+    Raises StoreError: it holds no frame.
+    """
+    reader = reader or Reader()
     with History(database) as history:
         config, found = stored_config(history), history.config()
-        steps = list(history.steps())
+        names = config.input_names
+        steps = list(history.steps(names=names))
         if not steps or found is None:
             raise StoreError(f"{database}: holds no frames yet")
         step_s = config.grid.step_s
@@ -39,6 +94,7 @@ def collect(database: Path, truth: Path | None = None) -> ReportData:
         nothing = np.full(9, np.nan)
         compensation = history.compensation()
         cycles = history.measurements()
+        units = history.units()
         return ReportData(
             machine=config.machine.name,
             fingerprint=found[1],
@@ -56,7 +112,7 @@ def collect(database: Path, truth: Path | None = None) -> ReportData:
             events=tuple((at.timestamp() - start, event) for at, _, event in history.events()),
             compensation_s=np.array([c.time.timestamp() - start for c in compensation]),
             compensation_um=np.array([c.offsets_um for c in compensation]).reshape(-1, 3),
-            input_names=config.input_names,
+            input_names=names,
             channel_health=history.channel_health(),
             cycles=len(cycles),
             rejected_cycles=sum(m.errors is None for m in cycles),
@@ -64,7 +120,97 @@ def collect(database: Path, truth: Path | None = None) -> ReportData:
             trusted=np.array([s.decision.trusted for s in steps]) if all(s.trust_known for s in steps) else None,
             reasons=history.reasons(),
             not_compared="" if config.sensor_check.enabled else "[sensor_check] enabled = false",
+            zone=reader.zone or own_zone(),
+            shifts=reader.shifts,
+            noise=_noise(steps),
+            inputs=np.array([np.where(s.frame.valid, s.frame.inputs, np.nan) for s in steps]),
+            input_units=tuple(units.get(name, "") for name in names),
+            moved=_moved(history.reasons_given(), names),
+            cycles_seen=_cycles(cycles, start, config.probing.reference_cycles),
+            stale=np.array([c.source in _WITHOUT_PREDICTION for c in compensation], dtype=np.bool_),
+            sphere_m=(config.probing.sphere_radius_mm * 1e-3, config.probing.sphere_height_mm * 1e-3),
+            mode=config.compensation.mode,
+            not_yet=not_yet(history, config, steps),
         )
+
+
+def not_yet(history: History, config: GatewayConfig, steps: Sequence[StoredStep]) -> tuple[NotYet, ...]:
+    """What is missing before the gateway can learn, in the order in which it comes; empty: it has learnt."""
+    if any(step.frame.measurement is not None for step in steps):
+        return ()
+    found = []
+    if not steps:
+        within = f"{config.grid.step_s / 60.0:g} min"
+        found.append(NotYet("No grid step has ended", f"The first ends {within} after the start: talc-gateway status"))
+    silent = _silent(history.channel_health(), [channel.name for channel in config.channels])
+    if silent:
+        found.append(NotYet(f"No good reading of {', '.join(silent)}", "talc-gateway doctor says what is wrong"))
+    if config.nc is None:
+        found.append(NotYet("No control is configured", "Write [nc]: without a control nothing can be measured"))
+    elif not config.probing.armed:
+        then = "Try the cycle with talc-gateway probe, then write [probing] armed = true"
+        found.append(NotYet("Probing is not armed", then))
+    return (*found, *_not_measured(history, config.probing.reference_cycles))
+
+
+def _not_measured(history: History, wanted: int) -> Iterable[NotYet]:
+    cycles = history.measurements()
+    used = [cycle for cycle in cycles if not cycle.reason]
+    if not cycles:
+        yield NotYet("No measurement yet", "The first is requested when the control is ready and probing is armed")
+    elif not used:
+        yield NotYet(f"None of {len(cycles)} probing cycles was used", f"The last: {cycles[-1].reason}")
+    yield NotYet(
+        "No reference",
+        f"The mean of the first cycles ({wanted}, one after the other) is what all later errors are counted from",
+    )
+
+
+def _cycles(measurements: Sequence[StoredMeasurement], start: float, reference: int) -> tuple[CycleSeen, ...]:
+    """The first that was used is the reference: several cycles, one after the other."""
+    first = next((i for i, m in enumerate(measurements) if not m.reason), None)
+    return tuple(
+        CycleSeen(m.ended.timestamp() - start, m.reason, reference if i == first else 1)
+        for i, m in enumerate(measurements)
+    )
+
+
+def _silent(health: Mapping[str, Mapping[str, int]], channels: Sequence[str]) -> list[str]:
+    return [name for name in channels if not health.get(name, {}).get("good")]
+
+
+def own_zone(link: Path = Path("/etc/localtime")) -> tzinfo:
+    """Of this computer: `TZ`, or where Linux' link leads; both know daylight saving. Else UTC."""
+    _, _, linked = str(link.resolve()).partition("/zoneinfo/")
+    for name in (os.environ.get("TZ", "").removeprefix(":"), linked):
+        try:
+            if name:
+                return ZoneInfo(name)
+        except (LookupError, ValueError, OSError):  # a rule such as CET-1CEST, or another layout: the next way
+            continue
+    return UTC
+
+
+def _noise(steps: Sequence[StoredStep]) -> FloatArray:
+    """(9,) median standard uncertainty of the measurements; NaN where none is known."""
+    known = [step.frame.measurement.sigma for step in steps if step.frame.measurement is not None]
+    sigma = np.array(known).reshape(-1, len(THERMAL_ERRORS))
+    told = np.isfinite(sigma).any(axis=0)
+    found = np.full(len(THERMAL_ERRORS), np.nan)
+    found[told] = np.nanmedian(sigma[:, told], axis=0)
+    return found
+
+
+def _moved(given: Iterable[Reasons], names: Sequence[str]) -> FloatArray | None:
+    """(9, n) mean over all stored reasons of the magnitude by which each input moved each error."""
+    at, total, many = {name: i for i, name in enumerate(names)}, np.zeros((len(THERMAL_ERRORS), len(names))), 0
+    for reasons in given:
+        many += 1
+        for e, reason in enumerate(reasons.errors):
+            for name, value in reason.inputs:
+                if name in at and np.isfinite(value):
+                    total[e, at[name]] += abs(value)
+    return total / many if many else None
 
 
 def _truth(path: Path, start_utc_s: float) -> Truth:

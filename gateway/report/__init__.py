@@ -1,8 +1,26 @@
 """The report of a run: a table for the terminal and one self-contained HTML page."""
 
-from gateway.report.data import AdoptedModels, ReportData, Truth
+from gateway.report.data import SHIFTS, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
 from gateway.report.figures import Summary, SummaryRow, summary, table
-from gateway.report.page import build
+from gateway.report.first_lines import by_shift, losses, verdict
+from gateway.report.page import build, nothing_learnt
 from gateway.report.plots import picture
 
-__all__ = ["AdoptedModels", "ReportData", "Summary", "SummaryRow", "Truth", "build", "picture", "summary", "table"]
+__all__ = [
+    "SHIFTS",
+    "AdoptedModels",
+    "CycleSeen",
+    "NotYet",
+    "ReportData",
+    "Summary",
+    "SummaryRow",
+    "Truth",
+    "build",
+    "by_shift",
+    "losses",
+    "nothing_learnt",
+    "picture",
+    "summary",
+    "table",
+    "verdict",
+]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import UTC, time, tzinfo
 
 import numpy as np
 
@@ -33,6 +34,31 @@ class Truth:
     """(S, 3) the same with the offsets in force on the control."""
     probing: BoolArray
     """(S,) whether the machine probed: nothing was cut and the offsets stood still."""
+
+
+SHIFTS = (time(6), time(14), time(22))
+"""When shifts begin, unless the reader says otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class CycleSeen:
+    """One probing request that has ended."""
+
+    ended_s: float
+    """Since the first frame."""
+    refused: str
+    """Why its result was not used; empty: it was."""
+    cycles: int = 1
+    """How many ran one after the other: several for the reference."""
+
+
+@dataclass(frozen=True, slots=True)
+class NotYet:
+    """One thing without which a gateway cannot learn."""
+
+    what: str
+    then: str
+    """What to do, or what will happen by itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +111,28 @@ class ReportData:
     """What a learner knew after the last step; only for a recording."""
     made: tuple[tuple[str, str], ...] = ()
     """What is needed to make the page of a recording again: names and texts."""
+    zone: tzinfo = UTC
+    """Of all times that are shown."""
+    shifts: tuple[time, ...] = SHIFTS
+    """When shifts begin, local time."""
+    noise: FloatArray | None = None
+    """(9,) standard uncertainty of one measurement; NaN or None: unknown."""
+    inputs: FloatArray | None = None
+    """(T, n); NaN: no good value."""
+    input_units: tuple[str, ...] = ()
+    """(n,) `degC` and others; empty text: unknown."""
+    moved: FloatArray | None = None
+    """(9, n) mean magnitude by which each input moved each error, of the learner's reasons; None: there are none."""
+    cycles_seen: tuple[CycleSeen, ...] = ()
+    """Every probing request, oldest first; of a recording none, because nothing is known of its machine."""
+    stale: BoolArray | None = None
+    """(M,) steps of the compensation without a usable prediction; None: unknown."""
+    sphere_m: tuple[float, float] | None = None
+    """Radius and height of the probing sphere, where the errors are seen at the tool; None: not a five-axis run."""
+    mode: str = "compensate"
+    """Of the compensation; another one writes nothing to the control."""
+    not_yet: tuple[NotYet, ...] = ()
+    """Why nothing has been learnt; empty: something has."""
 
     @property
     def time_s(self) -> FloatArray:

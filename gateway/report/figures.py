@@ -6,12 +6,14 @@ import numpy as np
 from rich.table import Table
 
 from gateway.report.data import ReportData
+from gateway.report.tool import at_tool
 from talc.frame import EventKind, FloatArray
 from talc.indicators import peak_to_peak, productivity, reduction, rms
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
 CYCLE_S = 120.0
 """Duration of a probing cycle (Z22)."""
+_LEAST_PERCENT, _MOST_PERCENT = 0.5, 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +28,34 @@ class SummaryRow:
     compensated_e_pv: float
     compensated_e_rms: float
     """With compensation: what remains after the estimate in force."""
+    noise: float = float("nan")
+    """Standard uncertainty of one measurement; NaN: unknown."""
 
     @property
-    def reduction_pv(self) -> float:
-        return reduction(self.e_pv, self.compensated_e_pv)
+    def within_noise(self) -> bool:
+        """Whether a measurement can see neither the error nor what is left of it."""
+        return max(self.e_rms, self.compensated_e_rms) <= self.noise
 
     @property
-    def reduction_rms(self) -> float:
-        return reduction(self.e_rms, self.compensated_e_rms)
+    def change_pv(self) -> str:
+        return self._change(self.e_pv, self.compensated_e_pv)
+
+    @property
+    def change_rms(self) -> str:
+        return self._change(self.e_rms, self.compensated_e_rms)
+
+    def _change(self, before: float, after: float) -> str:
+        """In words. A percentage of next to nothing says nothing, so a large increase is told in the error's unit."""
+        if self.within_noise:
+            return "below the probing noise"
+        percent = reduction(before, after)
+        if not np.isfinite(percent):
+            return "not known"
+        if percent < -_MOST_PERCENT or (percent < 0 and self.e_rms <= self.noise):
+            return f"{after - before:.1f} {self.unit} more"
+        if abs(percent) < _LEAST_PERCENT:
+            return "unchanged"
+        return f"{abs(percent):.0f} % {'less' if percent > 0 else 'more'}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +65,7 @@ class Summary:
     basis: str
     rows: tuple[SummaryRow, ...]
     tool: tuple[SummaryRow, ...]
-    """Tool to workpiece through the control, X Y Z; only where the truth is known."""
+    """Tool to workpiece, X Y Z: in a simulation through the control; of a gateway at the sphere, as measured."""
     hours: float
     begin_hours: float
     """When corrections began: with the learner's first measurement, or with the first models."""
@@ -56,6 +78,7 @@ class Summary:
     rejected_cycles: int
     held: tuple[SummaryRow, ...] = ()
     """For comparison: the same measurements with the last one held; only for a recording."""
+    tool_basis: str = ""
 
 
 def summary(data: ReportData) -> Summary:
@@ -70,18 +93,20 @@ def summary(data: ReportData) -> Summary:
     begin_s = float(time_s[first])
     if data.truth is not None:
         basis = "simulated truth each minute, against the estimate in force"
-        rows = _rows(data.labels, *_against_truth(data, begin_s))
+        rows = _rows(data, *_against_truth(data, begin_s))
     elif data.recorded is not None:
         basis = "recorded instants, against what would have been in force before that instant's measurement"
         rows = _recorded(data, data.recorded[first:], data.predicted[first:])
     else:
         basis = "measured instants, against the prediction before each measurement"
-        rows = _rows(data.labels, data.measured[first:], data.measured[first:] - data.predicted[first:])
+        rows = _rows(data, data.measured[first:], data.measured[first:] - data.predicted[first:])
+    tool, tool_basis = _tool(data, begin_s)
     after = int(np.isfinite(data.measured[first:]).any(axis=1).sum())
     return Summary(
         basis=basis,
         rows=rows,
-        tool=_tool(data, begin_s),
+        tool=tool,
+        tool_basis=tool_basis,
         hours=total_s / 3600,
         begin_hours=begin_s / 3600,
         productivity=productivity(after, CYCLE_S, total_s - begin_s),
@@ -97,7 +122,7 @@ def summary(data: ReportData) -> Summary:
 
 def _recorded(data: ReportData, errors: FloatArray, estimate: FloatArray) -> tuple[SummaryRow, ...]:
     """Of the errors that were recorded since corrections began."""
-    return tuple(row for row in _rows(data.labels, errors, errors - estimate) if np.isfinite(row.e_pv))
+    return tuple(row for row in _rows(data, errors, errors - estimate) if np.isfinite(row.e_pv))
 
 
 def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatArray]:
@@ -111,22 +136,24 @@ def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatA
     return errors[use], errors[use] - data.corrected[in_force]
 
 
-def _rows(labels: tuple[str, ...], before: FloatArray, after: FloatArray) -> tuple[SummaryRow, ...]:
+def _rows(data: ReportData, before: FloatArray, after: FloatArray) -> tuple[SummaryRow, ...]:
+    noise = np.full(len(THERMAL_ERRORS), np.nan) if data.noise is None else data.noise
     return tuple(
-        SummaryRow(label, ERROR_UNITS[n], peak_to_peak(b), rms(b), peak_to_peak(a), rms(a))
-        for label, n, b, a in zip(labels, THERMAL_ERRORS, before.T, after.T, strict=True)
+        SummaryRow(label, ERROR_UNITS[n], peak_to_peak(b), rms(b), peak_to_peak(a), rms(a), u)
+        for label, n, b, a, u in zip(data.labels, THERMAL_ERRORS, before.T, after.T, noise.tolist(), strict=True)
     )
 
 
-def _tool(data: ReportData, begin_s: float) -> tuple[SummaryRow, ...]:
-    truth = data.truth
-    if truth is None:
-        return ()
-    use = (truth.time_s >= begin_s) & ~truth.probing
-    return tuple(
-        SummaryRow(f"tool {axis}", MICROMETRE, peak_to_peak(b), rms(b), peak_to_peak(a), rms(a))
-        for axis, b, a in zip("XYZ", truth.uncompensated_um[use].T, truth.compensated_um[use].T, strict=True)
+def _tool(data: ReportData, begin_s: float) -> tuple[tuple[SummaryRow, ...], str]:
+    course = at_tool(data)
+    if course is None:
+        return (), ""
+    use = course.between(begin_s, float("inf"))
+    rows = (
+        SummaryRow(f"tool {axis}", MICROMETRE, peak_to_peak(b), rms(b), peak_to_peak(a), rms(a), course.noise)
+        for axis, b, a in zip("XYZ", course.before[use].T, course.after[use].T, strict=True)
     )
+    return tuple(row for row in rows if np.isfinite(row.e_rms)), course.basis
 
 
 def table(s: Summary) -> Table:
@@ -137,13 +164,13 @@ def table(s: Summary) -> Table:
         f"{s.model_updates} model updates, {s.state_updates} state updates, {s.rejected_cycles} cycles rejected."
     )
     grid = Table(title="Thermal errors without and with compensation", caption=caption, caption_justify="left")
-    for name in ("error", "unit", "E_PV", "comp.", "red. %", "E_RMS", "comp.", "red. %"):
+    for name in ("error", "unit", "E_PV", "comp.", "change", "E_RMS", "comp.", "change"):
         grid.add_column(name, justify="left" if name in ("error", "unit") else "right")
     held = tuple(replace(row, name=f"{row.name} held") for row in s.held)
     for row in (*s.rows, *held, *s.tool):
         figures = (
-            f"{row.e_pv:.1f}", f"{row.compensated_e_pv:.1f}", f"{row.reduction_pv:.0f}",
-            f"{row.e_rms:.2f}", f"{row.compensated_e_rms:.2f}", f"{row.reduction_rms:.0f}",
+            f"{row.e_pv:.1f}", f"{row.compensated_e_pv:.1f}", row.change_pv,
+            f"{row.e_rms:.2f}", f"{row.compensated_e_rms:.2f}", row.change_rms,
         )  # fmt: skip
         grid.add_row(row.name, row.unit, *figures, end_section=row in (s.rows[-1], *held[-1:]))
     return grid

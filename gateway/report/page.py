@@ -1,50 +1,134 @@
 """The HTML page: one file that loads nothing from elsewhere."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from importlib.resources import files
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from drivers.base import Quality
-from gateway.report.data import ReportData
+from gateway.report.charts import ChartGroup, error_charts, input_charts, tool_charts
+from gateway.report.data import NotYet, ReportData
 from gateway.report.figures import summary
-from gateway.report.plots import error_plot, inputs_plot, tool_plot
+from gateway.report.first_lines import by_shift, losses, verdict
+from gateway.report.local import hours, moment
+from gateway.report.plots import inputs_plot, still
+from gateway.report.series import series
+from gateway.report.sketch import letters, sketch
 from talc.frame import EventKind
 from talc.learner import ErrorReason
-from talc.names import ERROR_UNITS, THERMAL_ERRORS
+from talc.names import ERROR_MEANINGS, ERROR_UNITS, THERMAL_ERRORS
 
 _SENSORS = (EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE)
 _LEAST_SHOWN = 0.05
 """µm or µm/m: what moves an error by less is not named."""
 _LEAST_SHARE = 0.05
+_MOST_EVENTS = 2000
+_MOST_MOVERS = 4
+
+
+def _text(name: str) -> str:
+    return files("gateway.report").joinpath(name).read_text(encoding="utf-8")
+
+
+_PAGES = Environment(autoescape=True, undefined=StrictUndefined, loader=FunctionLoader(_text))
+
+
+@dataclass(frozen=True, slots=True)
+class _ShownGroup:
+    """Charts of the page, and what is told of them."""
+
+    key: str
+    title: str
+    still: Markup
+    heading: str = ""
+    letters: str = ""
+    moved: str = ""
+    sketch: str = ""
 
 
 def build(data: ReportData) -> str:
     """The page of a run."""
-    template = files("gateway.report").joinpath("page.html").read_text(encoding="utf-8")
-    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    s = summary(data)
     unhealthy = [
         (name, ", ".join(f"{quality}: {count}" for quality, count in sorted(counts.items())))
         for name, counts in data.channel_health.items()
         if any(quality != Quality.GOOD for quality in counts)
     ]
-    return environment.from_string(template).render(
+    tool, (inputs, basis) = tool_charts(data), input_charts(data)
+    errors = [(e, error_charts(data, e)) for e in range(len(THERMAL_ERRORS)) if _known(data, e)]
+    groups = [group for group in (tool, inputs, *(group for _, group in errors)) if group is not None]
+    told = [(_at(data, at), event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE]
+    return _PAGES.get_template("page.html").render(
         data=data,
-        s=summary(data),
-        begin=_date(data.start_utc_s),
-        end=_date(data.start_utc_s + float(data.time_s[-1])),
-        errors=[Markup(error_plot(data, e)) for e in range(len(THERMAL_ERRORS)) if _known(data, e)],
-        inputs=Markup(inputs_plot(data)),
-        tool=Markup(tool_plot(data) if data.recorded is None else ""),
+        s=s,
+        styles=_styles(),
+        verdict=verdict(data, s),
+        losses=losses(data, s),
+        shifts=by_shift(data, s),
+        begin=_at(data, 0.0),
+        end=_at(data, float(data.time_s[-1])),
+        lasted=hours(s.hours * 3600.0),
+        corrections=_at(data, s.begin_hours * 3600.0),
+        zone=getattr(data.zone, "key", None) or str(data.zone),
+        tool=_shown(data, tool),
+        inputs=_shown(data, inputs),
+        inputs_basis=basis,
+        errors=[_shown_error(data, e, group) for e, group in errors],
+        chosen=Markup(inputs_plot(data)),
         unhealthy=unhealthy,
         healthy=len(data.channel_health) - len(unhealthy),
-        suspects=[(at / 3600.0, e.text) for at, e in data.events if e.kind in _SENSORS],
+        suspects=[(_at(data, at), e.text) for at, e in data.events if e.kind in _SENSORS],
         why=_why(data),
-        events=[(at / 3600.0, event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE],
+        events=told[-_MOST_EVENTS:],
+        hidden=max(len(told) - _MOST_EVENTS, 0),
+        series=Markup(series(data, groups)),
+        library=Markup(f"/*\n{_text('uplot/LICENSE')}*/\n{_text('uplot/uPlot.iife.min.js')}"),
+        script=Markup(_text("page.js")),
     )
+
+
+def nothing_learnt(machine: str, missing: Sequence[NotYet]) -> str:
+    """The page of a gateway that has not ended a grid step."""
+    return _PAGES.get_template("nothing.html").render(machine=machine, missing=missing, styles=_styles())
+
+
+def _styles() -> Markup:
+    return Markup(_text("uplot/uPlot.min.css") + _text("page.css"))
+
+
+def _shown(data: ReportData, group: ChartGroup | None) -> _ShownGroup | None:
+    return None if group is None else _ShownGroup(group.key, group.title, Markup(still(data, group)))
+
+
+def _shown_error(data: ReportData, e: int, group: ChartGroup) -> _ShownGroup:
+    name = data.labels[e]
+    return _ShownGroup(
+        key=group.key,
+        title=group.title,
+        still=Markup(still(data, group)),
+        heading=f"{name}: {ERROR_MEANINGS[name]}" if name in ERROR_MEANINGS else name,
+        letters=letters(name),
+        moved=_movers(data, e),
+        sketch=Markup(sketch(name)),
+    )
+
+
+def _movers(data: ReportData, e: int) -> str:
+    """The inputs that moved an error most, on the mean of the stored reasons."""
+    if data.moved is None:
+        return ""
+    largest = [int(i) for i in np.argsort(-data.moved[e], kind="stable")[:_MOST_MOVERS]]
+    unit = ERROR_UNITS[THERMAL_ERRORS[e]]
+    each = [(i, float(data.moved[e, i])) for i in largest if data.moved[e, i] >= _LEAST_SHOWN]
+    return ", ".join(f"{data.input_names[i]} ({by:.1f} {unit})" for i, by in each)
+
+
+def _at(data: ReportData, seconds: float) -> str:
+    """Local time of seconds since the first frame."""
+    return moment(data.start_utc_s + seconds, data.zone)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +149,7 @@ def _why(data: ReportData) -> tuple[str, str, list[_WhyRow]]:
     if data.reasons is None:
         return "", "", []
     r = data.reasons
-    at, due = _date(r.k * data.step_s), _date(r.next_k * data.step_s)
+    at, due = moment(r.k * data.step_s, data.zone), moment(r.next_k * data.step_s, data.zone)
     share = None if data.trusted is None else data.trusted.mean(axis=0)
     rows = [
         _WhyRow(
@@ -92,7 +176,3 @@ def _moved(reason: ErrorReason) -> str:
 def _known(data: ReportData, e: int) -> bool:
     """Whether a recording contains this error at all; a run has all nine."""
     return data.recorded is None or bool(np.isfinite(data.recorded[:, e]).any())
-
-
-def _date(utc_s: float) -> str:
-    return f"{datetime.fromtimestamp(utc_s, UTC):%Y-%m-%d %H:%M}"

@@ -1,83 +1,109 @@
-"""The report's figures as inline SVG."""
+"""The report's charts as pictures: inline SVG whose text is text, for paper and for readers without a script."""
 
 import io
+import re
+from datetime import UTC, datetime
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
+from gateway.report.charts import Chart, ChartGroup, Ink, inputs_of, spans, update_times
 from gateway.report.data import ReportData
-from talc.frame import Phase
-from talc.models import ModelSet
-from talc.names import ERROR_MEANINGS, ERROR_UNITS, THERMAL_ERRORS
+from talc.frame import FloatArray, Phase
 
-_HOUR = 3600.0
+_DAY = 86400.0
+_LIGHT = {
+    Ink.BEFORE: "#8b97a5",
+    Ink.AFTER: "#c2410c",
+    Ink.ESTIMATE: "#1f6feb",
+    Ink.MEASURED: "#111112",
+    Ink.LIMIT: "#b08900",
+    Ink.T0: "#1b6ac9",
+    Ink.T1: "#d9480f",
+    Ink.T2: "#2b8a3e",
+    Ink.T3: "#9c36b5",
+    Ink.T4: "#0c8599",
+    Ink.T5: "#a9760a",
+    Ink.T6: "#c2255c",
+    Ink.T7: "#5c6670",
+}
+_INK, _GRID, _UPDATE = "#1f2933", "#e2e8f0", "#16a34a"
 _SHADE = {Phase.CALIBRATION: "#f4ecd2", Phase.NO_GOOD: "#f6d9d5"}
-_TRUTH, _PREDICTION, _MEASURED, _RESIDUAL, _LIMIT = "#9aa5b1", "#1f6feb", "#111111", "#c2410c", "#b08900"
+_VARIABLES = {
+    **{colour: f"var(--{ink})" for ink, colour in _LIGHT.items()},
+    **{colour: f"var(--{phase})" for phase, colour in _SHADE.items()},
+    _INK: "var(--ink)",
+    _GRID: "var(--line)",
+    _UPDATE: "var(--update)",
+}
+"""The page's own colours, which follow the reader's light or dark."""
+_COLOUR = re.compile(r"#[0-9a-f]{6}\b")
+_METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
+_NAME = re.compile(r"""(\bid="|url\(#|href="#)""")
+_MOST_POINTS, _MOST_DOTS = 700, 250
 _STYLE: dict[Any, Any] = {
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",
     "svg.hashsalt": "talc-gateway",
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
-    "grid.color": "#e5e7eb",
+    "grid.color": _GRID,
     "grid.linewidth": 0.6,
+    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), _INK),
 }
 
 
-def error_plot(data: ReportData, e: int) -> str:
-    """Error, estimate and measurements above; the residual with the limits below. SVG."""
-    name, unit = data.labels[e], ERROR_UNITS[THERMAL_ERRORS[e]]
+def still(data: ReportData, group: ChartGroup) -> str:
+    """A group's charts below each other on one axis of local time. SVG."""
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(10, 4.2), layout="constrained")
-        top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1.2])
-        hours = data.time_s / _HOUR
-        _shade(top, data)
-        _shade(bottom, data)
-        if data.truth is not None:
-            top.plot(data.truth.time_s / _HOUR, data.truth.errors[:, e], color=_TRUTH, lw=2.5, label="simulated truth")
-        top.plot(hours, data.corrected[:, e], color=_PREDICTION, lw=1.1, label="estimate in force")
-        if data.recorded is not None:
-            top.plot(hours, data.recorded[:, e], ".", color=_TRUTH, ms=2.5, label="recorded")
-        seen = np.isfinite(data.measured[:, e])
-        label = "measured" if data.recorded is None else "used as a measurement"
-        top.plot(hours[seen], data.measured[seen, e], ".", color=_MEASURED, ms=2.5, label=label)
-        top.set_ylabel(f"{name}, {unit}")
-        top.set_title(
-            f"{name}: {ERROR_MEANINGS[name]}" if name in ERROR_MEANINGS else name,
-            loc="left",
-            fontsize=10,
-            fontweight="bold",
-        )
-        if data.truth is not None:
-            index = np.clip(np.searchsorted(data.time_s, data.truth.time_s, side="right") - 1, 0, None)
-            left = data.truth.errors[:, e] - data.corrected[index, e]
-            bottom.plot(data.truth.time_s / _HOUR, left, color=_RESIDUAL, lw=0.9, label="truth minus estimate")
-        seen_as, known = ("measured", data.measured) if data.recorded is None else ("recorded", data.recorded)
-        residual = known[:, e] - data.predicted[:, e]
-        bottom.plot(hours, residual, ".", color=_MEASURED, ms=2.5, label=f"{seen_as} minus predicted")
-        for sign in (1, -1):
-            bottom.step(
-                hours, sign * data.limits[:, e], where="post", color=_LIMIT, lw=1.0, label="ACL" if sign > 0 else None
-            )
-        for adopted in data.models:
-            at = (adopted.after_k - data.k[0]) * data.step_s / _HOUR
-            bottom.axvline(at, color="#16a34a", lw=0.9, ls="--")
-        bottom.set_ylabel(f"left, {unit}")
-        bottom.set_xlabel("hours since the first frame (dashed green: model update)")
-        bottom.set_xlim(0, hours[-1] if hours[-1] > 0 else 1)
-        for axes in (top, bottom):
-            axes.legend(loc="upper left", ncols=4, fontsize=7.5, frameon=False)
-        return _svg(figure)
+        heights = [1.2 if chart.low else 2.0 for chart in group.charts]
+        tall = sum(heights) + 0.35 * len(heights) + 0.4
+        figure = Figure(figsize=(10, tall))  # margins by hand: a layout engine would draw everything twice
+        panels = figure.subplots(len(group.charts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        figure.subplots_adjust(left=0.075, right=0.99, top=1 - 0.3 / tall, bottom=0.45 / tall, hspace=0.3)
+        for axes, chart in zip(panels, group.charts, strict=True):
+            _draw(axes, data, chart)
+        last = float(data.time_s[-1])
+        panels[-1].set_xlim(*_days(data, np.array([0.0, last if last > 0 else data.step_s])))
+        locator = AutoDateLocator(tz=data.zone)  # type: ignore[no-untyped-call]
+        panels[-1].xaxis.set_major_locator(locator)
+        formatter = ConciseDateFormatter(locator, tz=data.zone)  # type: ignore[no-untyped-call]
+        panels[-1].xaxis.set_major_formatter(formatter)
+        return _svg(figure, group.key)
+
+
+def _draw(axes: Axes, data: ReportData, chart: Chart) -> None:
+    for span in spans(data):
+        begin, end = _days(data, np.array([span.begin_s, span.end_s]))
+        axes.axvspan(begin, end, color=_SHADE[span.phase], lw=0, zorder=0)
+    for line in chart.lines:
+        shown, colour = line.thinned(_MOST_DOTS if line.kind == "dots" else _MOST_POINTS), _LIGHT[line.ink]
+        at = _days(data, shown.time_s)
+        if line.kind == "dots":
+            axes.plot(at, shown.values, ".", color=colour, ms=3.5, label=line.label)
+        else:
+            style = "steps-post" if line.kind == "step" else "default"
+            axes.plot(at, shown.values, color=colour, lw=1.1, drawstyle=style, label=line.label)
+    for at_s in update_times(data):
+        axes.axvline(float(_days(data, np.array([at_s]))[0]), color=_UPDATE, lw=0.9, ls="--")
+    axes.set_ylabel(f"{chart.title}, {chart.unit}" if chart.unit else chart.title)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=7.5, frameon=False, borderaxespad=0.1)
+
+
+def _days(data: ReportData, seconds: FloatArray) -> FloatArray:
+    """matplotlib's dates: days since 1970, UTC."""
+    return np.asarray((data.start_utc_s + seconds) / _DAY, dtype=np.float64)
 
 
 def inputs_plot(data: ReportData) -> str:
     """Which inputs each model used, over the model updates. SVG; empty text without models."""
-    used = [n for n in data.input_names if any(n in _inputs(a.models, e) for a in data.models for e in range(9))]
+    used = [n for n in data.input_names if any(n in inputs_of(a.models, e) for a in data.models for e in range(9))]
     if not used:
         return ""
     with mpl.rc_context(_STYLE):
@@ -87,48 +113,20 @@ def inputs_plot(data: ReportData) -> str:
         marks = mpl.colormaps["tab10"].colors  # type: ignore[attr-defined]
         for u, adopted in enumerate(data.models):
             for e, name in enumerate(data.labels):
-                rows = [used.index(i) for i in _inputs(adopted.models, e)]
+                rows = [used.index(i) for i in inputs_of(adopted.models, e)]
                 x = [u + (e - 4) * 0.085] * len(rows)
                 axes.plot(x, rows, "s", ms=5, color=marks[e], label=name if u == 0 else None)
         for u in range(len(data.models) - 1):
-            axes.axvline(u + 0.5, color="#e5e7eb", lw=0.8)
+            axes.axvline(u + 0.5, color=_GRID, lw=0.8)
         for row in range(len(used)):
-            axes.axhline(row, color="#f1f5f9", lw=0.8, zorder=0)
+            axes.axhline(row, color=_GRID, lw=0.8, zorder=0)
         axes.set_yticks(range(len(used)), used)
         axes.set_ylim(len(used) - 0.5, -0.5)
-        at = [(a.after_k - data.k[0]) * data.step_s / _HOUR for a in data.models]
-        axes.set_xticks(range(len(at)), [f"{t:.0f} h" for t in at])
-        axes.set_xlim(-0.6, len(at) - 0.4)
+        times = [datetime.fromtimestamp(data.start_utc_s + at, UTC).astimezone(data.zone) for at in update_times(data)]
+        axes.set_xticks(range(len(times)), [f"{at:%d %b\n%H:%M}" for at in times])
+        axes.set_xlim(-0.6, len(times) - 0.4)
         axes.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=9, fontsize=7.5, frameon=False)
-        return _svg(figure)
-
-
-def tool_plot(data: ReportData) -> str:
-    """Offsets on the control and, where known, the remaining deviation at the tool. SVG."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(10, 5.4), layout="constrained")
-        panels = figure.subplots(3, 1, sharex=True)
-        for i, (axes, axis) in enumerate(zip(panels, "XYZ", strict=True)):
-            _shade(axes, data)
-            if data.truth is not None:
-                cutting = ~data.truth.probing
-                t = data.truth.time_s[cutting] / _HOUR
-                axes.plot(
-                    t, data.truth.uncompensated_um[cutting, i], ".", ms=1.2, color=_TRUTH, label="without compensation"
-                )
-                axes.plot(
-                    t, data.truth.compensated_um[cutting, i], ".", ms=1.2, color=_RESIDUAL, label="with compensation"
-                )
-            else:
-                axes.step(
-                    data.compensation_s / _HOUR, data.compensation_um[:, i], where="post", color=_PREDICTION, lw=0.8
-                )
-            axes.set_ylabel(f"{axis}, µm")
-        if data.truth is not None:
-            panels[0].legend(loc="upper left", ncols=2, fontsize=7.5, frameon=False, markerscale=6)
-        panels[-1].set_xlabel("hours since the first frame")
-        panels[-1].set_xlim(0, max(float(data.time_s[-1]) / _HOUR, 1e-3))
-        return _svg(figure)
+        return _svg(figure, "chosen")
 
 
 def picture(data: ReportData) -> bytes:
@@ -139,18 +137,18 @@ def picture(data: ReportData) -> bytes:
     if data.truth is None:
         raise ValueError("the picture is of a simulation, whose truth is known")
     cutting = ~data.truth.probing & (data.truth.time_s <= data.time_s[-1] + data.step_s)  # afterwards nothing runs
-    hours = data.truth.time_s[cutting] / _HOUR
+    hours = data.truth.time_s[cutting] / 3600.0
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(9, 3), layout="constrained")
         axes = figure.subplots()
-        for values, colour, label in (
-            (data.truth.uncompensated_um, _TRUTH, "without compensation"),
-            (data.truth.compensated_um, _RESIDUAL, "with compensation"),
+        for values, ink, label in (
+            (data.truth.uncompensated_um, Ink.BEFORE, "without compensation"),
+            (data.truth.compensated_um, Ink.AFTER, "with compensation"),
         ):
-            axes.plot(hours, values[cutting, 2], color=colour, lw=0.9, label=label)
+            axes.plot(hours, values[cutting, 2], color=_LIGHT[ink], lw=0.9, label=label)
         measured = np.isfinite(data.measured).any(axis=1)
-        at = data.time_s[measured] / _HOUR
-        axes.plot(at, np.zeros(at.size), "|", color=_MEASURED, ms=9, label=f"{at.size} measurements")
+        at = data.time_s[measured] / 3600.0
+        axes.plot(at, np.zeros(at.size), "|", color=_LIGHT[Ink.MEASURED], ms=9, label=f"{at.size} measurements")
         axes.set_ylabel("tool to workpiece, Z, µm")
         axes.set_xlabel("hours")
         axes.set_xlim(0, float(hours[-1]))
@@ -160,24 +158,14 @@ def picture(data: ReportData) -> bytes:
         return buffer.getvalue()
 
 
-def _inputs(models: ModelSet, e: int) -> tuple[str, ...]:
-    model = models.models[e]
-    return () if model is None else tuple(model.inputs)
-
-
-def _shade(axes: Axes, data: ReportData) -> None:
-    """Calibration and no-good phases."""
-    hours, begin = data.time_s / _HOUR, 0
-    for i in range(1, len(data.phases) + 1):
-        if i == len(data.phases) or data.phases[i] is not data.phases[begin]:
-            colour = _SHADE.get(data.phases[begin])
-            if colour is not None:
-                axes.axvspan(hours[begin], hours[min(i, len(hours) - 1)], color=colour, lw=0, zorder=0)
-            begin = i
-
-
-def _svg(figure: Figure) -> str:
+def _svg(figure: Figure, key: str) -> str:
+    """Without a background; in the page's colours; with names that no other picture of the page has."""
+    figure.patch.set_visible(False)
+    for axes in figure.axes:
+        axes.patch.set_visible(False)
     buffer = io.StringIO()
     FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
-    text = buffer.getvalue()
+    text = _METADATA.sub("", buffer.getvalue())
+    text = _NAME.sub(lambda found: f"{found[1]}{key}-", text)
+    text = _COLOUR.sub(lambda found: _VARIABLES.get(found[0], found[0]), text)
     return text[text.index("<svg") :]

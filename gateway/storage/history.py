@@ -167,6 +167,19 @@ class History:
         row = self._connection.execute("SELECT reasons FROM reasons ORDER BY k DESC LIMIT 1").fetchone()
         return None if row is None else rows.reasons_of(row[0])
 
+    def reasons_given(self) -> Iterator[Reasons]:
+        """All that are stored, oldest first."""
+        if self._has("reasons"):
+            yield from (
+                rows.reasons_of(r) for (r,) in self._connection.execute("SELECT reasons FROM reasons ORDER BY k")
+            )
+
+    def units(self) -> dict[str, str]:
+        """Channel to the unit of its readings; nothing from an earlier program's file."""
+        if not self._has("channel"):
+            return {}
+        return dict(self._connection.execute("SELECT name, unit FROM channel ORDER BY id").fetchall())
+
     def reference(self) -> StoredMeasurement | None:
         """The first measurement that was used, the reference of all others."""
         row = self._connection.execute(

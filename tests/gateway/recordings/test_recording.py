@@ -51,10 +51,10 @@ def test_a_recording_becomes_a_table_and_a_page(recorded: Path, tmp_path: Path) 
     assert "EX0C held" in answer.output
     assert "EY0A" not in answer.output
     text = page.read_text(encoding="utf-8")
-    assert text.count("<svg") == 4  # three errors, and the inputs that were chosen
+    assert text.count('<div class="still"><svg') == 4  # three errors and the inputs
     for label in ("recorded", "used as a measurement", "recorded minus predicted"):
-        assert text.count(f"<!-- {label} -->") == 3  # a legend's text is drawn as paths, and named beside them
-    assert "<!-- simulated truth -->" not in text
+        assert text.count(f">{label}</text>") == 3
+    assert "simulated truth</text>" not in text
 
 
 def test_only_measurements_that_were_asked_for_reach_the_controller(recorded: Path) -> None:

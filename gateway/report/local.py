@@ -1,0 +1,32 @@
+"""Times as people at the machine read them, and their shifts."""
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime, time, timedelta, tzinfo
+from itertools import pairwise
+
+_DAY = timedelta(days=1)
+
+
+def moment(utc_s: float, zone: tzinfo) -> str:
+    """Such as `Mon 2026-01-05 06:00 CET`: the zone's name tells apart the hour that daylight saving repeats."""
+    return f"{datetime.fromtimestamp(utc_s, zone):%a %Y-%m-%d %H:%M %Z}"
+
+
+def hours(seconds: float) -> str:
+    """Such as `12 min` or `3.5 h`."""
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def shifts_between(
+    begin_utc_s: float, end_utc_s: float, begins: Sequence[time], zone: tzinfo
+) -> Iterator[tuple[float, float]]:
+    """UTC seconds of the begin and of the end of each shift that has a part in that time, oldest first.
+
+    A shift over a night in which the clock changes is an hour shorter or longer. Nothing without `begins`.
+    """
+    first = datetime.fromtimestamp(begin_utc_s, zone).date() - _DAY
+    days = (datetime.fromtimestamp(end_utc_s, zone).date() - first).days + 2
+    edges = sorted(datetime.combine(first + i * _DAY, begin, zone).timestamp() for i in range(days) for begin in begins)
+    for edge, after in pairwise(edges):
+        if edge < end_utc_s and after > begin_utc_s:
+            yield edge, after

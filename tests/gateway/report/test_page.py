@@ -1,0 +1,142 @@
+"""The page: one well-formed file of bounded size that loads nothing, readable without a script, in local time."""
+
+import json
+import re
+from dataclasses import replace
+from datetime import UTC, datetime, time
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from gateway.report import Truth, build, by_shift, summary
+from talc.names import THERMAL_ERRORS
+from tests.gateway.report.runs import START, small_run
+
+VOID = {"meta", "br", "link", "img", "input", "hr"}
+MOST_BYTES = 3_000_000
+
+
+class Reader(HTMLParser):
+    """Fails at a tag that is not closed, or closed twice; collects what accessibility and printing need."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.loads: list[str] = []
+        self.ids: list[str] = []
+        self.tables: list[dict[str, int]] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        named = dict(attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+        self.loads += [v for k, v in attrs if k in ("src", "href", "xlink:href") and v and not v.startswith("#")]
+        self.ids += [named["id"] or ""] if "id" in named else []
+        if tag == "table":
+            self.tables.append({"caption": 0, "bare": 0})
+        elif tag == "caption":
+            self.tables[-1]["caption"] += 1
+        elif tag == "th":
+            self.tables[-1]["bare"] += named.get("scope") not in ("col", "row")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.handle_endtag(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def read(page: str) -> Reader:
+    reader = Reader()
+    reader.feed(page)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    moved = np.zeros((9, 3))
+    moved[1] = (0.5, 12.25, 0.0)
+    return build(replace(small_run(), moved=moved))
+
+
+def test_it_is_well_formed_and_loads_nothing(page: str) -> None:
+    reader = read(page)
+    assert reader.loads == []
+    assert len(set(reader.ids)) == len(reader.ids)
+    styles = page[page.index("<style>") : page.index("</style>")]
+    assert "url(" not in styles
+    assert "@import" not in styles
+
+
+def test_every_table_has_a_caption_and_every_heading_a_scope(page: str) -> None:
+    tables = read(page).tables
+    assert len(tables) >= 4
+    assert all(table == {"caption": 1, "bare": 0} for table in tables)
+
+
+def test_every_chart_is_a_picture_with_text_too_for_readers_without_a_script(page: str) -> None:
+    stills = re.findall(r'<div class="still">(<svg.*?</svg>)', page, re.DOTALL)
+    assert len(stills) == 2 + len(THERMAL_ERRORS)  # the tool, the inputs
+    texts = ["".join(ElementTree.fromstring(svg).itertext()) for svg in stills]
+    assert "offset on the control" in texts[0]
+    assert "front" in texts[1]
+    assert all(error in text for error, text in zip(THERMAL_ERRORS, texts[2:], strict=True))
+    colours = set(re.findall(r"#[0-9a-f]{6}", "".join(stills)))
+    assert colours == set(), "they follow the reader's light or dark"
+
+
+def test_the_scripts_charts_hold_the_numbers(page: str) -> None:
+    found = re.search(r'<script type="application/json" id="series">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    series = json.loads(found[1])
+    assert series["start"] == START
+    assert series["zone"] == "Europe/Zurich"
+    left = next(line for line in series["groups"]["tool"][2]["lines"] if line["label"] == "left")
+    assert left["x"][:3] == [0, 300, 600]
+    assert left["y"][:3] == [-4.0, 4.0, -4.0]
+
+
+def test_each_error_is_drawn_and_explained(page: str) -> None:
+    sketches = re.findall(r'<svg class="sketch".*?</svg>', page)
+    assert len(sketches) == len(set(sketches)) == len(THERMAL_ERRORS)
+    assert "EY0A: position of the A axis in Y" in page
+    assert "E: error · Y: in the direction Y · 0: of the mean place or direction · A: of the A axis" in page
+
+
+@pytest.mark.slow
+def test_a_year_of_a_simulation_stays_small() -> None:
+    steps = 365 * 288
+    run = small_run(steps)
+    minutes = np.arange(steps * 5.0) * 60.0
+    noise = np.random.default_rng(1).normal(size=(minutes.size, 9))
+    truth = Truth(minutes, noise, noise[:, :3], noise[:, 3:6], np.zeros(minutes.size, dtype=np.bool_))
+    assert len(build(replace(run, truth=truth)).encode()) < MOST_BYTES
+
+
+def test_times_are_local_also_in_the_night_in_which_the_clock_goes_back() -> None:
+    start = datetime(2026, 10, 24, 18, tzinfo=UTC).timestamp()  # 20:00 CEST
+    run = replace(small_run(12 * 14, start=start), shifts=(time(6), time(22)))
+    what, shifts = by_shift(run, summary(run))
+    assert what == "Z at the tool, µm RMS"
+    # 20:00 to 22:00; 22:00 to 06:00, which lasts nine hours that night; 06:00 to 09:00. A cycle of 2 min each 20 min.
+    assert [(shift.when, shift.probing) for shift in shifts] == [
+        ("Sat 2026-10-24 20:00 CEST", "12 min"),
+        ("Sat 2026-10-24 22:00 CEST", "54 min"),
+        ("Sun 2026-10-25 06:00 CET", "18 min"),
+    ]
+
+
+def test_the_inputs_that_moved_an_error_most_are_named_and_drawn(page: str) -> None:
+    assert "Moved most by rear (12.2 µm), front (0.5 µm)." in page
+    assert "by the learner&#39;s reasons" in page
+    assert "speed</text>" not in page, "it moved nothing"

@@ -1,0 +1,84 @@
+"""The report's first lines: figures by hand, what was lost, and what the probing cannot see."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gateway.report import CycleSeen, ReportData, SummaryRow, losses, summary, verdict
+from tests.gateway.report.runs import STEP_S, small_run, with_gap
+
+
+def told(data: ReportData) -> str:
+    return verdict(data, summary(data))
+
+
+def lost(data: ReportData) -> dict[str, str]:
+    return dict(losses(data, summary(data)))
+
+
+def test_the_first_line_is_the_worst_axis_and_what_it_cost() -> None:
+    # 12 cycles of 2 min in 4 h: a tenth of the time.
+    assert told(small_run()) == "Z at the tool: 40 → 4.0 µm RMS, 90 % less, 90 % productive"
+
+
+def test_of_an_error_at_a_radius_the_tool_sees_what_its_lever_makes_of_it() -> None:
+    run = small_run()
+    tilted = np.zeros_like(run.measured)
+    tilted[:, 7] = 100.0  # EB0C, µm/m: 12 µm along Z at 120 mm, 8 µm along X at 80 mm
+    rows = summary(replace(run, measured=tilted, predicted=tilted)).tool
+    assert [round(row.e_rms, 6) for row in rows] == [8.0, 0.0, 12.0]
+
+
+def test_refused_cycles_cost_time_as_well_and_are_told() -> None:
+    run = small_run()
+    refused = tuple(CycleSeen(STEP_S * i, "a touch repeats by 14 µm") for i in range(6))
+    more = replace(run, cycles_seen=run.cycles_seen + refused)
+    assert told(more).endswith(", 85 % productive")
+    assert lost(more)["refused cycles"] == "6; the last: a touch repeats by 14 µm"
+
+
+def test_gaps_and_stale_periods_are_told() -> None:
+    gap = with_gap(small_run(), 11, 24)
+    assert lost(gap)["gaps"] == "1, 2.0 h without a step; the longest 2.0 h, Mon 2026-01-05 07:55 CET"
+    stale = np.zeros(48, dtype=np.bool_)
+    stale[[3, 4, 20]] = True
+    said = lost(replace(small_run(), stale=stale))
+    assert said["stale"] == "15 min in 2 periods without a usable prediction"
+    assert "gaps" not in lost(small_run())
+
+
+def test_what_got_worse_is_a_loss_too() -> None:
+    run = small_run()
+    predicted = run.predicted.copy()
+    predicted[:, 2] = 3.0  # EX0C is zero
+    said = lost(replace(run, predicted=predicted))
+    assert said["worse with compensation, RMS"] == "tool X 0.0 → 3.0 µm, EX0C 0.0 → 3.0 µm"
+
+
+def test_a_gateway_that_writes_nothing_says_so() -> None:
+    said = lost(replace(small_run(), mode="monitor"))
+    assert "[compensation] mode is 'monitor'" in said["nothing was written to the control"]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "noise", "said"),
+    [
+        (40.0, 3.6, 1.0, "91 % less"),
+        (0.05, 0.9, 1.0, "below the probing noise"),  # 1700 % more of nothing
+        (0.05, 1.54, float("nan"), "1.5 µm more"),  # -2980 %
+        (0.5, 3.0, 1.0, "2.5 µm more"),  # it could not be seen before: a percentage of it says nothing
+        (10.0, 12.0, 1.0, "20 % more"),
+        (10.0, 0.5, 1.0, "95 % less"),
+        (10.0, 10.02, 1.0, "unchanged"),
+        (0.0, 0.0, float("nan"), "not known"),
+    ],
+)
+def test_a_change_is_told_in_words_that_mean_something(before: float, after: float, noise: float, said: str) -> None:
+    row = SummaryRow("EX0C", "µm", before, before, after, after, noise)
+    assert (row.change_rms, row.change_pv) == (said, said)
+
+
+def test_nothing_is_promised_before_corrections_began() -> None:
+    run = small_run()
+    assert told(replace(run, phases=(type(run.phases[0]).CALIBRATION,) * 48)).startswith("Nothing to judge yet")
