@@ -43,6 +43,15 @@ def _with_simulators() -> None:
         raise click.UsageError("this installation has no emulated devices; install the whole wheel on another computer")
 
 
+def _with_pages() -> None:
+    """Raises click.UsageError without what makes pages, which the package for a machine does not contain."""
+    missing = [name for name in ("jinja2", "matplotlib") if find_spec(name) is None]
+    if missing:
+        raise click.UsageError(
+            f"{', '.join(missing)} not installed; pip install 'talc-gateway[report]', or copy the file"
+        )
+
+
 def read_config(path: Path) -> GatewayConfig:
     """The checked configuration; its warnings go to standard error."""
     config = load(path)
@@ -265,6 +274,7 @@ def replay(
         from gateway.cli.replay import show
 
         sys.exit(0 if show(file) else EXIT_DIFFERENT)
+    _with_pages()
     from gateway.cli.replay import Request, run_recording
 
     named = _named_errors(errors)
@@ -373,6 +383,7 @@ def make_prior(databases: tuple[Path, ...], output: Path) -> None:
 )
 def report(database: Path, output: Path | None, time_zone: str | None, shifts: str) -> None:
     """Write the HTML report of DATABASE and print its table."""
+    _with_pages()
     from gateway.cli.report import Reader, write
 
     write(database, _page(output, database), reader=Reader(_zone(time_zone), _shifts(shifts)))

@@ -29,7 +29,7 @@ from gateway.report import (
     verdict,
 )
 from gateway.storage import History, StoredMeasurement, StoredStep, StoreError
-from talc.frame import FloatArray
+from talc.frame import FloatArray, Phase
 from talc.learner import Reasons
 from talc.names import THERMAL_ERRORS
 
@@ -49,7 +49,7 @@ class Reader:
 
 
 def write(database: Path, output: Path, truth: Path | None = None, reader: Reader | None = None) -> None:
-    """Print the table and write the page, and of a simulation a picture too. Raises StoreError: it holds no run."""
+    """Print the table and write the page, and of a simulation a picture too. Raises StoreError: it cannot be read."""
     console = terminal()
     if not _unbegun(database, output):
         data = collect(database, truth, reader)
@@ -68,11 +68,16 @@ def write(database: Path, output: Path, truth: Path | None = None, reader: Reade
 def _unbegun(database: Path, output: Path) -> bool:
     """Whether no grid step has ended; then the page says what is missing."""
     with History(database) as history:
-        config = stored_config(history)
         if history.latest_k() is not None:
             return False
-        missing = not_yet(history, config, ())
-    output.write_text(nothing_learnt(config.machine.name, missing), encoding="utf-8")
+        if history.config() is None:
+            page = nothing_learnt(
+                database.name, [NotYet("No run is stored here", "Start one: talc-gateway run CONFIG")]
+            )
+        else:
+            config = stored_config(history)
+            page = nothing_learnt(config.machine.name, not_yet(history, config, ()))
+    output.write_text(page, encoding="utf-8")
     return True
 
 
@@ -137,8 +142,12 @@ def collect(database: Path, truth: Path | None = None, reader: Reader | None = N
 def not_yet(history: History, config: GatewayConfig, steps: Sequence[StoredStep]) -> tuple[NotYet, ...]:
     """What is missing before the gateway can learn, in the order in which it comes; empty: it has learnt."""
     if any(step.frame.measurement is not None for step in steps):
-        return ()
-    found = []
+        done = sum(step.decision.phase is Phase.CALIBRATION for step in steps)
+        if done < len(steps):
+            return ()
+        of = config.talc.control.calibration_steps
+        return (NotYet(f"The calibration is not over: {done} of {of} steps", "The models are trained at its end"),)
+    found: list[NotYet] = []
     if not steps:
         within = f"{config.grid.step_s / 60.0:g} min"
         found.append(NotYet("No grid step has ended", f"The first ends {within} after the start: talc-gateway status"))

@@ -35,7 +35,7 @@ def verdict(data: ReportData, s: Summary) -> str:
     """Such as `Z at the tool: 40 → 3.6 µm RMS, 91 % less, 96 % productive`; of the worst axis, or the worst error."""
     worst = _worst(s)
     if worst is None:
-        return f"Nothing to judge yet: {s.basis}"
+        return f"Nothing to judge yet: {'no measurement had a prediction before it' if s.rows else s.basis}"
     where = f"{worst.name.removeprefix('tool ')} at the tool" if s.tool else worst.name
     told = f"{where}: {_short(worst.e_rms)} → {_short(worst.compensated_e_rms)} {worst.unit} RMS, {worst.change_rms}"
     return told if data.recorded is not None else f"{told}, {_productive(data):.0f} % productive"
@@ -104,7 +104,7 @@ def _worst(s: Summary) -> SummaryRow | None:
     """The largest without compensation: at the tool, else of the positions, else of the orientations."""
     positions = [row for row in s.rows if row.unit == ERROR_UNITS[THERMAL_ERRORS[0]]]
     for rows in (s.tool, positions, s.rows):
-        known = [row for row in rows if np.isfinite(row.e_rms)]
+        known = [row for row in rows if np.isfinite(row.e_rms) and np.isfinite(row.compensated_e_rms)]
         if known:
             return max(known, key=lambda row: row.e_rms)
     return None

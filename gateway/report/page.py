@@ -156,11 +156,11 @@ def _why(data: ReportData) -> tuple[str, str, list[_WhyRow]]:
             data.labels[e],
             ("yes" if reason.trusted else "no: no estimate is better than none")
             + ("" if share is None else f"; {share[e]:.0%} of the steps"),
-            f"{reason.estimate:+.1f} {ERROR_UNITS[reason.error]}",
+            f"{_signed(reason.estimate)} {ERROR_UNITS[reason.error]}",
             _moved(reason),
-            f"{reason.level:+.1f}",
+            _signed(reason.level),
             ", ".join(f"{kind} {part:.0%}" for kind, part in reason.experts if part >= _LEAST_SHARE),
-            f"{reason.expected:+.1f} ± {reason.expected_sigma:.1f}",
+            f"{_signed(reason.expected)} ± {reason.expected_sigma:.1f}",
         )
         for e, reason in enumerate(r.errors)
         if np.isfinite(reason.estimate)
@@ -168,9 +168,14 @@ def _why(data: ReportData) -> tuple[str, str, list[_WhyRow]]:
     return at, f"{due} ({r.next_why.value.replace('_', ' ')})", rows
 
 
+def _signed(value: float) -> str:
+    """With its sign, unless it is rounded to zero."""
+    return f"{value:+.1f}" if abs(value) >= _LEAST_SHOWN else "0.0"
+
+
 def _moved(reason: ErrorReason) -> str:
-    told = [f"{name} {value:+.1f}" for name, value in reason.inputs if abs(value) >= _LEAST_SHOWN]
-    return ", ".join([*told, f"others {reason.other_inputs:+.1f}"]) if reason.trusted else ""
+    told = [f"{name} {_signed(value)}" for name, value in reason.inputs if abs(value) >= _LEAST_SHOWN]
+    return ", ".join([*told, f"others {_signed(reason.other_inputs)}"]) if reason.trusted else ""
 
 
 def _known(data: ReportData, e: int) -> bool:

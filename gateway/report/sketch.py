@@ -7,7 +7,7 @@ from talc.names import ERROR_MEANINGS
 
 _Point = tuple[float, float, float]
 _DIRECTIONS: dict[str, _Point] = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1)}
-_MOVED = 0.42
+_MOVED = 0.5
 """Length of a drawn shift; everything is drawn far too large."""
 _TURNED = 0.32
 _DISC, _TOP = 0.8, 0.3
@@ -88,7 +88,7 @@ def _moved_table(direction: str) -> list[str]:
 
 
 def _triad() -> list[str]:
-    origin = (-1.15, -1.5, 0.0)
+    origin = (-1.3, -1.3, -0.3)
     return [
         part
         for name, direction in _DIRECTIONS.items()
@@ -101,7 +101,7 @@ def _triad() -> list[str]:
 
 def _flat(p: _Point) -> tuple[float, float]:
     """On paper: X to the right, Y into the depth, Z up."""
-    return 46.0 * (p[0] + 0.45 * p[1]), -46.0 * (p[2] + 0.32 * p[1])
+    return 46.0 * (p[0] + 0.3 * p[1]), -46.0 * (p[2] + 0.42 * p[1])
 
 
 def _at(radius: float, angle: float, z: float) -> _Point:

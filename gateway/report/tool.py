@@ -8,6 +8,8 @@ from gateway.report.data import ReportData
 from talc.frame import BoolArray, FloatArray
 from talc.kinematics import tcp_offsets
 
+_POSITIONS = 4
+"""Thermal errors that are positions of an axis come first: each shifts the tool by itself."""
 TRUE = "simulated, at the axis positions of each minute in which the machine did not probe"
 SEEN = "at the probing sphere with A = C = 0°, of the measurements, against what was predicted before each of them"
 
@@ -33,7 +35,8 @@ class ToolCourse:
 
 def at_tool(data: ReportData) -> ToolCourse | None:
     """Since the first frame; None when it cannot be known: of a recording, or before the first measurement."""
-    noise = float("nan") if data.noise is None else float(np.nanmax(data.noise[:4], initial=np.nan))
+    noises = np.empty(0) if data.noise is None else data.noise[:_POSITIONS]
+    noise = max(noises[np.isfinite(noises)].tolist(), default=float("nan"))
     if data.truth is not None:
         use = ~data.truth.probing
         times, before, after = (
