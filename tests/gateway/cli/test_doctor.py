@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from gateway.cli import main
 from gateway.cli.doctor import findings
 from gateway.config import GatewayConfig, load
 from gateway.events import FrameMade, MeasurementEnded
@@ -129,3 +131,13 @@ def test_probing_that_scatters_more_than_at_first_is_found(
     whats = found(config, root)
     assert len(whats) == len(grown)
     assert all(part in what for part, what in zip(grown, whats, strict=True))
+
+
+def test_the_command_says_what_is_found_on_this_computer(config: GatewayConfig, tmp_path: Path) -> None:
+    answer = CliRunner().invoke(main, ["doctor", str(tmp_path / "gateway.toml")], catch_exceptions=False)
+    here = list(findings(config, Path("/")))
+    assert answer.exit_code == (3 if here else 0)
+    said = " ".join(answer.output.split())
+    for finding in here:
+        assert " ".join(finding.what.split()) in said
+        assert " ".join(finding.remedy.split()) in said

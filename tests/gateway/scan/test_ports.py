@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from gateway.cli import main
 from gateway.scan import ScanPort, find_ports
 
 
@@ -34,3 +36,13 @@ def test_lasting_names_come_first_and_each_adapter_once(computer: tuple[Path, Pa
 
 def test_computer_without_any_has_none(tmp_path: Path) -> None:
     assert find_ports(tmp_path / "dev", tmp_path / "net") == []
+
+
+def test_the_command_lists_this_computer_s_ports_as_arguments_for_scan() -> None:
+    found = find_ports()
+    answer = CliRunner().invoke(main, ["scan", "ports"], catch_exceptions=False)
+    lines = answer.output.splitlines()
+    assert lines == [f"scan {port.command} {port.name}    ({port.remark})" for port in found] or not found
+    assert (answer.exit_code == 0) == bool(found)
+    if not found:
+        assert "no serial adapter and no CAN interface" in answer.output
