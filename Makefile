@@ -17,11 +17,17 @@ bench: $(VENV)/.ready
 study: $(VENV)/.ready
 	$(BIN)/python -m studies $(NAME) --results docs/results.md
 
+# The pictures of the documentation, drawn anew; takes as long as the demo.
+pictures: $(VENV)/.ready
+	$(BIN)/python -m benchmarks.method_figures
+	$(BIN)/talc-gateway demo --folder out/demo
+	cp out/demo/report.png docs/demo.png
+
 # The documentation as a site, out/site; links and references that lead nowhere are errors.
 site: $(VENV)/.ready
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-.PHONY: bench study site demo deb test lint format types imports clean
+.PHONY: bench study pictures site demo deb test lint format types imports clean
 
 $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

@@ -8,6 +8,7 @@ from pathlib import Path
 from benchmarks.rows import BenchRow
 
 _SUBJECTS = (
+    "demo",
     "acquisition",
     "sensor_check",
     "group_lasso",

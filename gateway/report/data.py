@@ -140,6 +140,13 @@ class ReportData:
         return np.asarray((self.k - self.k[0]) * self.step_s, dtype=np.float64)
 
     @property
+    def truth_ran(self) -> BoolArray:
+        """(S,) the truth's instants until the last decision: the machine goes on while the gateway stops."""
+        if self.truth is None:
+            raise ValueError("data.truth is None")
+        return np.asarray(self.truth.time_s <= self.time_s[-1])
+
+    @property
     def judged_from(self) -> int | None:
         """Row of the first decision after `calibration`, when corrections began; None if they never did."""
         rows = [i for i, phase in enumerate(self.phases) if phase is not Phase.CALIBRATION]

@@ -131,7 +131,7 @@ def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatA
     if truth is None:
         raise ValueError("data.truth is None")
     times, errors = truth.time_s, truth.errors
-    use = (times >= begin_s) & (times <= data.time_s[-1] + data.step_s)
+    use = (times >= begin_s) & data.truth_ran
     in_force = np.searchsorted(data.time_s, times[use], side="right") - 1
     return errors[use], errors[use] - data.corrected[in_force]
 

@@ -136,7 +136,7 @@ def picture(data: ReportData) -> bytes:
     """
     if data.truth is None:
         raise ValueError("the picture is of a simulation, whose truth is known")
-    cutting = ~data.truth.probing & (data.truth.time_s <= data.time_s[-1] + data.step_s)  # afterwards nothing runs
+    cutting = ~data.truth.probing & data.truth_ran
     hours = data.truth.time_s[cutting] / 3600.0
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(9, 3), layout="constrained")

@@ -38,7 +38,7 @@ def at_tool(data: ReportData) -> ToolCourse | None:
     noises = np.empty(0) if data.noise is None else data.noise[:_POSITIONS]
     noise = max(noises[np.isfinite(noises)].tolist(), default=float("nan"))
     if data.truth is not None:
-        use = ~data.truth.probing
+        use = ~data.truth.probing & data.truth_ran
         times, before, after = (
             of[use] for of in (data.truth.time_s, data.truth.uncompensated_um, data.truth.compensated_um)
         )

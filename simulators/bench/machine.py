@@ -7,7 +7,7 @@ from pathlib import Path
 
 from simulators.clock import SharedClock
 from simulators.devices import ValueSource
-from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, SimulatedClock
 from simulators.plant import RADIUS_MM, STEP_S, Environment, MachineDrive, Plant, load
 from talc.names import THERMAL_ERRORS
 
@@ -33,7 +33,7 @@ class BenchMachine:
     hours: simulated hours that the load case must cover
     """
 
-    def __init__(self, seed: int, clock: SharedClock, hours: float) -> None:
+    def __init__(self, seed: int, clock: SimulatedClock, hours: float) -> None:
         self._clock = clock
         self._truth: list[list[float]] = []
         self._epoch_s = clock.utc().timestamp() - clock.monotonic()

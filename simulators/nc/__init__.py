@@ -1,7 +1,7 @@
 """An emulated numerical control: load case, probing cycle, NC kernel, and an OPC UA server that exposes them."""
 
 from simulators.nc.access import Security, User
-from simulators.nc.control import EmulatedControl
+from simulators.nc.control import EmulatedControl, SimulatedClock
 from simulators.nc.cycle import CycleSettings, ReasonCode
 from simulators.nc.nck import MachineState, MachineUnderControl, Nck
 from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
@@ -18,5 +18,6 @@ __all__ = [
     "Nck",
     "ReasonCode",
     "Security",
+    "SimulatedClock",
     "User",
 ]

@@ -1,0 +1,276 @@
+"""The demo's figures from twenty seeds: how far those of one run are chance.
+
+The demo's machine, load case, probing and learner in simulated time, a few seconds a seed: what the wires carry is
+called directly. Not there: the checks of a measurement, and latencies of the wires.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from benchmarks.rows import BenchRow
+from drivers.nc import NcSnapshot, OperatingMode, ProgramState
+from gateway.config import Probing
+from gateway.probing import End, Probe, ProbingSchedule, Standing, probe_of
+from gateway.report import ReportData, Summary, Truth, summary
+from simulators.bench.machine import BenchMachine
+from simulators.nc import MachineState
+from simulators.plant import RADIUS_MM, load
+from talc.control import Controller
+from talc.frame import Decision, FloatArray, Frame, Measurement
+from talc.indicators import reduction, rms
+from talc.kinematics import tcp_offsets
+from talc.settings import TalcSettings
+
+SEEDS = range(1, 21)
+_HOURS = 72.0
+_EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
+_TICK_S, _NC_S, _READ_S, _GRID_S = 10, 30, 100, 300
+"""Periods of the demo: of a look at a probing cycle, of the NC, of the devices and of the grid."""
+_BOUND_UM, _SLEW_UM = 150.0, 30.0
+"""Of an offset, and of its change in a period of the NC."""
+_STATES = ("spindle_speed", "speed_X", "speed_Y", "speed_A", "speed_C", "coolant")
+_STEPS_OF = 18
+"""Channels that come in steps of 0.1 K; the others' steps are smaller."""
+_PROBING = Probing(armed=True, sphere_radius_mm=RADIUS_MM, poll_s=_TICK_S)
+_REQUEST, _VALID_FOR = 60, 62
+"""R-parameters of the probing handshake."""
+
+
+class _TimeByHand:
+    """The bench's clock, moved by the loop."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def utc(self) -> datetime:
+        return _EPOCH + timedelta(seconds=self.now)
+
+    async def sleep_until(self, monotonic_s: float) -> None:
+        raise RuntimeError(f"nothing waits until {monotonic_s} s: no wire runs")
+
+
+class DemoLoop:
+    """The gateway's tasks on one machine, one after the other.
+
+    Parameters
+    ----------
+    seed: of weather, loads and noise
+    hours: of simulated time
+    """
+
+    def __init__(self, seed: int, hours: float) -> None:
+        self._clock = _TimeByHand()
+        self._machine = BenchMachine(seed, self._clock, hours)
+        self._nck = self._machine.control.nck
+        self._channels = load().channels
+        names = (*self._channels, "spindle_growth", *_STATES)
+        self._names = names
+        self._controller = Controller(names, TalcSettings(method="learner"), _GRID_S)
+        self._plan = ProbingSchedule(
+            prefer_idle_s=_PROBING.prefer_idle_s,
+            insist_after_s=_PROBING.insist_after_s,
+            retries=_PROBING.retries,
+            pause_s=_PROBING.pause_s,
+        )
+        self._probe: Probe = probe_of(_PROBING)
+        self._reference: FloatArray | None = None
+        self._cycles: list[FloatArray] = []
+        self._number, self._look_from = 0, math.inf
+        self._offsets = np.zeros(3)
+        self._read: list[list[float]] = []
+        self._states: list[list[float]] = []
+        self._finished: Measurement | None = None
+        self._decisions: list[Decision] = []
+        self._frames: list[Frame] = []
+        self._hours = hours
+
+    def run(self) -> ReportData:
+        """All of it, as the report takes it."""
+        for time_s in range(_TICK_S, int(self._hours * 3600) + 1, _TICK_S):
+            self._clock.now = float(time_s)
+            state = self._machine.control.state()
+            self._machine.advance(self._clock.now)
+            if time_s % _READ_S == 0:
+                self._read.append([*self._temperatures(), self._machine.growth()()[0]])
+            if time_s % _NC_S == 0:
+                self._states.append(_states(state))
+                self._compensate(state)
+            self._see_to_probing(state)
+            if time_s % _GRID_S == 0:
+                self._step()
+        return self._data()
+
+    def left_at_once(self, data: ReportData) -> FloatArray:
+        """(3,) E_RMS of the tool in X, Y, Z, µm, had each offset been that of where the tool was, without a delay."""
+        truth, first = data.truth, data.judged_from
+        if truth is None or first is None:
+            raise ValueError("nothing was corrected")
+        time_s = truth.time_s + data.start_utc_s - _EPOCH.timestamp()
+        left = [
+            _at_the_tool(truth.errors[i] - np.nan_to_num(data.corrected[step]), self._nck.state(time_s[i]))
+            for i, step in enumerate(np.searchsorted(data.time_s, truth.time_s, side="right") - 1)
+            if step >= first and not truth.probing[i]
+        ]
+        return np.array([rms(axis) for axis in np.array(left).T])
+
+    def _temperatures(self) -> list[float]:
+        values = self._machine.temperatures(self._channels)()
+        return [round(v, 1 if i < _STEPS_OF else 2) for i, v in enumerate(values)]
+
+    def _compensate(self, state: MachineState) -> None:
+        """Offsets follow the latest decision; while the machine probes they stand still."""
+        if not self._decisions or self._number or state.probing:
+            return
+        errors = np.nan_to_num(self._decisions[-1].corrected)
+        wanted = np.clip(_at_the_tool(errors, state), -_BOUND_UM, _BOUND_UM)
+        self._offsets = self._offsets + np.clip(wanted - self._offsets, -_SLEW_UM, _SLEW_UM)
+        for axis, value in enumerate(self._offsets.tolist()):
+            self._nck.write_k0(axis, -value * 1e-3, self._clock.now)
+
+    def _see_to_probing(self, state: MachineState) -> None:
+        now = self._clock.now
+        if self._number:
+            answer = self._nck.cycle.answer
+            if answer.number == self._number and answer.centres_mm:
+                self._take(np.array(answer.centres_mm))
+        elif self._plan.wanted and now >= self._look_from:
+            outlook = self._plan.look(_snapshot(state, self._clock.utc()), now)
+            if outlook.standing is Standing.DUE:
+                self._plan.asked()
+                self._ask()
+
+    def _ask(self) -> None:
+        self._number = int(self._nck.cycle.answer.number) + 1
+        self._nck.write_r(_VALID_FOR, _PROBING.timeout_s, self._clock.now)
+        self._nck.write_r(_REQUEST, float(self._number), self._clock.now)
+
+    def _take(self, centres: FloatArray) -> None:
+        """A cycle's result; the reference is the mean of several."""
+        self._cycles.append(centres)
+        if self._reference is None and len(self._cycles) < _PROBING.reference_cycles:
+            self._ask()
+            return
+        found = np.mean(self._cycles, axis=0)
+        self._cycles, self._number = [], 0
+        x, y, z = self._offsets.tolist()
+        if self._reference is None:
+            self._reference = found + self._offsets * 1e-3
+        result = self._probe.solve(self._probe.deviations_um(found, self._reference, (x, y, z)))
+        self._finished = Measurement(result.errors, result.sigma)
+        self._plan.ended(End.MEASURED, "", self._clock.now)
+
+    def _step(self) -> None:
+        values = np.concatenate([np.mean(self._read, axis=0), np.mean(self._states, axis=0)])
+        self._read, self._states = [], []
+        measurement, self._finished = self._finished, None
+        k = round(self._clock.utc().timestamp() / _GRID_S)
+        frame = Frame(k, values, np.isfinite(values), measurement)
+        decision = self._controller.step(frame)
+        self._frames.append(frame)
+        self._decisions.append(decision)
+        self._plan.wish(decision.measure, self._clock.now)
+        self._look_from = self._clock.now + _GRID_S - _PROBING.lead_s
+
+    def _data(self) -> ReportData:
+        k = np.array([frame.k for frame in self._frames])
+        start_s = float(k[0]) * _GRID_S
+        truth = np.array(self._machine.truth())
+        nothing = np.full(9, np.nan)
+        measured = [nothing if f.measurement is None else f.measurement.errors for f in self._frames]
+        return ReportData(
+            machine="bench",
+            fingerprint="",
+            versions="",
+            step_s=_GRID_S,
+            start_utc_s=start_s,
+            k=k,
+            phases=tuple(d.phase for d in self._decisions),
+            predicted=np.array([d.predicted for d in self._decisions]),
+            corrected=np.array([d.corrected for d in self._decisions]),
+            sigma=np.array([d.sigma for d in self._decisions]),
+            limits=np.array([d.limits for d in self._decisions]),
+            measured=np.array(measured),
+            models=(),
+            events=(),
+            compensation_s=np.empty(0),
+            compensation_um=np.empty((0, 3)),
+            input_names=self._names,
+            channel_health={},
+            cycles=0,
+            rejected_cycles=0,
+            truth=Truth(truth[:, 0] - start_s, truth[:, 1:10], truth[:, 10:13], truth[:, 13:16], truth[:, 16] > 0),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class DemoFigures:
+    """What came of one seed."""
+
+    summary: Summary
+    """As `talc-gateway demo` prints it."""
+    at_once: FloatArray
+    """(3,) see DemoLoop.left_at_once."""
+
+
+def demo(seed: int, hours: float = _HOURS) -> DemoFigures:
+    """The figures of one run."""
+    loop = DemoLoop(seed, hours)
+    data = loop.run()
+    return DemoFigures(summary(data), loop.left_at_once(data))
+
+
+def rows() -> list[BenchRow]:
+    """All rows of the table; takes some minutes."""
+    return list(table([demo(seed) for seed in SEEDS]))
+
+
+def table(runs: list[DemoFigures]) -> Iterator[BenchRow]:
+    """Medians of the runs, and their ranges in brackets."""
+    found = [run.summary for run in runs]
+    for same in zip(*((*s.rows, *s.tool) for s in found), strict=True):
+        name, unit = same[0].name, same[0].unit
+        for kind, figures in (
+            ("E_RMS", [(r.e_rms, r.compensated_e_rms) for r in same]),
+            ("E_PV", [(r.e_pv, r.compensated_e_pv) for r in same]),
+        ):
+            without, left = zip(*figures, strict=True)
+            less = [reduction(*pair) for pair in figures]
+            beside = f"{_range(without)} without; {_range(less, 0)} % less"
+            yield BenchRow(f"{name}, {kind}, {unit}", _range(left), beside)
+    for axis, left in zip("XYZ", np.array([run.at_once for run in runs]).T, strict=True):
+        yield BenchRow(f"tool {axis}, E_RMS, µm, had each offset come without a delay", _range(left.tolist()))
+    yield BenchRow("measurements", _range([float(s.measurements) for s in found], 0))
+    yield BenchRow("productivity Pd, %", _range([s.productivity for s in found], 1))
+
+
+def _range(values: Sequence[float], digits: int = 2) -> str:
+    return f"{np.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
+
+
+def _at_the_tool(errors: FloatArray, state: MachineState) -> FloatArray:
+    """(3,) µm of these errors where the tool is."""
+    at = state.positions
+    where = np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])
+    return tcp_offsets(errors, where, RADIUS_MM * 1e-3)
+
+
+def _states(state: MachineState) -> list[float]:
+    loads = state.loads
+    return [loads.spindle, loads.x, loads.y, loads.a, loads.c, float(loads.coolant > 0.5)]
+
+
+def _snapshot(state: MachineState, utc: datetime) -> NcSnapshot:
+    """As the driver would read it, as far as the time of probing depends on it."""
+    loads = state.loads
+    speeds = {"spindle_speed": loads.spindle} | {f"speed_{axis}": getattr(loads, axis.lower()) for axis in "XYZAC"}
+    program = {1: ProgramState.INTERRUPTED, 2: ProgramState.STOPPED, 3: ProgramState.RUNNING}[state.program_status]
+    return NcSnapshot(
+        utc, state.time_s, state.positions, speeds, OperatingMode.AUTO, program, state.tool, alarms=state.alarms
+    )

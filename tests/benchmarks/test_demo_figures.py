@@ -1,0 +1,87 @@
+"""The demo in simulated time, and the figures that the README takes from it."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import demo
+from gateway.report import ReportData, Truth, summary
+
+ROOT = Path(__file__).parents[2]
+HOURS = 6.0
+
+
+@pytest.fixture(scope="module")
+def loop() -> demo.DemoLoop:
+    return demo.DemoLoop(1, HOURS)
+
+
+@pytest.fixture(scope="module")
+def run(loop: demo.DemoLoop) -> ReportData:
+    return loop.run()
+
+
+def test_it_measures_learns_and_shifts_the_tool_as_the_demo_does(run: ReportData) -> None:
+    assert run.truth is not None
+    assert len(run.k) == HOURS * 12
+    found = summary(run)
+    assert found.begin_hours == 0.25, "five cycles of the reference"
+    assert HOURS / 4 <= found.measurements <= HOURS * 3
+    z = next(row for row in found.tool if row.name == "tool Z")
+    assert z.compensated_e_rms < 0.5 * z.e_rms
+    # What was probed is what the machine did, apart from the noise of probing and of the reference.
+    seen = np.flatnonzero(np.isfinite(run.measured).all(axis=1))
+    at = np.searchsorted(run.truth.time_s, run.time_s[seen])
+    off = run.measured[seen] - run.truth.errors[at]
+    assert (np.abs(np.median(off[:, :6], axis=0)) < 3.0).all()
+
+
+def test_without_a_delay_no_more_is_left_at_the_tool(loop: demo.DemoLoop, run: ReportData) -> None:
+    left = loop.left_at_once(run)
+    delayed = [row.compensated_e_rms for row in summary(run).tool]
+    assert left[:2].sum() < 0.8 * sum(delayed[:2]), "X and Y are where the axes move far"
+    assert left[2] < 1.1 * delayed[2]
+
+
+def test_what_the_machine_does_after_the_gateway_has_stopped_is_not_judged(run: ReportData) -> None:
+    truth = run.truth
+    assert truth is not None
+    after = run.time_s[-1] + 60.0 * np.arange(1, 61)
+    hot = np.full((60, 3), 100.0)
+    longer = Truth(
+        np.concatenate([truth.time_s, after]),
+        np.concatenate([truth.errors, np.full((60, 9), 100.0)]),
+        np.concatenate([truth.uncompensated_um, hot]),
+        np.concatenate([truth.compensated_um, hot]),
+        np.concatenate([truth.probing, np.zeros(60, dtype=np.bool_)]),
+    )
+    assert repr(summary(replace(run, truth=longer))) == repr(summary(run)), "numbers that are not known compare unequal"
+
+
+def test_the_table_has_medians_and_ranges(loop: demo.DemoLoop, run: ReportData) -> None:
+    one = demo.DemoFigures(summary(run), loop.left_at_once(run))
+    rows = {row.work: row for row in demo.table([one, one])}
+    z = next(row for row in one.summary.tool if row.name == "tool Z")
+    left, many = f"{z.compensated_e_rms:.2f}", one.summary.measurements
+    assert rows["tool Z, E_RMS, µm"].ours == f"{left} ({left} to {left})"
+    less = 100.0 * (1.0 - z.compensated_e_rms / z.e_rms)
+    assert rows["tool Z, E_RMS, µm"].peer.endswith(f"without; {less:.0f} ({less:.0f} to {less:.0f}) % less")
+    assert rows["measurements"].ours == f"{many} ({many} to {many})"
+
+
+def test_the_readme_s_table_is_that_of_the_twenty_seeds() -> None:
+    text = (ROOT / "docs" / "results.md").read_text("utf-8")
+    block = text.partition("<!-- benchmark demo -->\n")[2].partition("<!-- end -->")[0]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in block.splitlines()]
+    results = {row[0]: row for row in rows}
+    readme = (ROOT / "README.md").read_text("utf-8")
+    table = re.findall(r"^\| (E\w+0\w|ER0T|EZ0T|tool [XYZ]) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", readme, re.MULTILINE)
+    assert len(table) == 12
+    for name, without, compensated, less in table:
+        unit = "µm/m" if name in ("EA0C", "EB0C", "EC0C") else "µm"
+        row = results[f"{name}, E_RMS, {unit}"]
+        assert compensated == row[1]
+        assert f"{without} without; {less.removesuffix(' %')} % less" == row[2]
