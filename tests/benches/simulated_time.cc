@@ -60,7 +60,7 @@ Nanoseconds real(clockid_t clock) {
 // ---- Pseudo-terminals ----
 
 // Bytes written at one end reach the other through a queue of the kernel's, later, and nothing shows them until then.
-// So those written and read are counted: what was not read is under way, until it has shown for a while.
+// So those written and read are counted: what was not read and cannot be read yet is under way.
 struct End {  // one that reads
   int64_t written = 0, read = 0;
   int fd = -1;
@@ -74,7 +74,6 @@ struct Terminal {
   bool operator==(const Terminal& other) const { return number == other.number && ours == other.ours; }
 };
 constexpr Terminal none{-1, false};
-constexpr Nanoseconds unread_after = second / 200;  // what is not read then, nobody waits for
 constexpr Nanoseconds lost_after = 2 * second;  // what has not come then was discarded
 std::mutex ends_guard;
 std::map<Terminal, End> ends;
@@ -96,18 +95,19 @@ bool find_descriptor(const Terminal& wanted, End& end) {
   return false;
 }
 
+// Bytes that have arrived count no more: whoever waits for them is seen as a wait that has ended.
 bool wires_are_quiet() {
   std::lock_guard lock(ends_guard);
   for (auto& [at, end] : ends) {
     if (end.written <= end.read) continue;
     int ready = 0;
     if (find_descriptor(at, end)) ioctl(end.fd, FIONREAD, &ready);
+    if (end.fd >= 0 && end.read + ready >= end.written) continue;
     const Nanoseconds now = real(CLOCK_MONOTONIC);
     if (end.written != end.written_then || end.read != end.read_then)
       end.written_then = end.written, end.read_then = end.read, end.since = now;
-    const bool arrived = end.read + ready >= end.written;  // its reader may not have been woken yet
-    if (end.fd >= 0 && now - end.since < (arrived ? unread_after : lost_after)) return false;
-    end.read = end.written;
+    if (end.fd >= 0 && now - end.since < lost_after) return false;
+    end.written = end.read + ready;
   }
   return true;
 }

@@ -94,6 +94,7 @@ def usable(bus: ModbusBus | CanOpenBus | MeRs485Bus | MeEthernetBus, unit: int, 
     make_device("found", bus, what.profile, unit, channels, what.options, SystemClock())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [RtuUnit, TcpUnit])
 def test_any_registers(kind: Callable[[Script], ModbusBus]) -> None:
     seen: set[str] = set()

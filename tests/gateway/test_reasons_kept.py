@@ -103,6 +103,7 @@ def test_old_reasons_are_deleted_with_the_readings(config: GatewayConfig, given:
     assert kept == [(STEPS,)]
 
 
+@pytest.mark.slow
 def test_the_report_says_what_moves_each_error_and_which_is_not_corrected(
     config: GatewayConfig, given: Reasons
 ) -> None:

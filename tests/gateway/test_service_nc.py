@@ -65,7 +65,7 @@ async def serving(
             past = past_of(history, settings)
     stop = asyncio.Event()
     boot = f"{name} {bench.clock.monotonic()}"
-    with Store(settings.storage.path, boot, bench.clock) as store:
+    with Store(settings.storage.path, boot, bench.clock, retry_s=0.2) as store:
         store.begin(settings.canonical(), settings.fingerprint(), "")
         service = Service(
             settings, bench.clock, store.record, past, health=health, identity=Identity.of(boot, store.earlier_boot)
@@ -107,6 +107,7 @@ async def test_told_to_stop_it_takes_the_offsets_back_and_lets_go(tmp_path: Path
         bench.assert_never_stepped()
 
 
+@pytest.mark.slow
 async def test_each_run_is_another_owner_and_takes_over_from_the_one_before_it_only(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench:
         owners = []
@@ -146,6 +147,7 @@ async def test_a_restart_goes_on_with_the_reference_and_the_numbers(tmp_path: Pa
         assert later.measurement.errors[1] == pytest.approx(5.0)
 
 
+@pytest.mark.slow
 async def test_killed_in_the_middle_of_a_cycle_its_number_is_used_up_and_taken_back(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench:
         nck = bench.control.nck

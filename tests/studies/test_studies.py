@@ -28,6 +28,8 @@ from studies.frame import RunParameters, code_fingerprint
 from studies.page import Report, Table
 from tests.benches.small_study import study_by_command
 
+pytestmark = pytest.mark.slow
+
 STUDY = STUDIES["arx-vs-static"]
 LIMIT_S = 60.0
 

@@ -24,6 +24,8 @@ from simulators.plant import RADIUS_MM, Environment, MachineDrive, Plant, load
 from talc.frame import Decision, FloatArray, Phase, Why
 from tests.benches.wire_clock import WireClock
 
+pytestmark = pytest.mark.slow
+
 WARM_S = 6 * 3600.0
 SETTLED_S, END_S, SAMPLE_S = 90.0, 240.0, 0.5
 BOUND_UM, SLEW_UM_PER_S = 300.0, 5.0

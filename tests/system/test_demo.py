@@ -24,6 +24,8 @@ from gateway.telemetry import FrameMessage, decode
 from talc.frame import EventKind, FloatArray, Phase
 from tests.benches.free_port import free_port
 
+pytestmark = pytest.mark.slow
+
 HOURS = 20.0
 LIMIT_S = 300.0
 GATEWAY = (sys.executable, "-m", "gateway")

@@ -6,6 +6,8 @@ import pytest
 
 from tests.benches.wiring_faults import DOCUMENT, FAULTS, blocks, comparable, shown
 
+pytestmark = pytest.mark.slow
+
 SHOWN = blocks(DOCUMENT.read_text(encoding="utf-8"))
 
 

@@ -131,6 +131,7 @@ def test_output_error_fit_recovers_a_transfer_function() -> None:
     assert found.constant == pytest.approx(2.0, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("selector", ["pso", "tck"])
 @pytest.mark.parametrize("estimator", ["least_squares", "guarded", "refined"])
 def test_the_papers_ways_predict_and_stay_stable(selector: str, estimator: str) -> None:
@@ -215,6 +216,7 @@ def test_a_selection_under_way_can_be_ended_from_another_thread(selector: str) -
         train(job(s, settings=TrainingSettings(selector=selector)), within=progress)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_measurements_here_and_there_after_a_dense_stretch_count_for_arx_models() -> None:
     """As in the running control: all steps of a day, then one in 24. Their earlier outputs are the model's own."""
     settings = TrainingSettings(selector="pso", max_na=1, max_nb=1, estimator="least_squares")

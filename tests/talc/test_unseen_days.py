@@ -6,6 +6,8 @@ import pytest
 from benchmarks.unseen_days import WAYS, UnseenOutcome, Way, run
 from talc.settings import ControlSettings
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def outcomes() -> list[UnseenOutcome]:

@@ -7,6 +7,8 @@ from contextlib import asynccontextmanager
 from math import isnan
 from pathlib import Path
 
+import pytest
+
 from drivers.base import Quality, Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
@@ -113,6 +115,7 @@ async def test_a_good_a_broken_and_a_limited_sensor(tmp_path: Path) -> None:
     assert of_scan == taken | {LIMITED: ("80.00", Quality.GOOD)}
 
 
+@pytest.mark.slow
 async def test_a_silent_device(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     async with adam(silent=True) as port:

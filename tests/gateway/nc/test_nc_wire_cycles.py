@@ -43,6 +43,7 @@ async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_
     assert found.number == lost.number + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("looks", [True, False])
 @pytest.mark.parametrize("left_by", ["a line that is lost", "a gateway that is killed"])
 async def test_a_cycle_that_nobody_waits_for_any_more_is_taken_back_and_the_offsets_stand_until_it_ends(
@@ -75,6 +76,7 @@ async def test_a_cycle_that_nobody_waits_for_any_more_is_taken_back_and_the_offs
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 25.0], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["monitor", "compensate"])
 async def test_offsets_stand_still_also_while_somebody_else_has_the_control_probe(mode: str) -> None:
     async with bench(mode=mode) as at:
@@ -115,6 +117,7 @@ async def test_who_is_displaced_by_a_request_of_the_same_moment_does_not_wait_fo
     assert "is another gateway probing?" in outcome.reason
 
 
+@pytest.mark.slow
 async def test_a_gateway_that_hangs_while_the_control_probes_makes_no_measurement_of_it() -> None:
     async with bench() as at:
         at.link.follow(wants(20.0))
@@ -143,6 +146,7 @@ async def test_a_slope_that_the_gateway_does_not_know_makes_no_measurement() -> 
     assert "the offsets moved while the control probed" in found.reason
 
 
+@pytest.mark.slow
 async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_one() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
@@ -169,6 +173,7 @@ async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_on
     assert found.ended - found.asked > timedelta(seconds=100)
 
 
+@pytest.mark.slow
 async def test_a_result_that_is_no_number_or_told_twice_is_one_answer_at_most() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)

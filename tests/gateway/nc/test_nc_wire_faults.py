@@ -58,6 +58,7 @@ async def test_a_line_lost_in_the_middle_of_a_write_leaves_no_step_behind() -> N
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 40.0], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("while_it", ["ramps", "writes", "probes"])
 async def test_a_server_that_restarts_leaves_no_step_behind_and_its_cycle_is_no_measurement(while_it: str) -> None:
     async with bench() as at:
@@ -140,6 +141,7 @@ async def test_what_is_no_number_is_told_and_nothing_is_written_on_it(what: str)
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 40.0], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("subscribe_s", [0.0, 0.05])
 async def test_a_control_whose_clock_is_an_hour_off_is_believed_in_our_time(subscribe_s: float) -> None:
     async with bench(subscribe_s=subscribe_s) as at:

@@ -88,6 +88,7 @@ async def test_a_model_update_that_moves_the_prediction_is_ramped(tmp_path: Path
 # Nothing to rest on --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("when_stale", "left"), [("zero", 0.0), ("hold", 6.0)])
 @pytest.mark.parametrize("lost", ["decisions", "inputs", "model"])
 async def test_without_a_prediction_to_rest_on_it_goes_where_declared(

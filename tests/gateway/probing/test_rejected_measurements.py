@@ -6,6 +6,7 @@ from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from drivers.base import Quality, Reading
 from drivers.nc import ProbingState, RequestStatus
@@ -40,6 +41,7 @@ async def here(job: TrainingJob) -> ModelSet:
     return train(job)
 
 
+@pytest.mark.slow
 async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identical(tmp_path: Path) -> None:
     config = parse(CONFIG, FILE)
     bench, draw = LinkBench("monitor"), np.random.default_rng(3)

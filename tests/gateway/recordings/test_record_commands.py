@@ -107,6 +107,7 @@ channels = {{ growth = 0 }}
 """
 
 
+@pytest.mark.slow
 async def test_commands_record_play_and_probe_alike(tmp_path: Path) -> None:
     """With a broken sensor, a unit that is silent, and a port that is not there."""
     temperatures, fluids = CountedSource([20.0] * 6), CountedSource([30.0])

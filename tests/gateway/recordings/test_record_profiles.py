@@ -56,6 +56,7 @@ def machine(folder: Path, rtu: str = "/dev/a", can: str = "/dev/b", dbc: str = "
     return file
 
 
+@pytest.mark.slow
 async def test_devices_of_own_profiles_are_played_on_another_computer(tmp_path: Path) -> None:
     line, adapter = RtuLine({1: M7015(lambda: [20.5] * 6)}), SlcanAdapter([])
     file = machine(tmp_path / "machine", await line.start(), await adapter.start())

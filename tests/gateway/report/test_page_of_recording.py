@@ -106,6 +106,7 @@ def test_a_calibration_longer_than_one_may_think_is_told(
         assert f"Calibration takes {said}" in answer.output
 
 
+@pytest.mark.slow
 def test_the_page_of_a_gateway_says_whether_sensors_were_compared(tmp_path: Path) -> None:
     recorded = rehearse(read_recording(recording(tmp_path, 300.0, 60), Columns(), 300.0), TalcSettings(method="models"))
     run_of_gateway = replace(recorded, recorded=None, held=None, not_compared="")

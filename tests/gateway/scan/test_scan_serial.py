@@ -250,12 +250,13 @@ async def test_stopping_waits_for_the_request_under_way() -> None:
 async def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     async with line({1: M7015(lambda: SIX), 7: Pta8d08(lambda: EIGHT)}, baud=9600) as path:
-        arguments = ("scan", "serial", path, "--units", "1-8", "--baud", "9600", "--protocol", "modbus_rtu")
-        done = await talc_gateway(*arguments, "--timeout", "0.3", "--toml", str(file))
+        where = ("scan", "serial", path, "--units", "1,7", "--baud", "9600", "--protocol", "modbus_rtu")
+        arguments = (*where, "--timeout", "5", "--toml", str(file))  # of a busy computer; the units answer sooner
+        done = await talc_gateway(*arguments)
         assert done.code == 0, done.err
-        again = await talc_gateway(*arguments, "--timeout", "0.3", "--toml", str(file))
+        again = await talc_gateway(*arguments)
         probed = await talc_gateway("probe", str(file))
-    assert "8 requests (modbus_rtu at 9600 8N1); at most 2 s if nothing answers" in done.err
+    assert "2 requests (modbus_rtu at 9600 8N1); at most 10 s if nothing answers" in done.err
     assert "2 answered, 2 recognised" in done.out
     config = load(file)
     assert [(d.unit, d.profile, len(d.channels)) for d in config.devices] == [

@@ -151,6 +151,7 @@ def check_start(path: Path) -> bool:
     return bool(mended)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
 @pytest.mark.parametrize("seeds", [range(4), pytest.param(range(100, 120), marks=pytest.mark.slow)], ids=str)
 def test_whatever_page_is_damaged_the_gateway_starts_and_goes_on(
