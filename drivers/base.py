@@ -82,7 +82,12 @@ class Driver(Protocol):
         """Check that the device answers and is what the profile says (type codes, identity)."""
         ...
 
-    async def read(self) -> Sequence[Reading]: ...
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:
+        """One reading per channel.
+
+        again: this repeats the last read, which failed; an answer to that one is as good, however late it comes
+        """
+        ...
 
     async def close(self) -> None: ...
 
@@ -118,6 +123,8 @@ class DriverError(Exception):
 
     hurried = False
     """See NoAnswer."""
+    heard = False
+    """Whether the device was heard: it is not silent, although this answer cannot be used."""
 
     def __init__(self, what: str, *, bus: str = "", device: str = "", channel: str = "", hint: str = "") -> None:
         self.what, self.bus, self.device, self.channel, self.hint = what, bus, device, channel, hint
@@ -136,21 +143,31 @@ class ConnectError(DriverError):
 class NoAnswer(DriverError):
     """The device did not answer in time.
 
+    heard: it is not silent, as late answers of it have arrived
     hurried: the device was given less than the bus's timeout because it usually answers quickly; next time it is given
     the full timeout, and it need not be checked again
     """
 
-    def __init__(self, what: str, *, hurried: bool = False, **where: str) -> None:
+    def __init__(self, what: str, *, hurried: bool = False, heard: bool = False, **where: str) -> None:
         super().__init__(what, **where)
-        self.hurried = hurried
+        self.hurried, self.heard = hurried, heard
 
 
 class BadAnswer(DriverError):
-    """The answer does not fit the request: wrong checksum, length or unit."""
+    """The answer does not fit the request: wrong checksum, length or unit.
+
+    heard: whether the bytes are plausibly the device's own
+    """
+
+    def __init__(self, what: str, *, heard: bool = True, **where: str) -> None:
+        super().__init__(what, **where)
+        self.heard = heard
 
 
 class Refused(DriverError):
     """The device or control understood the request and refused it: exception code, access denied."""
+
+    heard = True
 
 
 class WrongDevice(DriverError):

@@ -179,7 +179,7 @@ class CanDbcDevice:
         """Check that frames arrive. Raises the bus's errors."""
         await self._bus.latest(self._device, self._frames)
 
-    async def read(self) -> Sequence[Reading]:
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel. A missing message affects its own channels only."""
         heard = await self._bus.latest(self._device, self._frames)
         return self._maker.make({name: _value(signal, heard) for name, signal in self._signals.items()})

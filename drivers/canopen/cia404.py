@@ -100,7 +100,7 @@ class Cia404Device:
         self._scales, self._boots = scales, boots
         self._heartbeat.begin(limit_s, monotonic())
 
-    async def read(self) -> Sequence[Reading]:
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel. The node's sensors are checked again after a silence or a restart.
 
         A node that restarts between two of our requests may be a different one or have a different set-up: what it sent

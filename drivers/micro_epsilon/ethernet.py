@@ -126,7 +126,7 @@ class MeEthernetDevice:
         """Check that the channels in use are fitted. Raises WrongDevice, or the bus's errors."""
         await self._block()
 
-    async def read(self) -> Sequence[Reading]:
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel, in µm, from the next block."""
         block = await self._block()
         return self._maker.make({name: self._distance(block.values[i]) for name, i in self._channels.items()})

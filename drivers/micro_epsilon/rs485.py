@@ -23,6 +23,10 @@ _MEASURE = 0x4C
 _RESPONSE = 0x08
 _END = 0x16
 _SHORTEST_LE = 3
+_MOST_SENT = 2
+"""How often a silent sensor is sent one question; then only its late answer is waited for."""
+_PAUSE_S = 0.02
+"""After a pause of this length, what was being sent has ended."""
 _FLOATS = struct.Struct("<ff")
 _COUNTED = struct.Struct("<HBx")
 
@@ -40,6 +44,8 @@ class MeRs485Bus:
         self._lock = asyncio.Lock()
         self._owed: dict[int, int] = {}
         """How many answers each sensor still owes, by address."""
+        self._length: dict[int, int] = {}
+        """How many bytes each sensor's last answer had, by address."""
 
     @property
     def name(self) -> str:
@@ -59,18 +65,21 @@ class MeRs485Bus:
         async with self._lock:
             await self._stream.close()
 
-    async def measure(self, device: str, address: int) -> bytes:
+    async def measure(self, device: str, address: int, *, again: bool = False) -> bytes:
         """The data of one answer. Raises NoAnswer, BadAnswer or ConnectError.
 
         After a timeout or a cancelled wait an answer is still due, and it would look like the sensor's next one. The
         next request to that sensor therefore waits until all answers due have arrived, or for the whole timeout if one
         was lost, and takes the last one. Answers of other sensors carry other addresses, so those need not wait.
+
+        again: this repeats the last question, so that an answer to that one is as good; it is not sent a third time
         """
         async with self._lock:
             self._count(self._stream.discard())
             owed = self._owed.get(address, 0)
-            self._stream.write(request_frame(address))
-            self._owed[address] = owed + 1
+            if not again or owed < _MOST_SENT:
+                self._stream.write(request_frame(address))
+                self._owed[address] = owed + 1
             heard = bytearray()
             loop = asyncio.get_running_loop()
             sent = answered = loop.time()
@@ -78,19 +87,26 @@ class MeRs485Bus:
             until = sent + wait_s
             answers: list[bytes] = []
             try:
-                while len(answers) <= owed:
+                while len(answers) <= (0 if again else owed):
                     heard += await self._stream.read(until - loop.time())
-                    until = min(sent + self._timeout_s, loop.time() + wait_s)  # lets an answer that has begun finish
                     if len(found := find_answers(heard, address)) > len(answers):
                         answers, answered = found, loop.time()
+                    # Lets an answer that has begun finish; one that is complete and not valid is damaged.
+                    damaged = not answers and len(heard) == self._length.get(address)
+                    until = min(sent + self._timeout_s, loop.time() + (_PAUSE_S if damaged else wait_s))
             except TimeoutError:
                 if not answers:
-                    self._patience.missed(address)
+                    if len(heard) == self._length.get(address):  # damaged: this one is no longer due
+                        self._owed[address] -= 1
+                    else:
+                        self._patience.missed(address)
                     raise self._nothing_valid(device, address, heard, wait_s) from None
             finally:
                 self._count(heard)
-            self._owed[address] = 0
-            self._patience.answered(address, _MEASURE, answered - sent)
+            if not again:
+                self._owed[address] = 0
+                self._patience.answered(address, _MEASURE, answered - sent)
+            self._length[address] = 9 + len(answers[-1])
             return answers[-1]
 
     def _count(self, heard: bytes | bytearray) -> None:
@@ -148,15 +164,15 @@ class MeRs485Device:
         """Check that the sensor answers in the expected form. Raises the bus's errors."""
         await self._distance()
 
-    async def read(self) -> Sequence[Reading]:
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:
         """One reading, in µm."""
-        return self._maker.make({self._channel: await self._distance()})
+        return self._maker.make({self._channel: await self._distance(again=again)})
 
     async def close(self) -> None:
         """Nothing to close: the bus owns the port."""
 
-    async def _distance(self) -> float | Fault:
-        data = await self._bus.measure(self._device, self._address)
+    async def _distance(self, *, again: bool = False) -> float | Fault:
+        data = await self._bus.measure(self._device, self._address, again=again)
         try:
             unscaled = decode_float(data) if self._profile.value.payload == "float" else decode_counted(data)
         except ValueError as error:

@@ -8,17 +8,30 @@ other units share. Sources: MODBUS Application Protocol V1.1b3; MODBUS over seri
 import asyncio
 import struct
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from contextlib import suppress
 
 from pymodbus.exceptions import ModbusException
-from pymodbus.framer.rtu import FramerRTU
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from drivers.base import BadAnswer, NoAnswer, Refused
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
+from drivers.modbus.frames import (
+    TCP_HEADER,
+    find_rtu_answer,
+    find_tcp_answer,
+    fits,
+    is_damaged,
+    plausibly_of,
+    rtu_answers,
+    rtu_frame,
+    tcp_messages,
+)
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
+from drivers.modbus.unanswered import Unanswered
 from drivers.patience import Patience
 from drivers.tap import Tap
 
@@ -41,10 +54,12 @@ _EXCEPTIONS = {
 }
 _TARGET_SILENT = (10, 11)
 _DECODER = DecodePDU(False)
-_HEADER = struct.Struct(">HHHB")  # transaction, protocol 0, length, unit
-_LONGEST_TCP_LENGTH = 254
 _MOST_HEARD = 4096
 """How many bytes are searched for the answer to one request."""
+_MOST_SENT = 2
+"""How often a silent unit is sent one question before its late answer is waited for: more would slow it down."""
+_FOLLOWS_S = 0.05
+"""How soon the answer to a repeated request follows the answer to the first one."""
 
 
 class ModbusBus(ABC):
@@ -77,13 +92,15 @@ class ModbusBus(ABC):
         async with self._lock:
             await self._stream.close()
 
-    async def read(self, device: str, unit: int, block: Block) -> tuple[int, ...]:
+    async def read(self, device: str, unit: int, block: Block, *, again: bool = False) -> tuple[int, ...]:
         """Registers (0..65535) or bits (0, 1) of one block.
+
+        again: this repeats a question to the unit, so that an answer to what was sent before is as good
 
         Raises NoAnswer, BadAnswer, Refused (exception code) or ConnectError (wire lost).
         """
         async with self._lock:
-            pdu = await self._exchange(device, unit, block)
+            pdu = await self._exchange(device, unit, block, again)
         if isinstance(pdu, ExceptionResponse):
             raise self._exception(device, unit, block, pdu.exception_code)
         if block.function in BIT_FUNCTIONS:
@@ -94,13 +111,17 @@ class ModbusBus(ABC):
         """Reset what belonged to the last connection."""
 
     @abstractmethod
-    async def _exchange(self, device: str, unit: int, block: Block) -> ModbusPDU:
-        """Send the request and wait for its answer, which may be an ExceptionResponse."""
+    async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
+        """Send the request and wait for its answer, which may be an ExceptionResponse.
 
-    def _silence(self, device: str, unit: int, waited_s: float) -> NoAnswer:
+        again: see `read`
+        """
+
+    def _silence(self, device: str, unit: int, waited_s: float, *, heard: bool = False) -> NoAnswer:
         return NoAnswer(
             f"unit {unit} did not answer within {waited_s:.3g} s",
             hurried=waited_s < self._timeout_s,
+            heard=heard,
             bus=self._name,
             device=device,
             hint="check power, wiring, unit id and baud",
@@ -117,12 +138,7 @@ class ModbusBus(ABC):
 
 
 class ModbusRtuBus(ModbusBus):
-    """Units on one serial line.
-
-    RTU answers are not numbered, so a late answer looks like the next one. After a timeout or a cancelled wait, the
-    unit's next request is therefore preceded by one with an answer of another length: a serial unit answers in order,
-    so once that request is answered nothing older can follow.
-    """
+    """Units on one serial line. `Unanswered` says how late answers are told from the next ones."""
 
     kind = "modbus_rtu"
     units = (1, 247)
@@ -130,66 +146,123 @@ class ModbusRtuBus(ModbusBus):
     def __init__(self, name: str, settings: ModbusRtuSettings, tap: Tap | None = None) -> None:
         super().__init__(name, SerialStream(name, settings, tap), settings.timeout_s)
         self._gap_s = 3.5 * 11 / settings.baud
+        self._pause_s = max(0.02, 4 * self._gap_s)
+        """After a pause of this length, what was being sent has ended."""
         self._quiet_since = 0.0
-        self._owing: tuple[int, float] | None = None
-        self._doubtful: set[int] = set()
+        self._owing_until: float | None = None
+        """Until when the answer to a cancelled request may come."""
+        self._unanswered = Unanswered()
 
     def _opened(self) -> None:
-        self._owing = None
+        self._owing_until = None
 
-    async def _exchange(self, device: str, unit: int, block: Block) -> ModbusPDU:
+    async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
         await self._wait_for_owed_answer()
-        if unit in self._doubtful:
-            await self._request(device, unit, _separator(block))
-            self._doubtful.discard(unit)
+        self._unanswered.note(self._stream.discard())
+        if not again:
+            self._unanswered.begin(unit)
+        if (separator := self._unanswered.separator(unit, block)) is not None:
+            await self._request(device, unit, separator)
+            self._unanswered.separated(unit)
         return await self._request(device, unit, block)
 
     async def _request(self, device: str, unit: int, block: Block) -> ModbusPDU:
         loop = asyncio.get_running_loop()
         await asyncio.sleep(self._quiet_since + self._gap_s - loop.time())
-        self._stream.discard()
-        frame = bytes([unit]) + _request_pdu(block)
-        self._stream.write(frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big"))
-        sent = loop.time()
-        wait_s = self._patience.wait_s(unit, block)
-        self._owing = unit, sent + self._timeout_s
-        self._doubtful.add(unit)
+        self._unanswered.note(self._stream.discard())
+        asked = self._unanswered.asked(unit, block)
+        began = loop.time()
+        self._owing_until = began + self._timeout_s
         heard = bytearray()
-        until = sent + wait_s
+        message: bytes | None = None
+        wait_s = self._timeout_s
         try:
-            while (pdu := find_rtu_answer(heard, unit, block)) is None:
-                heard += await self._stream.read(until - loop.time())
-                until = min(sent + self._timeout_s, loop.time() + wait_s)  # lets an answer that has begun finish
+            if asked.sent >= _MOST_SENT:
+                with suppress(TimeoutError):
+                    message = await self._hear(heard, unit, block, began + self._timeout_s / 2, wait_s)
+            if message is None:
+                self._stream.write(rtu_frame(bytes([unit]) + _request_pdu(block)))
+                asked.sent += 1
+                if asked.sent == 1:
+                    asked.since_s, wait_s = began, self._patience.wait_s(unit, block)
+                message = await self._hear(heard, unit, block, began + self._timeout_s, wait_s)
         except TimeoutError:
-            self._owing = None
-            self._patience.missed(unit)
-            raise self._nothing_valid(device, unit, heard, wait_s) from None
+            self._owing_until = None
+            self._missed(unit, block, heard)
+            raise self._nothing_valid(device, unit, block, heard, wait_s) from None
+        except asyncio.CancelledError:
+            asked.over = True
+            raise
         finally:
             self._quiet_since = loop.time()
-        self._owing = None
-        self._doubtful.discard(unit)
-        self._patience.answered(unit, block, loop.time() - sent)
-        return _decode(pdu, self._name, device)
+        # Of several equal requests the first may have been answered: it is slow rather than lost.
+        self._patience.answered(unit, block, min(self._timeout_s, loop.time() - asked.since_s))
+        await self._settle(unit, block, heard)
+        self._owing_until = None
+        return _decode(message, self._name, device)
+
+    async def _hear(self, heard: bytearray, unit: int, block: Block, latest_s: float, wait_s: float) -> bytes:
+        """The answer, once it is complete in `heard`.
+
+        latest_s: loop time; wait_s: for the first byte, and for each that follows
+
+        Raises TimeoutError.
+        """
+        loop = asyncio.get_running_loop()
+        until = min(latest_s, loop.time() + wait_s)
+        while (message := find_rtu_answer(heard, unit, block)) is None:
+            heard += await self._stream.read(until - loop.time())
+            # Lets an answer that has begun finish; one that is complete and not valid is damaged.
+            rest_s = self._pause_s if is_damaged(heard, block) else wait_s
+            until = min(latest_s, loop.time() + rest_s)
+        return message
+
+    async def _settle(self, unit: int, block: Block, heard: bytearray) -> None:
+        """The block is answered: let the answers to the other requests for it pass, which follow at once."""
+        asked = self._unanswered.asked(unit, block)
+        found = sum(1 for _ in rtu_answers(heard, unit, block))
+        with suppress(TimeoutError):
+            while found < asked.sent:
+                heard += await self._stream.read(_FOLLOWS_S)
+                found = sum(1 for _ in rtu_answers(heard, unit, block))
+        asked.sent -= found
+        self._unanswered.settle(unit, block)
+        self._unanswered.note(heard, unit, block)
+
+    def _missed(self, unit: int, block: Block, heard: bytearray) -> None:
+        asked = self._unanswered.asked(unit, block)
+        if is_damaged(heard, block):  # it has come: nothing is due
+            asked.sent -= 1
+            if not asked.sent:
+                self._unanswered.settle(unit, block)
+        else:
+            self._patience.missed(unit)
+        self._unanswered.note(heard, unit, block)
 
     async def _wait_for_owed_answer(self) -> None:
         """Let the unit finish answering a cancelled request; otherwise two would talk at once."""
-        if self._owing is None:
+        if self._owing_until is None:
             return
-        unit, deadline = self._owing
+        deadline = self._owing_until
         loop = asyncio.get_running_loop()
+        heard = bytearray()
         try:
             while True:
-                await self._stream.read(deadline - loop.time())
-                deadline = min(deadline, loop.time() + max(0.02, 4 * self._gap_s))
+                heard += await self._stream.read(deadline - loop.time())
+                deadline = min(deadline, loop.time() + self._pause_s)
         except TimeoutError:
-            self._doubtful.add(unit)
-            self._owing = None
+            self._unanswered.note(heard)
+            self._owing_until = None
 
-    def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray, waited_s: float) -> NoAnswer | BadAnswer:
+    def _nothing_valid(
+        self, device: str, unit: int, block: Block, heard: bytes | bytearray, waited_s: float
+    ) -> NoAnswer | BadAnswer:
+        is_late = self._unanswered.was_heard(unit)
         if not heard:
-            return self._silence(device, unit, waited_s)
+            return self._silence(device, unit, waited_s, heard=is_late)
         return BadAnswer(
             f"{len(heard)} bytes received, but no valid answer of unit {unit}: {heard[:16].hex(' ')}",
+            heard=is_late or plausibly_of(heard, unit, block),
             bus=self._name,
             device=device,
             hint="two units with one id, wrong baud or parity, missing termination, or noise",
@@ -206,29 +279,38 @@ class ModbusTcpBus(ModbusBus):
         super().__init__(name, TcpStream(name, settings.host, settings.port, tap), settings.timeout_s)
         self._number = 0
         self._perhaps_busy_until, self._mute = 0.0, False
+        self._sent: dict[tuple[int, Block], dict[int, float]] = {}
+        """Requests whose answers are as good as the next one's, as the question has not changed: number and time."""
 
     def _opened(self) -> None:
         self._perhaps_busy_until, self._mute = 0.0, False
+        self._sent = {}
 
-    async def _exchange(self, device: str, unit: int, block: Block) -> ModbusPDU:
-        self._number = self._number % 0xFFFF + 1
-        pdu = _request_pdu(block)
-        self._stream.discard()
-        self._stream.write(_HEADER.pack(self._number, 0, len(pdu) + 1, unit) + pdu)
+    async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
+        heard = bytearray(self._stream.discard())
+        if not again:
+            heard.clear()
+            self._sent = {key: numbers for key, numbers in self._sent.items() if key[0] != unit}
+        sent = self._sent.setdefault((unit, block), {})
         loop = asyncio.get_running_loop()
-        sent = loop.time()
+        began = loop.time()
+        found = _any_answer(heard, sent)
+        if found is None:
+            self._number = self._number % 0xFFFF + 1
+            pdu = _request_pdu(block)
+            self._stream.write(TCP_HEADER.pack(self._number, 0, len(pdu) + 1, unit) + pdu)
+            sent[self._number] = began
         wait_s = self._patience.wait_s(unit, block)
-        if (
-            sent < self._perhaps_busy_until
-        ):  # a gateway asks its units one after the other, and may be waiting for a silent one
+        # A gateway asks its units one after the other, and may be waiting for a silent one.
+        if began < self._perhaps_busy_until or len(sent) > 1:
             wait_s = self._timeout_s
-        heard = bytearray()
-        until = sent + wait_s
+        until = began + wait_s
         try:
-            while (found := find_tcp_answer(heard, self._number)) is None:
+            while found is None:
                 del heard[:-_MOST_HEARD]
                 heard += await self._stream.read(until - loop.time())
-                until = min(sent + self._timeout_s, loop.time() + wait_s)  # lets an answer that has begun finish
+                until = min(began + self._timeout_s, loop.time() + wait_s)  # lets an answer that has begun finish
+                found = _any_answer(heard, sent)
         except TimeoutError:
             self._patience.missed(unit)
             # Not a byte within the full timeout, not even of a late answer: this is not a busy gateway.
@@ -236,21 +318,26 @@ class ModbusTcpBus(ModbusBus):
             self._perhaps_busy_until = 0.0 if self._mute else loop.time() + self._timeout_s
             raise self._nothing_valid(device, unit, heard, wait_s) from None
         self._perhaps_busy_until, self._mute = 0.0, False
-        answering, answer = found
+        del self._sent[unit, block]
+        number, answering, answer = found
         if answering == unit and answer[0] == block.function:
-            self._patience.answered(unit, block, loop.time() - sent)
+            self._patience.answered(unit, block, min(self._timeout_s, loop.time() - sent[number]))
+        self._check(device, unit, block, answering, answer)
+        return _decode(answer, self._name, device)
+
+    def _check(self, device: str, unit: int, block: Block, answering: int, answer: bytes) -> None:
+        """Raises BadAnswer if it is not that unit's answer to that request."""
         if answering != unit:
             raise BadAnswer(f"unit {answering} answered instead of unit {unit}", bus=self._name, device=device)
-        if not _fits(answer, block):
+        if not fits(answer, block):
             raise BadAnswer(
                 f"the answer does not fit function {block.function}, count {block.count}: {answer[:16].hex(' ')}",
                 bus=self._name,
                 device=device,
             )
-        return _decode(answer, self._name, device)
 
     def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray, waited_s: float) -> NoAnswer | BadAnswer:
-        if _messages(heard)[1] == len(heard):  # nothing, or late answers only
+        if tcp_messages(heard)[1] == len(heard):  # nothing, or late answers only
             return self._silence(device, unit, waited_s)
         return BadAnswer(
             f"the bytes received are not a complete Modbus TCP answer: {heard[:16].hex(' ')}",
@@ -260,81 +347,9 @@ class ModbusTcpBus(ModbusBus):
         )
 
 
-def find_tcp_answer(heard: bytes | bytearray, number: int) -> tuple[int, bytes] | None:
-    """Unit and message (function code and data) of the answer with this number, or None if it has not arrived yet.
-
-    Late answers, which have other numbers, are skipped. Where the bytes are invalid, or begin a message that has not
-    ended, the answer is searched for at every later position, because noise may look like a header.
-    """
-    messages, end = _messages(heard)
-    if number in messages:
-        return messages[number]
-    if end == len(heard):
-        return None
-    start = -1
-    header = struct.pack(">HH", number, 0)
-    while (start := heard.find(header, start + 1)) >= 0:
-        if (found := _message_at(heard, start)) is not None:
-            return found[1:]
-    return None
-
-
-def _messages(heard: bytes | bytearray) -> tuple[dict[int, tuple[int, bytes]], int]:
-    """The complete messages that follow one another from the first byte on, by number, and the position after them."""
-    messages, end = {}, 0
-    while (found := _message_at(heard, end)) is not None:
-        number, unit, message = found
-        messages[number] = unit, message
-        end += _HEADER.size + len(message)
-    return messages, end
-
-
-def _message_at(heard: bytes | bytearray, start: int) -> tuple[int, int, bytes] | None:
-    """Number, unit and message; None if no complete message is at this position."""
-    if len(heard) - start <= _HEADER.size:
-        return None
-    number, protocol, length, unit = _HEADER.unpack_from(heard, start)
-    message = bytes(heard[start + _HEADER.size : start + 6 + length])
-    if protocol != 0 or not 2 <= length <= _LONGEST_TCP_LENGTH or len(message) != length - 1:
-        return None
-    return number, unit, message
-
-
-def find_rtu_answer(heard: bytes | bytearray, unit: int, block: Block) -> bytes | None:
-    """The message (function code and data) of the first frame in `heard` that answers this request, or None.
-
-    Frames of other units, functions or lengths, broken frames and noise are skipped.
-    """
-    normal = bytes((unit, block.function, _data_bytes(block)))
-    refused = bytes((unit, block.function | 0x80))
-    for start in range(len(heard) - 4):
-        if heard.startswith(normal, start):
-            end = start + 3 + _data_bytes(block) + 2
-        elif heard.startswith(refused, start):
-            end = start + 5
-        else:
-            continue
-        frame = bytes(heard[start:end])
-        if start + len(frame) == end and FramerRTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big")):
-            return frame[1:-2]
-    return None
-
-
-def _fits(answer: bytes, block: Block) -> bool:
-    if answer[0] == block.function | 0x80:
-        return len(answer) == 2
-    return answer[:2] == bytes((block.function, _data_bytes(block))) and len(answer) == 2 + answer[1]
-
-
-def _data_bytes(block: Block) -> int:
-    return (block.count + 7) // 8 if block.function in BIT_FUNCTIONS else 2 * block.count
-
-
-def _separator(block: Block) -> Block:
-    """A request that is answered with another length than this block's, so that the two cannot be confused. The unit
-    may refuse it."""
-    count = (1 if block.count > 8 else 9) if block.function in BIT_FUNCTIONS else (1 if block.count > 1 else 2)
-    return Block(block.function, block.address, count)
+def _any_answer(heard: bytearray, numbers: Iterable[int]) -> tuple[int, int, bytes] | None:
+    """Number, unit and message of the answer to one of these requests."""
+    return next(((n, *answer) for n in numbers if (answer := find_tcp_answer(heard, n)) is not None), None)
 
 
 def _request_pdu(block: Block) -> bytes:

@@ -49,6 +49,10 @@ class ModbusDevice:
         self._spans: dict[int, Span] = {}
         self._checked = False
         """Whether the unit is known to match the profile."""
+        self._answers: list[tuple[int, ...]] = []
+        """The blocks of values and faults that have been answered since the question was asked first, in order."""
+        self._was_silent = False
+        """Whether it missed the last read: another unit may answer the next one, though not a repeated one."""
 
     @property
     def device(self) -> str:
@@ -100,17 +104,27 @@ class ModbusDevice:
             spans[index] = codes.spans[code]
         return spans
 
-    async def read(self) -> Sequence[Reading]:
-        """One reading per channel. After a silence the unit is checked again, because a different one may answer."""
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:
+        """One reading per channel. After a silence the unit is checked again, because a different one may answer.
+
+        again: continue with the block that was not answered
+        """
+        if not again:
+            self._answers.clear()
+            if self._was_silent:
+                self._forget()
         if not self._checked and (self._code_blocks or self._setting_blocks):
             await self.connect()
         try:
-            words = await self._fetch(self._value_blocks)
-            later = words | await self._fetch(self._fault_blocks)
+            for block in (*self._value_blocks, *self._fault_blocks)[len(self._answers) :]:
+                self._answers.append(await self._bus.read(self._device, self._unit, block, again=again))
         except DriverError as error:
-            if not error.hurried:
-                self._forget()
+            self._was_silent |= not (error.hurried or error.heard)
             raise
+        answers, self._answers, self._was_silent = self._answers, [], False
+        count = len(self._value_blocks)
+        words = _words(zip(self._value_blocks, answers[:count], strict=True))
+        later = words | _words(zip(self._fault_blocks, answers[count:], strict=True))
         values = {name: self._value(index, words) for name, index in self._channels.items()}
         for name, index in self._channels.items():
             if self._fault_blocks and not isinstance(values[name], Fault):
@@ -122,14 +136,10 @@ class ModbusDevice:
         self._forget()
 
     def _forget(self) -> None:
-        self._spans, self._checked = {}, False
+        self._spans, self._checked, self._was_silent = {}, False, False
 
     async def _fetch(self, blocks: Iterable[Block]) -> dict[tuple[int, int], int]:
-        words: dict[tuple[int, int], int] = {}
-        for block in blocks:
-            answer = await self._bus.read(self._device, self._unit, block)
-            words.update(((block.function, block.address + i), word) for i, word in enumerate(answer))
-        return words
+        return _words([(block, await self._bus.read(self._device, self._unit, block)) for block in blocks])
 
     def _value(self, index: int, words: Mapping[tuple[int, int], int]) -> float | Fault:
         profile, values = self._profile, self._profile.values
@@ -174,6 +184,15 @@ class ModbusDevice:
                 for block in self._value_blocks
             )
         ]
+
+
+def _words(answers: Iterable[tuple[Block, tuple[int, ...]]]) -> dict[tuple[int, int], int]:
+    """Registers and bits by function and address."""
+    return {
+        (block.function, address): word
+        for block, answer in answers
+        for address, word in enumerate(answer, start=block.address)
+    }
 
 
 def last_address(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> int:

@@ -4,7 +4,7 @@ import asyncio
 import math
 from collections.abc import Sequence
 
-from drivers.base import Driver, Quality, Reading
+from drivers.base import Driver, DriverError, Quality, Reading
 from gateway.acquisition.bus import close
 from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Check
@@ -33,6 +33,13 @@ class PolledDevice:
         """When it last failed to answer promptly."""
         self.error: Exception | None = None
         """The error of its last request; None if it answered."""
+        self.ever_answered = False
+        self.heard = False
+        """Whether it was heard in this period: then it is not silent, even if none of its answers can be used."""
+        self.lost = 0
+        """In how many periods it was heard since it was last read."""
+        self.silent = 0
+        """In how many periods it was asked since it was last heard."""
         self.detail = "not asked yet"
         """The same in words; for a device that was not asked, why it was not."""
         self._line, self._clock = line, clock
@@ -45,8 +52,10 @@ class PolledDevice:
         """Its name in reports."""
         return f"device {self.driver.device}"
 
-    async def read(self) -> list[Reading]:
+    async def read(self, *, again: bool = False) -> list[Reading]:
         """Its readings, each judged by the limits that the configuration states for its channel.
+
+        again: it is asked once more in one period
 
         Raises the driver's errors, or TimeoutError after the line's `read_limit_s`.
         """
@@ -57,12 +66,14 @@ class PolledDevice:
                     await uncancelled(self.driver.connect())
                     self._connected = True
                 asked_s = self._clock.monotonic()
-                readings = self._complete(await uncancelled(self.driver.read()))
+                readings = self._complete(await uncancelled(self.driver.read(again=again)))
         except Exception as error:
             self.cost_s = self._clock.monotonic() - began_s
             self.answered_s, self.error = None, error
+            self.heard |= isinstance(error, DriverError) and error.heard
             raise
         self.answered_s, self.error = self._clock.monotonic() - asked_s, None
+        self.ever_answered, self.heard, self.lost, self.silent = True, True, 0, 0
         self._units |= {reading.channel: reading.unit for reading in readings}
         return [self._judged(reading) for reading in readings]
 

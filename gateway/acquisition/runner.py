@@ -2,9 +2,11 @@
 
 import logging
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from drivers.base import BadAnswer, ConnectError, DriverError
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
 from gateway.acquisition.bus import PolledBus
 from gateway.acquisition.device import PolledDevice
 from gateway.acquisition.line import Line
@@ -19,14 +21,41 @@ Publish = Callable[[Sequence[Sample]], None]
 """Receives the readings of one device; must return at once."""
 
 
+_MOST_SILENT, _SILENT_OFTEN = 3, 3
+"""How often a device is asked in one period while it stays silent, and in how many such periods before it is asked once
+only."""
+_MOST_HEARD, _FEW, _LOST_OFTEN = 8, 2, 3
+"""The same for one that is heard, and for one that was heard in this many periods and could be read in none."""
+
+
+@dataclass(slots=True)
+class _Unsure:
+    """A device that did not answer in this period and may be asked again."""
+
+    device: PolledDevice
+    error: Exception
+    steady: bool
+    """Whether it had answered promptly for long."""
+    asks: int = 1
+    """How often it has been asked in this period."""
+
+    @property
+    def in_vain(self) -> bool:
+        """Whether it need not be asked again in this period."""
+        if self.device.heard:
+            return self.asks >= (_MOST_HEARD if self.device.lost < _LOST_OFTEN else _FEW)
+        return self.asks >= _MOST_SILENT
+
+
 class BusRunner:
     """Polls the devices of one bus on a drift-free schedule.
 
     Healthy devices come first, in the order of the configuration; those that failed recently come after the steady
-    ones. A usually quick device that does not answer within the short time allowed is asked once more, after all others
-    and with the full timeout, if that fits into the period: a single late answer is not a fault and delays no other
-    device. At most one failing device per period is asked in vain: last, when its breaker allows it and its possible
-    cost still fits. After the longest wait it is asked in any case.
+    ones. One that does not answer, or whose answer is damaged, is asked again after all others, as often as fits into
+    the period: neither a late nor a damaged answer is a fault, and neither delays another device. A device that is
+    heard is not dead: it is asked in every period. One that stays silent is asked less and less often; at most one of
+    those per period is asked in vain: last, when its breaker allows it and its possible cost still fits. After the
+    longest wait it is asked in any case.
     """
 
     def __init__(
@@ -49,8 +78,8 @@ class BusRunner:
         self._periodic = Periodic(clock, line.period_s, phase_s=line.phase_s)
         self._answered_s: dict[str, float] = {}
         """How long each device that answered in this period took."""
-        self._unsure: dict[PolledDevice, tuple[Exception, bool]] = {}
-        """Devices that did not answer in this period and may be asked again, and whether each had been steady."""
+        self._unsure: deque[_Unsure] = deque()
+        """Devices that did not answer in this period and may be asked again."""
 
     @property
     def missed(self) -> int:
@@ -69,15 +98,21 @@ class BusRunner:
         """Read every device once, each with its full time, whatever happened to the previous one. Closes nothing."""
         due = self._clock.monotonic()
         for device in self.devices:
+            device.heard = False
             if self._bus.is_open or await self._open_bus(due):
-                await self._ask(device, due, again=True)
+                await self._ask(device, due)
+                while self._unsure:  # it was heard, or usually answers quickly
+                    await self._ask_once_more(self._unsure.popleft(), due)
             else:
                 self._publish_fault(device)
 
     async def _poll(self, due: float) -> None:
         """One period: read healthy devices, try some failing ones, give the channels of the rest a fault reading."""
         healthy = sorted((d for d in self.devices if not d.breaker.failing), key=self._wavered_lately)
-        self._answered_s, self._unsure = {}, {}
+        self._answered_s = {}
+        self._unsure.clear()
+        for device in self.devices:
+            device.heard = False
         asked = (healthy or self._waiting(due)) and (self._bus.is_open or await self._open_bus(due))
         if not asked:
             for device in self.devices:
@@ -92,7 +127,7 @@ class BusRunner:
                 self._publish_fault(device)
         await self._ask_again(due)
         await self._try_failing(waiting, due)
-        if not self._answered_s:
+        if not any(device.heard for device in self.devices):
             # No device answers: the connection itself may be at fault (half-open TCP, adapter unplugged).
             await self.close()
 
@@ -115,29 +150,37 @@ class BusRunner:
         used up the time. They are asked in reverse order: late answers of earlier devices may have disturbed those of
         the last.
         """
+        self._unsure.reverse()
         late, first = False, True
-        for device, (error, steady) in reversed(self._unsure.items()):
-            if late or not self._bus.is_open or (first and steady) or self._may_cost_s() <= self._left_s(due):
-                late, first = await self._ask(device, due, again=True), False
+        while self._unsure:
+            unsure = self._unsure.popleft()
+            fits = self._may_cost_s(unsure.device) <= self._left_s(due)
+            if self._bus.is_open and (fits or (unsure.asks == 1 and (late or (first and unsure.steady)))):
+                late |= await self._ask_once_more(unsure, due)
+                first = False
             else:
-                await self._failed(device, due, error)
+                await self._failed(unsure.device, due, unsure.error)
 
     async def _try_failing(self, waiting: Sequence[PolledDevice], due: float) -> None:
         """Ask those that fit into the rest of the period, until one does not answer."""
         alone, vain = len(self.devices) == 1, False
         for device in waiting:
-            fits = max(device.cost_s, self._may_cost_s()) <= self._left_s(due)
+            fits = max(device.cost_s, self._may_cost_s(device)) <= self._left_s(due)
             if not vain and (alone or fits or device.breaker.overdue(due)):
-                vain = not await self._ask(device, due, again=True)
+                silent = not device.ever_answered or device.silent >= _SILENT_OFTEN
+                vain = not await self._ask(device, due, last=silent)
             else:
                 self._publish_fault(device)
+        await self._ask_again(due)
 
     def _left_s(self, due: float) -> float:
         return due + self.line.period_s - self._clock.monotonic()
 
-    def _may_cost_s(self) -> float:
-        """Time that must remain in the period to ask a possibly silent device; half a period if the timeout is long."""
-        return min(self.line.bus.timeout_s, self.line.period_s / 2)
+    def _may_cost_s(self, device: PolledDevice) -> float:
+        """Time that must remain in the period to ask a device. A possibly silent one may cost the timeout, or half of
+        the period if that is long; one that was heard costs as much as the last time."""
+        longest_s = min(self.line.bus.timeout_s, self.line.period_s / 2)
+        return min(device.cost_s, longest_s) if device.heard else longest_s
 
     async def _open_bus(self, due: float) -> bool:
         if not self._bus.breaker.allows(due):
@@ -155,44 +198,76 @@ class BusRunner:
         self._bus.breaker.succeeded()
         return True
 
-    async def _ask(self, device: PolledDevice, due: float, *, again: bool = False) -> bool:
-        """Read one device and publish the result. False: it failed, or will be asked again in this period.
+    async def _ask(self, device: PolledDevice, due: float, *, last: bool = False) -> bool:
+        """Read one device and publish the result. False: it failed, or may be asked again in this period.
 
-        again: a device that does not answer this time counts as failed
+        last: it is not asked again in this period
         """
         if not self._bus.is_open:  # closed after the previous device failed
             self._publish_fault(device)
             return False
+        steady = self._steady(device)
+        error = await self._read(device)
+        if error is not None:
+            if last or not self._may_be_asked_again(device, error):
+                await self._failed(device, due, error)
+            else:
+                self._unsure.append(_Unsure(device, error, steady))
+        return error is None
+
+    async def _ask_once_more(self, unsure: _Unsure, due: float) -> bool:
+        """The same for a device that may answer this time; one that does not may be asked once more."""
+        error = await self._read(unsure.device, again=True)
+        if error is not None:
+            unsure.asks += 1
+            if not (isinstance(unsure.error, DriverError) and not unsure.error.hurried):
+                unsure.error = error  # the first that was given the full time says best what is wrong
+            if not isinstance(error, NoAnswer | BadAnswer):
+                await self._failed(unsure.device, due, error)
+            elif unsure.in_vain:
+                await self._failed(unsure.device, due, unsure.error)
+            else:
+                self._unsure.append(unsure)
+        return error is None
+
+    async def _read(self, device: PolledDevice, *, again: bool = False) -> Exception | None:
+        """Read one device and publish its readings; otherwise returns why it could not be read."""
         try:
-            readings = await device.read()
+            readings = await device.read(again=again)
         except MemoryError:
             raise
         except Exception as error:  # noqa: BLE001 - likewise
-            steady, device.wavered_s = self._steady(device), self._clock.monotonic()
-            if not again and self._may_be_late(error):
-                self._unsure[device] = error, steady
-            else:
-                await self._failed(device, due, error)
-            return False
+            device.wavered_s = self._clock.monotonic()
+            return error
         if device.answered_s is not None:
             self._answered_s[device.driver.device] = device.answered_s
         device.breaker.succeeded()
         self._reports.answered(device.subject, readings)
         self._publish(samples(readings, self._sequence()))
-        return True
+        return None
 
-    def _may_be_late(self, error: Exception) -> bool:
-        """Whether an answer may only be late, or was disturbed by another device's late one."""
-        return (isinstance(error, DriverError) and error.hurried) or (
-            bool(self._unsure) and isinstance(error, BadAnswer)
-        )
+    def _may_be_asked_again(self, device: PolledDevice, error: Exception) -> bool:
+        """Whether its answer may only be late, lost or damaged."""
+        match error:
+            case NoAnswer():
+                return error.hurried or device.ever_answered
+            case BadAnswer():
+                return True
+            case _:
+                return False
 
     async def _failed(self, device: PolledDevice, due: float, error: Exception) -> None:
-        device.breaker.failed(due)
         device.detail = self._reports.failed(device.subject, error)
         self._publish_fault(device)
+        lost = isinstance(error, ConnectError | OSError)  # the connection, or a read hangs on it
+        if device.heard and not lost:
+            device.lost, device.silent = device.lost + 1, 0
+            device.breaker.succeeded()
+            return
+        device.silent += 1
+        device.breaker.failed(due)
         await device.close()
-        if isinstance(error, ConnectError | OSError):  # the connection is lost, or a read hangs on it
+        if lost:
             for other in self.devices:
                 other.detail = device.detail
             await self.close()

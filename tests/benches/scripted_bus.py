@@ -63,7 +63,7 @@ class ScriptedDevice:
             self.asked.append(self._clock.monotonic())
             raise self.fault_at_connect
 
-    async def read(self) -> Sequence[Reading]:
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:
         assert self._clock.holds > 0, "a wire is used while simulated time runs"
         assert self._bus.is_open, "a device is read on a closed bus"
         self.asked.append(self._clock.monotonic())

@@ -132,7 +132,7 @@ async def duplicate(box: Box) -> None:
 
 
 async def noise(box: Box) -> None:
-    """No termination beside a long cable: some answers are disturbed."""
+    """No termination beside a long cable: at times all answers are disturbed, longer than a period."""
     box.write(
         RTU.replace("timeout_s", "period_s = 0.25\nretry_max_periods = 1\ntimeout_s").replace("0.5", "0.1") + beds()
     )
@@ -142,7 +142,7 @@ async def noise(box: Box) -> None:
     def disturb(_: int, frame: bytes) -> list[tuple[float, bytes]]:
         nonlocal turn
         turn += len(frame) > 8  # an answer with values
-        disturbed = len(frame) > 8 and turn in (3, 6)
+        disturbed = len(frame) > 8 and (3 <= turn <= 10 or 14 <= turn <= 21)
         return [(0.0, frame[:4] + bytes([frame[4] ^ 0x08]) + frame[5:] if disturbed else frame)]
 
     line.spoil = disturb

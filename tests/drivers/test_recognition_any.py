@@ -71,7 +71,7 @@ class RtuUnit(ModbusRtuBus):
         super().__init__("scan", ModbusRtuSettings(port="nowhere"))
         self._script = script
 
-    async def read(self, device: str, unit: int, block: Block) -> tuple[int, ...]:
+    async def read(self, device: str, unit: int, block: Block, *, again: bool = False) -> tuple[int, ...]:
         return self._script.read(block)
 
 
@@ -80,7 +80,7 @@ class TcpUnit(ModbusTcpBus):
         super().__init__("scan", ModbusTcpSettings(host="nowhere"))
         self._script = script
 
-    async def read(self, device: str, unit: int, block: Block) -> tuple[int, ...]:
+    async def read(self, device: str, unit: int, block: Block, *, again: bool = False) -> tuple[int, ...]:
         return self._script.read(block)
 
 
@@ -221,7 +221,7 @@ class Sensor(MeRs485Bus):
         super().__init__("scan", MeRs485Settings(port="nowhere"))
         self._says = says
 
-    async def measure(self, device: str, address: int) -> bytes:
+    async def measure(self, device: str, address: int, *, again: bool = False) -> bytes:
         if isinstance(self._says, DriverError):
             raise self._says
         return self._says

@@ -51,8 +51,9 @@ MEANING: Mapping[str, str] = {
         "Two devices have one address, or a gateway mixes them up. No answer of another device becomes a value."
     ),
     "late answer": (
-        "It comes after `timeout_s`, while the next request waits for its own answer, and is not taken for "
-        "that answer. If this happens all the time, raise `timeout_s`. For Modbus devices and CANopen nodes "
+        "It comes after `timeout_s`. In the same period it is used, because the device has only been asked the same "
+        "question again; later it is not taken for the next one's answer. If this happens all the time, raise "
+        "`timeout_s`. For Modbus devices and CANopen nodes "
         "read by SDO this holds even if every answer is one request late. Micro-Epsilon sensors on RS-485 and "
         "nodes read after SYNC do not number their answers: there it holds when answers are late for a while, "
         "but a device that stays one answer behind permanently cannot be detected."

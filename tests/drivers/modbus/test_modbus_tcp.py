@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
-from drivers.modbus.bus import ModbusTcpBus, find_tcp_answer
+from drivers.modbus.bus import ModbusTcpBus
+from drivers.modbus.frames import find_tcp_answer
 from drivers.modbus.numbers import Block
 from drivers.modbus.settings import ModbusTcpSettings
 

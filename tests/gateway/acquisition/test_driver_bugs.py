@@ -74,7 +74,7 @@ async def test_readings_that_the_interface_excludes_are_the_device_s_fault(name:
     plant = ScriptedPlant("a", "b")
     genuine = plant.devices["a"].read
 
-    async def answers() -> Sequence[Reading]:
+    async def answers(*, again: bool = False) -> Sequence[Reading]:
         return WRONG[name](await genuine())  # type: ignore[return-value]
 
     setattr(plant.devices["a"], "read", answers)  # noqa: B010
@@ -92,7 +92,7 @@ async def test_readings_that_the_interface_excludes_are_the_device_s_fault(name:
 async def test_a_computer_without_memory_is_no_fault_of_a_device(operation: str) -> None:
     plant = ScriptedPlant("a")
 
-    async def raises() -> None:
+    async def raises(*, again: bool = False) -> None:
         raise MemoryError
 
     setattr(plant.devices["a"], operation, raises)

@@ -44,7 +44,28 @@ async def test_an_answer_that_a_late_one_of_another_unit_disturbed_is_no_fault()
         assert {r.quality for r in plant.readings} == {Quality.GOOD}
         plant.devices["c"].fault_once = BadAnswer("noise")
         await plant.clock.run_until(11.5)
-    assert plant.of("c")[-1].detail == "noise"
+    assert {r.quality for r in plant.readings} == {Quality.GOOD}
+
+
+async def test_a_device_that_is_heard_is_asked_in_every_period_however_long_it_cannot_be_read() -> None:
+    plant = five()
+    plant.devices["c"].fault_takes_s = TAKES_S
+    async with plant.running():
+        await plant.clock.run_until(9.5)
+        plant.devices["c"].fault = BadAnswer("noise")
+        await plant.clock.run_until(99.5)
+        faults = plant.of("c")[10:]
+        assert {(r.quality, r.detail) for r in faults} == {(Quality.COMM_FAULT, "noise")}
+        asks = [sum(second <= t < second + 1 for t in plant.devices["c"].asked) for second in range(10, 99)]
+        assert asks == [8, 8, 8] + [2] * 86, "often while it may be a disturbance, then no longer"
+        plant.devices["c"].fault = None
+        await plant.clock.run_until(100.5)
+        assert plant.of("c")[-1].quality is Quality.GOOD, "in the first period in which it can be read"
+    assert plant.bus.opened == 1
+    assert plant.told() == [("device c", False), ("device c", True)]
+    for name in "abde":
+        assert np.abs(intervals(plant, name) - 1.0).max() <= 0.2
+        assert {r.quality for r in plant.of(name)} == {Quality.GOOD}
 
 
 async def test_who_only_suffered_from_a_silent_one_is_asked_again_before_it() -> None:

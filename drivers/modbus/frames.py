@@ -1,0 +1,122 @@
+"""Where the answer to a request stands in the bytes heard: RTU frames and TCP messages."""
+
+import struct
+from collections.abc import Iterator
+
+from pymodbus.framer.rtu import FramerRTU
+
+from drivers.modbus.numbers import BIT_FUNCTIONS, Block
+
+TCP_HEADER = struct.Struct(">HHHB")
+"""Number of the transaction, protocol 0, length, unit."""
+_LONGEST_TCP_LENGTH = 254
+
+
+def data_bytes(block: Block) -> int:
+    """How many bytes of data answer this request."""
+    return (block.count + 7) // 8 if block.function in BIT_FUNCTIONS else 2 * block.count
+
+
+def rtu_length(block: Block) -> int:
+    """How many bytes the answer to this request has on a serial line."""
+    return 3 + data_bytes(block) + 2
+
+
+def rtu_frame(body: bytes) -> bytes:
+    """Unit and message with their checksum."""
+    return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
+
+
+def is_rtu_frame(frame: bytes | bytearray) -> bool:
+    """Whether these bytes end with the checksum of the others."""
+    return len(frame) >= 4 and FramerRTU.check_CRC(bytes(frame[:-2]), int.from_bytes(frame[-2:], "big"))
+
+
+def rtu_answers(heard: bytes | bytearray, unit: int, block: Block) -> Iterator[bytes]:
+    """The message (function code and data) of every frame in `heard` that answers this request.
+
+    Frames of other units, functions or lengths, broken frames and noise are skipped.
+    """
+    normal = bytes((unit, block.function, data_bytes(block)))
+    refused = bytes((unit, block.function | 0x80))
+    start = 0
+    while start < len(heard) - 4:
+        length = rtu_length(block) if heard.startswith(normal, start) else 5 if heard.startswith(refused, start) else 0
+        frame = bytes(heard[start : start + length])
+        if length and len(frame) == length and is_rtu_frame(frame):
+            yield frame[1:-2]
+            start += length
+        else:
+            start += 1
+
+
+def find_rtu_answer(heard: bytes | bytearray, unit: int, block: Block) -> bytes | None:
+    """The first of `rtu_answers`, or None."""
+    return next(rtu_answers(heard, unit, block), None)
+
+
+def is_damaged(heard: bytes | bytearray, block: Block) -> bool:
+    """Whether this is as long as an answer to the request and nobody's valid answer."""
+    return len(heard) == rtu_length(block) and not is_rtu_frame(heard)
+
+
+def plausibly_of(heard: bytes | bytearray, unit: int, block: Block) -> bool:
+    """Whether these bytes, none of them a valid answer to the request, may come from that unit, disturbed.
+
+    So may an answer of the right length, and whatever begins with the unit's id or holds it before the function code;
+    not so a valid frame of another unit.
+    """
+    if is_rtu_frame(heard):
+        return heard[0] == unit
+    return (
+        len(heard) == rtu_length(block)
+        or heard[:1] == bytes((unit,))
+        or any(bytes((unit, code)) in heard for code in (block.function, block.function | 0x80))
+    )
+
+
+def fits(answer: bytes, block: Block) -> bool:
+    """Whether a message (function code and data) answers this request."""
+    if answer[0] == block.function | 0x80:
+        return len(answer) == 2
+    return answer[:2] == bytes((block.function, data_bytes(block))) and len(answer) == 2 + answer[1]
+
+
+def find_tcp_answer(heard: bytes | bytearray, number: int) -> tuple[int, bytes] | None:
+    """Unit and message (function code and data) of the answer with this number, or None if it has not arrived yet.
+
+    Late answers, which have other numbers, are skipped. Where the bytes are invalid, or begin a message that has not
+    ended, the answer is searched for at every later position, because noise may look like a header.
+    """
+    messages, end = tcp_messages(heard)
+    if number in messages:
+        return messages[number]
+    if end == len(heard):
+        return None
+    start = -1
+    header = struct.pack(">HH", number, 0)
+    while (start := heard.find(header, start + 1)) >= 0:
+        if (found := _message_at(heard, start)) is not None:
+            return found[1:]
+    return None
+
+
+def tcp_messages(heard: bytes | bytearray) -> tuple[dict[int, tuple[int, bytes]], int]:
+    """The complete messages that follow one another from the first byte on, by number, and the position after them."""
+    messages, end = {}, 0
+    while (found := _message_at(heard, end)) is not None:
+        number, unit, message = found
+        messages[number] = unit, message
+        end += TCP_HEADER.size + len(message)
+    return messages, end
+
+
+def _message_at(heard: bytes | bytearray, start: int) -> tuple[int, int, bytes] | None:
+    """Number, unit and message; None if no complete message is at this position."""
+    if len(heard) - start <= TCP_HEADER.size:
+        return None
+    number, protocol, length, unit = TCP_HEADER.unpack_from(heard, start)
+    message = bytes(heard[start + TCP_HEADER.size : start + 6 + length])
+    if protocol != 0 or not 2 <= length <= _LONGEST_TCP_LENGTH or len(message) != length - 1:
+        return None
+    return number, unit, message

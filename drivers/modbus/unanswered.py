@@ -1,0 +1,101 @@
+"""The requests that were sent on a serial line and not answered yet: RTU answers are not numbered."""
+
+from dataclasses import dataclass
+
+from drivers.modbus.frames import data_bytes, rtu_answers
+from drivers.modbus.numbers import BIT_FUNCTIONS, Block
+
+_SEPARATORS = 4
+"""How many lengths of separating answers there are, so that successive ones differ."""
+
+
+@dataclass(slots=True)
+class Asked:
+    """One block of one unit."""
+
+    sent: int = 0
+    """How many requests may still be answered."""
+    since_s: float = 0.0
+    """When the first of them was sent."""
+    over: bool = False
+    """Whether the question is settled or given up: what still comes is old."""
+
+
+class Unanswered:
+    """Tells which answers may still come, so that none is taken for the answer to a later question.
+
+    A question may be asked several times; each answer to it is as good. A new question to the unit makes those before
+    it old. An old answer and a new one that look the same are told apart by a request between them whose answer has
+    another length: a serial unit answers in order, so once that is answered nothing older can follow.
+    """
+
+    def __init__(self) -> None:
+        self._asked: dict[tuple[int, Block], Asked] = {}
+        self._turn = 0
+        self._heard: set[int] = set()
+
+    def begin(self, unit: int) -> None:
+        """A new question to this unit begins."""
+        for (asked_unit, _), asked in self._asked.items():
+            if asked_unit == unit:
+                asked.over = True
+
+    def asked(self, unit: int, block: Block) -> Asked:
+        """What is known of this block; new if nothing is due."""
+        return self._asked.setdefault((unit, block), Asked())
+
+    def was_heard(self, unit: int) -> bool:
+        """Whether late answers of this unit have been found since this was called last."""
+        heard = unit in self._heard
+        self._heard.discard(unit)
+        return heard
+
+    def settle(self, unit: int, block: Block) -> None:
+        """The block's question is settled; forget it, unless more answers may come."""
+        asked = self._asked[unit, block]
+        asked.over = True
+        if asked.sent <= 0:
+            del self._asked[unit, block]
+
+    def separator(self, unit: int, block: Block) -> Block | None:
+        """The request that must be answered first, because an old answer may look like this block's; None: none may.
+
+        The unit may refuse it.
+        """
+        due = [(other, a) for (asked_unit, other), a in self._asked.items() if asked_unit == unit and a.sent > 0]
+        if not any(_alike(other, block) and (other != block or asked.over) for other, asked in due):
+            return None
+        counts = range(1, 48, 8) if block.function in BIT_FUNCTIONS else range(1, 7)
+        others = [Block(block.function, block.address, count) for count in counts]
+        distinct = [other for other in others if not any(_alike(other, owed) for owed, _ in (*due, (block, None)))]
+        choice = distinct or [other for other in others if not _alike(other, block)]
+        self._turn += 1
+        chosen = choice[self._turn % min(len(choice), _SEPARATORS)]
+        self._asked.pop((unit, chosen), None)
+        return chosen
+
+    def separated(self, unit: int) -> None:
+        """The unit has answered a separator: nothing older can follow."""
+        for key in [key for key in self._asked if key[0] == unit]:
+            del self._asked[key]
+
+    def note(self, heard: bytes | bytearray, unit: int = 0, block: Block | None = None) -> None:
+        """Strike off the answers that were due and are in what was heard, apart from this block's."""
+        if not heard:
+            return
+        for key, asked in list(self._asked.items()):
+            of_unit, of_block = key
+            if key == (unit, block) or any(
+                other != key and other[0] == of_unit and _alike(other[1], of_block) for other in self._asked
+            ):  # the one being asked; or it cannot be told which of the two was answered
+                continue
+            for _ in rtu_answers(heard, of_unit, of_block):
+                self._heard.add(of_unit)
+                asked.sent -= 1
+            if asked.sent <= 0:
+                del self._asked[key]
+
+
+def _alike(one: Block, other: Block) -> bool:
+    """Whether the answers to two requests to one unit look the same."""
+    return one.function == other.function and data_bytes(one) == data_bytes(other)

@@ -1,0 +1,123 @@
+"""A disturbed serial line costs the readings that cannot be had, and no others; no value is ever wrong.
+
+The seeds are the first ones, not chosen.
+"""
+
+import asyncio
+import time
+from collections.abc import Callable
+
+import pytest
+from pymodbus.client import AsyncModbusSerialClient
+from pymodbus.exceptions import ModbusException
+
+from drivers.base import Quality
+from simulators.devices import M7015
+from simulators.devices.pta8d08 import Pta8d08
+from simulators.devices.spoil import Late
+from tests.benches.disturbed_line import (
+    DISTURBED,
+    PERIOD_S,
+    PERIODS,
+    TIMEOUT_S,
+    Bench,
+    Disturb,
+    disturbed,
+    flipped,
+    late,
+    lost,
+    slow,
+)
+
+pytestmark = pytest.mark.simulated_time
+
+ONE_BLOCK = (Pta8d08, "eletechsup_pta8d08")
+TWO_BLOCKS = (M7015, "icpdas_m7015")
+Device = tuple[type[M7015 | Pta8d08], str]
+
+CASES: dict[str, tuple[Callable[[], Disturb], Device, int]] = {
+    "a bit flipped in 10 %": (lambda: flipped(0.1), TWO_BLOCKS, 1),
+    "a bit flipped in 30 %": (lambda: flipped(0.3), TWO_BLOCKS, 3),
+    "10 % lost": (lambda: lost(0.1), ONE_BLOCK, 1),
+    "10 % lost, two blocks": (lambda: lost(0.1), TWO_BLOCKS, 6),
+    "20 % late": (lambda: late(0.2, 0.6), ONE_BLOCK, 2),
+    "20 % late, answered in order": (lambda: slow(0.2, 0.6), ONE_BLOCK, 2),
+}
+"""How the line is disturbed, what is on it, and how many of 60 readings may be lost."""
+
+
+async def judge(case: str, seed: int) -> None:
+    make, (device, profile), most = CASES[case]
+    async with disturbed(make(), seed, device, profile) as bench:
+        bench.assert_true()
+        bench.assert_neighbours_in_time()
+        assert PERIODS - 1 <= len(bench.of(DISTURBED)) <= PERIODS
+        assert bench.answers >= PERIODS, "or nothing was disturbed"
+        assert bench.lost() <= most
+
+
+@pytest.mark.parametrize("case", ["a bit flipped in 30 %", "20 % late, answered in order"])
+async def test_few_readings_are_lost(case: str) -> None:
+    await judge(case, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("seed", range(1, 8))
+async def test_few_readings_are_lost_by_other_seeds(case: str, seed: int) -> None:
+    await judge(case, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.1, 0.3])
+async def test_no_more_is_lost_than_by_another_master_that_asks_three_times(share: float) -> None:
+    """pymodbus' own client with two retries, on a line with the same disturbance; both over all seeds."""
+    ours = theirs = 0
+    for seed in range(8):
+        async with disturbed(flipped(share), seed, *ONE_BLOCK) as bench:
+            ours += bench.lost()
+        theirs += await lost_by_pymodbus(flipped(share), seed)
+    assert ours <= theirs
+
+
+async def lost_by_pymodbus(how: Disturb, seed: int) -> int:
+    bench = Bench(*ONE_BLOCK)
+    bench.path = await bench.line.start()
+    client = AsyncModbusSerialClient(bench.path, baudrate=9600, timeout=TIMEOUT_S, retries=2)
+    failures = 0
+    try:
+        assert await client.connect()
+        bench.disturb(how, seed)
+        for _ in range(PERIODS):
+            due_s = time.monotonic() + PERIOD_S
+            try:
+                answer = await client.read_holding_registers(0, count=8, device_id=DISTURBED)
+                failures += answer.isError()
+            except ModbusException:
+                failures += 1
+            await asyncio.sleep(max(0.0, due_s - time.monotonic()))
+    finally:
+        client.close()
+        await bench.line.stop()
+    return failures
+
+
+async def test_a_unit_that_is_heard_but_never_understood_is_asked_in_every_period() -> None:
+    """Every answer is damaged, and then none: no back-off, no new connection, no check."""
+    async with disturbed(flipped(1.0), 0, *TWO_BLOCKS) as bench:
+        bench.assert_neighbours_in_time()
+        assert bench.lost() == len(bench.of(DISTURBED)) >= PERIODS - 1
+        bench.answers = 0
+        bench.disturb(lambda _draw, frame: [(0.0, frame)], 0)
+        await asyncio.sleep(1.5 * PERIOD_S)
+        assert bench.of(DISTURBED)[-1].quality is Quality.GOOD, "in the next period"
+        assert bench.answers <= 4, "two requests for each read, and none to check the unit"
+    assert [(notice.subject, notice.ended) for notice in bench.notices] == [("device d2", False), ("device d2", True)]
+
+
+async def test_a_unit_that_is_always_one_answer_behind_never_gives_an_old_value() -> None:
+    """Its answer to the first request comes with the second one of the same period, and never in the next period."""
+    behind = Late((DISTURBED,), 0.01)
+    async with disturbed(lambda _draw, frame: behind(DISTURBED, frame), 0, *ONE_BLOCK) as bench:
+        bench.assert_true()
+        bench.assert_neighbours_in_time()
