@@ -16,7 +16,7 @@ from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
-from drivers.base import BadAnswer, NoAnswer, Refused
+from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
 from drivers.modbus.frames import (
     TCP_HEADER,
@@ -85,8 +85,7 @@ class ModbusBus(ABC):
         """Open the wire, unless it is already open. Raises ConnectError."""
         async with self._lock:
             if not self._stream.is_open:
-                await self._stream.open(self._timeout_s)
-                self._opened()
+                await self._open()
 
     async def close(self) -> None:
         async with self._lock:
@@ -100,15 +99,23 @@ class ModbusBus(ABC):
         Raises NoAnswer, BadAnswer, Refused (exception code) or ConnectError (wire lost).
         """
         async with self._lock:
-            pdu = await self._exchange(device, unit, block, again)
+            pdu = await self._answer(device, unit, block, again)
         if isinstance(pdu, ExceptionResponse):
             raise self._exception(device, unit, block, pdu.exception_code)
         if block.function in BIT_FUNCTIONS:
             return tuple(int(bit) for bit in pdu.bits[: block.count])
         return tuple(pdu.registers)
 
+    async def _open(self) -> None:
+        await self._stream.open(self._timeout_s)
+        self._opened()
+
     def _opened(self) -> None:  # noqa: B027 - not every bus has something to reset
         """Reset what belonged to the last connection."""
+
+    async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
+        """As `_exchange`; a bus that may open its wire anew does so here."""
+        return await self._exchange(device, unit, block, again)
 
     @abstractmethod
     async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
@@ -270,7 +277,11 @@ class ModbusRtuBus(ModbusBus):
 
 
 class ModbusTcpBus(ModbusBus):
-    """Units behind one host. Answers carry the request's number, which identifies late and foreign ones."""
+    """Units behind one host. Answers carry the request's number, which identifies late and foreign ones.
+
+    Some hosts close the connection after each answer, or when nobody asks for a while. It is then opened anew for the
+    next request, and once more when the host closes it while that is under way.
+    """
 
     kind = "modbus_tcp"
     units = (0, 255)
@@ -281,10 +292,28 @@ class ModbusTcpBus(ModbusBus):
         self._perhaps_busy_until, self._mute = 0.0, False
         self._sent: dict[tuple[int, Block], dict[int, float]] = {}
         """Requests whose answers are as good as the next one's, as the question has not changed: number and time."""
+        self._wanted = False
+        """Whether the connection is to be open: `connect` succeeded and nobody has called `close`."""
 
     def _opened(self) -> None:
         self._perhaps_busy_until, self._mute = 0.0, False
         self._sent = {}
+        self._wanted = True
+
+    async def close(self) -> None:
+        self._wanted = False
+        await super().close()
+
+    async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
+        if self._wanted and not self._stream.is_open:
+            await self._open()
+        try:
+            return await self._exchange(device, unit, block, again)
+        except ConnectError:
+            if not self._wanted:
+                raise
+        await self._open()
+        return await self._exchange(device, unit, block, again)
 
     async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
         heard = bytearray(self._stream.discard())

@@ -1,0 +1,121 @@
+"""Modbus TCP hosts that close the connection: after each answer, when nobody asks for a while, or without an answer."""
+
+import asyncio
+import struct
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+import pytest
+
+from drivers.base import ConnectError, Quality, Reading, SystemClock
+from drivers.build import make_device
+from drivers.modbus.bus import ModbusTcpBus
+from drivers.modbus.numbers import Block
+from drivers.modbus.settings import ModbusTcpSettings
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.clock import RealClock
+from gateway.polling import Notice
+
+pytestmark = pytest.mark.simulated_time
+
+TWO = Block(4, 0, 2)
+PERIOD_S, PERIODS = 1.0, 10
+_HEAD = struct.Struct(">HHHBBHH")
+
+
+@dataclass
+class ClosingHost:
+    """Answers `answers` requests of a connection, register n holding 100 + n, and closes it after the last, or when it
+    is idle."""
+
+    answers: int = 1000
+    idle_s: float = 1000.0
+    opened: int = 0
+    port: int = 0
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.opened += 1
+        try:
+            for _ in range(self.answers):
+                async with asyncio.timeout(self.idle_s):
+                    request = await reader.readexactly(_HEAD.size)
+                number, _, _, unit, function, first, count = _HEAD.unpack(request)
+                data = b"".join((100 + first + i).to_bytes(2, "big") for i in range(count))
+                pdu = bytes((unit, function, len(data))) + data
+                writer.write(struct.pack(">HHH", number, 0, len(pdu)) + pdu)
+            if not self.answers:
+                await reader.readexactly(_HEAD.size)
+        except (TimeoutError, asyncio.IncompleteReadError):
+            pass
+        finally:
+            writer.close()
+
+
+@asynccontextmanager
+async def served(host: ClosingHost) -> AsyncIterator[ModbusTcpBus]:
+    """A connected bus to the host."""
+    server = await asyncio.start_server(host.serve, "127.0.0.1", 0)
+    host.port = server.sockets[0].getsockname()[1]
+    bus = ModbusTcpBus("bus1", ModbusTcpSettings(host="127.0.0.1", port=host.port, timeout_s=0.4))
+    try:
+        await bus.connect()
+        yield bus
+    finally:
+        await bus.close()
+        server.close()
+        await server.wait_closed()
+        await asyncio.sleep(0.01)
+
+
+async def readings(host: ClosingHost) -> tuple[list[Reading], list[Notice]]:
+    """What a gateway reads of it in ten periods, and what it reports."""
+    heard: list[Reading] = []
+    notices: list[Notice] = []
+    async with served(host) as bus:
+        channels = {"a": 0, "b": 1}
+        driver = make_device("d", bus, "analogue_displacement", 1, channels, {}, SystemClock())
+        async with Acquisition([Line(bus, (driver,), PERIOD_S)], RealClock(), heard.extend, notices.append):
+            await asyncio.sleep((PERIODS - 0.5) * PERIOD_S)
+    return heard, notices
+
+
+async def test_every_period_is_read_of_a_host_that_closes_after_each_answer() -> None:
+    host = ClosingHost(answers=1)
+    heard, notices = await readings(host)
+    assert [r.quality for r in heard] == [Quality.GOOD] * 2 * PERIODS
+    assert notices == []
+    assert host.opened == 1 + PERIODS, "one for each request: the test fetch, and each period"
+
+
+async def test_every_period_is_read_of_a_host_that_closes_idle_connections() -> None:
+    host = ClosingHost(idle_s=0.5)
+    heard, notices = await readings(host)
+    assert [r.quality for r in heard] == [Quality.GOOD] * 2 * PERIODS
+    assert notices == []
+    assert host.opened == PERIODS
+
+
+async def test_a_host_that_keeps_the_connection_is_not_opened_again() -> None:
+    host = ClosingHost()
+    await readings(host)
+    assert host.opened == 1
+
+
+async def test_a_host_that_closes_without_an_answer_is_told_after_one_more_attempt() -> None:
+    host = ClosingHost(answers=0)
+    async with served(host) as bus:
+        with pytest.raises(ConnectError, match="the device closed the connection"):
+            await bus.read("d", 1, TWO)
+        assert host.opened == 2
+
+
+async def test_a_closed_bus_does_not_open_itself() -> None:
+    host = ClosingHost()
+    async with served(host) as bus:
+        assert await bus.read("d", 1, TWO) == (100, 101)
+        await bus.close()
+        with pytest.raises(ConnectError, match="not connected"):
+            await bus.read("d", 1, TWO)
+        assert host.opened == 1
