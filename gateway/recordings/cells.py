@@ -56,8 +56,12 @@ class TimeFormat:
         """The same time of day an hour later, if that is its second time in the night in which summer time ends."""
         if self.zone is None or second > before:
             return second
-        again = datetime.fromtimestamp(second, self.zone).replace(fold=1).timestamp()
-        return again if again > before else second
+        # Excel's 02:00 may be a fraction of a second before the hour that comes twice.
+        for near in (second, float(round(second))):
+            again = datetime.fromtimestamp(near, self.zone).replace(fold=1).timestamp() + second - near
+            if again > before:
+                return again
+        return second
 
 
 _DEFAULT = TimeFormat()

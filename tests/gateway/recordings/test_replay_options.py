@@ -114,6 +114,17 @@ def test_the_hour_that_a_night_has_twice_is_read_twice(tmp_path: Path) -> None:
     assert "knows no such time zone" in answer.output
 
 
+@pytest.mark.parametrize("decimals", [5, 8, 11])
+def test_excel_s_days_tell_the_hour_twice_however_they_are_rounded(tmp_path: Path, decimals: int) -> None:
+    zone, begin = ZoneInfo("Europe/Zurich"), datetime(2026, 10, 24, 22, tzinfo=UTC)
+    local = [(begin + timedelta(minutes=5 * i)).astimezone(zone).replace(tzinfo=None) for i in range(60)]
+    times = [f"{(t - datetime(1899, 12, 30)) / timedelta(days=1):.{decimals}f}" for t in local]  # noqa: DTZ001
+    path = table(tmp_path, "time,t1,t2,EX0C", rows=60, times=times)
+    found = read_recording(path, Columns(clock=TimeFormat("excel", zone)), 300.0)
+    assert (np.diff(found.k) == 1).all()
+    assert found.start_utc_s == pytest.approx(begin.timestamp(), abs=0.5)
+
+
 def test_a_file_of_several_days_has_gaps_at_night(tmp_path: Path) -> None:
     times = [(START + timedelta(days=d, minutes=5 * i)).isoformat() for d in range(3) for i in range(20)]
     found = read_recording(table(tmp_path, "time,t1,t2,EX0C", rows=60, times=times), Columns(), 300.0)
