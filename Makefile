@@ -13,9 +13,10 @@ bench: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 RECORDINGS="$(RECORDINGS)" METHODS="$(METHODS)" \
 		$(BIN)/python -m benchmarks $(SUBJECTS)
 
-# One of the papers' studies in full (docs/studies.md); goes on where it was stopped and renews its table in docs/results.md.
+# One of the papers' studies in full (docs/studies.md); goes on where it was stopped, and renews its table in
+# docs/results.md and its page in docs/studies.
 study: $(VENV)/.ready
-	$(BIN)/python -m studies $(NAME) --results docs/results.md
+	$(BIN)/python -m studies $(NAME) --results docs/results.md --pages docs/studies
 
 # The pictures of the documentation, drawn anew; takes as long as the demo.
 pictures: $(VENV)/.ready

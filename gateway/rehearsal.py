@@ -103,6 +103,7 @@ def rehearse(
         weights=controller.weights() if explained else None,
         inputs=np.where(np.isfinite(recording.inputs), recording.inputs, np.nan),
         moved=_moved(controller.reasons(), recording.input_names),
+        shifts=(),
         not_compared="a recording does not say which of its inputs are temperatures",
     )
 

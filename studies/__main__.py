@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from shutil import copyfile
 
 import click
 from rich.console import Console
@@ -17,7 +18,16 @@ from studies import STUDIES, carry_out, renew
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
 @click.option("--small", is_flag=True, help="Only a few runs, to see that it works.")
 @click.option("--results", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with its table.")
-def main(name: str | None, out: Path | None, workers: int | None, seed: int, small: bool, results: Path | None) -> None:
+@click.option("--pages", type=click.Path(file_okay=False, path_type=Path), help="Folder that its page is copied to.")
+def main(
+    name: str | None,
+    out: Path | None,
+    workers: int | None,
+    seed: int,
+    small: bool,
+    results: Path | None,
+    pages: Path | None,
+) -> None:
     """Run the study NAME, or continue it; without NAME list the studies."""
     if name is None:
         for known in STUDIES.values():
@@ -30,6 +40,9 @@ def main(name: str | None, out: Path | None, workers: int | None, seed: int, sma
         raise click.BadParameter(
             f"{results}: has no lines <!-- study {name} --> and <!-- end -->", param_hint="--results"
         )
+    if pages is not None:
+        pages.mkdir(parents=True, exist_ok=True)
+        copyfile(folder / "report.html", pages / f"{name}.html")
 
 
 def run_study(name: str, folder: Path, seed: int, small: bool, workers: int, results: Path | None) -> bool:

@@ -47,10 +47,15 @@ def losses(data: ReportData, s: Summary) -> tuple[tuple[str, str], ...]:
     if data.mode != "compensate" and data.recorded is None:
         told = f"[compensation] mode is '{data.mode}': the figures say what it would have left"
         found.append(("nothing was written to the control", told))
-    worse = [r for r in (*s.tool, *s.rows) if r.compensated_e_rms > r.e_rms and not r.within_noise]
+    worse = [
+        f"{r.name} {before} → {after} {r.unit}"
+        for r in (*s.tool, *s.rows)
+        if r.compensated_e_rms > r.e_rms
+        and not r.within_noise
+        and (before := _short(r.e_rms)) != (after := _short(r.compensated_e_rms))
+    ]
     if worse:
-        each = (f"{r.name} {_short(r.e_rms)} → {_short(r.compensated_e_rms)} {r.unit}" for r in worse)
-        found.append(("worse with compensation, RMS", ", ".join(each)))
+        found.append(("worse with compensation, RMS", ", ".join(worse)))
     return tuple(found)
 
 

@@ -48,4 +48,5 @@ def _chart(chart: Chart) -> dict[str, object]:
 
 
 def _rounded(values: FloatArray) -> list[float | None]:
-    return [round(v, 2) if math.isfinite(v) else None for v in values.tolist()]
+    """To four digits: more cannot be seen."""
+    return [float(f"{v:.4g}") if math.isfinite(v) else None for v in values.tolist()]

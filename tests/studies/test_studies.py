@@ -85,17 +85,25 @@ def test_with_clean_sensors_near_the_sources_a_pole_helps(folder: Path) -> None:
 
 def test_report_labels_the_papers_figures_and_shows_the_losses(folder: Path) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
-    cells = "".join(f"<td>{cell}</td>" for cell in ("paper: ARX", 13, 1, 2, 4.3, 62.3, 3.5, 7.4, 41.9))
+    cells = '<th scope="row">paper: ARX</th>' + "".join(
+        f"<td>{cell}</td>" for cell in (13, 1, 2, 4.3, 62.3, 3.5, 7.4, 41.9)
+    )
     assert page.count(f'<tr class="paper">{cells}</tr>') == 4
     assert page.count("Where they lose") == 4
     assert page.count("<svg") == 1
+    assert page.index("<figure") < page.index("<h2"), "it begins with the pictures"
+    assert page.count("<table>") == page.count("<caption>") > 1
+    assert "<th>" not in page, "each says whose heading it is"
 
 
 def test_the_table_on_the_page_is_renewed_between_its_marks(folder: Path, tmp_path: Path) -> None:
     page, command = tmp_path / "results.md", [STUDY.name, "--small", "--workers", "1", "--out", str(folder)]
     page.write_text("before\n<!-- study arx-vs-static -->\nstale table\n<!-- end -->\nafter\n", encoding="utf-8")
-    answer = CliRunner().invoke(main, [*command, "--results", str(page)], catch_exceptions=False)
+    answer = CliRunner().invoke(
+        main, [*command, "--results", str(page), "--pages", str(tmp_path / "pages")], catch_exceptions=False
+    )
     assert answer.exit_code == 0, answer.output
+    assert (tmp_path / "pages" / "arx-vs-static.html").read_bytes() == (folder / "report.html").read_bytes()
     text = page.read_text(encoding="utf-8")
     assert text.startswith("before\n<!-- study arx-vs-static -->\n| RMSE, µm, median |")
     assert text.endswith("<!-- end -->\nafter\n")
