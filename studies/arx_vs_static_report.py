@@ -33,7 +33,8 @@ of the drift's own peak-to-peak.
 none: no compensation. hold: the last of the measurements made each 2 h, which the models do not get. static, FIR, ARX:
 least squares with the paper's orders, nb = 2, 4 in Y and 10, 10 in Z (0 for static), na = 1 for ARX. ARX guarded: the
 same under stability and gain constraints. ARX refined: from there the free run is fitted. output error: what the
-gateway learns with its default settings.
+gateway learns with `method = "models"`. learner: what it learns by default, from the same rows; then a day off, one
+measurement, and the free run.
 
 Noisy means 0.05 K of noise and steps of 0.1 K on the temperatures, 1 µm of noise on the measured drift. Near: one
 sensor within 0.1 m of each source; far: both at the machine's back."""
