@@ -13,8 +13,6 @@ from contextlib import suppress
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
-from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest
-from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
@@ -25,8 +23,9 @@ from drivers.modbus.frames import (
     fits,
     is_damaged,
     plausibly_of,
+    request_pdu,
     rtu_answers,
-    rtu_frame,
+    rtu_request,
     tcp_messages,
 )
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
@@ -35,12 +34,6 @@ from drivers.modbus.unanswered import Unanswered
 from drivers.patience import Patience
 from drivers.tap import Tap
 
-_REQUESTS: dict[int, type[ModbusPDU]] = {
-    1: ReadCoilsRequest,
-    2: ReadDiscreteInputsRequest,
-    3: ReadHoldingRegistersRequest,
-    4: ReadInputRegistersRequest,
-}
 _EXCEPTIONS = {
     1: "illegal function",
     2: "illegal data address",
@@ -159,6 +152,8 @@ class ModbusRtuBus(ModbusBus):
         self._owing_until: float | None = None
         """Until when the answer to a cancelled request may come."""
         self._unanswered = Unanswered()
+        self._echo = settings.local_echo
+        """Whether each request is received before its answer; None: not known yet."""
 
     def _opened(self) -> None:
         self._owing_until = None
@@ -168,7 +163,11 @@ class ModbusRtuBus(ModbusBus):
         self._unanswered.note(self._stream.discard())
         if not again:
             self._unanswered.begin(unit)
-        if (separator := self._unanswered.separator(unit, block)) is not None:
+        separator = self._unanswered.separator(unit, block)
+        if separator is None and self._echo is None and find_rtu_answer(rtu_request(unit, block), unit, block):
+            # The request would be its own answer: learn from another one whether requests come back.
+            separator = self._unanswered.another(unit, block)
+        if separator is not None:
             await self._request(device, unit, separator)
             self._unanswered.separated(unit)
         return await self._request(device, unit, block)
@@ -188,7 +187,7 @@ class ModbusRtuBus(ModbusBus):
                 with suppress(TimeoutError):
                     message = await self._hear(heard, unit, block, began + self._timeout_s / 2, wait_s)
             if message is None:
-                self._stream.write(rtu_frame(bytes([unit]) + _request_pdu(block)))
+                self._stream.write(rtu_request(unit, block))
                 asked.sent += 1
                 if asked.sent == 1:
                     asked.since_s, wait_s = began, self._patience.wait_s(unit, block)
@@ -217,12 +216,22 @@ class ModbusRtuBus(ModbusBus):
         """
         loop = asyncio.get_running_loop()
         until = min(latest_s, loop.time() + wait_s)
+        request = rtu_request(unit, block)
         while (message := find_rtu_answer(heard, unit, block)) is None:
             heard += await self._stream.read(until - loop.time())
+            self._skip_echo(heard, request, unit, block)
             # Lets an answer that has begun finish; one that is complete and not valid is damaged.
             rest_s = self._pause_s if is_damaged(heard, block) else wait_s
             until = min(latest_s, loop.time() + rest_s)
+        if self._echo is None:
+            self._echo = False
         return message
+
+    def _skip_echo(self, heard: bytearray, request: bytes, unit: int, block: Block) -> None:
+        """Take the request itself from what was heard, unless it may be the answer of a line without echo."""
+        if heard.startswith(request) and (self._echo or not find_rtu_answer(request, unit, block)):
+            self._echo = True
+            del heard[: len(request)]
 
     async def _settle(self, unit: int, block: Block, heard: bytearray) -> None:
         """The block is answered: let the answers to the other requests for it pass, which follow at once."""
@@ -326,7 +335,7 @@ class ModbusTcpBus(ModbusBus):
         found = _any_answer(heard, sent)
         if found is None:
             self._number = self._number % 0xFFFF + 1
-            pdu = _request_pdu(block)
+            pdu = request_pdu(block)
             self._stream.write(TCP_HEADER.pack(self._number, 0, len(pdu) + 1, unit) + pdu)
             sent[self._number] = began
         wait_s = self._patience.wait_s(unit, block)
@@ -379,11 +388,6 @@ class ModbusTcpBus(ModbusBus):
 def _any_answer(heard: bytearray, numbers: Iterable[int]) -> tuple[int, int, bytes] | None:
     """Number, unit and message of the answer to one of these requests."""
     return next(((n, *answer) for n in numbers if (answer := find_tcp_answer(heard, n)) is not None), None)
-
-
-def _request_pdu(block: Block) -> bytes:
-    request = _REQUESTS[block.function](address=block.address, count=block.count)
-    return bytes([block.function]) + request.encode()
 
 
 def _decode(message: bytes, bus: str, device: str) -> ModbusPDU:

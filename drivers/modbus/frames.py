@@ -4,9 +4,18 @@ import struct
 from collections.abc import Iterator
 
 from pymodbus.framer.rtu import FramerRTU
+from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest
+from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 
+_REQUESTS: dict[int, type[ModbusPDU]] = {
+    1: ReadCoilsRequest,
+    2: ReadDiscreteInputsRequest,
+    3: ReadHoldingRegistersRequest,
+    4: ReadInputRegistersRequest,
+}
 TCP_HEADER = struct.Struct(">HHHB")
 """Number of the transaction, protocol 0, length, unit."""
 _LONGEST_TCP_LENGTH = 254
@@ -25,6 +34,17 @@ def rtu_length(block: Block) -> int:
 def rtu_frame(body: bytes) -> bytes:
     """Unit and message with their checksum."""
     return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
+
+
+def request_pdu(block: Block) -> bytes:
+    """Function code and data of the request."""
+    request = _REQUESTS[block.function](address=block.address, count=block.count)
+    return bytes([block.function]) + request.encode()
+
+
+def rtu_request(unit: int, block: Block) -> bytes:
+    """The request on a serial line."""
+    return rtu_frame(bytes([unit]) + request_pdu(block))
 
 
 def is_rtu_frame(frame: bytes | bytearray) -> bool:

@@ -9,6 +9,10 @@ from drivers.section import Port, Section
 class ModbusRtuSettings(SerialSettings):
     """Modbus RTU on a serial line (RS-485)."""
 
+    local_echo: bool | None = None
+    """Whether the adapter receives what it sends itself, as some do on two wires: then that is skipped. By default it
+    is seen at the first answer."""
+
 
 class ModbusTcpSettings(HostSettings):
     """Modbus TCP to one host, which is a device itself or a gateway to several units."""

@@ -62,17 +62,25 @@ class Unanswered:
 
         The unit may refuse it.
         """
-        due = [(other, a) for (asked_unit, other), a in self._asked.items() if asked_unit == unit and a.sent > 0]
+        due = self._due(unit)
         if not any(_alike(other, block) and (other != block or asked.over) for other, asked in due):
             return None
+        return self.another(unit, block)
+
+    def another(self, unit: int, block: Block) -> Block:
+        """A request at the block's address whose answer looks like none that is due, nor like the block's."""
         counts = range(1, 48, 8) if block.function in BIT_FUNCTIONS else range(1, 7)
         others = [Block(block.function, block.address, count) for count in counts]
-        distinct = [other for other in others if not any(_alike(other, owed) for owed, _ in (*due, (block, None)))]
+        owed = [block, *(other for other, _ in self._due(unit))]
+        distinct = [other for other in others if not any(_alike(other, one) for one in owed)]
         choice = distinct or [other for other in others if not _alike(other, block)]
         self._turn += 1
         chosen = choice[self._turn % min(len(choice), _SEPARATORS)]
         self._asked.pop((unit, chosen), None)
         return chosen
+
+    def _due(self, unit: int) -> list[tuple[Block, Asked]]:
+        return [(other, a) for (asked_unit, other), a in self._asked.items() if asked_unit == unit and a.sent > 0]
 
     def separated(self, unit: int) -> None:
         """The unit has answered a separator: nothing older can follow."""

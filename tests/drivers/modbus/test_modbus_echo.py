@@ -1,0 +1,78 @@
+"""Two-wire RS-485 adapters that receive what they send: a request is never taken for its own answer."""
+
+from collections.abc import Callable
+
+import pytest
+
+from drivers.base import NoAnswer
+from drivers.modbus.bus import ModbusRtuBus
+from drivers.modbus.frames import find_rtu_answer
+from drivers.modbus.numbers import Block
+from drivers.modbus.settings import ModbusRtuSettings
+from tests.benches.rtu_talk import TIMEOUT_S, TWO, Peer, frame, honest, line
+
+pytestmark = pytest.mark.simulated_time
+
+ITS_OWN = Block(2, 0x0300, 17)
+"""The request, 01 02 03 00 00 11, is an answer of three bytes: bits 0x000011."""
+TRUE_BITS = (1,) + (0,) * 15 + (1,)
+
+
+def bits(request: bytes) -> bytes:
+    """What a device whose bits 0 and 16 are set answers."""
+    count = int.from_bytes(request[4:6], "big")
+    data = b"\x01\x00\x01\x00\x00\x00"[: (count + 7) // 8]
+    return frame(bytes((request[0], request[1], len(data))) + data)
+
+
+def echoing(reply: Callable[[bytes], bytes]) -> Callable[[bytes], bytes]:
+    return lambda request: request + reply(request)
+
+
+def test_the_request_is_a_valid_answer_to_itself() -> None:
+    """Otherwise the tests below show nothing."""
+    request = frame(bytes.fromhex("01 02 03 00 00 11"))
+    assert find_rtu_answer(request, 1, ITS_OWN) == bytes.fromhex("02 03 00 00 11")
+
+
+async def test_registers_are_read_behind_an_echo() -> None:
+    async with line() as (bus, peer):
+        peer.reply = echoing(honest)
+        for _ in range(3):
+            assert await bus.read("d", 1, TWO) == (100, 101)
+    assert len(peer.requests) == 3
+
+
+async def test_an_echo_is_recognised_before_a_request_that_is_its_own_answer() -> None:
+    async with line() as (bus, peer):
+        peer.reply = echoing(bits)
+        for _ in range(3):
+            assert await bus.read("d", 1, ITS_OWN) == TRUE_BITS
+    assert len(peer.requests) == 4, "one to see the echo, and one for each read"
+
+
+async def test_a_line_without_echo_is_recognised() -> None:
+    async with line() as (bus, peer):
+        peer.reply = bits
+        for _ in range(3):
+            assert await bus.read("d", 1, ITS_OWN) == TRUE_BITS
+    assert len(peer.requests) == 4
+
+
+@pytest.mark.parametrize("unset", [None, True])
+async def test_an_echo_alone_is_silence(unset: bool | None) -> None:
+    """The unit is off: its own request must not give it bits."""
+    peer = Peer()
+    path = await peer.port.start()
+    bus = ModbusRtuBus("b", ModbusRtuSettings(port=path, baud=115200, timeout_s=TIMEOUT_S, local_echo=unset))
+    try:
+        await bus.connect()
+        peer.reply = echoing(lambda _: b"")
+        for _ in range(3):
+            with pytest.raises(NoAnswer, match="did not answer"):
+                await bus.read("d", 1, ITS_OWN)
+        peer.reply = echoing(bits)
+        assert await bus.read("d", 1, ITS_OWN) == TRUE_BITS
+    finally:
+        await bus.close()
+        await peer.port.stop()
