@@ -51,3 +51,16 @@ def test_links_lead_to_files_and_headings(page: str) -> None:
             continue
         broken.append(link)
     assert broken == []
+
+
+def test_make_pictures_draws_every_picture_that_a_page_shows() -> None:
+    shown = {
+        Path(link).name
+        for page in PAGES
+        for link in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", (ROOT / page).read_text(encoding="utf-8"))
+    }
+    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\npictures:")[2].partition("\n\n")[0]
+    assert "benchmarks.method_figures" in recipe
+    figures = (ROOT / "benchmarks" / "method_figures.py").read_text(encoding="utf-8")
+    drawn = {*re.findall(r" docs/(\S+)$", recipe, re.MULTILINE), *re.findall(r'"(\S+\.svg)"', figures)}
+    assert shown == drawn
