@@ -4,6 +4,7 @@ python deploy/debian/sbom.py SITE_PACKAGES FOLDER
 """
 
 import json
+import re
 import sys
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
@@ -31,14 +32,28 @@ def component(distribution: Distribution) -> dict[str, object]:
     }
 
 
+def script(site: Path) -> dict[str, object]:
+    """The entry of the report's charts: a script that is part of our own wheel."""
+    first = (site / "gateway/report/uplot/uPlot.iife.min.js").read_text(encoding="utf-8").partition("\n")[0]
+    found = re.search(r"\(v([\d.]+)\)", first)
+    if found is None:
+        raise SystemExit(f"uPlot.iife.min.js: expected its version in the first line, found {first!r}")
+    purl = f"pkg:npm/uplot@{found[1]}"
+    licences = [{"license": {"name": "MIT"}}]
+    return {
+        "type": "library", "bom-ref": purl, "name": "uplot", "version": found[1], "purl": purl, "licenses": licences
+    }  # fmt: skip
+
+
 def main(site: Path, folder: Path) -> None:
     found = sorted(distributions(path=[str(site)]), key=lambda d: d.metadata["Name"].lower())
     if not found:
         raise SystemExit(f"{site}: holds no distributions")
-    bom = {"bomFormat": "CycloneDX", "specVersion": "1.5", "version": 1, "components": [component(d) for d in found]}
+    components = [*map(component, found), script(site)]
+    bom = {"bomFormat": "CycloneDX", "specVersion": "1.5", "version": 1, "components": components}
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "sbom.cdx.json").write_text(json.dumps(bom, indent=1) + "\n", encoding="utf-8")
-    rows = [f"{d.metadata['Name']} {d.version}: {licence(d)}" for d in found]
+    rows = [f"{c['name']} {c['version']}: {c['licenses'][0]['license']['name']}" for c in components]
     (folder / "licences.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
