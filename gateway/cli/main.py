@@ -348,9 +348,13 @@ def _page(wanted: Path | None, source: Path, *others: Path | None) -> Path:
 
 
 def _spare(what: str, option: str, written: Path | None, *sources: Path | None) -> None:
-    """Raises UsageError when a file to be written is one of those that it is made from."""
+    """Raises UsageError when a file to be written is one of those that it is made from, or has no folder."""
+    if written is None:
+        return
+    if not written.parent.is_dir():
+        raise click.UsageError(f"the {what} cannot be written: there is no folder {written.parent}; see {option}")
     for used in sources:
-        if written is not None and used is not None and written.exists() and written.samefile(used):
+        if used is not None and written.exists() and written.samefile(used):
             raise click.UsageError(f"the {what} would overwrite {used}; give it another name with {option}")
 
 
