@@ -1,10 +1,26 @@
 """The fields that every profile has."""
 
 from collections.abc import Mapping
+from typing import Annotated
 
-from pydantic import PrivateAttr
+from pydantic import AfterValidator, PrivateAttr
 
 from drivers.section import Section
+
+UNITS = (
+    *("degC", "degF", "K"),
+    *("nm", "µm", "um", "mm", "m", "µm/m", "rad", "deg"),
+    *("V", "mV", "A", "mA", "ohm", "W", "kW", "Hz", "%", "1"),
+    *("Pa", "kPa", "hPa", "bar", "mbar", "N", "kN", "Nm"),
+    *("1/min", "mm/s", "m/s", "l/min", "m3/h", "s"),
+)
+"""The units that a profile may state; `1` for a pure number."""
+
+
+def _known(unit: str) -> str:
+    if unit not in UNITS:
+        raise ValueError(f"{unit!r} is unknown: expected one of {', '.join(UNITS)}")
+    return unit
 
 
 class DeviceProfile(Section):
@@ -12,8 +28,8 @@ class DeviceProfile(Section):
 
     title: str
     """What the device is, for a person."""
-    unit: str
-    """Unit of every channel."""
+    unit: Annotated[str, AfterValidator(_known)]
+    """Unit of every channel, one of `UNITS`."""
     confirm: tuple[str, ...] = ()
     """Points that no manual confirms: check them on the device."""
     _name: str = PrivateAttr(default="")

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 
-from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
+from drivers.base import BadAnswer, ConnectError, NoAnswer
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
 from drivers.modbus.frames import (
     TCP_HEADER,
@@ -29,23 +29,12 @@ from drivers.modbus.frames import (
     tcp_messages,
 )
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
+from drivers.modbus.refusals import refusal
 from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.modbus.unanswered import Unanswered
 from drivers.patience import Patience
 from drivers.tap import Tap
 
-_EXCEPTIONS = {
-    1: "illegal function",
-    2: "illegal data address",
-    3: "illegal data value",
-    4: "device failure",
-    5: "acknowledge, not ready yet",
-    6: "device busy",
-    8: "memory parity error",
-    10: "gateway path unavailable",
-    11: "gateway target did not respond",
-}
-_TARGET_SILENT = (10, 11)
 _DECODER = DecodePDU(False)
 _MOST_HEARD = 4096
 """How many bytes are searched for the answer to one request."""
@@ -94,7 +83,7 @@ class ModbusBus(ABC):
         async with self._lock:
             pdu = await self._answer(device, unit, block, again)
         if isinstance(pdu, ExceptionResponse):
-            raise self._exception(device, unit, block, pdu.exception_code)
+            raise refusal(self._name, device, unit, block, pdu.exception_code)
         if block.function in BIT_FUNCTIONS:
             return tuple(int(bit) for bit in pdu.bits[: block.count])
         return tuple(pdu.registers)
@@ -125,15 +114,6 @@ class ModbusBus(ABC):
             bus=self._name,
             device=device,
             hint="check power, wiring, unit id and baud",
-        )
-
-    def _exception(self, device: str, unit: int, block: Block, code: int) -> NoAnswer | Refused:
-        meaning = _EXCEPTIONS.get(code, "unknown exception")
-        what = f"unit {unit} answered function {block.function}, address {block.address}, count {block.count} with "
-        if code in _TARGET_SILENT:
-            return NoAnswer(f"{what}exception {code}: {meaning}", bus=self._name, device=device)
-        return Refused(
-            f"{what}exception {code}: {meaning}", bus=self._name, device=device, hint="does the profile fit the device?"
         )
 
 

@@ -6,7 +6,7 @@ from math import isfinite
 from drivers.base import Clock, DriverError, Quality, Reading, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus.bus import ModbusBus
-from drivers.modbus.numbers import BIT_FUNCTIONS, Block, Span
+from drivers.modbus.numbers import BIT_FUNCTIONS, Block, Span, total
 from drivers.modbus.profile import ModbusProfile, Plausibility, TypeCodes
 from drivers.modbus.settings import ModbusOptions
 from drivers.readings import ReadingMaker
@@ -160,7 +160,9 @@ class ModbusDevice:
         if not isfinite(raw):
             return Fault(Quality.SENSOR_FAULT, f"the device sends {raw} instead of a value")
         span = self._spans.get(index)
-        value = span.apply(raw) if values.scaled_by == "type_code" and span else raw * values.scale + values.offset
+        value = (
+            span.apply(raw) if values.scaled_by == "type_code" and span else total(raw * values.scale, values.offset)
+        )
         if span is not None and not span.holds(value):
             ends = f"{span.low:g} to {span.high:g}"
             text = f"{value:.4g} {profile.unit} is outside the range that the input is set to, {ends}"

@@ -3,10 +3,11 @@
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from sys import float_info
 from typing import Literal
 
 Order = Literal["big", "little"]
-NumberType = Literal["int16", "uint16", "int32", "uint32", "float32"]
+NumberType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 
 REGISTER_FUNCTIONS = (3, 4)
 BIT_FUNCTIONS = (1, 2)
@@ -15,8 +16,12 @@ _FORMATS: Mapping[object, tuple[str, int]] = {
     "uint16": ("H", 1),
     "int32": ("i", 2),
     "uint32": ("I", 2),
+    "int64": ("q", 4),
+    "uint64": ("Q", 4),
     "float32": ("f", 2),
+    "float64": ("d", 4),
 }
+_REALS = ("float32", "float64")
 
 
 def registers_of(kind: object) -> int:
@@ -41,7 +46,7 @@ class NumberFormat:
     byte_order: Order = "big"
     """Order of the two bytes in a register; Modbus specifies big."""
     word_order: Order = "big"
-    """Order of the registers of a 32-bit number; Modbus does not specify it, and vendors differ."""
+    """Order of the registers of a 32-bit or 64-bit number; Modbus does not specify it, and vendors differ."""
 
     @property
     def registers(self) -> int:
@@ -57,18 +62,25 @@ class NumberFormat:
     def nearest(self, number: float) -> int | float | None:
         """What a device sends for this number; None if it cannot: too large, or a fraction of an integer."""
         form = ">" + _FORMATS[self.type][0]
-        if self.type != "float32" and not float(number).is_integer():
+        if self.type not in _REALS and not float(number).is_integer():
             return None
         try:
-            sent: int | float = struct.unpack(
-                form, struct.pack(form, number if self.type == "float32" else int(number))
-            )[0]
+            sent: int | float = struct.unpack(form, struct.pack(form, number if self.type in _REALS else int(number)))[
+                0
+            ]
         except (struct.error, OverflowError):
             return None
         return sent
 
 
 _SPAN_MARGIN = 0.01
+_ROUNDING = 4 * float_info.epsilon
+
+
+def total(one: float, other: float) -> float:
+    """Their sum; 0 where only their rounding remains: 27315 * 0.01 - 273.15 is 0 degC, not 5.7e-14."""
+    result = one + other
+    return 0.0 if abs(result) < _ROUNDING * max(abs(one), abs(other)) else result
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +93,7 @@ class Span:
     high: float
 
     def apply(self, raw: float) -> float:
-        return self.low + (raw - self.raw_low) * (self.high - self.low) / (self.raw_high - self.raw_low)
+        return total(self.low, (raw - self.raw_low) * (self.high - self.low) / (self.raw_high - self.raw_low))
 
     def holds(self, value: float) -> bool:
         """Whether an input set to this span can measure the value; modules go slightly beyond their nominal range."""

@@ -52,7 +52,7 @@ class Values(Section):
     byte_order: Order = "big"
     """Order of the two bytes in a register; Modbus specifies big."""
     word_order: Order = "big"
-    """Order of the registers of a 32-bit number; Modbus does not specify it, and vendors differ."""
+    """Order of the registers of a 32-bit or 64-bit number; Modbus does not specify it, and vendors differ."""
     stride: int = Field(default_factory=lambda data: registers_of(data.get("type")), ge=1, le=1000)
     """Distance from one channel to the next; by default there is no gap."""
     scale: float = 1.0

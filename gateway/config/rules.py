@@ -132,15 +132,17 @@ def _waits(config: GatewayConfig) -> Iterator[Problem]:
 
 
 def _addresses(config: GatewayConfig) -> Iterator[Problem]:
-    buses = {bus.name for bus in config.buses}
-    first: dict[tuple[str, int], str] = {}
+    buses = {bus.name: bus.kind for bus in config.buses}
+    first: dict[tuple[object, ...], str] = {}
     for device in config.devices:
         if device.bus not in buses:
             yield Problem(
                 f"device '{device.name}', bus", f"unknown bus '{device.bus}'; {suggestion(device.bus, buses)}"
             )
             continue
-        address = device.bus, device.unit
+        address: tuple[object, ...] = device.bus, device.unit
+        if buses[device.bus].startswith("modbus"):  # one unit may be several devices: registers of different profiles
+            address += device.profile, *sorted(device.options.items())
         if address in first:
             yield Problem(
                 f"device '{device.name}', unit",

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from drivers.base import SetupError, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.modbus.numbers import NumberFormat
+from drivers.modbus.numbers import NumberFormat, total
 from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import load_profile, profile_names
 from simulators.devices.scenario import Scenario
@@ -59,13 +59,23 @@ def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
         if "[[at]]" in content:
             assert Scenario.parse(content).values(0.0)[0] == 21.0
             continue
-        if content.startswith("[status]"):  # instead of the one in the example before
+        if content.startswith("[status]") or content.startswith(
+            "[type_code]"
+        ):  # instead of the one in the example before
             content = whole[: whole.index("[status]")] + content
+        elif content.startswith("[vendor."):
+            content = (Path(__file__).parents[2] / "drivers" / "profiles" / "cia404.toml").read_text(
+                encoding="utf-8"
+            ) + content
         whole = content
         path.write_text(content, encoding="utf-8")
         profile = load_profile(str(path))
         channels[profile.title] = profile.channels
-    assert channels == {"Somebody's logger": 1, "Somebody's eight-input module": 8}
+    assert channels == {
+        "Somebody's logger": 1,
+        "Somebody's eight-input module": 8,
+        "CANopen measuring device, CiA 404": 8,
+    }
 
 
 def test_documentation_names_every_profile() -> None:
@@ -83,12 +93,26 @@ def test_documentation_names_every_profile() -> None:
         (NumberFormat("int32", word_order="little"), [0x0000, 0x0001], 65536),
         (NumberFormat("uint32"), [0xFFFF, 0xFFFF], 2**32 - 1),
         (NumberFormat("float32"), [0x3F80, 0x0000], 1.0),
+        (NumberFormat("float64"), [0x3FF8, 0, 0, 0], 1.5),
+        (NumberFormat("float64", word_order="little"), [0, 0, 0, 0x3FF8], 1.5),
+        (NumberFormat("float64", byte_order="little", word_order="little"), [0, 0, 0, 0xF83F], 1.5),
+        (NumberFormat("int64"), [0xFFFF, 0xFFFF, 0xFFFF, 0xFFFE], -2),
+        (NumberFormat("uint64", word_order="little"), [1, 0, 0, 0x8000], 2**63 + 1),
         (NumberFormat("float32", word_order="little"), [0x0000, 0x3F80], 1.0),
         (NumberFormat("float32", byte_order="little", word_order="little"), [0x0000, 0x803F], 1.0),
     ],
 )
 def test_numbers_are_read_in_every_order(number: NumberFormat, registers: list[int], value: float) -> None:
     assert number.decode(registers) == value
+
+
+def test_what_rounding_leaves_is_zero_and_a_small_number_is_itself() -> None:
+    assert 27315 * 0.01 - 273.15 != 0.0
+    assert total(27315 * 0.01, -273.15) == 0.0
+    assert total(27316 * 0.01, -273.15) == pytest.approx(0.01)
+    assert total(5e-14, 0.0) == 5e-14
+    assert total(inf, 1.0) == inf
+    assert total(1.0, -1.0 + 1e-12) == pytest.approx(1e-12, rel=1e-3)
 
 
 RTU = {"port": "/dev/null"}

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.modbus.bus import ModbusRtuBus
 from drivers.modbus.frames import find_rtu_answer
+from drivers.modbus.numbers import Block
 from drivers.modbus.settings import ModbusRtuSettings
 from tests.benches.rtu_talk import TIMEOUT_S, TWO, frame, honest, line, registers
 
@@ -111,6 +112,21 @@ async def test_exception_codes_are_named(code: int, error: type[DriverError]) ->
         peer.reply = lambda _: frame(bytes((1, 0x84, code)))
         with pytest.raises(error, match=f"exception {code}"):
             await bus.read("d", 1, TWO)
+
+
+@pytest.mark.parametrize(
+    ("address", "hint"),
+    [
+        (30101, "a manual's 30101 is function 4, address 100"),
+        (40001, "a manual's 40001 is function 3, address 0"),
+        (29999, "does the profile fit the device"),
+    ],
+)
+async def test_an_address_as_in_a_manual_is_explained_when_it_is_refused(address: int, hint: str) -> None:
+    async with line() as (bus, peer):
+        peer.reply = lambda _: frame(bytes((1, 0x84, 2)))
+        with pytest.raises(Refused, match=hint):
+            await bus.read("d", 1, Block(4, address, 2))
 
 
 async def test_port_that_is_missing_or_taken_says_what_to_do() -> None:
