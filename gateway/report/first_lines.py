@@ -117,7 +117,8 @@ def _worst(s: Summary) -> SummaryRow | None:
 
 def _productive(data: ReportData) -> float:
     """Share of the time in which no cycle ran, %; refused cycles and the reference's take time as well."""
-    return productivity(_many(data.cycles_seen), CYCLE_S, float(data.time_s[-1]) + data.step_s)
+    share = productivity(_many(data.cycles_seen), CYCLE_S, float(data.time_s[-1]) + data.step_s)
+    return max(share, 0.0)  # a reference may take longer than the first steps
 
 
 def _many(requests: Sequence[CycleSeen]) -> int:

@@ -38,6 +38,12 @@ def test_refused_cycles_cost_time_as_well_and_are_told() -> None:
     assert lost(more)["refused cycles"] == "6; the last: a touch repeats by 14 µm"
 
 
+def test_a_run_that_has_only_just_begun_is_not_less_than_unproductive() -> None:
+    reference = (CycleSeen(300.0, "", 5),)
+    assert told(replace(small_run(2), cycles_seen=reference)).endswith(", 0 % productive")
+    assert told(replace(small_run(4), cycles_seen=reference)).endswith(", 50 % productive")
+
+
 def test_gaps_and_stale_periods_are_told() -> None:
     gap = with_gap(small_run(), 11, 24)
     assert lost(gap)["gaps"] == "1, 2.0 h without a step; the longest 2.0 h, Mon 2026-01-05 07:55 CET"
