@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Iterator
+from functools import lru_cache
 
 from pymodbus.framer.rtu import FramerRTU
 from pymodbus.pdu import ModbusPDU
@@ -19,6 +20,8 @@ _REQUESTS: dict[int, type[ModbusPDU]] = {
 TCP_HEADER = struct.Struct(">HHHB")
 """Number of the transaction, protocol 0, length, unit."""
 _LONGEST_TCP_LENGTH = 254
+_REMEMBERED = 4096
+"""Requests kept: the same ones are sent in every period."""
 
 
 def data_bytes(block: Block) -> int:
@@ -36,12 +39,14 @@ def rtu_frame(body: bytes) -> bytes:
     return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def request_pdu(block: Block) -> bytes:
     """Function code and data of the request."""
     request = _REQUESTS[block.function](address=block.address, count=block.count)
     return bytes([block.function]) + request.encode()
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def rtu_request(unit: int, block: Block) -> bytes:
     """The request on a serial line."""
     return rtu_frame(bytes([unit]) + request_pdu(block))
