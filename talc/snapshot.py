@@ -13,7 +13,7 @@ from talc.learner import CourseState, LearnerState, MixtureState
 from talc.models import ErrorModel
 from talc.record import refilled
 
-FORMAT = 1
+FORMAT = 2
 Arrays = Mapping[str, NDArray[Any]]
 
 _LEARNER, _MIXTURE = "learner.", "mixture."

@@ -18,6 +18,9 @@ _TEMPER, _KEPT, _SHARED = 0.3, 0.97, 0.01
 """Exponent of the likelihoods, their discount at each measurement, and the share of weight spread over all experts."""
 _NULL_FIRST, _NULL_KEPT, _NULL_BOUND = 3.0, 0.995, 10.0
 """Log-odds that an error stays zero: at first, their discount at a measurement, and their bound."""
+_SHIFT = 0.05
+"""Variance of the reference's noise over a measurement's, a priori, for an error that stays zero. A mean of five has
+0.2; but the more is allowed, the longer a small error that changes slowly passes for zero (docs/method.md)."""
 _TOLD_SHARE, _TOLD_NULL = 0.8, -2.0
 """First weight of all experts from other machines together, and first log-odds of such an error being zero."""
 _LEAST_NOISE = 0.25
@@ -60,6 +63,8 @@ class MixtureState:
     """(9,) variance that gaps have added to the level since then."""
     null: FloatArray
     """(9,) log-odds that the error stays zero."""
+    shift: FloatArray
+    """(9, 2) mean and variance of the reference's noise, if the error stays zero."""
     count: NDArray[np.int64]
     """(9,) measurements so far."""
     suspect: FloatArray
@@ -100,7 +105,8 @@ class Mixture:
     y[k] = phi[k]' w[k] + b[k] + e, with w and b random walks; the features phi come from outside. Every expert is a
     Kalman filter of (w, b). An error's prediction is the mean of the experts', weighted by the product of their
     predictive likelihoods, tempered and discounted, with a fixed share (Herbster and Warmuth, Machine Learning 32
-    (1998) 151-178). Beside them stands the hypothesis that the error is zero at all times.
+    (1998) 151-178). Beside them stands the hypothesis that the error is zero at all times: measured are then the noise
+    and a constant, that of the reference.
 
     Experts with `evidence` renew each input's prior variance at measurements by MacKay's fixed point (Neural
     Computation 4 (1992) 415-447), v = sum(m²) / sum(1 - P / v) over the input's weights, and condition on the change.
@@ -163,6 +169,7 @@ class Mixture:
             elapsed=np.zeros(self._errors),
             jolt=np.zeros(self._errors),
             null=null,
+            shift=np.zeros((self._errors, 2)),
             count=np.zeros(self._errors, dtype=np.int64),
             suspect=np.zeros(self._errors),
             last=np.full(self._errors, np.nan),
@@ -308,6 +315,7 @@ class Mixture:
             for e in self._listeners:
                 self._listen(j, e, self._told)
         level = max(noise, y * y if abs(y) > _FIRST_FAR * np.sqrt(noise) else 0.0)
+        s.shift[j] = 0.0, _SHIFT * noise
         s.covariance[j][:, self._diagonal[-1]] = level
         s.elapsed[j] = s.jolt[j] = 0.0
 
@@ -325,8 +333,12 @@ class Mixture:
 
     def _weigh_null(self, j: int, y: float, centre: float, total: float, noise: float) -> None:
         """The hypothesis of zero against the mixture; an outlier says little of either."""
-        far = _FAR * _FAR
-        zero = -0.5 * (np.log(noise) + min(y * y / noise, far))
+        far, (mean, variance) = _FAR * _FAR, self._s.shift[j]
+        from_zero, spread = y - mean, variance + noise
+        distance = from_zero**2 / spread
+        zero = -0.5 * (np.log(spread) + min(distance, far))
         other = -0.5 * (np.log(total) + min(centre * centre / total, far))
         odds = _NULL_KEPT * self._s.null[j] + zero - other
         self._s.null[j] = min(max(odds, -_NULL_BOUND), _NULL_BOUND)
+        if distance < far:
+            self._s.shift[j] = mean + variance / spread * from_zero, variance * noise / spread

@@ -141,9 +141,8 @@ def test_no_error_is_made_worse_and_those_that_nothing_is_known_of_stay_untouche
     data = collect(run.folder / "gateway.sqlite", run.folder / "truth.csv")
     assert data.trusted is not None
     for e, row in enumerate(summary(data).rows):
-        # Deviations are measured from a reference that the probing noise has shifted: 3 µm/m were seen at an angle.
-        shifted = 6.0 if row.unit == "µm/m" else 2.0
-        assert row.compensated_e_rms <= max(1.05 * row.e_rms, shifted), row
+        # One far below the probing noise may be made larger, if the noise looks like it (docs/results.md).
+        assert row.compensated_e_rms <= max(1.05 * row.e_rms, 2.0), row
         assert not np.any(data.corrected[~data.trusted[:, e] & np.isfinite(data.corrected[:, e]), e])
 
 

@@ -239,6 +239,27 @@ def test_a_surprise_that_a_machine_could_bring_about_in_the_time_is_learnt_at_on
     assert mixture.predict(x)[0][0] == pytest.approx(-25.0, abs=3.0)
 
 
+def test_the_hypothesis_of_zero_knows_the_noise_of_the_reference() -> None:
+    """What it allows is the mean of a normal distribution given the measurements, a priori as accurate as twenty."""
+    y = np.random.default_rng(3).normal(0.4, NOISE, 12)
+    mixture = Mixture(INPUTS, LAGS, 300.0)
+    fed(mixture, features(12), np.arange(12.0), y)
+    mean, variance = mixture.state().shift[0]
+    assert variance == pytest.approx(NOISE**2 / (20 + 12))
+    assert mean == pytest.approx(y.sum() / (20 + 12))
+
+
+@pytest.mark.parametrize("reference", [-2.0, 2.0])
+def test_what_only_the_reference_adds_is_not_believed_and_what_follows_an_input_is(reference: float) -> None:
+    x, draw = features(300), np.random.default_rng(4)
+    shift = reference * NOISE / np.sqrt(5.0)
+    noise = draw.normal(shift, NOISE, 300)
+    for error, believed in ((np.zeros(300), False), (1.0 * x[:, 0], True)):
+        mixture = Mixture(INPUTS, LAGS, 300.0)
+        fed(mixture, x, 12 * np.arange(300.0), error + noise)
+        assert (mixture.believed[0] > 0.5) == believed
+
+
 def test_an_error_that_is_not_measured_in_a_cycle_is_not_learnt() -> None:
     mixture, x = Mixture(INPUTS, LAGS, 300.0), features(20)
     both, one = np.full(9, np.nan), np.full(9, np.nan)
