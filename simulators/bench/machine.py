@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from datetime import timedelta
 from pathlib import Path
 
-from simulators.clock import SharedClock
 from simulators.devices import ValueSource
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, SimulatedClock
 from simulators.plant import RADIUS_MM, STEP_S, Environment, MachineDrive, Plant, load
@@ -113,18 +112,23 @@ def _day(seed: int, hours: float, start_hour: float) -> LoadCase:
 class TruthRecorder:
     """Writes what only a simulation can know, once per simulated minute, for the report."""
 
-    def __init__(self, machine: BenchMachine, clock: SharedClock, path: Path) -> None:
+    def __init__(self, machine: BenchMachine, clock: SimulatedClock, path: Path) -> None:
         self._machine, self._clock = machine, clock
         self._path = path
 
     async def run(self, stopped: Callable[[], bool]) -> None:
-        """Run until stopped."""
+        """Run until stopped or cancelled; what has passed by then is written."""
         with self._path.open("w", newline="", encoding="ascii") as file:
-            writer = csv.writer(file)
-            writer.writerow(TRUTH_COLUMNS)
-            due = 0.0
-            while not stopped():
-                await self._clock.sleep_until(due)
+            rows = csv.writer(file)
+            rows.writerow(TRUTH_COLUMNS)
+
+            def write() -> None:
                 self._machine.advance(self._clock.monotonic())
-                writer.writerows([f"{v:.12g}" for v in row] for row in self._machine.truth())
-                due = self._clock.monotonic() + TRUTH_STEP_S
+                rows.writerows([f"{v:.12g}" for v in row] for row in self._machine.truth())
+
+            try:
+                while not stopped():
+                    write()
+                    await self._clock.sleep_until(self._clock.monotonic() + TRUTH_STEP_S)
+            finally:
+                write()
