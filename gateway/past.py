@@ -93,9 +93,8 @@ def past_in(
 
     def each(found: Rebuilt) -> None:
         progress(found)
-        if found.steps >= save_every and not found.controller.learning:
-            found.steps = 0
-            store.keep(found.snapshot(of_this))
+        if (snapshot := found.snapshot_if_due(save_every, of_this)) is not None:
+            store.keep(snapshot)
 
     try:
         with store.same_file() as file, History(config.storage.path) as history:

@@ -52,7 +52,7 @@ class Rebuilt:
     measured: list[int | None] = field(default_factory=lambda: [None] * len(THERMAL_ERRORS))
     """Grid index of each error's last measurement."""
     steps: int = 0
-    """Taken since the snapshot that it began with, or since the record's begin."""
+    """Taken since the last snapshot, or since the record's begin."""
     from_snapshot: bool = False
 
     def follow(self, frame: Frame, decision: Decision) -> None:
@@ -63,8 +63,14 @@ class Rebuilt:
             new = np.isfinite(frame.measurement.errors)
             self.measured = [frame.k if n else k for n, k in zip(new, self.measured, strict=True)]
 
-    def snapshot(self, marks: str) -> Snapshot:
-        """All of it, but for a training in progress."""
+    def snapshot_if_due(self, every_steps: int, marks: str) -> Snapshot | None:
+        """All of it, if that many steps were taken since the last snapshot; None if fewer.
+
+        None also while a training is in progress, which is no part of a snapshot.
+        """
+        if self.steps < every_steps or self.controller.learning:
+            return None
+        self.steps = 0
         return Snapshot(marks, self.controller.state(), self.measure, self.missing, tuple(self.measured))
 
 

@@ -29,14 +29,13 @@ class SnapshotKeeper:
         self._frame: Frame | None = None
 
     def take(self, event: GatewayEvent) -> None:
-        """Take an event. No snapshot is taken while a training is in progress, which is no part of one."""
+        """Take an event."""
         match event:
             case FrameMade(frame):
                 self._frame = frame
             case DecisionMade(decision) if self._frame is not None:
                 self._known.follow(self._frame, decision)
-                if self._known.steps >= self._every and not self._known.controller.learning:
-                    self._known.steps = 0
-                    self._store.keep(self._known.snapshot(self._marks))
+                if (snapshot := self._known.snapshot_if_due(self._every, self._marks)) is not None:
+                    self._store.keep(snapshot)
             case _:
                 pass
