@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from gateway.storage import rows
-from gateway.storage.schema import ADDED, SCHEMA, SCHEMA_VERSION, UNREADABLE, connect
+from gateway.storage.schema import NEW, UNREADABLE, connect
 from gateway.storage.snapshot import marks_of
 
 _NOT_COPIED = ("reading", "minute", "mark")
@@ -32,8 +32,6 @@ _NUMBERS_SKIPPED = 100
 """Requests that may have been made after the last one that can be read."""
 
 Row = tuple[Any, ...]
-
-_NEW = f"BEGIN;{SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;"
 
 
 @dataclass(slots=True)
@@ -99,7 +97,7 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> str:
         with suppress(FileNotFoundError):
             path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
     with closing(connect(path)) as target:
-        target.executescript(_NEW)
+        target.executescript(NEW)
         counts, lost = _copy(aside, target)
         _restore(target, known)
         anew = _settle(target, counts, reference_known=known.reference is not None)
@@ -121,7 +119,7 @@ def begin_anew(path: Path, known: Known) -> str:
     for ending in ("-wal", "-shm"):  # of the deleted one
         path.with_name(path.name + ending).unlink(missing_ok=True)
     with closing(connect(path)) as target:
-        target.executescript(_NEW)
+        target.executescript(NEW)
         _restore(target, known)
         target.commit()
     return (
@@ -264,7 +262,7 @@ def _columns() -> Mapping[str, Sequence[tuple[tuple[type, ...], bool]]]:
     """Of each table's columns: what a value may be, and whether there must be one."""
     kinds = {"INTEGER": (int,), "REAL": (int, float), "TEXT": (str,), "BLOB": (bytes,)}
     with closing(sqlite3.connect(":memory:")) as connection:
-        connection.executescript(SCHEMA + ADDED)
+        connection.executescript(NEW)
         tables = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
         return {
             table: [

@@ -48,7 +48,8 @@ CREATE TABLE IF NOT EXISTS snapshot (slot INTEGER PRIMARY KEY, k INTEGER NOT NUL
 CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 """
 """Tables that later programs added; in a file without them, nothing of the kind has happened."""
-
+NEW = f"BEGIN;{SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;"
+"""Makes all tables of a new file in one transaction: a power cut leaves either no table or all of them."""
 
 UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 """What reading a damaged file raises: SQLite's own messages may contain what is in it."""
@@ -110,12 +111,11 @@ def make_schema(path: Path) -> Path | None:
             version = connection.execute("PRAGMA user_version").fetchone()[0]
             foreign = version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
             if version == 0 and not foreign:
-                # One transaction: a power cut leaves either no table or all of them.
-                connection.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
+                connection.executescript(NEW)
             if version in STEPS:
                 backup = migrate(path, connection, version)
                 version = SCHEMA_VERSION
-            if version in (0, SCHEMA_VERSION) and not foreign:
+            if version == SCHEMA_VERSION:
                 connection.executescript(ADDED)
     except UNREADABLE as error:
         if is_damage(error) and looks_like_a_database(path):
