@@ -4,19 +4,16 @@ import logging
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import click
 
 from drivers.can import is_multicast_group
+from gateway.cli.arguments import check_output, named_errors, named_units, page_path, shifts_of, time_zone_of
 from gateway.cli.db import db
 from gateway.cli.exits import EXIT_DIFFERENT, EXIT_WORLD, Commands
 from gateway.cli.log import log_to_stderr
 from gateway.config import GatewayConfig, cautions, described, load, unarmed
-
-if TYPE_CHECKING:
-    from datetime import time
-    from zoneinfo import ZoneInfo
 
 ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
 
@@ -277,85 +274,17 @@ def replay(
     _with_pages()
     from gateway.cli.replay import Request, run_recording
 
-    named = _named_errors(errors)
+    named = named_errors(errors)
     columns = Columns(
-        time_column, named, ignore, inputs, _named_units(units), TimeFormat(time_format, _zone(time_zone))
+        time_column, named, ignore, inputs, named_units(units), TimeFormat(time_format, time_zone_of(time_zone))
     )
-    page = _page(output, file, config)
+    page = page_path(output, file, config)
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
     request = Request(file, columns, page, config, every_measurement, out, calibration_min)
     for table in (request.out, request.models_out):
-        _spare("table", "--out", table, file, config)
+        check_output("table", "--out", table, file, config)
     run_recording(request)
-
-
-def _pairs(pairs: tuple[str, ...], option: str, expected: str) -> dict[str, str]:
-    """Name to text, from NAME=TEXT."""
-    found: dict[str, str] = {}
-    for pair in pairs:
-        name, equals, text = pair.partition("=")
-        if not (name and equals and text):
-            raise click.BadParameter(f"{pair!r}: expected {expected}", param_hint=option)
-        if name in found:
-            raise click.BadParameter(f"{name} is given twice: {found[name]!r} and {text!r}", param_hint=option)
-        found[name] = text
-    return found
-
-
-def _named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
-    """Error to column. A name that is nearly that of a thermal error is a mistake."""
-    from talc.names import THERMAL_ERRORS, like_an_error
-
-    found = _pairs(pairs, "--error", "NAME=COLUMN")
-    for name in found:
-        if name not in THERMAL_ERRORS and like_an_error(name):
-            expected = f"expected one of {', '.join(THERMAL_ERRORS)}, or a name that does not look like one"
-            raise click.BadParameter(f"{name}={found[name]}: {expected}", param_hint="--error")
-    return found
-
-
-def _named_units(pairs: tuple[str, ...]) -> dict[str, str]:
-    """Error to unit."""
-    from gateway.recordings import UNITS
-
-    found = {
-        name: unit.replace("µ", "u").replace("μ", "u") for name, unit in _pairs(pairs, "--unit", "NAME=UNIT").items()
-    }
-    for name, unit in found.items():
-        if unit not in UNITS:
-            raise click.BadParameter(f"{name}={unit}: expected one of {', '.join(UNITS)}", param_hint="--unit")
-    return found
-
-
-def _zone(name: str | None) -> "ZoneInfo | None":
-    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
-
-    try:
-        return None if name is None else ZoneInfo(name)
-    except (ZoneInfoNotFoundError, ValueError, OSError):
-        raise click.BadParameter(
-            f"{name!r}: this computer knows no such time zone; expected a name like Europe/Zurich",
-            param_hint="--time-zone",
-        ) from None
-
-
-def _page(wanted: Path | None, source: Path, *others: Path | None) -> Path:
-    """Path of the page to write; never one of the files that it is made from."""
-    page = wanted or source.with_suffix(".html")
-    _spare("page", "-o", page, source, *others)
-    return page
-
-
-def _spare(what: str, option: str, written: Path | None, *sources: Path | None) -> None:
-    """Raises UsageError when a file to be written is one of those that it is made from, or has no folder."""
-    if written is None:
-        return
-    if not written.parent.is_dir():
-        raise click.UsageError(f"the {what} cannot be written: there is no folder {written.parent}; see {option}")
-    for used in sources:
-        if used is not None and written.exists() and written.samefile(used):
-            raise click.UsageError(f"the {what} would overwrite {used}; give it another name with {option}")
 
 
 @main.group()
@@ -390,20 +319,7 @@ def report(database: Path, output: Path | None, time_zone: str | None, shifts: s
     _with_pages()
     from gateway.cli.report import Reader, write
 
-    write(database, _page(output, database), reader=Reader(_zone(time_zone), _shifts(shifts)))
-
-
-def _shifts(text: str) -> "tuple[time, ...]":
-    from datetime import time
-
-    try:
-        parts = [part.strip().partition(":") for part in text.split(",") if part.strip()]
-        found = {time(int(hour), int(minute)) for hour, _, minute in parts}
-    except ValueError:
-        raise click.BadParameter(
-            f"{text!r}: expected times of day such as 06:00,14:00,22:00", param_hint="--shifts"
-        ) from None
-    return tuple(sorted(found))
+    write(database, page_path(output, database), reader=Reader(time_zone_of(time_zone), shifts_of(shifts)))
 
 
 main.add_command(db)

@@ -1,0 +1,86 @@
+"""Parses arguments of the commands: NAME=VALUE, units, time zones, shifts, and the files to write."""
+
+from datetime import time
+from pathlib import Path
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+import click
+
+
+def _pairs(pairs: tuple[str, ...], option: str, expected: str) -> dict[str, str]:
+    """Text of each name, from NAME=TEXT."""
+    found: dict[str, str] = {}
+    for pair in pairs:
+        name, equals, text = pair.partition("=")
+        if not (name and equals and text):
+            raise click.BadParameter(f"{pair!r}: expected {expected}", param_hint=option)
+        if name in found:
+            raise click.BadParameter(f"{name} is given twice: {found[name]!r} and {text!r}", param_hint=option)
+        found[name] = text
+    return found
+
+
+def named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
+    """Column of each error. Refuses a name that is nearly that of a thermal error."""
+    from talc.names import THERMAL_ERRORS, like_an_error
+
+    found = _pairs(pairs, "--error", "NAME=COLUMN")
+    for name in found:
+        if name not in THERMAL_ERRORS and like_an_error(name):
+            expected = f"expected one of {', '.join(THERMAL_ERRORS)}, or a name that does not look like one"
+            raise click.BadParameter(f"{name}={found[name]}: {expected}", param_hint="--error")
+    return found
+
+
+def named_units(pairs: tuple[str, ...]) -> dict[str, str]:
+    """Unit of each error."""
+    from gateway.recordings import UNITS
+
+    found = {
+        name: unit.replace("µ", "u").replace("μ", "u") for name, unit in _pairs(pairs, "--unit", "NAME=UNIT").items()
+    }
+    for name, unit in found.items():
+        if unit not in UNITS:
+            raise click.BadParameter(f"{name}={unit}: expected one of {', '.join(UNITS)}", param_hint="--unit")
+    return found
+
+
+def time_zone_of(name: str | None) -> ZoneInfo | None:
+    """The time zone of `--time-zone`; None if it was not given."""
+    try:
+        return None if name is None else ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError, OSError):
+        raise click.BadParameter(
+            f"{name!r}: this computer knows no such time zone; expected a name like Europe/Zurich",
+            param_hint="--time-zone",
+        ) from None
+
+
+def page_path(wanted: Path | None, source: Path, *others: Path | None) -> Path:
+    """Path of the page to write; never one of the files that it is made from."""
+    page = wanted or source.with_suffix(".html")
+    check_output("page", "-o", page, source, *others)
+    return page
+
+
+def check_output(what: str, option: str, written: Path | None, *sources: Path | None) -> None:
+    """Raises UsageError for a file to be written that is one of its sources, or whose folder does not exist."""
+    if written is None:
+        return
+    if not written.parent.is_dir():
+        raise click.UsageError(f"the {what} cannot be written: there is no folder {written.parent}; see {option}")
+    for used in sources:
+        if used is not None and written.exists() and written.samefile(used):
+            raise click.UsageError(f"the {what} would overwrite {used}; give it another name with {option}")
+
+
+def shifts_of(text: str) -> tuple[time, ...]:
+    """The times of day at which shifts begin, in order."""
+    try:
+        parts = [part.strip().partition(":") for part in text.split(",") if part.strip()]
+        found = {time(int(hour), int(minute)) for hour, _, minute in parts}
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r}: expected times of day such as 06:00,14:00,22:00", param_hint="--shifts"
+        ) from None
+    return tuple(sorted(found))
