@@ -12,7 +12,7 @@ import pytest
 
 from gateway.report import Truth, build, by_shift, summary
 from talc.names import THERMAL_ERRORS
-from tests.gateway.report.runs import START, small_run
+from tests.benches.small_run import START, small_run
 
 VOID = {"meta", "br", "link", "img", "input", "hr"}
 MOST_BYTES = 3_000_000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gateway.report import CycleSeen, ReportData, SummaryRow, losses, summary, verdict
-from tests.gateway.report.runs import STEP_S, small_run, with_gap
+from tests.benches.small_run import STEP_S, small_run, with_gap
 
 
 def told(data: ReportData) -> str:
