@@ -231,7 +231,7 @@ def test_the_learner_rests_on_the_measurements_that_it_asked_for_alone() -> None
     assert often.sum() > seldom.sum()
 
 
-def test_a_policy_that_peeps_at_other_measurements_is_caught() -> None:
+def test_a_policy_that_looks_at_other_measurements_is_caught() -> None:
     class Peeping(Learning):
         def decide(self, given: Given, limit: float) -> tuple[MethodCourse, BoolArray]:
             course, used = super().decide(given, limit)

@@ -145,7 +145,7 @@ def test_patterns_choose_inputs_and_say_what_they_are(tmp_path: Path) -> None:
         ("errors = [", "is not valid TOML"),
     ],
 )
-def test_a_wrong_description_is_told_with_file_field_and_value(tmp_path: Path, toml: str, said: str) -> None:
+def test_a_wrong_description_is_reported_with_file_field_and_value(tmp_path: Path, toml: str, said: str) -> None:
     path = written(tmp_path, toml, [HEAD, *rows_each(300, 40)])
     with pytest.raises(ConfigError) as caught:
         read_series(path)
@@ -162,7 +162,7 @@ def test_a_wrong_description_is_told_with_file_field_and_value(tmp_path: Path, t
         ("12000,1.0,2e9", "lathe.csv: line 42, column 'drift': '2e9' is beyond 1e+06; is its unit right?"),
     ],
 )
-def test_a_wrong_cell_is_told_with_line_column_and_value(tmp_path: Path, line: str, said: str) -> None:
+def test_a_wrong_cell_is_reported_with_line_column_and_value(tmp_path: Path, line: str, said: str) -> None:
     path = written(tmp_path, 'errors = ["drift"]', [HEAD, *rows_each(300, 40), line])
     with pytest.raises(RecordingError) as caught:
         read_series(path)

@@ -40,7 +40,7 @@ async def test_readings_carry_their_times(rig: Rig) -> None:
     assert second[0].source_time.utcoffset() == timedelta(0)
 
 
-async def test_each_sensor_fault_is_told_on_its_channel_alone(rig: Rig) -> None:
+async def test_each_sensor_fault_is_reported_on_its_channel_alone(rig: Rig) -> None:
     async with rig.connected() as (_, driver):
         for fault, quality in rig.fault_qualities.items():
             await rig.break_sensor(0, fault)
@@ -53,7 +53,7 @@ async def test_each_sensor_fault_is_told_on_its_channel_alone(rig: Rig) -> None:
         assert (await driver.read())[0].quality is Quality.GOOD
 
 
-async def test_silent_device_is_told_in_time_and_comes_back(rig: Rig) -> None:
+async def test_silent_device_is_reported_in_time_and_recovers(rig: Rig) -> None:
     async with rig.connected() as (_, driver):
         await rig.silence()
         started = time.monotonic()
@@ -141,7 +141,7 @@ async def test_read_without_connection_says_so(rig: Rig) -> None:
         await rig.make(make_bus("bus1", rig.kind, rig.options)).read()
 
 
-async def test_wire_that_goes_away_is_told(rig: Rig) -> None:
+async def test_wire_that_goes_away_is_reported(rig: Rig) -> None:
     async with rig.connected() as (bus, driver):
         await rig.cut_wire()
         for _ in range(3):

@@ -34,7 +34,7 @@ async def shows(bench: NcBench, wanted: Callable[[NcSnapshot], bool]) -> None:
             await asyncio.sleep(0.02)
 
 
-async def test_the_snapshot_tells_time_quality_axes_speeds_tool_and_alarms(bench: NcBench) -> None:
+async def test_the_snapshot_holds_time_quality_axes_speeds_tool_and_alarms(bench: NcBench) -> None:
     await bench.work()
     await shows(bench, lambda snapshot: snapshot.states.get("spindle_speed") == bench.working["spindle_speed"])
     first = await bench.nc.snapshot()
@@ -101,7 +101,7 @@ async def test_a_withdrawn_request_ends_and_leaves_room_for_the_next(bench: NcBe
     assert (stopped.state, stopped.reason, stopped.centres_mm) == (ProbingState.FAILED, "withdrawn", None)
 
 
-async def test_a_request_that_waits_or_runs_is_not_displaced_and_the_snapshot_tells_that_it_runs(
+async def test_a_request_that_waits_or_runs_is_not_displaced_and_the_snapshot_shows_that_it_runs(
     bench: NcBench,
 ) -> None:
     await bench.nc.request_probing(1)
@@ -120,7 +120,7 @@ async def test_a_request_that_waits_or_runs_is_not_displaced_and_the_snapshot_te
     assert (await bench.nc.probing_status(2)).state in (ProbingState.REQUESTED, ProbingState.ACCEPTED)
 
 
-async def test_an_emergency_stop_ends_the_cycle_and_the_next_request_is_told_no(bench: NcBench) -> None:
+async def test_an_emergency_stop_ends_the_cycle_and_the_next_request_is_refused(bench: NcBench) -> None:
     await bench.allow_probing()
     await bench.nc.request_probing(1)
     await bench.reaches(1, ProbingState.RUNNING)
@@ -135,7 +135,7 @@ async def test_an_emergency_stop_ends_the_cycle_and_the_next_request_is_told_no(
     assert refused.reason
 
 
-async def test_offsets_are_read_back_and_those_that_cannot_be_are_never_sent(bench: NcBench) -> None:
+async def test_offsets_are_read_back_and_invalid_ones_are_never_sent(bench: NcBench) -> None:
     await bench.alive(7, WATCH)
     await bench.nc.write_compensation((12.5, -7.25, 3.0))
     assert await bench.nc.read_compensation() == pytest.approx((12.5, -7.25, 3.0), abs=2e-3)
@@ -192,7 +192,7 @@ async def test_silence_is_noticed_and_the_next_beat_says_so(bench: NcBench) -> N
     assert await bench.nc.heartbeat(7) is False
 
 
-async def test_numbers_that_cannot_be(bench: NcBench) -> None:
+async def test_impossible_numbers(bench: NcBench) -> None:
     for number in (0, -1, 2**31):
         for verb in (bench.nc.request_probing, bench.nc.probing_status, bench.nc.withdraw_probing, bench.nc.heartbeat):
             with pytest.raises(ValueError, match=f"= {number}: expected 1 to"):

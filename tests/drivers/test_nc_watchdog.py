@@ -103,7 +103,7 @@ async def test_giving_back_takes_what_is_left_to_zero() -> None:
         assert await bench.nc.read_compensation() == pytest.approx((1.0, 0.0, 0.0))
 
 
-async def test_a_gateway_that_leaves_is_silent_from_that_moment_whenever_somebody_looks() -> None:
+async def test_silence_counts_from_when_the_gateway_leaves_not_from_the_next_look() -> None:
     async with sinumerik_bench() as bench:
         await bench.nc.claim(7, WATCH)
         await bench.nc.write_compensation((3.0, 0.0, 0.0))
@@ -133,6 +133,6 @@ async def test_a_control_without_the_watchdog_is_never_alive() -> None:
 
 
 @pytest.mark.parametrize(("silence_s", "ramp"), [(0.0, 1.0), (float("nan"), 1.0), (1.0, -1.0), (1.0, float("inf"))])
-def test_a_watch_that_cannot_be(silence_s: float, ramp: float) -> None:
+def test_an_impossible_watch_is_refused(silence_s: float, ramp: float) -> None:
     with pytest.raises(ValueError, match="expected"):
         WatchdogTerms(silence_s, ramp)

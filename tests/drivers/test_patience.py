@@ -217,7 +217,7 @@ async def test_units_behind_a_gateway_that_waits_for_two_silent_ones_are_given_t
             assert await bus.read("d", unit, TWO) == (unit, unit)
 
 
-async def test_a_host_that_says_nothing_at_all_is_given_all_the_time_once() -> None:
+async def test_a_silent_host_is_given_the_full_timeout_once() -> None:
     async with host(Dead, 1) as bus:
         begun = time.monotonic()
         for unit in range(1, 6):

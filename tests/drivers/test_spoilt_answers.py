@@ -87,7 +87,7 @@ async def until_good(bus: Bus, driver: Driver) -> Sequence[Reading]:
     raise AssertionError("no good reading after twenty attempts")
 
 
-async def test_spoilt_answers_give_whole_readings_or_a_driver_error(rig: Rig) -> None:
+async def test_damaged_answers_give_whole_readings_or_a_driver_error(rig: Rig) -> None:
     bus = make_bus("bus1", rig.kind, rig.options)
     driver = rig.make(bus)
     spoilt = 0

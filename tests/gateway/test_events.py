@@ -28,7 +28,7 @@ def test_a_request_is_on_the_disk_before_the_next_sink_gets_it(tmp_path: Path) -
     assert seen == [41, 42]
 
 
-def test_a_number_that_cannot_be_stored_reaches_nobody_and_the_rest_does(tmp_path: Path) -> None:
+def test_a_number_that_cannot_be_stored_is_published_nowhere_and_the_rest_is(tmp_path: Path) -> None:
     path, kept = tmp_path / "gateway.sqlite", KeptEvents()
     with Store(path, "boot", SteppedClock(), commit_s=0.01, retry_s=0.05) as store:
         take = in_order([store.record, kept])

@@ -140,7 +140,7 @@ def test_a_replay_without_the_stored_prior_would_differ(here: Path) -> None:
     assert not all(same)
 
 
-def test_another_prior_after_a_restart_is_told_and_replayed(here: Path) -> None:
+def test_another_prior_after_a_restart_is_reported_and_replayed(here: Path) -> None:
     first = load(written(here, "mill"))
     found = frames(day(20))
     store_run(first, found[:100])
@@ -222,7 +222,9 @@ def covariance(plain: dict[str, Any], value: object) -> None:
         (lambda p: p.update(inputs=[f"u{i}" for i in range(12)]), "none of its inputs (u0, u1, u2, ...) is named like"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_told(here: Path, change: Callable[[dict[str, Any]], object], said: str) -> None:
+def test_what_is_wrong_with_a_file_is_reported(
+    here: Path, change: Callable[[dict[str, Any]], object], said: str
+) -> None:
     plain = json.loads((here / "kind.json").read_text(encoding="utf-8"))
     change(plain)
     (here / "kind.json").write_text(json.dumps(plain), encoding="utf-8")
@@ -251,7 +253,7 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, content: bytes | None, s
     assert said in answer.output
 
 
-def test_make_refuses_what_cannot_be_one(shop: Path, tmp_path: Path) -> None:
+def test_make_refuses_what_cannot_be_a_prior(shop: Path, tmp_path: Path) -> None:
     database = shop / "mill10.sqlite"
     again = talc_gateway("prior", "make", database, database, "-o", tmp_path / "a.json")
     over = talc_gateway("prior", "make", database, "-o", database)

@@ -158,7 +158,7 @@ def test_a_replay_is_identical_over_restarts_from_snapshots_each_of_which_repeat
 
 
 @pytest.mark.parametrize("spoilt", ["SELECT max(k) FROM snapshot", "SELECT k FROM snapshot"])
-def test_a_spoilt_snapshot_gives_way_to_the_one_before_or_to_the_record(spoilt: str, tmp_path: Path) -> None:
+def test_a_damaged_snapshot_is_replaced_by_the_one_before_or_by_the_record(spoilt: str, tmp_path: Path) -> None:
     config = config_of(tmp_path)
     run(config, fresh(config), 0, LONGER, "earlier")
     whole = restarted(config)

@@ -94,7 +94,7 @@ async def measured(bench: WireBench, gateway: Gateway) -> Outcome:
     raise AssertionError(f"{bench.control.nck.cycle.answer}")
 
 
-async def test_told_to_stop_it_takes_the_offsets_back_and_lets_go(tmp_path: Path) -> None:
+async def test_when_stopped_it_takes_the_offsets_back_and_releases_the_control(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench:
         async with serving(bench) as gateway:
             await bench.clock.run_until(2.0)
@@ -148,7 +148,7 @@ async def test_a_restart_goes_on_with_the_reference_and_the_numbers(tmp_path: Pa
 
 
 @pytest.mark.slow
-async def test_killed_in_the_middle_of_a_cycle_its_number_is_used_up_and_taken_back(tmp_path: Path) -> None:
+async def test_killed_in_the_middle_of_a_cycle_its_number_is_used_up_and_withdrawn(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench:
         nck = bench.control.nck
         for _ in range(2):

@@ -24,7 +24,7 @@ def test_m7015_quantises_to_a_tenth_and_clips_with_its_sentinels() -> None:
     assert answer(unit, bytes.fromhex("04 0000 0006")) == bytes.fromhex("04 0C 00C8 00D5 FFDF 07CF 7FFF 8000")
 
 
-def test_m7015_tells_inputs_out_of_range_by_bits() -> None:
+def test_m7015_reports_inputs_out_of_range_by_bits() -> None:
     unit = M7015(lambda: TEMPERATURES)
     unit.faults.set(0, SensorFault.OPEN)
     assert answer(unit, bytes.fromhex("02 0080 0006")) == bytes.fromhex("02 01 31")
@@ -40,7 +40,7 @@ def test_adam_spreads_the_range_of_the_type_code_over_16_bits(code: int, tempera
     assert answer(unit, bytes.fromhex("03 00C8 0001")) == bytes((3, 2)) + code.to_bytes(2, "big")
 
 
-def test_adam_tells_burnout_by_coils() -> None:
+def test_adam_reports_burnout_by_coils() -> None:
     unit = Adam6015(lambda: [20.0] * 7)
     unit.faults.set(6, SensorFault.OPEN)
     assert answer(unit, bytes.fromhex("01 0078 0007")) == bytes.fromhex("01 01 40")

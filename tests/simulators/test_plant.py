@@ -341,7 +341,7 @@ def test_friction_and_sensors_drift_slowly_and_repeatably(machine: PlantParamete
     assert 0 < np.abs(offset[ground]).max() < 0.2  # the hall is the same: what differs is the sensor's drift
 
 
-def test_sensors_fail_as_told(machine: PlantParameters) -> None:
+def test_sensors_fail_as_specified(machine: PlantParameters) -> None:
     failures = (
         Failure(channel="x_nut", kind=FailureKind.OPEN, from_s=600, until_s=1200),
         Failure(channel="c_drive", kind=FailureKind.STUCK, from_s=600),

@@ -64,7 +64,7 @@ def test_projection_keeps_balance_and_needs_an_even_warming(bar: BodyModel) -> N
         bar.project(hot[:, None])
 
 
-def test_free_body_bends_as_a_linear_temperature_tells() -> None:
+def test_free_body_bends_as_a_linear_temperature_demands() -> None:
     """T = g z gives u = g (x z, y z, (z² - x² - y²)/2) without stress; T = 1 gives u = (x, y, z)."""
     basis = Basis(mesh(BAR, "bar"), ElementHex2(), intorder=4)
     x, y, z = np.asarray(basis.doflocs)
@@ -162,7 +162,7 @@ def follows(small: FloatArray, exact: FloatArray) -> None:
 
 
 @pytest.mark.slow
-def test_a_coarser_mesh_tells_nearly_the_same(exact: FloatArray) -> None:
+def test_a_coarser_mesh_gives_nearly_the_same(exact: FloatArray) -> None:
     coarse = assemble(read(), coarser=4.0)  # 900 instead of 1400 cells; edges of faces are lines of every mesh
     other = follow(join(tables().machine, coarse, SparseSum))
     assert (np.sqrt(np.mean((other - exact) ** 2, axis=0)) < 0.03 * np.ptp(exact, axis=0) + 0.05).all()

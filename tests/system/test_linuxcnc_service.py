@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.peer, pytest.mark.slow]
 MANUAL = 1
 
 
-async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_not_believed(tmp_path: Path) -> None:
+async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_rejected(tmp_path: Path) -> None:
     machine = {**HURRY, "FEED": 60, "FIND_FEED": 2000}
     async with running(tmp_path, machine, sphere=True, tools="T99 P99 Z40 D6 ;probe\n") as bench:
         await bench.nc.close()  # the service is the one client

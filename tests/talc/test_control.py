@@ -162,7 +162,7 @@ def test_an_error_without_a_model_is_held_at_its_last_measurement() -> None:
     assert np.isnan(decision.predicted[3])
 
 
-def test_substitution_is_told_once_when_it_begins_and_once_when_it_ends() -> None:
+def test_substitution_is_reported_once_when_it_begins_and_once_when_it_ends() -> None:
     c = controller()
     calibrate(c)
     warm = [1.0, np.nan, np.nan, 1.0, 1.0]

@@ -40,7 +40,7 @@ def test_hand_computed() -> None:
     ("errors", "positions", "radius"),
     [(np.zeros(8), np.zeros(5), 0.2), (np.full(9, np.nan), np.zeros(5), 0.2), (np.zeros(9), np.zeros(5), 0.0)],
 )
-def test_refuses_what_cannot_be(errors: FloatArray, positions: FloatArray, radius: float) -> None:
+def test_refuses_impossible_values(errors: FloatArray, positions: FloatArray, radius: float) -> None:
     with pytest.raises(ValueError, match=r"expected|finite"):
         tcp_offsets(errors, positions, radius)
 

@@ -56,21 +56,21 @@ def test_a_sensor_that_is_late_at_the_start_is_not_lost(late: int) -> None:
     assert used in {name for m in models.models if m is not None for name in m.inputs}
 
 
-def test_a_sensor_that_is_late_by_more_than_a_fifth_is_not_offered_and_the_share_is_told() -> None:
+def test_a_sensor_that_is_late_by_more_than_a_fifth_is_not_offered_and_the_share_is_reported() -> None:
     s = series(CALIBRATION, 4)
     inputs = s.inputs.copy()
     inputs[:29, 0] = np.nan
     assert "t0: not offered, 79.9% of its values are good, fewer than 80%" in learnt(s, inputs).notes
 
 
-def test_numbers_that_cannot_be_are_missing_ones() -> None:
+def test_impossible_numbers_are_missing_values() -> None:
     for wild in (1e13, -1e200, 1e308, np.inf):
         assert filled([[20.0], [wild], [21.0]]).inputs[:, 0].tolist() == [20.0, 20.0, 21.0]
     assert filled([[20.0], [LARGEST_INPUT]]).inputs[1, 0] == LARGEST_INPUT
 
 
 @pytest.mark.parametrize("wild", [1e7, -1e200, 1e308, np.inf])
-def test_a_measurement_that_cannot_be_is_told_and_not_used(wild: float) -> None:
+def test_an_impossible_measurement_is_reported_and_not_used(wild: float) -> None:
     controller = Controller(("t0",), TalcSettings(method="models"))
     errors = np.full(9, 2.0)
     errors[2] = wild

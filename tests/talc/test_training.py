@@ -197,7 +197,7 @@ def test_no_or_one_measurement_gives_no_model_and_says_so(rows: int) -> None:
     assert f"{rows} measured rows" in models.notes[0]
 
 
-def test_designs_and_fits_that_cannot_be_are_refused() -> None:
+def test_impossible_designs_and_fits_are_refused() -> None:
     u, rows = np.random.default_rng(0).normal(size=(50, 1)), np.ones(50, dtype=np.bool_)
     with pytest.raises(ValueError, match="poles = "):
         Design.make(u, (0.9, 0.9), 1, rows)

@@ -208,7 +208,7 @@ def test_noise_around_an_adapters_lines_gives_the_value_or_an_error() -> None:
         runner.run(stack.aclose())
 
 
-def test_strangers_packets_on_the_group_are_passed_over() -> None:
+def test_foreign_packets_on_the_group_are_ignored() -> None:
     stack = AsyncExitStack()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))

@@ -216,7 +216,7 @@ def test_range_of_a_real_number_is_a_fault(tmp_path: Path) -> None:
         ("low = 1, equals = 3", r"invalid\[0\].equals: unknown"),
     ],
 )
-def test_ranges_that_cannot_be_are_named(tmp_path: Path, stated: str, says: str) -> None:
+def test_impossible_ranges_are_named(tmp_path: Path, stated: str, says: str) -> None:
     with pytest.raises(SetupError, match=says):
         ruled(tmp_path, rule(stated))
 
@@ -229,7 +229,7 @@ def test_ranges_that_cannot_be_are_named(tmp_path: Path, stated: str, says: str)
         ("bit = 0", "mask: F is a real number and has no bits to test; state low or high"),
     ],
 )
-def test_ranges_of_a_real_number_that_cannot_be_are_named(tmp_path: Path, stated: str, says: str) -> None:
+def test_impossible_ranges_of_a_real_number_are_named(tmp_path: Path, stated: str, says: str) -> None:
     with pytest.raises(SetupError, match=says):
         real(tmp_path, rule(stated))
 

@@ -77,7 +77,7 @@ def test_any_frames_are_noted_for_what_they_say(messages: Sequence[can.Message],
     assert set(heard.unexplained().items()) <= set(heard.frames.items())
 
 
-def test_answers_to_somebody_else_make_no_second_node() -> None:
+def test_answers_to_another_client_make_no_second_node() -> None:
     heard = Heard()
     answer = can.Message(arbitration_id=0x585, data=bytes.fromhex("4300100094010200"), is_extended_id=False)
     heard.take(answer)

@@ -103,7 +103,7 @@ def _denied(number: int) -> Callable[[CanKernel], None]:
         (_denied(errno.EAFNOSUPPORT), "Address family not supported by protocol", "modprobe can_raw"),
     ],
 )
-async def test_what_cannot_be_opened_is_told_with_its_remedy(
+async def test_what_cannot_be_opened_is_reported_with_its_remedy(
     kind: str, fault: Callable[[CanKernel], None], what: str, remedy: str, kernel: CanKernel
 ) -> None:
     fault(kernel)
@@ -158,7 +158,7 @@ def _plugged(kernel: CanKernel) -> None:
     [(_down, "Network is down", "ip link set can0 up type can"), (_pulled, "No such device", "is the adapter plugged")],
 )
 @pytest.mark.parametrize("kind", ["canopen", "can"])
-async def test_interface_that_goes_is_told_and_taken_again(
+async def test_interface_that_goes_is_reported_and_taken_again(
     kind: str, fault: Callable[[CanKernel], None], what: str, remedy: str, kernel: CanKernel, tmp_path: Path
 ) -> None:
     logger = CanLogger(lambda: [*TEMPERATURES, 0.0, 0.0, 0.0], kernel.send)
@@ -185,7 +185,7 @@ async def test_interface_that_goes_is_told_and_taken_again(
     assert all(one.closed for one in kernel.sockets)
 
 
-async def test_full_queue_is_told_as_nobody_acknowledging(kernel: CanKernel) -> None:
+async def test_full_queue_is_reported_as_nobody_acknowledging(kernel: CanKernel) -> None:
     async with opened() as bus:
         driver = node_on(bus)
         await driver.read()

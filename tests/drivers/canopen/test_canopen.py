@@ -132,7 +132,7 @@ async def test_node_that_starts_anew_again_and_again_gives_no_value() -> None:
         assert (await driver.read())[0].quality is Quality.GOOD
 
 
-async def test_emergency_explains_a_fault_until_it_is_taken_back(node: Cia404Node) -> None:
+async def test_emergency_explains_a_fault_until_it_is_cleared(node: Cia404Node) -> None:
     node.faults.set(0, SensorFault.OPEN)
     async with bench(node) as (adapter, driver):
         assert (await driver.read())[0].detail == "sensor fault"

@@ -27,7 +27,7 @@ async def pass_time(bench: AgentBench, seconds: float) -> None:
     await bench.operator.ask("mdi", f"G53 G1 X{50.0 * seconds} F3000")
 
 
-async def test_snapshot_tells_what_the_control_does(bench: AgentBench) -> None:
+async def test_snapshot_shows_what_the_control_does(bench: AgentBench) -> None:
     await bench.operator.ask("mdi", "G53 G0 X5 A-45 C90")
     at_rest = await bench.nc.snapshot()
     assert at_rest.positions == pytest.approx({"X": 5, "Y": 0, "Z": 0, "A": -45, "C": 90}, abs=1e-6)
@@ -51,7 +51,7 @@ async def test_snapshot_tells_what_the_control_does(bench: AgentBench) -> None:
 
 
 @pytest.mark.parametrize("part", ["milltask", "rtapi_app"])
-async def test_a_control_whose_values_stand_still_is_not_believed(part: str, bench: AgentBench) -> None:
+async def test_a_control_whose_values_stand_still_is_not_trusted(part: str, bench: AgentBench) -> None:
     async def refused() -> bool:
         try:
             await bench.nc.snapshot()
@@ -209,7 +209,7 @@ async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentB
         await bench.nc.heartbeat(7)
 
 
-async def test_a_wrong_key_and_a_closed_port_are_told(bench: AgentBench, tmp_path: Path) -> None:
+async def test_a_wrong_key_and_a_closed_port_are_reported(bench: AgentBench, tmp_path: Path) -> None:
     (tmp_path / "other").write_text("x" * 40)
     port = bench.settings.port
     with pytest.raises(Refused, match="same key"):

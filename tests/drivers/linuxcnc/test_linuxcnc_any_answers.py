@@ -69,7 +69,7 @@ def test_any_signed_values_raise_nothing_but_driver_errors(tmp_path: Path) -> No
         any_values()
 
 
-async def test_spoilt_bytes_raise_nothing_but_driver_errors(tmp_path: Path) -> None:
+async def test_damaged_bytes_raise_nothing_but_driver_errors(tmp_path: Path) -> None:
     agent, draw = Agent(), random.Random(1)
     agent.answers = dict(ANSWERS)
 

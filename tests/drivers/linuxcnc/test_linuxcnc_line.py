@@ -178,7 +178,7 @@ async def test_what_is_no_number_is_a_bad_answer(question: str, number: object, 
             await ASKED[question](nc)
 
 
-async def test_an_agent_with_another_key_is_believed_nothing(tmp_path: Path) -> None:
+async def test_an_agent_with_another_key_is_not_trusted(tmp_path: Path) -> None:
     """It greets, answers and signs as ours does, and gets no more of us than the proof."""
     impostor = Agent(b"fedcba9876543210fedcba9876543210")
     async with serving(impostor, tmp_path) as settings:

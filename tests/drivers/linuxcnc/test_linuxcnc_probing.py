@@ -88,7 +88,7 @@ async def allow(bench: AgentBench) -> None:
     await bench.operator.ask("hal", "setp", "talc.may-start", "1")
 
 
-async def test_a_part_program_lends_its_safe_point_and_finds_everything_as_it_was(bench: AgentBench) -> None:
+async def test_a_cycle_at_a_safe_point_restores_the_state_of_the_part_program(bench: AgentBench) -> None:
     await bench.operator.ask("run", "part.ngc")
     before = await told_at(bench, 1)
     assert before[:4] == pytest.approx([5, 2, 0, 17])
@@ -172,7 +172,7 @@ async def stays_requested(bench: AgentBench, number: int) -> bool:
     return True
 
 
-async def test_every_way_to_end_without_a_result_is_told(bench: AgentBench) -> None:
+async def test_every_way_to_end_without_a_result_is_reported(bench: AgentBench) -> None:
     await bench.nc.request_probing(1)
     await bench.nc.withdraw_probing(1)
     withdrawn = await reaches(bench, 1, *FINAL)

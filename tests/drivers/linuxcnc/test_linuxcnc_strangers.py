@@ -68,7 +68,7 @@ def strangers(agent: Serving, count: int) -> Iterator[list[socket.socket]]:
 
 
 @pytest.mark.parametrize("count", [4, 16, 60])
-async def test_strangers_who_wait_keep_no_gateway_out(count: int, agent: Serving) -> None:
+async def test_unauthenticated_clients_that_wait_keep_no_gateway_out(count: int, agent: Serving) -> None:
     with strangers(agent, count):
         gateway = agent.gateway()
         await gateway.connect()
@@ -76,7 +76,7 @@ async def test_strangers_who_wait_keep_no_gateway_out(count: int, agent: Serving
         await gateway.close()
 
 
-async def test_strangers_who_come_again_and_again_keep_no_gateway_out(agent: Serving) -> None:
+async def test_unauthenticated_clients_that_reconnect_keep_no_gateway_out(agent: Serving) -> None:
     ending = threading.Event()
 
     def knock() -> None:
@@ -100,7 +100,7 @@ async def test_strangers_who_come_again_and_again_keep_no_gateway_out(agent: Ser
             thread.join()
 
 
-async def test_strangers_do_not_disturb_who_has_logged_in(agent: Serving) -> None:
+async def test_unauthenticated_clients_do_not_disturb_an_authenticated_one(agent: Serving) -> None:
     gateway = agent.gateway()
     await gateway.connect()
     with strangers(agent, 40):
@@ -111,7 +111,7 @@ async def test_strangers_do_not_disturb_who_has_logged_in(agent: Serving) -> Non
     await gateway.close()
 
 
-def test_a_stranger_who_says_nothing_or_says_it_slowly_is_sent_away(agent: Serving) -> None:
+def test_an_unauthenticated_client_that_is_silent_or_slow_is_disconnected(agent: Serving) -> None:
     with strangers(agent, 2) as (silent, slow):
         began = time.monotonic()
         for line in (silent, slow):

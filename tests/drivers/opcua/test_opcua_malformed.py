@@ -163,10 +163,10 @@ async def _fuzz(seeds: Sequence[int], answers: int) -> int:
     return refused
 
 
-async def test_spoilt_bytes_raise_nothing_but_driver_errors() -> None:
+async def test_damaged_bytes_raise_nothing_but_driver_errors() -> None:
     assert await _fuzz([1], 16) > 3
 
 
 @pytest.mark.slow
-async def test_many_spoilt_bytes_raise_nothing_but_driver_errors() -> None:
+async def test_many_damaged_bytes_raise_nothing_but_driver_errors() -> None:
     assert await _fuzz(range(100, 104), 100) > 50

@@ -150,7 +150,7 @@ async def test_a_wrong_password(site: Site) -> None:
         await site.driver(password="guess").connect()
 
 
-async def test_a_gateway_that_speaks_in_the_clear(site: Site) -> None:
+async def test_a_gateway_without_encryption(site: Site) -> None:
     nc = site.driver(security="none")
     with pytest.raises(DriverError, match=r"Basic256Sha256"):
         await nc.connect()
@@ -158,7 +158,7 @@ async def test_a_gateway_that_speaks_in_the_clear(site: Site) -> None:
 
 @pytest.mark.parametrize("which", ["certificate", "server_certificate"])
 @pytest.mark.parametrize("days", [(-30, -1), (1, 30)])
-async def test_a_certificate_out_of_its_time_is_told_before_connecting(
+async def test_a_certificate_out_of_its_time_is_reported_before_connecting(
     tmp_path: Path, which: str, days: tuple[float, float]
 ) -> None:
     good, bad = make_pair(tmp_path, "good", GATEWAY_URI), make_pair(tmp_path, "bad", GATEWAY_URI, days=days)

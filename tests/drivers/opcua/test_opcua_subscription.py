@@ -101,7 +101,7 @@ async def told(nc: Sinumerik, control: Counting) -> None:
             await asyncio.sleep(0.05)
 
 
-async def test_a_subscription_that_falls_silent_is_believed_no_longer() -> None:
+async def test_a_subscription_that_falls_silent_is_no_longer_trusted() -> None:
     async with watched() as (nc, control):
         await told(nc, control)
         await control.subscriptions.fall_silent()  # also those that the library makes anew; reads are answered
@@ -110,7 +110,7 @@ async def test_a_subscription_that_falls_silent_is_believed_no_longer() -> None:
         await until(nc.snapshot, lambda s: s.mode is OperatingMode.JOG, limit_s=5.0)
 
 
-async def test_a_subscription_whose_status_changes_is_believed_no_longer_though_it_gives_signs_of_life() -> None:
+async def test_a_subscription_whose_status_changes_is_no_longer_trusted_though_it_sends_keepalives() -> None:
     async with watched() as (nc, control):
         await told(nc, control)
         control.sampling = False  # no changes are told any more

@@ -346,7 +346,7 @@ async def test_without_alarm_nodes_none_are_read(bench: OpcUaBench) -> None:
     await nc.close()
 
 
-async def test_how_far_repeated_touches_were_apart_is_told_with_the_result(bench: OpcUaBench) -> None:
+async def test_scatter_of_repeated_touches_is_reported_with_the_result(bench: OpcUaBench) -> None:
     assert (await bench.cycle(1)).spread_mm == 0.0
     bench.control.nck.loose_um = 20.0
     bench.clock.move_to(bench.clock.now + 10.0)

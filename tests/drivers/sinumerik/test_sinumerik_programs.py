@@ -97,7 +97,7 @@ def test_eighteen_results_in_their_order() -> None:
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.name)
-def test_blocks_are_closed_and_the_interpreter_waits_before_it_tells(program: Path) -> None:
+def test_blocks_are_closed_and_the_interpreter_waits_before_it_reports(program: Path) -> None:
     lines = statements(program.name)
     for opening, closing in (("IF ", "ENDIF"), ("FOR ", "ENDFOR")):
         assert sum(line.startswith(opening) for line in lines) == sum(line == closing for line in lines)
@@ -189,7 +189,7 @@ def test_poses_are_those_of_the_configuration_and_of_the_emulated_control() -> N
     assert list(zip(a, c, strict=True)) == list(Probing().poses_deg) == list(CycleSettings().poses_deg)
 
 
-def test_the_page_and_the_programs_speak_of_the_same_parameters() -> None:
+def test_the_page_and_the_programs_use_the_same_parameters() -> None:
     """docs/nc.md is the reference for writing such programs for another control."""
     page = (FOLDER.parents[2] / "docs" / "nc.md").read_text()
     for name, number in SETTINGS.r_numbers():

@@ -47,7 +47,7 @@ URL = "opc.tcp://127.0.0.1:4840"
         ({"compensation": OffsetRoute(route="r", first_r=-1)}, "compensation.first_r .* = -1"),
     ],
 )
-def test_a_field_that_cannot_be_is_named(fields: dict[str, Any], message: str) -> None:
+def test_an_invalid_field_is_named(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(SetupError, match=message):
         settings_of(SinumerikSettings, {"url": URL, "security": "none"} | fields)
 
@@ -73,7 +73,7 @@ def test_parameters_of_a_route_that_is_not_taken_may_have_another_meaning() -> N
         (lambda: Handshake(request_valid_for_s=-1.0), "request_valid_for_s = -1.0"),
     ],
 )
-def test_a_part_that_cannot_be_is_named(make: Callable[[], object], message: str) -> None:
+def test_an_invalid_part_is_named(make: Callable[[], object], message: str) -> None:
     with pytest.raises(SetupError, match=message):
         make()
 
@@ -81,7 +81,7 @@ def test_a_part_that_cannot_be_is_named(make: Callable[[], object], message: str
 @pytest.mark.parametrize(
     "fields", [{"route": "K0"}, {"signs": (1, 0, 1)}, {"largest_um": 0.0}, {"largest_um": math.inf}]
 )
-def test_a_compensation_that_cannot_be(fields: dict[str, Any]) -> None:
+def test_an_invalid_compensation(fields: dict[str, Any]) -> None:
     with pytest.raises(SetupError):
         OffsetRoute(**fields)
 

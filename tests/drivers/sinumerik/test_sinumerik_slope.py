@@ -169,7 +169,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("offsets", "message"), BAD)
-async def test_offsets_that_cannot_be_are_refused_before_anything_is_sent(offsets: LinearOffsets, message: str) -> None:
+async def test_invalid_offsets_are_refused_before_anything_is_sent(offsets: LinearOffsets, message: str) -> None:
     async with with_slopes() as (bench, nc):
         await nc.write_linear(OFFSETS)
         before = added(bench)
@@ -216,6 +216,6 @@ async def test_a_table_that_does_not_exist_is_named_when_connecting() -> None:
         ({"route": "k0_slope", "travel_mm": TRAVEL, "reference_mm": (0.0, math.nan, 0.0)}, "reference_mm"),
     ],
 )
-def test_settings_that_cannot_be_are_named(fields: dict[str, object], message: str) -> None:
+def test_invalid_settings_are_named(fields: dict[str, object], message: str) -> None:
     with pytest.raises(SetupError, match=message):
         OffsetRoute(**fields)  # type: ignore[arg-type]

@@ -44,7 +44,7 @@ async def test_sequence_numbers_tell_every_reading_of_a_channel_apart() -> None:
         assert numbers == sorted(set(numbers))
 
 
-async def test_a_silent_device_gets_faults_its_neighbour_keeps_its_period_and_both_ends_are_told_once() -> None:
+async def test_a_silent_device_gets_faults_its_neighbour_keeps_its_period_and_both_ends_are_reported_once() -> None:
     plant = ScriptedPlant("a", "b")
     a, b = plant.devices.values()
     async with plant.running():
@@ -111,7 +111,7 @@ async def test_of_many_dead_devices_the_longest_waiting_is_tried_first() -> None
     assert max(tries) - min(tries) <= 1
 
 
-async def test_a_bus_that_does_not_open_is_tried_for_ever_and_told_once() -> None:
+async def test_a_bus_that_does_not_open_is_tried_for_ever_and_reported_once() -> None:
     plant = ScriptedPlant("a")
     plant.bus.fault = ConnectError("no such port", bus="rtu1")
     async with plant.running():
@@ -158,7 +158,7 @@ async def test_a_lost_connection_gives_every_channel_of_the_bus_a_fault_and_come
     assert plant.told() == [("device a", False), ("device a", True)]
 
 
-async def test_a_fault_that_comes_again_is_told_again() -> None:
+async def test_a_fault_that_comes_again_is_reported_again() -> None:
     plant = ScriptedPlant("a")
     async with plant.running():
         for until in (10.5, 20.5, 30.5, 40.5):
@@ -168,7 +168,7 @@ async def test_a_fault_that_comes_again_is_told_again() -> None:
     assert plant.told() == [("device a", False), ("device a", True)] * 2
 
 
-async def test_problems_that_take_turns_are_each_told_once() -> None:
+async def test_problems_that_take_turns_are_each_reported_once() -> None:
     plant = ScriptedPlant("a")
     async with plant.running(retry_max_periods=1):
         for until in range(5, 40):
@@ -245,7 +245,7 @@ async def test_a_read_that_hangs_is_cut_and_the_bus_opened_again() -> None:
     assert plant.of("b")[-1].quality is Quality.GOOD
 
 
-async def test_a_sensor_fault_is_told_once_and_is_no_fault_of_the_device() -> None:
+async def test_a_sensor_fault_is_reported_once_and_is_no_fault_of_the_device() -> None:
     plant = ScriptedPlant("a")
     async with plant.running():
         await plant.clock.run_until(3.5)

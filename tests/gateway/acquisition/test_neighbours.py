@@ -160,7 +160,7 @@ async def test_who_comes_and_goes_is_asked_last_until_it_has_been_steady() -> No
         assert np.abs(intervals(plant, name) - 1.0).max() <= SHORT_S + 1e-9
 
 
-async def test_devices_that_come_back_together_are_taken_back_in_one_period() -> None:
+async def test_devices_that_recover_together_are_read_again_in_one_period() -> None:
     plant = five()
     for device in plant.devices.values():
         device.fault = NoAnswer("silent")
@@ -172,7 +172,7 @@ async def test_devices_that_come_back_together_are_taken_back_in_one_period() ->
     assert [plant.of(name)[-1].quality for name in FIVE] == [Quality.GOOD] * 5
 
 
-async def test_a_device_too_slow_for_the_period_is_told_once_and_its_end_once() -> None:
+async def test_a_device_too_slow_for_the_period_is_reported_once_and_its_end_once() -> None:
     plant = five()
     async with plant.running() as acquisition:
         await plant.clock.run_until(9.5)
@@ -188,7 +188,7 @@ async def test_a_device_too_slow_for_the_period_is_told_once_and_its_end_once() 
     assert "take 1.3 s to answer, c alone 1.2 s (raise period_s" in text
 
 
-async def test_one_slow_poll_and_silent_devices_are_not_told_as_a_slow_bus() -> None:
+async def test_one_slow_poll_and_silent_devices_are_not_reported_as_a_slow_bus() -> None:
     plant = five()
     async with plant.running() as acquisition:
         await plant.clock.run_until(9.5)

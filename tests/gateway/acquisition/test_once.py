@@ -29,7 +29,7 @@ async def test_a_silent_device_is_asked_once_and_its_neighbours_too() -> None:
     assert not plant.bus.is_open
 
 
-async def test_a_device_that_breaks_the_connection_hides_nobody() -> None:
+async def test_a_device_that_breaks_the_connection_hides_no_other() -> None:
     plant = ScriptedPlant("a", "b")
     plant.devices["a"].fault = ConnectError("connection reset", device="a")
     answers = await once(plant)

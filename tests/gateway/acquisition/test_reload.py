@@ -146,7 +146,7 @@ class Breaking(Acquisition):
         await super().exchange(stop, start)
 
 
-async def test_a_failed_exchange_is_taken_back_without_the_old_files(tmp_path: Path) -> None:
+async def test_a_failed_exchange_is_undone_without_the_old_files(tmp_path: Path) -> None:
     mine = tmp_path / "mine.toml"
     mine.write_bytes((PROFILES / "icpdas_m7015.toml").read_bytes())
     old, new = with_profile(tmp_path), with_profile(tmp_path, "icpdas_m7015")

@@ -79,7 +79,7 @@ def test_a_value_expires_once_and_what_is_bad_does_not() -> None:
     assert [r.channel for r in board.expire(31.5)[0]] == ["slow"], "by its new period"
 
 
-async def test_every_channel_of_a_hanging_bus_is_told_to_be_stale_once() -> None:
+async def test_every_channel_of_a_hanging_bus_is_reported_stale_once() -> None:
     plant, taken = ScriptedPlant("a", "b"), 0
     board, told = Board({"a_t": 1.0, "b_t": 1.0}), list[tuple[float, Sample]]()
 
@@ -113,7 +113,7 @@ class Heard:
             self.at.extend((self._clock.monotonic(), r) for r in event.readings)
 
 
-async def test_the_service_tells_of_a_stale_value_while_the_read_hangs() -> None:
+async def test_the_service_reports_a_stale_value_while_the_read_hangs() -> None:
     """The answer comes late, but within the timeout: only the age can tell."""
     host = TcpHost({1: Adam6015(lambda: [20.0, 30.0, *[0.0] * 5])})
     config = parse(TEXT.format(port=await host.start(), period_s=PERIOD_S), FILE)

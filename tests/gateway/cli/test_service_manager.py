@@ -37,7 +37,7 @@ def receive(manager: socket.socket, until: str) -> list[list[str]]:
     return found
 
 
-def test_the_service_tells_systemd_when_it_runs_lives_and_stops(tmp_path: Path, manager: socket.socket) -> None:
+def test_the_service_tells_systemd_when_it_is_ready_alive_and_stopping(tmp_path: Path, manager: socket.socket) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(TEXT + QUIET, encoding="utf-8")
     environment = {**os.environ, "NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "3000000"}

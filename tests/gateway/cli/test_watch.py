@@ -32,14 +32,14 @@ def publisher(port: int, machine: str) -> TelemetryPublisher:
         (("--prefix", "talc/*"), "'talc/*': expected letters, digits, _ and -"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(arguments: tuple[str, ...], said: str) -> None:
+def test_invalid_values_are_refused_in_words(arguments: tuple[str, ...], said: str) -> None:
     answer = CliRunner().invoke(main, ["watch", *arguments], catch_exceptions=False)
     assert answer.exit_code == 2
     assert said in answer.output
 
 
 @pytest.mark.parametrize("port", ["0", "99999999"])
-def test_demo_refuses_a_port_that_cannot_be(port: str) -> None:
+def test_demo_refuses_an_invalid_port(port: str) -> None:
     answer = CliRunner().invoke(main, ["demo", "--zenoh-port", port], catch_exceptions=False)
     assert answer.exit_code == 2
     assert "is not in the range 1<=x<=65535" in answer.output

@@ -93,7 +93,7 @@ def test_a_preset_is_a_paper_s_system_but_for_the_keys_beside_it() -> None:
     )
 
 
-def test_fingerprint_tells_behaviour_not_layout() -> None:
+def test_fingerprint_depends_on_behaviour_not_on_layout() -> None:
     text = valid_text()
     path = CASES / "valid" / "gateway.toml"
     plain = parse(text, path).fingerprint()

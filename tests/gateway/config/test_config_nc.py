@@ -186,7 +186,7 @@ def test_secrets_that_others_can_read_and_files_that_are_missing_are_cautions(tm
     assert "No such file" in found["[nc] server_certificate"]
 
 
-def test_believing_anybody_is_a_caution(tmp_path: Path) -> None:
+def test_trusting_any_server_gives_a_caution(tmp_path: Path) -> None:
     write_files(tmp_path, days=365)
     assert set(told(config(SECURE, tmp_path))) == {"[nc] server_certificate"}
 
@@ -195,7 +195,7 @@ def test_believing_anybody_is_a_caution(tmp_path: Path) -> None:
     ("host", "where"),
     [("192.168.214.1", ["[nc] security"]), ("mill", ["[nc] security"]), ("127.0.0.1", []), ("localhost", [])],
 )
-def test_speaking_in_the_clear_beyond_this_computer_is_a_caution(host: str, where: list[str]) -> None:
+def test_no_encryption_beyond_this_computer_gives_a_caution(host: str, where: list[str]) -> None:
     text = f'[nc]\nkind = "sinumerik"\nurl = "opc.tcp://{host}:4840"\nsecurity = "none"\n'
     assert list(told(config(text))) == where
 

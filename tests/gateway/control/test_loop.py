@@ -85,7 +85,7 @@ async def test_what_blocks_probing_is_published_and_logged_once(caplog: pytest.L
     assert bench.control.requests == CYCLES_OF_THE_REFERENCE
 
 
-async def test_a_wish_that_ends_while_it_waits_is_never_asked_for() -> None:
+async def test_a_measurement_that_is_no_longer_wanted_is_never_requested() -> None:
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.program, bench.control.speed = ProgramState.RUNNING, 8000.0
     async with running(bench, told, pending=Why.INTERVAL) as plan:
@@ -97,7 +97,7 @@ async def test_a_wish_that_ends_while_it_waits_is_never_asked_for() -> None:
     assert [o.standing for o in told.outlooks] == [Standing.WAITING, Standing.NOT_WANTED]
 
 
-async def test_a_cycle_that_keeps_failing_is_asked_for_so_often_and_the_operator_is_told_once() -> None:
+async def test_a_cycle_that_keeps_failing_is_requested_so_often_and_the_operator_is_informed_once() -> None:
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.FAILED, reason="a touch found no sphere")
     async with running(bench, told, retries=2):

@@ -86,7 +86,7 @@ async def run(watching: SensorWatch, x: NDArray[np.float64], first_k: int) -> No
             await watching.look()
 
 
-async def test_an_exchange_is_told_once_and_so_is_its_end(caplog: pytest.LogCaptureFixture) -> None:
+async def test_an_exchange_is_reported_once_and_so_is_its_end(caplog: pytest.LogCaptureFixture) -> None:
     ear, teacher, x = Ear(), Teacher(), days()
     watching = watch(ear, teacher)
     await run(watching, x[: 3 * DAY], K0)
@@ -146,7 +146,7 @@ async def test_a_restart_finds_the_fault_again_and_does_not_learn_it() -> None:
     assert all(name in ear.events[0][1] for name in SWAPPED)
 
 
-async def test_a_weekend_at_rest_mends_nothing() -> None:
+async def test_a_weekend_at_rest_ends_no_finding() -> None:
     ear, x = Ear(), days()
     faulty = exchanged(x[3 * DAY : 4 * DAY])
     rest = np.tile(faulty[-1], (2 * DAY, 1))
@@ -186,7 +186,7 @@ class Failing(Teacher):
     ("error", "said"),
     [(WorkError("out of memory"), "out of memory"), (ValueError("no rows"), "unexpected ValueError: no rows")],
 )
-async def test_a_learning_that_fails_is_told_once_and_tried_each_hour(
+async def test_a_learning_that_fails_is_reported_once_and_tried_each_hour(
     caplog: pytest.LogCaptureFixture, error: Exception, said: str
 ) -> None:
     ear, teacher = Ear(), Failing(*[error] * 3)
@@ -201,7 +201,7 @@ async def test_a_learning_that_fails_is_told_once_and_tried_each_hour(
     ]
 
 
-async def test_a_judgement_that_raises_ends_nothing_and_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+async def test_a_judgement_that_raises_ends_nothing_and_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
     """A model with the statistics of too few sensors: no caller expects the error that the thread raises."""
 
     class Wrong(Teacher):

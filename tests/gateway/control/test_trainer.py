@@ -53,13 +53,13 @@ async def test_gives_bit_for_bit_the_models_of_this_process() -> None:
     assert children(os.getpid()) == []
 
 
-async def test_what_the_training_raises_is_told() -> None:
+async def test_what_the_training_raises_is_reported() -> None:
     broken = replace(JOB, measured=JOB.measured[:, :4])
     with pytest.raises(WorkError, match=r"IndexError: .* \(exit status 1\)"):
         await train_apart(broken)
 
 
-async def test_a_killed_training_is_told() -> None:
+async def test_a_killed_training_is_reported() -> None:
     training = asyncio.create_task(train_apart(MINUTES))
     await until(lambda: len(children(os.getpid())) == 1)
     os.kill(children(os.getpid())[0], signal.SIGKILL)
@@ -74,7 +74,7 @@ async def test_work_beyond_its_limit_is_ended(monkeypatch: pytest.MonkeyPatch) -
     assert children(os.getpid()) == []
 
 
-async def test_a_computer_without_descriptors_is_told() -> None:
+async def test_a_computer_without_descriptors_is_reported() -> None:
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     spare = os.open(os.devnull, os.O_RDONLY)
     os.close(spare)
@@ -160,6 +160,6 @@ async def until_adopted(clock: SteppedClock, log: KeptEvents) -> None:
         await asyncio.sleep(0.01)
 
 
-def test_a_failed_training_is_told_from_one_that_found_nothing() -> None:
+def test_a_failed_training_is_distinguished_from_one_that_found_nothing() -> None:
     assert has_failed(failed(JOB, WorkError("x")))
     assert not has_failed(train(replace(JOB, measured=np.full_like(JOB.measured, np.nan))))

@@ -13,7 +13,7 @@ def snapshot(time_s: float, x: float, speed_x: float | None, y: float = 0.0) -> 
     return NcSnapshot(datetime(2026, 1, 1, tzinfo=UTC), time_s, {"X": x, "Y": y}, states)
 
 
-def test_an_axis_that_reports_a_speed_and_does_not_move_is_told_after_its_time() -> None:
+def test_an_axis_that_reports_a_speed_and_does_not_move_is_reported_after_its_time() -> None:
     motion = Motion(60.0)
     found = [motion.frozen(snapshot(t, 5.0, 100.0)) for t in (0.0, 15.0, 30.0, 45.0, 59.0, 60.0, 75.0)]
     assert found == [(), (), (), (), (), ("X",), ("X",)]
@@ -39,6 +39,6 @@ def test_a_machine_that_is_at_the_same_place_at_two_looks_far_apart_has_not_froz
     assert [motion.frozen(snapshot(300.0 * n, 5.0, 100.0)) for n in range(10)] == [()] * 10
 
 
-def test_a_time_that_cannot_be() -> None:
+def test_an_impossible_time() -> None:
     with pytest.raises(ValueError, match="longest_s"):
         Motion(0.0)

@@ -198,7 +198,7 @@ async def test_a_process_that_stood_still_since_its_beat_does_not_write(within: 
     assert any("since the heartbeat" in notice for notice in bench.notices)
 
 
-async def test_what_is_written_while_stopping_is_told_too() -> None:
+async def test_what_is_written_while_stopping_is_reported_too() -> None:
     bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -211,7 +211,7 @@ async def test_what_is_written_while_stopping_is_told_too() -> None:
     assert told[-1] == (0.0, 0.0, 0.0)
 
 
-async def test_a_write_without_an_answer_is_told_as_one_that_may_have_acted() -> None:
+async def test_a_write_without_an_answer_is_reported_as_one_that_may_have_acted() -> None:
     bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -272,7 +272,7 @@ async def test_a_read_back_that_is_no_number_agrees_with_nothing() -> None:
     assert [notice for notice in bench.notices if "nan" in notice and "disarmed" in notice]
 
 
-async def test_what_is_no_number_when_it_connects_is_told_and_does_not_end_the_link() -> None:
+async def test_what_is_no_number_when_it_connects_is_reported_and_does_not_end_the_link() -> None:
     bench = LinkBench("compensate", in_force=(0.0, math.nan, 0.0))
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -284,7 +284,7 @@ async def test_what_is_no_number_when_it_connects_is_told_and_does_not_end_the_l
     assert bench.control.in_force == (0.0, 0.0, 4.0)
 
 
-async def test_stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_accuses_nobody() -> None:
+async def test_stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_reports_no_other_writer() -> None:
     bench = LinkBench("compensate")
     task = asyncio.create_task(bench.link.run())
     bench.link.follow(decision(8.0))
@@ -325,7 +325,7 @@ async def test_a_step_that_cannot_be_stored_ends_the_link_and_the_offsets_are_ta
     assert bench.control.closed == 1
 
 
-async def test_a_request_that_cannot_be_withdrawn_keeps_nothing_from_being_taken_back() -> None:
+async def test_a_request_that_cannot_be_withdrawn_does_not_keep_the_offsets_from_being_taken_back() -> None:
     bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -343,7 +343,7 @@ async def test_a_request_that_cannot_be_withdrawn_keeps_nothing_from_being_taken
     assert (bench.control.owner, bench.control.closed) == (0, 1)
 
 
-async def test_a_new_cause_while_it_is_not_connected_is_told_and_each_once() -> None:
+async def test_each_new_cause_while_it_is_not_connected_is_reported_once() -> None:
     bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -360,7 +360,7 @@ async def test_a_new_cause_while_it_is_not_connected_is_told_and_each_once() -> 
     assert bench.notices[2:] == ["NC: connected again"]
 
 
-async def test_a_line_that_comes_and_goes_is_not_told_for_ever() -> None:
+async def test_a_line_that_comes_and_goes_is_not_reported_for_ever() -> None:
     bench = LinkBench("monitor")
     async with bench.running():
         for turn in range(200):

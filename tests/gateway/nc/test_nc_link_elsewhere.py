@@ -20,7 +20,7 @@ async def test_a_process_that_stood_still_between_its_first_beat_and_its_first_w
     assert any("since the heartbeat" in notice for notice in bench.notices)
 
 
-async def test_what_moved_while_the_control_was_not_ready_is_where_it_begins_and_nobody_is_accused() -> None:
+async def test_it_begins_from_what_moved_while_the_control_was_not_ready_and_reports_no_other_writer() -> None:
     bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -75,7 +75,7 @@ async def test_stopped_without_the_watchdogs_ear_it_writes_nothing_more() -> Non
 
 
 @pytest.mark.parametrize(("by_um", "armed"), [(0.04, True), (0.06, False), (-0.04, True), (-0.06, False)])
-async def test_what_differs_by_more_than_a_twentieth_of_a_micrometre_is_somebody_elses(
+async def test_what_differs_by_more_than_a_twentieth_of_a_micrometre_is_of_another_writer(
     by_um: float, armed: bool
 ) -> None:
     bench = LinkBench("compensate")

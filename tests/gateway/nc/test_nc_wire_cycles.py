@@ -46,7 +46,7 @@ async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_
 @pytest.mark.slow
 @pytest.mark.parametrize("looks", [True, False])
 @pytest.mark.parametrize("left_by", ["a line that is lost", "a gateway that is killed"])
-async def test_a_cycle_that_nobody_waits_for_any_more_is_taken_back_and_the_offsets_stand_until_it_ends(
+async def test_a_cycle_that_nobody_waits_for_is_withdrawn_and_the_offsets_stand_until_it_ends(
     left_by: str, looks: bool
 ) -> None:
     async with bench() as at:
@@ -174,7 +174,7 @@ async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_on
 
 
 @pytest.mark.slow
-async def test_a_result_that_is_no_number_or_told_twice_is_one_answer_at_most() -> None:
+async def test_a_result_that_is_no_number_or_sent_twice_is_one_answer_at_most() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
         at.control.nck.miswritten = {R_RESULTS + 4: math.nan}

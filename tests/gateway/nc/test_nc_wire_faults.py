@@ -24,7 +24,7 @@ from tests.benches.nc_line_bench import SLEW_UM_PER_S, bench, driver_of_the_othe
 pytestmark = pytest.mark.simulated_time
 
 
-async def test_a_control_that_is_absent_at_the_start_is_told_once_and_compensated_when_it_comes() -> None:
+async def test_a_control_that_is_absent_at_the_start_is_reported_once_and_compensated_when_it_comes() -> None:
     async with bench(start=False) as at:
         at.link.follow(wants(4.0))
         await at.clock.run_until(10.0)
@@ -113,7 +113,7 @@ async def test_positions_that_freeze_while_the_axes_report_speed_are_used_no_lon
 
 
 @pytest.mark.parametrize("what", ["K0 when it connects", "K0 after a write", "a position"])
-async def test_what_is_no_number_is_told_and_nothing_is_written_on_it(what: str) -> None:
+async def test_what_is_no_number_is_reported_and_nothing_is_written_on_it(what: str) -> None:
     async with bench() as at:
         nck = at.control.nck
         if what == "K0 when it connects":
@@ -143,7 +143,7 @@ async def test_what_is_no_number_is_told_and_nothing_is_written_on_it(what: str)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("subscribe_s", [0.0, 0.05])
-async def test_a_control_whose_clock_is_an_hour_off_is_believed_in_our_time(subscribe_s: float) -> None:
+async def test_values_of_a_control_whose_clock_is_an_hour_off_get_our_time(subscribe_s: float) -> None:
     async with bench(subscribe_s=subscribe_s) as at:
         at.control.clock_wrong_by = timedelta(hours=-1)
         at.link.follow(wants(3.0))
@@ -158,7 +158,7 @@ async def test_a_control_whose_clock_is_an_hour_off_is_believed_in_our_time(subs
         assert outcome.ended <= at.clock.utc()
 
 
-async def test_a_user_who_may_not_write_is_told_which_right_is_missing_and_the_rest_goes_on(tmp_path: Path) -> None:
+async def test_the_right_that_a_user_lacks_is_named_and_the_rest_goes_on(tmp_path: Path) -> None:
     password = tmp_path / "password"
     password.write_text("secret")
     rights = frozenset(AccessRight) - {AccessRight.SEA_WRITE}
@@ -173,7 +173,7 @@ async def test_a_user_who_may_not_write_is_told_which_right_is_missing_and_the_r
         assert 8 <= (at.control.looks - looks) / 10.0 <= 15, "every 30 s a connection, with some reads each"
 
 
-async def test_an_axis_without_a_position_is_told_once_and_its_end_once() -> None:
+async def test_an_axis_without_a_position_is_reported_once_and_its_end_once() -> None:
     async with bench(mode="monitor") as at:
         await at.clock.run_until(10.0)
         state = at.control.state()

@@ -71,7 +71,7 @@ any_number = st.floats(allow_nan=True, allow_infinity=True, width=32)
 @example(start=(0.0, 0.0, 0.0), period_s=100.0, asks=[(100.0, (80.0, -80.0, 80.0))])
 @example(start=(0.0, 0.0, 0.0), period_s=1.0, asks=[(100.0, (80.0, -80.0, 80.0))])
 @example(start=(0.0, 0.0, -12.30251473729734), period_s=100.0, asks=[(33.0, (0.0, 0.0, 20.0))])  # the sum rounds up
-def test_no_sequence_of_wishes_breaks_bound_or_rate(
+def test_no_sequence_of_targets_breaks_bound_or_rate(
     start: tuple[float, float, float], period_s: float, asks: list[tuple[float, tuple[float, float, float]]]
 ) -> None:
     s = slew(in_force_um=start, period_s=period_s)

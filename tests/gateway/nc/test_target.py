@@ -38,7 +38,7 @@ def test_a_decision_counts_until_it_is_stale() -> None:
     assert at.errors(Quality.GOOD, 100.0)[1] is Source.PREDICTION
 
 
-def test_a_snapshot_that_stands_still_is_nothing_to_rest_on() -> None:
+def test_nothing_is_built_on_a_snapshot_that_stands_still() -> None:
     at = target()
     at.follow(decision(4.0), 10.0)
     assert at.errors(Quality.STALE, 11.0) == (None, Source.STALE)
@@ -82,7 +82,7 @@ def test_an_unknown_error_is_left_alone_and_a_measured_one_counts_only_so_long()
     assert errors[1] == 4.0
 
 
-def test_what_cannot_be_stored_is_nothing_to_rest_on() -> None:
+def test_nothing_is_built_on_what_cannot_be_stored() -> None:
     stored = True
     at = Target(Compensation(), LastMeasured(200.0, [0.0] * 9), {}, lambda: stored)
     at.follow(decision(4.0), 0.0)

@@ -46,6 +46,6 @@ def test_overdue_after_another_longest_wait() -> None:
     assert breaker.overdue(11.0)
 
 
-def test_waits_that_cannot_be_are_refused() -> None:
+def test_invalid_waits_are_refused() -> None:
     with pytest.raises(ValueError, match="expected 0 < shortest <= longest"):
         Breaker(2.0, 1.0)

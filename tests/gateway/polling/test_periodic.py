@@ -85,6 +85,6 @@ async def test_the_first_period_begins_when_it_is_told_to() -> None:
 
 
 @pytest.mark.parametrize(("period_s", "phase_s"), [(0.0, 0.0), (1.0, 1.0), (1.0, -0.1)])
-async def test_periods_that_cannot_be_are_refused(period_s: float, phase_s: float) -> None:
+async def test_invalid_periods_are_refused(period_s: float, phase_s: float) -> None:
     with pytest.raises(ValueError, match="expected 0 <= phase < period"):
         Periodic(SteppedClock(), period_s, phase_s=phase_s)

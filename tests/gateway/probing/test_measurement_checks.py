@@ -56,7 +56,7 @@ def test_standardised_residuals_have_unit_variance_wherever_they_are() -> None:
     np.testing.assert_allclose(found.std(axis=0), 1.0, atol=0.08)
 
 
-def test_a_clean_cycle_of_a_hot_machine_is_believed() -> None:
+def test_a_clean_cycle_of_a_hot_machine_is_accepted() -> None:
     """Two thousand cycles with the declared noise: not one is rejected by the fit."""
     draw, judge = np.random.default_rng(6), checks()
     hot = np.array([3.0, 70.0, 20.0, -5.0, 25.0, 22.0, 60.0, -80.0, 15.0])
@@ -98,7 +98,7 @@ def test_what_a_chip_that_is_missed_can_do_is_small() -> None:
     assert 1.0 < worst < 5.0
 
 
-def test_what_agrees_with_the_prediction_is_believed_at_once() -> None:
+def test_what_agrees_with_the_prediction_is_accepted_at_once() -> None:
     checks().plausible(measurement(EZ0A=6.5, EX0C=-4.0), predicted())
 
 
@@ -111,7 +111,7 @@ def test_a_surprise_must_be_found_a_second_time() -> None:
         judge.plausible(measurement(EZ0A=21.0), predicted())
 
 
-def test_a_probe_that_sits_differently_each_time_is_never_believed() -> None:
+def test_a_probe_that_sits_differently_each_time_is_never_accepted() -> None:
     """Dirt in the taper shifts all touches alike: the fit cannot see it, but a probe fetched anew shifts otherwise."""
     judge, draw = checks(), np.random.default_rng(7)
     for shift in draw.permutation(np.linspace(-45.0, 45.0, 10)):
@@ -132,7 +132,7 @@ def test_within_the_action_control_limit_nothing_is_a_surprise() -> None:
     checks().plausible(measurement(EZ0A=9.0), predicted(sigma_um=0.2, limit_um=10.0))
 
 
-def test_the_absurd_is_not_believed_however_often_it_is_found() -> None:
+def test_an_absurd_result_is_not_accepted_however_often_it_is_found() -> None:
     judge = checks()
     for _ in range(5):
         with pytest.raises(Rejected, match="more than is possible"):

@@ -171,7 +171,7 @@ async def test_a_write_under_way_ends_before_the_offsets_stand_still() -> None:
     assert meanwhile == []
 
 
-async def test_stopping_takes_the_request_back_that_nobody_waits_for() -> None:
+async def test_stopping_withdraws_the_request_that_nobody_waits_for() -> None:
     bench = LinkBench("monitor")
     async with bench.running():
         await bench.clock.run_until(3.0)
@@ -183,7 +183,7 @@ async def test_stopping_takes_the_request_back_that_nobody_waits_for() -> None:
     assert bench.control.withdrawn == bench.control.requests == [41]
 
 
-async def test_what_has_ended_is_not_taken_back() -> None:
+async def test_what_has_ended_is_not_withdrawn() -> None:
     bench = LinkBench("monitor")
     bench.control.answer = RequestStatus(41, ProbingState.REFUSED, reason="alarm")
     async with bench.running():
@@ -195,7 +195,7 @@ async def test_what_has_ended_is_not_taken_back() -> None:
     assert bench.control.withdrawn == []
 
 
-async def test_a_request_that_the_control_does_not_take_is_refused_and_not_taken_back() -> None:
+async def test_a_request_that_the_control_does_not_take_is_refused_and_not_withdrawn() -> None:
     bench = LinkBench("monitor")
     bench.control.busy = True
     async with bench.running():
@@ -255,7 +255,7 @@ async def test_disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets
         assert ends == [End.MEASURED, End.MEASURED]
 
 
-async def test_stopped_while_the_control_is_asked_for_the_result_the_request_is_still_taken_back() -> None:
+async def test_stopped_while_the_control_is_asked_for_the_result_the_request_is_still_withdrawn() -> None:
     bench = LinkBench("monitor")
     async with bench.running():
         await bench.clock.run_until(3.0)
@@ -274,7 +274,7 @@ async def test_stopped_while_the_control_is_asked_for_the_result_the_request_is_
 
 
 @pytest.mark.parametrize("armed", [True, False])
-async def test_what_an_earlier_run_asked_for_is_taken_back_once_where_probing_is_armed(armed: bool) -> None:
+async def test_the_request_of_an_earlier_run_is_withdrawn_once_where_probing_is_armed(armed: bool) -> None:
     bench = LinkBench("monitor", armed=armed, abandoned=40)
     async with bench.running():
         await bench.clock.run_until(5.0)
@@ -282,7 +282,7 @@ async def test_what_an_earlier_run_asked_for_is_taken_back_once_where_probing_is
     assert bench.control.withdrawn == ([40] if armed else [])
 
 
-async def test_a_request_that_the_control_will_not_take_back_keeps_nobody_from_compensating() -> None:
+async def test_a_request_that_cannot_be_withdrawn_does_not_stop_the_compensation() -> None:
     bench = LinkBench("compensate", abandoned=40)
     bench.control.busy = True
     async with bench.running():
@@ -292,7 +292,7 @@ async def test_a_request_that_the_control_will_not_take_back_keeps_nobody_from_c
     assert bench.notices == []
 
 
-async def test_a_cycle_that_does_not_end_in_its_time_is_taken_back_at_once() -> None:
+async def test_a_cycle_that_does_not_end_in_its_time_is_withdrawn_at_once() -> None:
     bench = LinkBench("monitor")
     async with bench.running():
         await bench.clock.run_until(2.0)

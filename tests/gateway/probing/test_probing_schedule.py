@@ -53,7 +53,7 @@ def test_nothing_is_due_that_nobody_wants() -> None:
         plan.asked()
 
 
-def test_a_routine_wish_waits_in_a_cut_and_takes_the_end_of_the_program() -> None:
+def test_a_routine_measurement_waits_in_a_cut_and_takes_the_end_of_the_program() -> None:
     plan = schedule()
     plan.wish(Why.INTERVAL, 0.0)
     first = plan.look(CUTTING, 0.0)
@@ -70,7 +70,7 @@ def test_after_a_while_a_tool_change_will_do() -> None:
     assert plan.look(OTHER_TOOL, 610.0).standing is Standing.DUE
 
 
-def test_in_the_end_it_insists_and_tells_the_operator() -> None:
+def test_in_the_end_it_insists_and_informs_the_operator() -> None:
     plan = schedule()
     plan.wish(Why.INTERVAL, 0.0)
     for now in range(0, 1800, 60):
@@ -80,7 +80,7 @@ def test_in_the_end_it_insists_and_tells_the_operator() -> None:
     assert "waited 30 min" in due.operator
 
 
-def test_a_wish_that_changes_its_reason_goes_on_waiting_and_one_that_ends_begins_anew() -> None:
+def test_waiting_goes_on_when_the_reason_to_measure_changes_and_begins_anew_after_it_ends() -> None:
     plan = schedule()
     plan.wish(Why.NOVELTY, 0.0)
     plan.look(CUTTING, 0.0)
@@ -119,7 +119,7 @@ def test_a_control_that_says_it_can_begin_is_asked_in_any_mode_but_not_in_a_cut(
         (replace(IDLE, cannot_probe="nobody agrees"), "nobody agrees"),
     ],
 )
-def test_what_blocks_is_named_once_and_told_to_the_operator_when_it_lasts(
+def test_what_blocks_is_named_once_and_reported_to_the_operator_when_it_lasts(
     snapshot: NcSnapshot | None, reason: str
 ) -> None:
     plan, bulletin = schedule(), Bulletin()
@@ -138,7 +138,7 @@ def test_what_blocks_is_named_once_and_told_to_the_operator_when_it_lasts(
     assert [e.kind for e in ended] == [EventKind.PROBLEM_ENDED]
 
 
-def test_a_refusal_such_as_a_missing_probe_is_told_once_and_asked_again_at_the_next_step() -> None:
+def test_a_refusal_such_as_a_missing_probe_is_reported_once_and_asked_again_at_the_next_step() -> None:
     plan, bulletin = schedule(), Bulletin()
     plan.wish(Why.INTERVAL, 0.0)
     events: list[Event] = []
@@ -187,7 +187,7 @@ def test_a_good_result_forgets_the_rejected_ones() -> None:
 
 
 @pytest.mark.parametrize("end", [End.REJECTED, End.REFUSED])
-def test_a_wish_that_ends_while_it_is_asked_for_leaves_nothing_to_be_asked_again(end: End) -> None:
+def test_a_measurement_no_longer_wanted_while_requested_is_not_requested_again(end: End) -> None:
     plan, bulletin = schedule(), Bulletin()
     plan.wish(Why.NO_GOOD, 0.0)
     plan.look(CUTTING, 0.0)
@@ -202,7 +202,7 @@ def test_a_wish_that_ends_while_it_is_asked_for_leaves_nothing_to_be_asked_again
     assert plan.asked() is Why.UNCERTAINTY
 
 
-def test_a_wish_that_ends_between_two_repeats_ends_them() -> None:
+def test_repeats_end_when_the_measurement_is_no_longer_wanted() -> None:
     plan = schedule()
     plan.wish(Why.NO_GOOD, 0.0)
     plan.look(CUTTING, 0.0)
@@ -214,7 +214,7 @@ def test_a_wish_that_ends_between_two_repeats_ends_them() -> None:
     assert plan.look(CUTTING, 86400.0).standing is Standing.WAITING
 
 
-def test_the_pause_after_rejected_results_outlasts_the_wish() -> None:
+def test_the_pause_after_rejected_results_outlasts_the_reason_to_measure() -> None:
     plan, bulletin = schedule(retries=0), Bulletin()
     plan.wish(Why.NO_GOOD, 0.0)
     plan.look(CUTTING, 0.0)
@@ -233,7 +233,7 @@ def test_the_pause_after_rejected_results_outlasts_the_wish() -> None:
     ("prefer", "insist", "retries", "pause"),
     [(700.0, 600.0, 1, 1.0), (-1.0, 600.0, 1, 1.0), (1.0, 2.0, -1, 1.0), (1.0, 2.0, 1, math.nan)],
 )
-def test_settings_that_cannot_be(prefer: float, insist: float, retries: int, pause: float) -> None:
+def test_invalid_settings(prefer: float, insist: float, retries: int, pause: float) -> None:
     with pytest.raises(ValueError, match="expected"):
         ProbingSchedule(prefer_idle_s=prefer, insist_after_s=insist, retries=retries, pause_s=pause)
 

@@ -210,7 +210,7 @@ async def test_file_that_is_no_recording_is_refused_in_words(name: str, said: st
 
 
 @pytest.mark.parametrize("group", ["10.0.0.1:43113", "239.74.163.2", "239.74.163.2:0", "can0:43113"])
-async def test_group_that_cannot_be_is_refused(group: str) -> None:
+async def test_invalid_group_is_refused(group: str) -> None:
     done = await talc_gateway("play", "docs/example.wire", "--multicast", group)
     assert done.code == 2
     assert f"--multicast {group}: expected GROUP:PORT, such as 239.74.163.2:43113" in done.err

@@ -174,7 +174,7 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
         (lambda g: g[:0], "is empty; expected a heading"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(
+def test_what_is_wrong_is_reported_with_its_place(
     tmp_path: Path, change: Callable[[list[str]], list[str]], message: str
 ) -> None:
     path = tmp_path / "bad.csv"
@@ -200,7 +200,7 @@ def test_many_mistakes_are_counted_and_other_files_named(tmp_path: Path) -> None
     assert "expected NAME=COLUMN" in answer.output
 
 
-def test_text_that_is_not_utf8_is_told_by_line(tmp_path: Path) -> None:
+def test_text_that_is_not_utf8_is_reported_by_line(tmp_path: Path) -> None:
     path = tmp_path / "latin.csv"
     path.write_text("\n".join([*GOOD[:4], "1500,20,1 \xb5m"]), encoding="latin-1")
     with pytest.raises(RecordingError, match=r"line 5: is neither .*: byte 11 of the line is 0xb5; save the table as"):
@@ -239,7 +239,7 @@ def test_timestamps_of_parquet_need_neither_pandas_nor_their_zone(tmp_path: Path
         read_recording(path, Columns(), 300.0)
 
 
-def test_text_in_parquet_is_told_by_row(tmp_path: Path) -> None:
+def test_text_in_parquet_is_reported_by_row(tmp_path: Path) -> None:
     path = tmp_path / "bad.parquet"
     times = [START + timedelta(minutes=5 * i) for i in range(20)]
     pyarrow.parquet.write_table(pyarrow.table({"time": times, "t1": ["hot"] * 20, "EX0C": [1.0] * 20}), path)
@@ -269,7 +269,7 @@ def test_a_configuration_for_replay_is_read_as_strictly_as_one_to_run(tmp_path: 
     assert replayed.value.problems[0].where == "[talc.control] calibration_steps"
 
 
-def test_settings_come_from_a_configuration_and_too_little_is_told(tmp_path: Path) -> None:
+def test_settings_come_from_a_configuration_and_too_little_is_reported(tmp_path: Path) -> None:
     path, config = tmp_path / "short.csv", tmp_path / "talc.toml"
     path.write_text("\n".join(GOOD), encoding="utf-8")
     config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")

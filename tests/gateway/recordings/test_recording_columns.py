@@ -47,7 +47,7 @@ def test_what_looks_like_an_error_is_no_input(tmp_path: Path, name: str, message
     assert read(path, Columns(ignored=(name,))).input_names == ("t1",)
 
 
-def test_a_misspelt_error_is_suggested_and_can_be_told(tmp_path: Path) -> None:
+def test_a_misspelt_error_is_suggested_and_can_be_named(tmp_path: Path) -> None:
     path = table(tmp_path, "time", "t1", "ex0c")
     answer = run(path)
     assert answer.exit_code == 2

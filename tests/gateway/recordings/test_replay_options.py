@@ -217,7 +217,7 @@ def test_the_table_needs_a_known_suffix_and_overwrites_no_source(tmp_path: Path)
 
 
 @pytest.mark.parametrize(("option", "what"), [("--out", "table"), ("-o", "page")])
-def test_a_folder_that_is_not_there_is_told_before_anything_runs(tmp_path: Path, option: str, what: str) -> None:
+def test_a_folder_that_is_not_there_is_reported_before_anything_runs(tmp_path: Path, option: str, what: str) -> None:
     answer = run(table(tmp_path, "time,t1,t2,EX0C"), option, tmp_path / "absent" / "steps.csv")
     assert answer.exit_code == 2
     assert f"the {what} cannot be written: there is no folder" in " ".join(answer.output.split())

@@ -53,7 +53,7 @@ def test_the_page_can_be_made_again_from_what_it_says(tmp_path: Path) -> None:
         assert f"{name} {version(name)}" in page
 
 
-def test_the_command_holds_what_was_told(tmp_path: Path) -> None:
+def test_the_command_holds_what_was_given(tmp_path: Path) -> None:
     path, page = recording(tmp_path, 300.0, 60), tmp_path / "page.html"
     told = ["-o", str(page), "--time", "time", "--error", "EZ0T=note", "--error", "EX0C=EX0C"]
     assert run(str(path), *told).exit_code == 0
@@ -62,7 +62,7 @@ def test_the_command_holds_what_was_told(tmp_path: Path) -> None:
     assert "EZ0T = note, EX0C</code>" in text
 
 
-def test_the_page_claims_no_check_that_nobody_made(tmp_path: Path) -> None:
+def test_the_page_claims_no_check_that_was_not_made(tmp_path: Path) -> None:
     path = recording(tmp_path, 300.0, 60)
     run(str(path))
     page = page_of(path)
@@ -92,7 +92,7 @@ def test_the_page_claims_no_check_that_nobody_made(tmp_path: Path) -> None:
         (300.0, 300, None),
     ],
 )
-def test_a_calibration_longer_than_one_may_think_is_told(
+def test_a_calibration_longer_than_a_day_is_reported(
     tmp_path: Path, spacing_s: float, rows: int, said: str | None
 ) -> None:
     path, config = recording(tmp_path, spacing_s, rows), tmp_path / "talc.toml"

@@ -30,7 +30,7 @@ def test_of_an_error_at_a_radius_the_tool_sees_what_its_lever_makes_of_it() -> N
     assert [round(row.e_rms, 6) for row in rows] == [8.0, 0.0, 12.0]
 
 
-def test_refused_cycles_cost_time_as_well_and_are_told() -> None:
+def test_refused_cycles_cost_time_as_well_and_are_reported() -> None:
     run = small_run()
     refused = tuple(CycleSeen(STEP_S * i, "a touch repeats by 14 µm") for i in range(6))
     more = replace(run, cycles_seen=run.cycles_seen + refused)
@@ -44,7 +44,7 @@ def test_a_run_that_has_only_just_begun_is_not_less_than_unproductive() -> None:
     assert told(replace(small_run(4), cycles_seen=reference)).endswith(", 50 % productive")
 
 
-def test_gaps_and_stale_periods_are_told() -> None:
+def test_gaps_and_stale_periods_are_reported() -> None:
     gap = with_gap(small_run(), 11, 24)
     assert lost(gap)["gaps"] == "1, 2.0 h without a step; the longest 2.0 h, Mon 2026-01-05 07:55 CET"
     stale = np.zeros(48, dtype=np.bool_)
@@ -80,7 +80,9 @@ def test_a_gateway_that_writes_nothing_says_so() -> None:
         (0.0, 0.0, float("nan"), "not known"),
     ],
 )
-def test_a_change_is_told_in_words_that_mean_something(before: float, after: float, noise: float, said: str) -> None:
+def test_a_change_is_reported_in_words_that_mean_something(
+    before: float, after: float, noise: float, said: str
+) -> None:
     row = SummaryRow("EX0C", "µm", before, before, after, after, noise)
     assert (row.change_rms, row.change_pv) == (said, said)
 

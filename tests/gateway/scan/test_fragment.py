@@ -13,7 +13,7 @@ FILE = Path("gateway.toml")
 BEGUN = '[machine]\nname = "mill"\n'
 
 
-def test_file_that_was_broken_during_the_scan_is_told() -> None:
+def test_file_that_was_broken_during_the_scan_is_reported() -> None:
     with pytest.raises(ConfigError, match=r"^gateway\.toml: is not valid TOML: .*line 3"):
         merged(BEGUN + "[[bus]\n", (), FILE)
 

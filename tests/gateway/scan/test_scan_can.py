@@ -92,7 +92,7 @@ class Failing:
 
 
 @pytest.mark.simulated_time
-async def test_node_that_falls_silent_is_told_and_the_others_are_recognised() -> None:
+async def test_node_that_falls_silent_is_reported_and_the_others_are_recognised() -> None:
     async with bus([Failing(), node(9)]) as (_, what):
         report = await scan(what)
     assert [device.unit for device in report.found] == [9]
@@ -134,7 +134,7 @@ async def test_only_uploads_are_sent() -> None:
 
 
 @pytest.mark.simulated_time
-async def test_node_that_is_heard_but_stopped_is_told() -> None:
+async def test_node_that_is_heard_but_stopped_is_reported() -> None:
     stopped = node(5, heartbeat_ms=20)
     stopped.on_frame(0, bytes((Nmt.STOP, 5)))
     async with bus([stopped]) as (adapter, what):
@@ -146,7 +146,7 @@ async def test_node_that_is_heard_but_stopped_is_told() -> None:
 
 
 @pytest.mark.simulated_time
-async def test_two_nodes_with_one_id_are_told() -> None:
+async def test_two_nodes_with_one_id_are_reported() -> None:
     async with bus([node(5), node(5, "axiomatic")]) as (_, what):
         report = await scan(what)
     assert "node 5 answered twice: two nodes have this id; give one of them another" in report.remarks
@@ -164,7 +164,7 @@ async def test_plain_can_frames_are_listed() -> None:
 
 
 @pytest.mark.simulated_time
-async def test_nobody_there_says_what_to_check() -> None:
+async def test_an_absent_server_says_what_to_check() -> None:
     async with bus([node(5)], bitrate=1_000_000) as (_, what):
         report = await scan(what)
     assert report.found == []
@@ -241,7 +241,7 @@ def test_frames_of_a_known_node_are_explained(identifier: int, data: int, extend
         (("239.74.163.2", "--udp-port", "0"), "port: 0: expected at least 1"),
     ],
 )
-async def test_group_that_cannot_be_is_refused(options: tuple[str, ...], says: str) -> None:
+async def test_invalid_group_is_refused(options: tuple[str, ...], says: str) -> None:
     done = await talc_gateway("scan", "can", *options, "--interface", "udp_multicast")
     assert done.code == 2
     assert done.err.startswith(f"error: {says}")

@@ -94,7 +94,7 @@ async def test_known_modules_are_recognised_and_others_called_unknown() -> None:
 
 
 @pytest.mark.simulated_time
-async def test_input_set_to_something_else_is_left_out_and_told() -> None:
+async def test_input_set_to_another_type_is_left_out_and_reported() -> None:
     module = M7015(lambda: SIX)
     module.set_type_code(3, 0x05)  # a voltage
     async with line({1: module}) as path:
@@ -104,7 +104,7 @@ async def test_input_set_to_something_else_is_left_out_and_told() -> None:
 
 
 @pytest.mark.simulated_time
-async def test_module_in_another_data_format_is_told() -> None:
+async def test_module_in_another_data_format_is_reported() -> None:
     module = M7015(lambda: SIX)
     module.engineering = False
     async with line({1: module}) as path:
@@ -139,7 +139,7 @@ async def test_speed_at_which_the_line_talks_is_found() -> None:
 
 @pytest.mark.simulated_time
 @pytest.mark.parametrize(("payload", "profile"), [("float", "me_rs485"), ("counted", "me_dt6120")])
-async def test_displacement_sensor_is_told_by_its_answer(payload: str, profile: str) -> None:
+async def test_displacement_sensor_is_recognised_by_its_answer(payload: str, profile: str) -> None:
     sensor = MeSensor(lambda: [123.4], range_um=500.0, payload="counted" if payload == "counted" else "float")
     path = await sensor.start()
     try:
@@ -152,7 +152,7 @@ async def test_displacement_sensor_is_told_by_its_answer(payload: str, profile: 
 
 
 @pytest.mark.simulated_time
-async def test_answers_that_collide_are_told_and_are_no_device() -> None:
+async def test_answers_that_collide_are_reported_and_are_no_device() -> None:
     """Two units with one id: their bits mix, here by AND as on an RS-485 pair pulled down by both."""
     wire = RtuLine({1: M7015(lambda: SIX)})
     wire.spoil = lambda _, frame: [(0.0, bytes(a & b for a, b in zip(frame, frame[1:] + b"\x12", strict=True)))]
@@ -304,7 +304,9 @@ async def test_file_that_exists_is_added_to_only_after_a_yes(tmp_path: Path) -> 
         ),
     ],
 )
-async def test_file_that_cannot_be_added_to_is_told_before_the_scan(tmp_path: Path, content: bytes, said: str) -> None:
+async def test_file_that_cannot_be_added_to_is_reported_before_the_scan(
+    tmp_path: Path, content: bytes, said: str
+) -> None:
     file = tmp_path / "gateway.toml"
     file.write_bytes(content)
     done = await talc_gateway("scan", "serial", "/dev/does-not-exist", "--toml", str(file))
@@ -353,7 +355,7 @@ async def test_limit_ends_a_scan_that_would_last_for_hours() -> None:
         ("1,5-3", "'1,5-3': expected the smaller number first, 3-5"),
     ],
 )
-async def test_units_that_cannot_be_are_refused(units: str, says: str) -> None:
+async def test_invalid_units_are_refused(units: str, says: str) -> None:
     done = await talc_gateway("scan", "serial", "/dev/null", "--units", units)
     assert done.code == 2
     assert says in done.err

@@ -73,7 +73,7 @@ async def test_host_that_ignores_the_unit_id_is_one_device() -> None:
     assert report.remarks == [f"127.0.0.1:{port} answers to every unit id: one device, shown as unit 1"]
 
 
-async def test_controller_that_streams_is_told_from_modbus() -> None:
+async def test_controller_that_streams_is_distinguished_from_modbus() -> None:
     controller = MeController(lambda: [100.0, 200.0], range_um=500.0)
     port = await controller.start()
     try:
@@ -121,7 +121,7 @@ async def peer(serve: Serve) -> AsyncIterator[int]:
         await server.wait_closed()
 
 
-async def test_host_that_closes_on_strange_units_is_asked_on() -> None:
+async def test_host_that_closes_on_unknown_units_is_asked_again() -> None:
     """Unit 3 is a module; on any other the connection is closed, as some gateways do."""
     adam = Adam6015(lambda: SEVEN)
 
@@ -135,7 +135,7 @@ async def test_host_that_closes_on_strange_units_is_asked_on() -> None:
     assert [(device.unit, device.what.profile) for device in report.found] == [(3, "advantech_adam6015")]
 
 
-async def test_host_that_speaks_something_else_is_left_alone_soon() -> None:
+async def test_host_with_another_protocol_is_left_alone_soon() -> None:
     connections = 0
 
     async def greet(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -150,7 +150,7 @@ async def test_host_that_speaks_something_else_is_left_alone_soon() -> None:
     assert report.remarks[0].startswith("Modbus: ")
 
 
-async def test_host_that_accepts_and_never_answers_is_told() -> None:
+async def test_host_that_accepts_and_never_answers_is_reported() -> None:
     silent = TcpHost({})
     port = await silent.start()
     try:

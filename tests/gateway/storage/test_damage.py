@@ -216,7 +216,7 @@ def test_a_run_whose_number_is_none_is_damage_and_the_gateway_starts(whole: Path
     assert check_start(path)
 
 
-def test_a_text_where_the_writer_expects_a_time_is_damage_and_is_mended(whole: Path, tmp_path: Path) -> None:
+def test_a_text_where_the_writer_expects_a_time_is_damage_and_is_repaired(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)
     with closing(sqlite3.connect(path)) as connection, connection:
@@ -232,7 +232,7 @@ def test_a_reference_whose_row_is_damaged_is_not_kept(whole: Path, tmp_path: Pat
     assert check_start(path)
 
 
-def test_damage_that_shows_while_it_runs_is_mended_while_it_runs(whole: Path, tmp_path: Path) -> None:
+def test_damage_that_shows_while_it_runs_is_repaired_while_it_runs(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)
     settings = config(path)

@@ -92,7 +92,7 @@ def test_before_the_first_measurement_nothing_is_known_but_that_it_is_wanted(day
     assert all(np.isnan(e.estimate) and not e.trusted for e in reasons.errors)
 
 
-def test_what_other_machines_told_is_a_kind_of_its_own_and_models_give_no_reasons(days: ThermalSeries) -> None:
+def test_experts_of_a_prior_are_a_kind_of_their_own_and_models_give_no_reasons(days: ThermalSeries) -> None:
     state = after_a_day(days)[0].state().course
     assert state is not None
     told = Controller(days.names, TalcSettings(method="learner"), prior=make_prior([(days.names, state.learner)]))
