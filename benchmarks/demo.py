@@ -175,7 +175,7 @@ class DemoLoop:
         decision = self._controller.step(frame)
         self._frames.append(frame)
         self._decisions.append(decision)
-        self._plan.wish(decision.measure, self._clock.now)
+        self._plan.want(decision.measure, self._clock.now)
         self._look_from = self._clock.now + _GRID_S - _PROBING.lead_s
 
     def _data(self) -> ReportData:

@@ -8,11 +8,11 @@ from gateway.config import GatewayConfig, parse_prior, validate
 from gateway.control import SeenBefore
 from gateway.rebuild import (
     Interrupted,
-    Progress,
+    RebuildProgress,
     Rebuilt,
     controller_of,
+    go_on,
     marks,
-    no_matter,
     rebuilt_from,
     used,
 )
@@ -81,7 +81,7 @@ def _settings_alike(one: TalcSettings, other: TalcSettings) -> bool:
 
 
 def past_in(
-    store: Store, config: GatewayConfig, progress: Progress = no_matter, save_every: int = _SAVE_EVERY_STEPS
+    store: Store, config: GatewayConfig, progress: RebuildProgress = go_on, save_every: int = _SAVE_EVERY_STEPS
 ) -> Past:
     """`past_of` what a store holds. A damaged one is set aside first, and what can be read of it counts.
 
@@ -107,7 +107,7 @@ def past_in(
         return past_of(history, config, each)
 
 
-def past_of(history: History, config: GatewayConfig, progress: Progress = no_matter) -> Past:
+def past_of(history: History, config: GatewayConfig, progress: RebuildProgress = go_on) -> Past:
     """The controller as an earlier run left it, from its last snapshot and the steps after it.
 
     Without a snapshot of these settings and this program, it is rebuilt from the whole record with the stored models.

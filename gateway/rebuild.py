@@ -74,16 +74,16 @@ class Rebuilt:
         return Snapshot(marks, self.controller.state(), self.measure, self.missing, tuple(self.measured))
 
 
-Progress = Callable[[Rebuilt], None]
+RebuildProgress = Callable[[Rebuilt], None]
 """Called after every step of a rebuild; ends it by raising Interrupted."""
 
 
-def no_matter(_: Rebuilt) -> None:
+def go_on(_: Rebuilt) -> None:
     """Go on."""
 
 
 def rebuilt(
-    steps: Iterable[StoredStep], config: GatewayConfig, start: Rebuilt | None = None, progress: Progress = no_matter
+    steps: Iterable[StoredStep], config: GatewayConfig, start: Rebuilt | None = None, progress: RebuildProgress = go_on
 ) -> Rebuilt:
     """The controller of a configuration, after the stored frames and models. A learner takes only the frames.
 
@@ -101,7 +101,7 @@ def rebuilt(
     return found
 
 
-def rebuilt_from(history: History, config: GatewayConfig, progress: Progress = no_matter) -> Rebuilt:
+def rebuilt_from(history: History, config: GatewayConfig, progress: RebuildProgress = go_on) -> Rebuilt:
     """The controller after the whole record: from the latest snapshot of the same settings and program, if any."""
     start = _restored(history, config)
     after_k = -1 if start is None or start.last_k is None else start.last_k

@@ -208,7 +208,7 @@ class Controller:
             corrected=corrected,
             sigma=sigma,
             limits=limits,
-            measure=self._wish(frame.k, novel, sigma, limits),
+            measure=self._why_measure(frame.k, novel, sigma, limits),
             training=training,
             events=tuple(events),
             substituted=tuple(sorted(self._substituted)),
@@ -327,7 +327,7 @@ class Controller:
             static_inputs=self._static,
         )
 
-    def _wish(self, k: int, novel: bool, sigma: FloatArray, limits: FloatArray) -> Why | None:
+    def _why_measure(self, k: int, novel: bool, sigma: FloatArray, limits: FloatArray) -> Why | None:
         since = k + 1 - self._last_measured if self._last_measured is not None else k + 1
         match self._phase:
             case Phase.CALIBRATION:

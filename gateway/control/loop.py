@@ -65,8 +65,8 @@ class GridLoop:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
         self._link, self._plan, self._probing = link, plan, probing
         self._sink = sink
-        self._job, wish = pending
-        self._plan.wish(wish, clock.monotonic())
+        self._job, wanted = pending
+        self._plan.want(wanted, clock.monotonic())
         self._run_training, self._seen = train, seen
         self._bulletin, self._outlook = Bulletin(), Outlook(Standing.NOT_WANTED, None)
         self._finished: Measurement | None = None
@@ -83,14 +83,14 @@ class GridLoop:
                 instant = self._schedule.next(self._clock.utc(), self._clock.monotonic())
                 if instant.clock_moved_s:
                     log.warning("the clock was set by %+.0f s; the grid follows", instant.clock_moved_s)
-                self._see_to_wishes(tasks, instant)
+                self._begin_what_is_wanted(tasks, instant)
                 await self._clock.sleep_until(instant.monotonic_s)
                 with self._clock.hold():
                     self._step(instant)
                     # Let the other tasks of this instant start while time still stands still.
                     await asyncio.sleep(0)
 
-    def _see_to_wishes(self, tasks: asyncio.TaskGroup, instant: Instant) -> None:
+    def _begin_what_is_wanted(self, tasks: asyncio.TaskGroup, instant: Instant) -> None:
         if self._job is not None and (self._training is None or self._training.done()):
             job, self._job = self._job, None
             self._training = tasks.create_task(self._train(job), name="training")
@@ -113,7 +113,7 @@ class GridLoop:
         self._sink(DecisionMade(decision))
         for event in decision.events:
             self._sink(EventReported(event, decision.k))
-        self._plan.wish(decision.measure, self._clock.monotonic())
+        self._plan.want(decision.measure, self._clock.monotonic())
         if decision.training is not None:
             self._job = decision.training
         if self._link is not None:

@@ -109,7 +109,7 @@ class ProbingSchedule:
         """Whether a measurement is wanted and not yet requested."""
         return self._why is not None and not self._asked
 
-    def wish(self, why: Why | None, now_s: float) -> None:
+    def want(self, why: Why | None, now_s: float) -> None:
         """The controller's request from now on; None: none. One that only changes its reason keeps waiting."""
         if why is None or self._why is None:
             self._since = now_s

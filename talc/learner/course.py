@@ -17,7 +17,7 @@ from talc.frame import (
     Phase,
     Why,
 )
-from talc.learner.experts import EXPERTS, TOLD
+from talc.learner.experts import EXPERTS, OTHERS_EXPERTS
 from talc.learner.learner import Estimate, Explanation, LearnerState, RowLearner, Weights
 from talc.learner.mixture import Surprise
 from talc.learner.prior import Prior
@@ -76,7 +76,7 @@ class LearningCourse:
         self._limits = np.where(positions, settings.limit_um, settings.limit_um_per_m)
         noise = np.where(positions, settings.noise_um, settings.noise_um_per_m)
         self._learner = RowLearner(len(self._names), step_s, noise, None if prior is None else prior.of(self._names))
-        self._experts = EXPERTS if prior is None else (*EXPERTS, *TOLD)
+        self._experts = EXPERTS if prior is None else (*EXPERTS, *OTHERS_EXPERTS)
         self._long_gap = round(_SETTLED_S / step_s)
         self._phase = Phase.CALIBRATION
         self._last_k: int | None = None
@@ -118,7 +118,7 @@ class LearningCourse:
             corrected=after.value,
             sigma=after.sigma,
             limits=self._limits.copy(),
-            measure=self._wish(frame.k, after),
+            measure=self._why_measure(frame.k, after),
             training=None,
             events=tuple(events),
             substituted=tuple(sorted(self._substituted)),
@@ -208,7 +208,7 @@ class LearningCourse:
             events.append(Event(EventKind.TRUST_CHANGED, f"{name} {now}", name))
         self._trusted = trusted
 
-    def _wish(self, k: int, after: Estimate) -> Why | None:
+    def _why_measure(self, k: int, after: Estimate) -> Why | None:
         s = self._settings
         if self._last_measured is None:
             return Why.CALIBRATION
@@ -229,7 +229,7 @@ class LearningCourse:
         return bool((_TWO_SIDED_95 * estimate.sigma > self._limits).any())
 
     def _next(self, k: int) -> tuple[int, Why]:
-        """When `_wish` will have led to a measurement, if the inputs stay as they are."""
+        """When `_why_measure` will have led to a measurement, if the inputs stay as they are."""
         s = self._settings
         if self._last_measured is None:
             return k + 1, Why.CALIBRATION

@@ -24,7 +24,7 @@ class Expert:
     direct: bool = False
     """Uses only inputs without lags: a regression."""
 
-    told: bool = False
+    others: bool = False
     """Starts with what other machines have learnt; `weight` then multiplies its standard deviations."""
 
     @property
@@ -32,7 +32,7 @@ class Expert:
         """The expert in words, for people."""
         if self.weight == 0.0:
             return f"hold {self.level:g}"
-        if self.told:
+        if self.others:
             return f"other machines {self.weight:g}, level {self.level:g}"
         if self.direct:
             return f"regression {self.weight:g}, level {self.level:g}"
@@ -52,5 +52,5 @@ EXPERTS: Final = (
 while the machine's behaviour stays the same, those whose weights drift when it changes slowly, and those whose level
 moves fast when it changes at once."""
 
-TOLD: Final = tuple(Expert(a, level, told=True) for a, level in product((1.0, 2.0), (0.002, 0.02)))
+OTHERS_EXPERTS: Final = tuple(Expert(a, level, others=True) for a, level in product((1.0, 2.0), (0.002, 0.02)))
 """Added to the others if there is a prior from other machines."""

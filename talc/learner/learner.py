@@ -7,7 +7,7 @@ import numpy as np
 from talc.frame import BoolArray, FloatArray
 from talc.learner.features import LagBank
 from talc.learner.inputs import InputMemory
-from talc.learner.mixture import Mixture, MixtureState, Surprise, Told
+from talc.learner.mixture import Mixture, MixtureState, OtherMachines, Surprise
 
 TIME_CONSTANTS_S = (0.0, 900.0, 2700.0, 8100.0, 24300.0)
 """0, 15 min, 45 min, 2.25 h, 6.75 h: any smooth response of a machine is near a sum of these."""
@@ -104,20 +104,20 @@ class RowLearner:
     step_s: grid step
     noise: (9,) standard uncertainty of a measurement that is reported without one; its length, elsewhere nine, is the
         number of errors
-    told: learnt by other machines, in the spans (n,) beside it; NaN: not known
+    others: what other machines have learnt, in the spans (n,) beside it; NaN: not known
     """
 
     def __init__(
-        self, inputs: int, step_s: float, noise: FloatArray, told: tuple[FloatArray, Told] | None = None
+        self, inputs: int, step_s: float, noise: FloatArray, others: tuple[FloatArray, OtherMachines] | None = None
     ) -> None:
         self._memory = InputMemory(inputs)
         self._bank = LagBank(inputs, TIME_CONSTANTS_S, step_s, SPAN)
-        if told is not None:
-            self._bank.span = np.where(np.isfinite(told[0]), told[0], SPAN)
+        if others is not None:
+            self._bank.span = np.where(np.isfinite(others[0]), others[0], SPAN)
             self._bank.wide = self._bank.span > SPAN
         self._errors = len(noise)
         self._mixture = Mixture(
-            inputs, self._bank.lags, step_s, told=None if told is None else told[1], errors=self._errors
+            inputs, self._bank.lags, step_s, others=None if others is None else others[1], errors=self._errors
         )
         self._short_gap = round(_SHORT_GAP_S / step_s)
         self._noise = noise

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from talc import _kernel
 from talc.frame import FloatArray
-from talc.learner.experts import EXPERTS, TOLD, UNIT, Expert
+from talc.learner.experts import EXPERTS, OTHERS_EXPERTS, UNIT, Expert
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
@@ -21,7 +21,7 @@ _NULL_FIRST, _NULL_KEPT, _NULL_BOUND = 3.0, 0.995, 10.0
 _SHIFT = 0.05
 """Variance of the reference's noise over a measurement's, a priori, for an error that stays zero. A mean of five has
 0.2; but the more is allowed, the longer a small error that changes slowly passes for zero (docs/method.md)."""
-_TOLD_SHARE, _TOLD_NULL = 0.8, -2.0
+_OTHERS_SHARE, _OTHERS_NULL = 0.8, -2.0
 """First weight of all experts from other machines together, and first log-odds of such an error being zero."""
 _LEAST_NOISE = 0.25
 """µm or µm/m: no probing cycle is more accurate."""
@@ -88,7 +88,7 @@ class Surprise:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Told:
+class OtherMachines:
     """What other machines have learnt, in the order of this machine's inputs."""
 
     machines: FloatArray
@@ -116,8 +116,8 @@ class Mixture:
     inputs, lags: features are inputs times lags, input by input
     step_s: grid step
     experts: of each error
-    told: from other machines; adds experts that start with it
-    errors: number of errors; nine unless told otherwise
+    others: what other machines have learnt; adds experts that start with it
+    errors: number of errors; nine unless stated
     """
 
     def __init__(
@@ -126,12 +126,12 @@ class Mixture:
         lags: int,
         step_s: float,
         experts: tuple[Expert, ...] = EXPERTS,
-        told: Told | None = None,
+        others: OtherMachines | None = None,
         errors: int = _ERRORS,
     ) -> None:
         self._errors = errors
-        experts = experts if told is None else (*experts, *TOLD)
-        self._told, self._listeners = told, [e for e, expert in enumerate(experts) if expert.told]
+        experts = experts if others is None else (*experts, *OTHERS_EXPERTS)
+        self._others, self._started_from_others = others, [e for e, expert in enumerate(experts) if expert.others]
         self._inputs, self._lags, self._experts = inputs, lags, experts
         n, many = inputs * lags + 1, len(experts)
         self._n, packed = n, n * (n + 1) // 2
@@ -153,11 +153,11 @@ class Mixture:
         self._groups = np.arange(min(_RENEWED, inputs))
         self._gain, self._spread = np.empty((many, n)), np.empty(many)
         weight, null = np.full((self._errors, many), 1.0 / many), np.full(self._errors, _NULL_FIRST)
-        if told is not None:
-            known, heard = told.machines > 0, len(self._listeners)
-            weight[known] = (1.0 - _TOLD_SHARE) / (many - heard)
-            weight[known, many - heard :] = _TOLD_SHARE / heard
-            null[known] = _TOLD_NULL
+        if others is not None:
+            known, added = others.machines > 0, len(self._started_from_others)
+            weight[known] = (1.0 - _OTHERS_SHARE) / (many - added)
+            weight[known, many - added :] = _OTHERS_SHARE / added
+            null[known] = _OTHERS_NULL
         self._s = MixtureState(
             mean=np.zeros((self._errors, many, n)),
             covariance=np.zeros((self._errors, many, packed)),
@@ -311,24 +311,24 @@ class Mixture:
         off."""
         s = self._s
         s.covariance[j][:, self._diagonal] = s.prior[j]
-        if self._told is not None and self._told.machines[j]:
-            for e in self._listeners:
-                self._listen(j, e, self._told)
+        if self._others is not None and self._others.machines[j]:
+            for e in self._started_from_others:
+                self._start_from_others(j, e, self._others)
         level = max(noise, y * y if abs(y) > _FIRST_FAR * np.sqrt(noise) else 0.0)
         s.shift[j] = 0.0, _SHIFT * noise
         s.covariance[j][:, self._diagonal[-1]] = level
         s.elapsed[j] = s.jolt[j] = 0.0
 
-    def _listen(self, j: int, e: int, told: Told) -> None:
+    def _start_from_others(self, j: int, e: int, others: OtherMachines) -> None:
         """An expert starts with what other machines learnt; for inputs that they do not have, with the flat prior."""
         s, size = self._s, self._n - 1
-        variance = np.diag(told.covariance[j])
+        variance = np.diag(others.covariance[j])
         own = np.where(variance > 0.0, variance, UNIT**2 / size) * self._experts[e].weight ** 2
         full = np.zeros((self._n, self._n))
-        full[:size, :size] = told.covariance[j] * self._experts[e].weight ** 2
+        full[:size, :size] = others.covariance[j] * self._experts[e].weight ** 2
         full[np.arange(size), np.arange(size)] = own
         s.covariance[j, e] = full[np.tril_indices(self._n)]
-        s.mean[j, e, :-1] = told.mean[j]
+        s.mean[j, e, :-1] = others.mean[j]
         s.prior[j, e, :-1] = np.repeat(own.reshape(-1, self._lags).mean(axis=1), self._lags)
 
     def _weigh_null(self, j: int, y: float, centre: float, total: float, noise: float) -> None:

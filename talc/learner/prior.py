@@ -7,7 +7,7 @@ import numpy as np
 
 from talc.frame import FloatArray
 from talc.learner.learner import TIME_CONSTANTS_S, LearnerState
-from talc.learner.mixture import Told
+from talc.learner.mixture import OtherMachines
 from talc.names import THERMAL_ERRORS
 
 FORMAT = 1
@@ -74,15 +74,15 @@ class Prior:
         errors = plain.get("errors")
         if not isinstance(errors, dict) or not errors:
             raise ValueError("errors: expected a table of thermal errors")
-        for name, told in errors.items():
-            if name not in THERMAL_ERRORS or not isinstance(told, dict):
+        for name, stated in errors.items():
+            if name not in THERMAL_ERRORS or not isinstance(stated, dict):
                 raise ValueError(f"errors.{name}: expected a table under one of {', '.join(THERMAL_ERRORS)}")
-            j, many = THERMAL_ERRORS.index(name), told.get("machines")
+            j, many = THERMAL_ERRORS.index(name), stated.get("machines")
             if not isinstance(many, int) or not 1 <= many <= _MOST_MACHINES:
                 raise ValueError(f"errors.{name}.machines = {many!r}: expected a whole number, 1 to {_MOST_MACHINES}")
             machines[j] = many
-            mean[j] = _numbers(told.get("mean"), n, f"errors.{name}.mean")
-            lower = _numbers(told.get("covariance"), len(rows), f"errors.{name}.covariance")
+            mean[j] = _numbers(stated.get("mean"), n, f"errors.{name}.mean")
+            lower = _numbers(stated.get("covariance"), len(rows), f"errors.{name}.covariance")
             covariance[j][rows, columns] = covariance[j][columns, rows] = lower
             least, most = np.linalg.eigvalsh(covariance[j])[[0, -1]]
             if least < -1e-6 * max(most, 1.0):
@@ -93,7 +93,7 @@ class Prior:
         """The inputs among these that the other machines have too."""
         return tuple(name for name in names if name in self.inputs)
 
-    def of(self, names: Sequence[str]) -> tuple[FloatArray, Told]:
+    def of(self, names: Sequence[str]) -> tuple[FloatArray, OtherMachines]:
         """For a machine with these inputs: (n,) spans, NaN where nothing is known, and the weights."""
         here = [self.inputs.index(name) if name in self.inputs else -1 for name in names]
         known = np.array([i >= 0 for i in here])
@@ -102,14 +102,14 @@ class Prior:
         mask = np.repeat(known, _LAGS)
         mean = np.where(mask, self.mean[:, own], 0.0)
         covariance = np.where(mask[:, None] & mask[None, :], self.covariance[:, own][:, :, own], 0.0)
-        return span, Told(self.machines, mean, covariance)
+        return span, OtherMachines(self.machines, mean, covariance)
 
 
 def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
     """From the inputs and states of learners on machines of one kind. ValueError: none has learnt anything.
 
     Mean: of the machines that have an input. Covariance: the variances between machines, and a share of the mean of
-    what each machine itself is unsure of. Of an error that most machines found to be zero nothing is told: the next one
+    what each machine itself is unsure of. An error that most machines found to be zero is left out: the next one
     would believe in it from the start.
     """
     names = tuple(dict.fromkeys(name for own, _ in learners for name in own))
@@ -124,14 +124,14 @@ def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
         believed = sum(state.mixture.null[j] < 0.0 for _, state in learnt)
         if not learnt or 2 * believed < len(learnt):
             continue
-        told = [_placed(own, state, j, names, span) for own, state in learnt]
-        machines[j] = len(told)
-        weights, present = np.array([w for w, _, _ in told]), np.array([m for _, _, m in told])
+        known = [_placed(own, state, j, names, span) for own, state in learnt]
+        machines[j] = len(known)
+        weights, present = np.array([w for w, _, _ in known]), np.array([m for _, _, m in known])
         count = np.maximum(present.sum(axis=0), 1)
         mean[j] = weights.sum(axis=0) / count
         between = np.where(present, weights - mean[j], 0.0) ** 2
         few = np.where(count > 1, between.sum(axis=0) / np.maximum(count - 1, 1), _ALONE * mean[j] ** 2)
-        unsure = np.mean([p for _, p, _ in told], axis=0)
+        unsure = np.mean([p for _, p, _ in known], axis=0)
         covariance[j] = np.diag(few) + _POSTERIOR_SHARE * unsure
     if not machines.any():
         raise ValueError(

@@ -85,6 +85,6 @@ def reasons_for(
 def _by_kind(experts: Sequence[Expert], weights: FloatArray) -> tuple[tuple[str, float], ...]:
     sums: dict[str, float] = {}
     for expert, weight in zip(experts, weights.tolist(), strict=True):
-        kind = KINDS[0] if expert.weight == 0.0 else KINDS[3] if expert.told else KINDS[2 if expert.evidence else 1]
+        kind = KINDS[0] if expert.weight == 0.0 else KINDS[3] if expert.others else KINDS[2 if expert.evidence else 1]
         sums[kind] = sums.get(kind, 0.0) + weight
     return tuple(sorted(sums.items(), key=lambda item: -item[1]))

@@ -70,8 +70,8 @@ def test_a_sparse_calibration_measures_each_few_steps_and_ends_with_its_length()
 def test_a_measurement_that_a_sparse_calibration_missed_is_wanted_until_it_comes() -> None:
     control = ControlSettings(calibration_steps=4 * CALIBRATION, calibration_interval_steps=4)
     c = Controller(INPUTS, TalcSettings(method="models", control=control))
-    wishes = [c.step(frame(k, measured=2.0 if k in (0, 6) else None)).measure for k in range(12)]
-    assert [k for k, wish in enumerate(wishes) if wish is Why.CALIBRATION] == [3, 4, 5, 9, 10, 11]
+    wanted = [c.step(frame(k, measured=2.0 if k in (0, 6) else None)).measure for k in range(12)]
+    assert [k for k, why in enumerate(wanted) if why is Why.CALIBRATION] == [3, 4, 5, 9, 10, 11]
 
 
 def test_calibrations_too_sparse_to_learn_from_are_refused() -> None:
@@ -228,7 +228,7 @@ def drifting(limit: float = 3.0) -> ModelSet:
     return ModelSet(k=CALIBRATION - 1, why="calibration", input_names=INPUTS, models=tuple(one))
 
 
-def wishes(c: Controller, steps: int, warm: float = 1.0) -> list[Why | None]:
+def wanted(c: Controller, steps: int, warm: float = 1.0) -> list[Why | None]:
     for k in range(CALIBRATION):
         c.step(frame(k, measured=2.0))
     c.adopt(drifting())
@@ -236,7 +236,7 @@ def wishes(c: Controller, steps: int, warm: float = 1.0) -> list[Why | None]:
 
 
 def test_the_uncertainty_policy_asks_when_the_interval_nears_the_limit() -> None:
-    asked = wishes(policy("uncertainty"), 40)
+    asked = wanted(policy("uncertainty"), 40)
     first = next(i for i, why in enumerate(asked) if why is not None)
     assert asked[first] is Why.UNCERTAINTY
     # A random walk of 0.3 per step fills 0.75 of a limit of 3 when 1.96 sqrt(0.09 n + 0.01) > 2.25.
@@ -244,10 +244,10 @@ def test_the_uncertainty_policy_asks_when_the_interval_nears_the_limit() -> None
 
 
 def test_the_novelty_policy_asks_when_inputs_leave_training_and_at_the_longest_interval() -> None:
-    familiar = wishes(policy("novelty"), 40)
+    familiar = wanted(policy("novelty"), 40)
     assert familiar.index(Why.INTERVAL) == 28  # 30 steps after the last measurement, asked one step ahead
     assert Why.NOVELTY not in familiar
-    strange = wishes(policy("novelty"), 40, warm=9.0)
+    strange = wanted(policy("novelty"), 40, warm=9.0)
     assert strange.index(Why.NOVELTY) == 1  # not sooner than 3 steps after the last measurement
 
 

@@ -60,7 +60,9 @@ async def test_a_calibration_measurement_is_asked_for_so_long_before_its_step_en
     bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
     async with running(bench, told):
         await bench.clock.run_until(STEP_S + 119.0)
-        assert bench.control.requests == []  # the wish came with the first step; 180 s before the second is 420 s
+        assert (
+            bench.control.requests == []
+        )  # the measurement was wanted from the first step on; 180 s before the second is 420 s
         await bench.clock.run_until(2 * STEP_S + 1.0)
         assert bench.control.requests == CYCLES_OF_THE_REFERENCE
         assert told.frames[-1].measurement is not None
@@ -90,7 +92,7 @@ async def test_a_measurement_that_is_no_longer_wanted_is_never_requested() -> No
     bench.control.program, bench.control.speed = ProgramState.RUNNING, 8000.0
     async with running(bench, told, pending=Why.INTERVAL) as plan:
         await bench.clock.run_until(200.0)
-        plan.wish(None, bench.clock.monotonic())
+        plan.want(None, bench.clock.monotonic())
         bench.control.program, bench.control.speed = ProgramState.ABORTED, 0.0
         await bench.clock.run_until(250.0)
     assert bench.control.requests == []

@@ -55,7 +55,7 @@ def test_nothing_is_due_that_nobody_wants() -> None:
 
 def test_a_routine_measurement_waits_in_a_cut_and_takes_the_end_of_the_program() -> None:
     plan = schedule()
-    plan.wish(Why.INTERVAL, 0.0)
+    plan.want(Why.INTERVAL, 0.0)
     first = plan.look(CUTTING, 0.0)
     assert first.standing is Standing.WAITING
     assert "idle" in first.reason
@@ -65,14 +65,14 @@ def test_a_routine_measurement_waits_in_a_cut_and_takes_the_end_of_the_program()
 
 def test_after_a_while_a_tool_change_will_do() -> None:
     plan = schedule()
-    plan.wish(Why.NOVELTY, 0.0)
+    plan.want(Why.NOVELTY, 0.0)
     assert plan.look(CUTTING, 601.0).standing is Standing.WAITING
     assert plan.look(OTHER_TOOL, 610.0).standing is Standing.DUE
 
 
 def test_in_the_end_it_insists_and_informs_the_operator() -> None:
     plan = schedule()
-    plan.wish(Why.INTERVAL, 0.0)
+    plan.want(Why.INTERVAL, 0.0)
     for now in range(0, 1800, 60):
         assert plan.look(CUTTING, float(now)).standing is Standing.WAITING
     due = plan.look(CUTTING, 1800.0)
@@ -82,27 +82,27 @@ def test_in_the_end_it_insists_and_informs_the_operator() -> None:
 
 def test_waiting_goes_on_when_the_reason_to_measure_changes_and_begins_anew_after_it_ends() -> None:
     plan = schedule()
-    plan.wish(Why.NOVELTY, 0.0)
+    plan.want(Why.NOVELTY, 0.0)
     plan.look(CUTTING, 0.0)
-    plan.wish(Why.INTERVAL, 1500.0)
+    plan.want(Why.INTERVAL, 1500.0)
     assert plan.look(CUTTING, 1800.0).standing is Standing.DUE
-    plan.wish(None, 1801.0)
+    plan.want(None, 1801.0)
     assert plan.look(IDLE, 1801.0).standing is Standing.NOT_WANTED
-    plan.wish(Why.INTERVAL, 2100.0)
+    plan.want(Why.INTERVAL, 2100.0)
     assert plan.look(CUTTING, 2100.0).standing is Standing.WAITING
 
 
 @pytest.mark.parametrize("why", [Why.CALIBRATION, Why.NO_GOOD, Why.RETRY])
 def test_what_belongs_to_the_next_step_does_not_wait(why: Why) -> None:
     plan = schedule()
-    plan.wish(why, 0.0)
+    plan.want(why, 0.0)
     assert plan.look(CUTTING, 0.0) == Outlook(Standing.DUE, why)
 
 
 @pytest.mark.parametrize("mode", OperatingMode)
 def test_a_control_that_says_it_can_begin_is_asked_in_any_mode_but_not_in_a_cut(mode: OperatingMode) -> None:
     plan = schedule()
-    plan.wish(Why.INTERVAL, 0.0)
+    plan.want(Why.INTERVAL, 0.0)
     jogging = replace(IDLE, mode=mode, cannot_probe="", states={"speed_X": 500.0})
     assert plan.look(jogging, 0.0).standing is Standing.WAITING
     assert plan.look(replace(CUTTING, mode=mode, cannot_probe=""), 1.0).standing is Standing.WAITING
@@ -123,7 +123,7 @@ def test_what_blocks_is_named_once_and_reported_to_the_operator_when_it_lasts(
     snapshot: NcSnapshot | None, reason: str
 ) -> None:
     plan, bulletin = schedule(), Bulletin()
-    plan.wish(Why.CALIBRATION, 0.0)
+    plan.want(Why.CALIBRATION, 0.0)
     events: list[Event] = []
     for now in range(0, 2400, 10):
         outlook = plan.look(snapshot, float(now))
@@ -140,7 +140,7 @@ def test_what_blocks_is_named_once_and_reported_to_the_operator_when_it_lasts(
 
 def test_a_refusal_such_as_a_missing_probe_is_reported_once_and_asked_again_at_the_next_step() -> None:
     plan, bulletin = schedule(), Bulletin()
-    plan.wish(Why.INTERVAL, 0.0)
+    plan.want(Why.INTERVAL, 0.0)
     events: list[Event] = []
     for now in (0.0, 300.0, 600.0):
         events += bulletin.of(plan.look(IDLE, now))
@@ -156,7 +156,7 @@ def test_rejected_results_are_asked_for_again_so_often_and_no_more() -> None:
     operator: list[Event] = []
     for step in range(40):
         now = step * 300.0
-        plan.wish(Why.INTERVAL, now)
+        plan.want(Why.INTERVAL, now)
         outlook = plan.look(CUTTING if asked else IDLE, now)  # a retry does not wait for a better moment
         operator += [e for e in bulletin.of(outlook) if e.kind is EventKind.OPERATOR]
         if outlook.standing is Standing.DUE:
@@ -176,7 +176,7 @@ def test_rejected_results_are_asked_for_again_so_often_and_no_more() -> None:
 def test_a_good_result_forgets_the_rejected_ones() -> None:
     plan = schedule(retries=1)
     for now in (0.0, 1000.0, 2000.0):
-        plan.wish(Why.INTERVAL, now)
+        plan.want(Why.INTERVAL, now)
         plan.look(IDLE, now)
         plan.asked()
         assert not plan.ended(End.REJECTED, "dirt", now).operator
@@ -189,14 +189,14 @@ def test_a_good_result_forgets_the_rejected_ones() -> None:
 @pytest.mark.parametrize("end", [End.REJECTED, End.REFUSED])
 def test_a_measurement_no_longer_wanted_while_requested_is_not_requested_again(end: End) -> None:
     plan, bulletin = schedule(), Bulletin()
-    plan.wish(Why.NO_GOOD, 0.0)
+    plan.want(Why.NO_GOOD, 0.0)
     plan.look(CUTTING, 0.0)
     plan.asked()
-    plan.wish(None, 100.0)  # a training has begun meanwhile
+    plan.want(None, 100.0)  # a training has begun meanwhile
     outlook = plan.ended(end, "dirt", 120.0)
     assert outlook == Outlook(Standing.NOT_WANTED, None)
     assert bulletin.of(outlook) == ()
-    plan.wish(Why.UNCERTAINTY, 86400.0)
+    plan.want(Why.UNCERTAINTY, 86400.0)
     assert plan.look(CUTTING, 86400.0).standing is Standing.WAITING, "it is no repeat: the cut is not disturbed"
     plan.look(IDLE, 86500.0)
     assert plan.asked() is Why.UNCERTAINTY
@@ -204,27 +204,27 @@ def test_a_measurement_no_longer_wanted_while_requested_is_not_requested_again(e
 
 def test_repeats_end_when_the_measurement_is_no_longer_wanted() -> None:
     plan = schedule()
-    plan.wish(Why.NO_GOOD, 0.0)
+    plan.want(Why.NO_GOOD, 0.0)
     plan.look(CUTTING, 0.0)
     plan.asked()
     assert plan.ended(End.REJECTED, "dirt", 120.0).standing is Standing.WAITING
-    plan.wish(None, 300.0)
+    plan.want(None, 300.0)
     assert plan.look(CUTTING, 300.0) == Outlook(Standing.NOT_WANTED, None)
-    plan.wish(Why.UNCERTAINTY, 86400.0)
+    plan.want(Why.UNCERTAINTY, 86400.0)
     assert plan.look(CUTTING, 86400.0).standing is Standing.WAITING
 
 
 def test_the_pause_after_rejected_results_outlasts_the_reason_to_measure() -> None:
     plan, bulletin = schedule(retries=0), Bulletin()
-    plan.wish(Why.NO_GOOD, 0.0)
+    plan.want(Why.NO_GOOD, 0.0)
     plan.look(CUTTING, 0.0)
     plan.asked()
-    plan.wish(None, 100.0)
+    plan.want(None, 100.0)
     outlook = plan.ended(End.REJECTED, "dirt", 120.0)
     assert outlook.standing is Standing.NOT_WANTED
     assert [event.kind for event in bulletin.of(outlook)] == [EventKind.OPERATOR]  # the sphere is dirty all the same
-    plan.wish(None, 300.0)
-    plan.wish(Why.INTERVAL, 600.0)
+    plan.want(None, 300.0)
+    plan.want(Why.INTERVAL, 600.0)
     assert plan.look(IDLE, 600.0).standing is Standing.BLOCKED
     assert plan.look(IDLE, 3720.0) == Outlook(Standing.DUE, Why.INTERVAL)
 
@@ -264,21 +264,21 @@ def seen(state: MachineState) -> NcSnapshot:
 
 
 def probed(program: LoadCase, hours: float, every_s: float = 7200.0) -> list[tuple[float, float]]:
-    """Ask an emulated control as the schedule says, a wish each two hours: (wished at, cycle began at)."""
+    """Ask an emulated control as the schedule says, every two hours: (wanted since, cycle began at)."""
     nck, plan = Nck(Still(), program, cycle=CycleSettings()), schedule()
     found: list[tuple[float, float]] = []
-    wished, number = 0.0, 0
+    wanted_s, number = 0.0, 0
     for now in range(0, round(hours * 3600), 5):
         nck.advance(float(now))
         if now % every_s == 0:
-            plan.wish(Why.INTERVAL, float(now))
-            wished = float(now)
+            plan.want(Why.INTERVAL, float(now))
+            wanted_s = float(now)
         if plan.wanted and plan.look(seen(nck.state(float(now))), float(now)).standing is Standing.DUE:
             number += 1
             plan.asked()
             nck.write_r(60, number, float(now))
         if len(nck.cycle.ended) > len(found):
-            found.append((wished, nck.cycle.ended[-1][0]))
+            found.append((wanted_s, nck.cycle.ended[-1][0]))
             plan.ended(End.MEASURED, "", float(now))
     return found
 
@@ -289,9 +289,9 @@ def test_over_a_day_no_cycle_begins_in_a_cut_and_none_waits_for_ever(seed: int) 
     found = probed(program, 47.0)
     assert len(found) == 24
     at_rest = 0
-    for wished, began in found:
+    for wanted_s, began in found:
         block = program.at(began)
-        assert 0.0 <= began - wished <= 1800.0 + 5.0 + program.operation_s
+        assert 0.0 <= began - wanted_s <= 1800.0 + 5.0 + program.operation_s
         at_rest += not block.cutting
         if block.cutting:  # then between two operations
             assert (began - block.start_s) % program.operation_s == pytest.approx(0.0, abs=1e-6)
