@@ -52,7 +52,7 @@ class Rebuilt:
     measured: list[int | None] = field(default_factory=lambda: [None] * len(THERMAL_ERRORS))
     """Grid index of each error's last measurement."""
     steps: int = 0
-    """Taken since the last snapshot, or since the record's begin."""
+    """Taken since the last snapshot, or since the start of the record."""
     from_snapshot: bool = False
 
     def follow(self, frame: Frame, decision: Decision) -> None:

@@ -28,7 +28,7 @@ _COLOURS = dict(zip(WAYS, ("#93c5fd", "#1f6feb", "#fdba74", "#c2410c", "#86efac"
 _ASKED = """Is it worth choosing a model's inputs again at every model update (adaptive), rather than once in the
 calibration (static)? As in Z22 a machine runs 196 h, 72 h and 72 h in three seasons under a new random load of one
 axis at a time each 5 min; a day of calibration, then a measurement each 2 h, and 16 in a row with a model update when
-a residual exceeds its limit. Errors count from the begin of the first season; each season begins with a measurement.
+a residual exceeds its limit. Errors count from the start of the first season; each season begins with a measurement.
 
 Three selectors choose: pso, Z22's Group-LASSO with a particle swarm over penalty and orders (to 5, least squares,
 limits of its training); tck, the earlier sequential choice by the Time Series Cluster Kernel (ARX of order 1, least
@@ -203,7 +203,7 @@ def _claims(groups: Mapping[Pairing, list[Run]]) -> tuple[Claim, ...]:
                 "13.0 ± 3.5",
                 _spread(updates),
                 abs(float(updates.mean()) - PAPER_UPDATES[0]) <= PAPER_UPDATES[1],
-                "Limits from the training's own rows are narrow; how often they are exceeded is the machine's matter.",
+                "Limits from the training's own rows are narrow; how often they are exceeded depends on the machine.",
             )
         )
     found += [_small_errors(way, runs) for way, runs in groups.items() if way[1] == "adaptive"]
@@ -250,7 +250,7 @@ def _small_errors(way: Pairing, runs: list[Run]) -> Claim:
         "E_PV not surely less than uncompensated (k = 2): " + (", ".join(kept) or "none"),
         set(_PAPER_SMALL) <= set(kept),
         "An error of the size of the probing noise cannot be learned from measurements with that noise; which errors "
-        "are so small is the machine's matter.",
+        "are so small depends on the machine.",
     )
 
 

@@ -54,7 +54,7 @@ def _paper(cases: list[str], fixed: ByCase) -> tuple[Claim, ...]:
             "4.46 to 5.29 µm, below 5 on three of four load cases",
             f"below 5 µm on {kept} of {len(best)}",
             kept >= min(3, len(best)) > 0,
-            "The limit of 5 µm sets what the control lets through; the load cases differ in how suddenly fluid comes.",
+            "The limit of 5 µm sets which errors remain; the load cases differ in how suddenly fluid is switched on.",
         ),
         Claim(
             "It is the best common set",
@@ -68,14 +68,14 @@ def _paper(cases: list[str], fixed: ByCase) -> tuple[Claim, ...]:
             "SMAPE falls with its length; figures not at hand",
             f"mean SMAPE {short:.1f} % at the shortest, {long:.1f} % at the longest",
             long < short,
-            "What a short calibration has not seen is learned in no-good phases; SMAPE is ruled by zero crossings.",
+            "What a short calibration has not seen is learned in no-good phases; SMAPE is dominated by zero crossings.",
         ),
         Claim(
             "More frequent measurements give a smaller RMSE",
             "RMSE rises with the interval; figures not at hand",
             f"mean RMSE {soon:.2f} µm at the shortest, {late:.2f} µm at the longest",
             soon < late,
-            "A measurement takes the slow disturbance away that no input explains; it grows until the next one.",
+            "A measurement removes the slow disturbance that no input explains; it grows until the next one.",
         ),
     )
 
@@ -176,7 +176,7 @@ def _policies(cases: list[str], fronts: dict[str, ByCase], kind: str, title: str
 def _common(fronts: dict[str, ByCase]) -> Claim:
     plain, few = (mean_made(fronts[kind], best_common(fronts[kind])) for kind in ("fixed", "sparse_adaptive"))
     return Claim(
-        "Sparse calibrations with policies do with half of the paper's way's measurements at equal P99 (our goal)",
+        "Sparse calibrations with policies need half of the measurements of the paper's way at equal P99 (our goal)",
         "not asked",
         f"best common {_list([few], 0)} against {_list([plain], 0)} measurements; with a fixed interval "
         f"{_count(fronts['sparse_fixed'])}; the regression {_count(fronts['regression'])}, after sparse calibrations "

@@ -16,8 +16,8 @@ _AXES = {
     "spindle_speed": "spindle",
 }
 _ALL = tuple(f"{method}{term}" for method in METHODS for term in ("", " + growth"))
-_ASKED = """How much of a machine's warming does a part show, and how much of it does the control take away? A test
-piece is milled hour by hour: 4 h with the C axis at 1200 1/min, then 4 h at rest, a set of six features at the begin
+_ASKED = """How much of a machine's warming does a part show, and how much of it does compensation remove? A test
+piece is milled hour by hour: 4 h with the C axis at 1200 1/min, then 4 h at rest, a set of six features at the start
 and after each hour (B19, section 4). Before it the control had a day of calibration under changing C speeds and
 cutting fluid, and the machine a night of rest; a measurement each 2 h went on throughout.
 
@@ -61,7 +61,7 @@ def report(every: list[Run]) -> Report:
     losses = [f for f, a, b in zip(features, median["TALC + growth"], median["none"], strict=True) if a >= b]
     claims = (
         Claim(
-            "Compensation lessens the drift of the features",
+            "Compensation reduces the drift of the features",
             "yes; its figures are not at hand",
             f"mean range {mean['none']:.1f} to {mean['TALC']:.1f} µm"
             + (f"; not of {', '.join(losses)}" if losses else "; of every feature"),
@@ -122,13 +122,14 @@ def _beside_peers(
     worse = [f for f, a, b in zip(features, median[own], median[best], strict=True) if a >= b]
     pairs = paired(ranges[best].mean(axis=1), ranges[own].mean(axis=1))
     return Claim(
-        f"A learned model does better than the same measurements used plainly, with{'' if term else 'out'} growth term",
+        f"A learned model does better than simple methods on the same measurements, with{'' if term else 'out'} growth "
+        "term",
         "not asked",
         f"{best} {mean[best]:.2f} µm, {own} {mean[own]:.2f} µm; by repetition {pairs} (k = 2)"
         + (f"; {best} is as good or better in {', '.join(worse)}" if worse else ""),
         mean[own] < mean[best] and pairs.sure,
         "A held measurement is up to 2 h old when a feature is milled; a regression lacks only memory."
-        + ("" if term else " Without the term the workpiece's own growth rules what is left of either."),
+        + ("" if term else " Without the term the workpiece's own growth dominates what is left of either."),
     )
 
 
@@ -164,7 +165,7 @@ def _elsewhere(means: dict[CaseKey, dict[str, float]]) -> list[Claim]:
                 + (f"; not with {', '.join(lost)}" if lost else "")
                 + (f"; more than no compensation with {', '.join(harmed)}" if harmed else ""),
                 not lost,
-                "Models that choose few inputs from the begin of something new, such as another axis, can choose "
+                "Models that choose few inputs at the start of something new, such as another axis, can choose "
                 "wrongly, and the next measurement is 2 h away. A failed input misleads every method that uses it.",
             )
         )

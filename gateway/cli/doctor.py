@@ -161,7 +161,7 @@ def _too_equal(history: History, config: GatewayConfig) -> Iterator[Ailment]:
         if _same(inputs[:, a], inputs[:, b]):
             yield Ailment(
                 f"{names[a]} and {names[b]} were the same all day",
-                "they may be one sensor under two names, or two sensors in one hole: one of them tells nothing",
+                "they may be one sensor under two names, or two in one hole; then one of them adds no information",
                 "warm each by hand while `talc-gateway probe --watch` runs",
             )
 

@@ -231,10 +231,16 @@ def watch(connect: tuple[str, ...], prefix: str, machine: str | None) -> None:
 @click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
 @click.option("--time-format", metavar="FORMAT", default="",
               help="How times are written, such as '%d.%m.%Y %H:%M', or `excel` for its numbers.")  # fmt: skip
-@click.option("--time-zone", metavar="ZONE", help="Of times that do not say theirs, such as Europe/Zurich.")
+@click.option("--time-zone", metavar="ZONE", help="Of times without one, such as Europe/Zurich.")
 @click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Column of an error; any name.")
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of an error's column, such as mm.")
-@click.option("--input", "inputs", multiple=True, metavar="COLUMN", help="Column that is an input for all that.")
+@click.option(
+    "--input",
+    "inputs",
+    multiple=True,
+    metavar="COLUMN",
+    help="Column to use as an input although it resembles an error.",
+)
 @click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is not an input.")
 @click.option("--calibration-interval", "calibration_min", type=click.FloatRange(min=0, min_open=True),
               metavar="MINUTES", help="Between the measurements of a calibration (method models).")  # fmt: skip

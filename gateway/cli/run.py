@@ -77,14 +77,14 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
 
 
 async def _feed(manager: ServiceManager, every_s: float, clock: WatchedClock, stop: asyncio.Event) -> None:
-    """Give signs of life while every loop goes on, or the service stops; otherwise say which loop does not."""
+    """Notify systemd while every loop runs, or while the service stops; otherwise log which loops are stuck."""
     told: list[str] = []
     while True:
         stuck = [] if stop.is_set() else clock.stuck()
         if not stuck:
             manager.alive()
         elif stuck != told:
-            log.critical("no sign of life for systemd: these loops do not go on: %s", ", ".join(stuck))
+            log.critical("systemd is no longer notified, because these loops are stuck: %s", ", ".join(stuck))
         told = stuck
         await asyncio.sleep(every_s)
 

@@ -35,7 +35,7 @@ class TimeFormat:
     form: str = ""
     """Of `strptime`, such as `%d.%m.%Y %H:%M`; `excel`: days since 1899-12-30; empty: ISO 8601, or seconds."""
     zone: ZoneInfo | None = None
-    """Of times that do not say theirs; None: UTC."""
+    """Of times without one; None: UTC."""
 
     def second_of(self, cell: object) -> float | None:
         """UTC seconds of a cell; None: it is no such time."""

@@ -20,7 +20,7 @@ def hours(seconds: float) -> str:
 def shifts_between(
     begin_utc_s: float, end_utc_s: float, begins: Sequence[time], zone: tzinfo
 ) -> Iterator[tuple[float, float]]:
-    """UTC seconds of the begin and of the end of each shift that has a part in that time, oldest first.
+    """UTC seconds of the start and of the end of each shift that overlaps that time, oldest first.
 
     A shift over a night in which the clock changes is an hour shorter or longer. Nothing without `begins`.
     """

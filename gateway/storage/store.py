@@ -241,7 +241,7 @@ def _next_boot(connection: sqlite3.Connection) -> int:
     (last,) = connection.execute("SELECT coalesce(max(number), 0) FROM boot").fetchone()
     with_readings = last_boot(connection)
     if not (isinstance(last, int) and isinstance(with_readings, int) and max(last, with_readings) < MOST_BOOTS):
-        raise DamagedError("the number of a run is not one")
+        raise DamagedError("the stored number of a run is not an integer in the valid range")
     return max(last, with_readings) + 1
 
 

@@ -72,7 +72,7 @@ class Nck:
     ----------
     machine: what the probe touches
     program: the machine's day
-    seed: of the probing noise; the draw of a cycle depends on the seed and its begin alone, not on how many
+    seed: of the probing noise; the draw of a cycle depends on the seed and its start alone, not on how many
         cycles went before
     """
 

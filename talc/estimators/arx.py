@@ -1,4 +1,4 @@
-"""The papers' models, and the sparse output-error models beside them, with scikit-learn's manners."""
+"""The papers' models, and the sparse output-error models beside them, with scikit-learn's conventions."""
 
 from abc import ABC, abstractmethod
 from typing import Any, Literal, Self
@@ -7,7 +7,7 @@ from warnings import warn
 import numpy as np
 
 from talc.estimators.clock import RowClock
-from talc.estimators.manners import Manners, NotFittedError
+from talc.estimators.conventions import Conventions, NotFittedError
 from talc.estimators.rows import inputs_of, names_or_numbers, outputs_of
 from talc.frame import FloatArray, Frame, TrainingJob, Why
 from talc.free_running import FreeRunningModel
@@ -21,7 +21,7 @@ _PLACES = tuple(i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] 
 """A training makes nine models; these have one tolerance, the estimator's."""
 
 
-class TrainedModels(Manners, ABC):
+class TrainedModels(Conventions, ABC):
     """A model for each error, from all rows at once; what its subclasses share.
 
     Rows are a time series. `predict` takes the rows that follow the fitted ones, in free run: without measurements.

@@ -1,4 +1,4 @@
-"""The gateway's learner with scikit-learn's manners, for any number of errors."""
+"""The gateway's learner with scikit-learn's conventions, for any number of errors."""
 
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
@@ -7,13 +7,13 @@ from typing import Any, Self
 import numpy as np
 
 from talc.estimators.clock import RowClock
-from talc.estimators.manners import Manners, NotFittedError
+from talc.estimators.conventions import Conventions, NotFittedError
 from talc.estimators.rows import Inputs, inputs_of, names_or_numbers, outputs_of
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
 from talc.learner.learner import RowLearner
 
 
-class Learner(Manners):
+class Learner(Conventions):
     """Errors as weighted lags of the inputs, learnt at every measurement (docs/control.md).
 
     Rows are a time series: what one row leads to depends on the rows before it. `fit` starts anew, `partial_fit` goes

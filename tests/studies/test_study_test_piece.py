@@ -81,7 +81,7 @@ def test_peers_know_only_what_was_measured_before() -> None:
     assert np.abs(plain[59:, 0] - truth[59:, 0]).mean() < np.abs(hold[59:, 0] - truth[59:, 0]).mean()
 
 
-def test_compensation_lessens_the_drift_and_the_growth_term_lessens_it_further(small: Mapping[str, Any]) -> None:
+def test_compensation_reduces_the_drift_and_the_growth_term_reduces_it_further(small: Mapping[str, Any]) -> None:
     ranges = {name: np.ptp(np.array(small[name]), axis=0).mean() for name in ("none", "TALC", "TALC + growth")}
     assert ranges["TALC"] < ranges["none"]
     assert ranges["TALC + growth"] < 0.5 * ranges["none"]

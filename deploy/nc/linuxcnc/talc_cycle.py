@@ -88,7 +88,7 @@ class Cycle:
             return ""
         if not self._pins["may-start"]:
             return "no program runs, and the pin talc.may-start is FALSE"
-        return "somebody moves the machine by hand" if _moves(nc) else ""
+        return "the machine is being moved by hand" if _moves(nc) else ""
 
     def step(self, now: float, nc: Any, command: Any) -> None:
         """Check program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""

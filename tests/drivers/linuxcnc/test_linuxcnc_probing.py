@@ -144,7 +144,7 @@ async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_its
     await allow(bench)
     assert (await bench.nc.snapshot()).cannot_probe == ""
     await bench.operator.ask("jog", 0.5)
-    assert (await bench.nc.snapshot()).cannot_probe == "somebody moves the machine by hand"
+    assert (await bench.nc.snapshot()).cannot_probe == "the machine is being moved by hand"
     await bench.nc.request_probing(1)
     assert await stays_requested(bench, 1)
     await bench.operator.ask("jog", 0.0)
@@ -155,7 +155,7 @@ async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_its
     await operator_sees(bench, mode=MANUAL, idle=True)
 
     await bench.operator.ask("mdi", "M3 S800")  # a mill may be in the part, wheel in hand
-    assert (await bench.nc.snapshot()).cannot_probe == "somebody moves the machine by hand"
+    assert (await bench.nc.snapshot()).cannot_probe == "the machine is being moved by hand"
     await bench.nc.request_probing(2)
     assert await stays_requested(bench, 2)
     await bench.operator.ask("mdi", "M5")

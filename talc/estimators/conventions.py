@@ -17,7 +17,7 @@ class NotFittedError(ValueError, AttributeError):
     """`fit` comes first."""
 
 
-class Manners:
+class Conventions:
     """Parameters that can be read, set and cloned; a score; tags.
 
     A class that derives from it takes its parameters by name in `__init__` and keeps them there unchanged.
