@@ -49,6 +49,39 @@ class ByteStream(Protocol):
         ...
 
 
+class StreamBus:
+    """A bus on one byte stream; requests queue up behind its lock.
+
+    Parameters
+    ----------
+    name: in the configuration
+    stream: opened by `connect`
+    timeout_s: how long one answer, or opening the stream, may take at most
+    """
+
+    def __init__(self, name: str, stream: ByteStream, timeout_s: float) -> None:
+        self._name, self._stream, self._timeout_s = name, stream, timeout_s
+        self._lock = asyncio.Lock()
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        return self._timeout_s
+
+    async def connect(self) -> None:
+        """Open the stream, unless it is already open. Raises ConnectError."""
+        async with self._lock:
+            if not self._stream.is_open:
+                await self._stream.open(self._timeout_s)
+
+    async def close(self) -> None:
+        async with self._lock:
+            await self._stream.close()
+
+
 class _Inbox:
     """The received bytes, and the one task that waits for them."""
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.base import BadAnswer, Clock, DriverError, NoAnswer, Quality, Reading, WrongDevice
-from drivers.byte_stream import TcpStream
+from drivers.byte_stream import StreamBus, TcpStream
 from drivers.faults import Fault
 from drivers.micro_epsilon.profile import MeEthernetProfile
 from drivers.micro_epsilon.settings import DisplacementOptions, MeEthernetSettings
@@ -35,34 +35,14 @@ class MeBlock:
     """Channel, counted from 0, to raw value; fitted channels only."""
 
 
-class MeEthernetBus:
+class MeEthernetBus(StreamBus):
     """The data port of one controller."""
 
     kind = "me_ethernet"
     units = (1, 1)
 
     def __init__(self, name: str, settings: MeEthernetSettings, tap: Tap | None = None) -> None:
-        self._name, self._timeout_s = name, settings.timeout_s
-        self._stream = TcpStream(name, settings.host, settings.port, tap)
-        self._lock = asyncio.Lock()
-
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def timeout_s(self) -> float:
-        return self._timeout_s
-
-    async def connect(self) -> None:
-        """Open the connection, unless it is already open. Raises ConnectError."""
-        async with self._lock:
-            if not self._stream.is_open:
-                await self._stream.open(self._timeout_s)
-
-    async def close(self) -> None:
-        async with self._lock:
-            await self._stream.close()
+        super().__init__(name, TcpStream(name, settings.host, settings.port, tap), settings.timeout_s)
 
     async def next_block(self, device: str) -> MeBlock:
         """The next block that arrives whole; earlier bytes are old and discarded.

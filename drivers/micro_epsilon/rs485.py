@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from drivers.base import BadAnswer, Clock, NoAnswer, Quality, Reading
-from drivers.byte_stream import SerialStream
+from drivers.byte_stream import SerialStream, StreamBus
 from drivers.faults import Fault
 from drivers.micro_epsilon.profile import MeRs485Profile
 from drivers.micro_epsilon.settings import DisplacementOptions, MeRs485Settings
@@ -31,39 +31,19 @@ _FLOATS = struct.Struct("<ff")
 _COUNTED = struct.Struct("<HBx")
 
 
-class MeRs485Bus:
-    """Sensors on one serial line; requests queue up."""
+class MeRs485Bus(StreamBus):
+    """Sensors on one serial line."""
 
     kind = "me_rs485"
     units = (2, 126)
 
     def __init__(self, name: str, settings: MeRs485Settings, tap: Tap | None = None) -> None:
-        self._name, self._timeout_s = name, settings.timeout_s
-        self._stream = SerialStream(name, settings, tap)
+        super().__init__(name, SerialStream(name, settings, tap), settings.timeout_s)
         self._patience = Patience(settings.timeout_s)
-        self._lock = asyncio.Lock()
         self._owed: dict[int, int] = {}
         """How many answers each sensor still owes, by address."""
         self._length: dict[int, int] = {}
         """How many bytes each sensor's last answer had, by address."""
-
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def timeout_s(self) -> float:
-        return self._timeout_s
-
-    async def connect(self) -> None:
-        """Open the port, unless it is already open. Raises ConnectError."""
-        async with self._lock:
-            if not self._stream.is_open:
-                await self._stream.open(self._timeout_s)
-
-    async def close(self) -> None:
-        async with self._lock:
-            await self._stream.close()
 
     async def measure(self, device: str, address: int, *, again: bool = False) -> bytes:
         """The data of one answer. Raises NoAnswer, BadAnswer or ConnectError.
