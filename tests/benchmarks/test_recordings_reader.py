@@ -169,7 +169,7 @@ def test_a_wrong_cell_is_reported_with_line_column_and_value(tmp_path: Path, lin
     assert said in str(caught.value)
 
 
-def test_parquet_is_read_and_columns_that_are_no_numbers_left_out(tmp_path: Path) -> None:
+def test_parquet_is_read_and_columns_without_numbers_are_left_out(tmp_path: Path) -> None:
     import pyarrow as pa
     from pyarrow import parquet
 

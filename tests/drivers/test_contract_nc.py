@@ -176,7 +176,7 @@ async def test_a_run_takes_over_from_the_one_before_it_while_that_still_counts_a
         await bench.nc.claim(7, WATCH, 6)
 
 
-async def test_silence_is_noticed_and_the_next_beat_says_so(bench: NcBench) -> None:
+async def test_silence_is_noticed_and_the_next_heartbeat_reports_it(bench: NcBench) -> None:
     await bench.alive(7, WatchdogTerms(silence_s=40 * bench.tick_s, ramp_um_per_s=20.0))
     await bench.nc.write_compensation((20.0, 0.0, 0.0))
 

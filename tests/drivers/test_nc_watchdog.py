@@ -60,7 +60,7 @@ async def test_after_silence_the_offsets_are_held_where_that_is_declared() -> No
         assert await bench.nc.heartbeat(7) is False
 
 
-async def test_a_beat_stops_the_ramp_and_says_that_it_had_begun() -> None:
+async def test_a_heartbeat_stops_the_ramp_and_reports_that_it_had_begun() -> None:
     async with sinumerik_bench() as bench:
         await bench.nc.claim(7, WATCH)
         await bench.nc.write_compensation((8.0, 0.0, 0.0))

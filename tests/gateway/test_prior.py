@@ -245,7 +245,7 @@ def test_what_is_wrong_with_a_file_is_reported(
         (b"[1]", "is not a prior: expected a table"),
     ],
 )
-def test_a_file_that_is_none_is_refused(tmp_path: Path, content: bytes | None, said: str) -> None:
+def test_a_file_that_is_not_a_prior_is_refused(tmp_path: Path, content: bytes | None, said: str) -> None:
     if content is not None:
         (tmp_path / "kind.json").write_bytes(content)
     answer = talc_gateway("check", written(tmp_path, "mill", "kind.json"))

@@ -148,7 +148,9 @@ async def test_a_restart_goes_on_with_the_reference_and_the_numbers(tmp_path: Pa
 
 
 @pytest.mark.slow
-async def test_killed_in_the_middle_of_a_cycle_its_number_is_used_up_and_withdrawn(tmp_path: Path) -> None:
+async def test_killed_in_the_middle_of_a_cycle_its_request_is_withdrawn_and_its_number_is_used_up(
+    tmp_path: Path,
+) -> None:
     async with wire_bench(tmp_path) as bench:
         nck = bench.control.nck
         for _ in range(2):

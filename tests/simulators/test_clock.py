@@ -41,7 +41,7 @@ def test_runs_at_its_speed_only_between_start_and_stop(clock: SharedClock) -> No
     assert clock.utc() == EPOCH + timedelta(seconds=stopped)
 
 
-def test_stands_still_while_anybody_holds_it(clock: SharedClock) -> None:
+def test_clock_stands_still_while_anybody_holds_it(clock: SharedClock) -> None:
     clock.start()
     with clock.hold():
         with clock.hold():

@@ -56,7 +56,7 @@ def test_lines_of_the_protocol_are_read(text: bytes, identifier: int, extended: 
     "text",
     [b"", b"z", b"t1855AABB", b"t1852AABBC", b"t8002AABB", b"tG852AABB", b"t1859" + b"00" * 9, b"r1852", b"\xff"],
 )
-def test_what_is_no_whole_data_frame_is_none(text: bytes) -> None:
+def test_what_is_not_a_whole_data_frame_is_ignored(text: bytes) -> None:
     assert slcan_frame(text) is None
 
 

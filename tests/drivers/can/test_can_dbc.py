@@ -80,7 +80,7 @@ async def test_broken_sensors_and_what_is_beyond_the_range(tmp_path: Path) -> No
             logger.faults.set(1, None)
 
 
-async def test_silent_logger_is_no_answer_and_back_again(tmp_path: Path) -> None:
+async def test_silent_logger_gives_no_answer_and_recovers(tmp_path: Path) -> None:
     async with bench(logger_profile(tmp_path)) as (logger, driver, _):
         logger.faults.silent = True
         with pytest.raises(NoAnswer, match=r"0x300, 0x301"):

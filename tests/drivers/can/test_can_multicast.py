@@ -67,7 +67,7 @@ class FrameLog:
         return ()
 
 
-def test_an_identifier_of_29_bits_is_heard_as_it_was_sent(free_port: int) -> None:
+def test_an_identifier_of_29_bits_is_received_as_it_was_sent(free_port: int) -> None:
     """As an emulated device writes it, with bit 31: who plays a recording back must know its own frames again."""
     ear, extended = FrameLog(), 1 << 31 | 0x18FEDF00
     bus = MulticastBus([ear], GROUP, free_port)

@@ -53,7 +53,7 @@ def plain(heard: Sequence[can.Message], service: int) -> list[tuple[int, bytes]]
 
 @given(frames, st.sets(st.integers(1, 127)))
 @example([can.Message(arbitration_id=0x585, data=b"\x43\x00\x10\x00\x94\x01\x02\x00", is_extended_id=False)] * 2, {5})
-def test_any_frames_are_noted_for_what_they_say(messages: Sequence[can.Message], asked: set[int]) -> None:
+def test_any_frames_are_recorded_as_they_are(messages: Sequence[can.Message], asked: set[int]) -> None:
     heard = Heard(answers=dict.fromkeys(asked, 0))
     for message in messages:
         heard.take(message)

@@ -119,7 +119,7 @@ async def test_kernel_of_this_computer_knows_no_such_interface() -> None:
     assert "ip link" in error.hint or "modprobe can_raw" in error.hint
 
 
-async def test_node_is_read_and_others_frames_are_passed_over(kernel: CanKernel) -> None:
+async def test_node_is_read_and_frames_of_others_are_ignored(kernel: CanKernel) -> None:
     error_frame, extended = (0x2000_0004, bytes(8)), (0x8000_0000 | 0x580 + NODE, bytes.fromhex("4330910163000000"))
     async with opened() as bus:
         driver = node_on(bus)

@@ -59,7 +59,7 @@ async def test_field_value_is_scaled_by_the_profile_alone(
         assert [r.quality for r in await driver.read()] == [Quality.SENSOR_FAULT, Quality.GOOD]
 
 
-async def test_sensor_type_is_checked_all_the_same(tmp_path: Path) -> None:
+async def test_sensor_type_is_still_checked(tmp_path: Path) -> None:
     node = Cia404Node(NODE, lambda: TEMPERATURES, inputs=2, sensor_types=[30, 1])
     async with bench(node, field_profile(tmp_path, "7100"), "sdo") as driver:
         with pytest.raises(WrongDevice, match="sensor type 1 at input 1"):

@@ -48,7 +48,7 @@ def test_mapping_of_the_standards_form() -> None:
     }
 
 
-def test_tpdo_that_is_off_or_empty_is_none() -> None:
+def test_tpdo_that_is_off_or_empty_is_ignored() -> None:
     assert pdo_map(0x80000185, [0x91300120]) is None
     assert pdo_map(0x185, []) is None
 
@@ -149,7 +149,7 @@ async def read_on(driver: Driver) -> None:
             await asyncio.sleep(0.005)
 
 
-async def test_timed_values_that_stop_are_no_answer_and_none_of_before_is_taken() -> None:
+async def test_timed_values_that_stop_give_no_answer_and_no_earlier_one_is_taken() -> None:
     node = timed()
     async with bench(node, 2, "timer") as (_, driver):
         await driver.connect()

@@ -121,7 +121,7 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
 
 
 @pytest.mark.realtime
-async def test_a_killed_agent_beats_no_more_and_the_offsets_go_to_zero_all_the_same(bench: AgentBench) -> None:
+async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no_heartbeat(bench: AgentBench) -> None:
     await claimed(bench, WatchdogTerms(0.5, 10.0))
     await bench.nc.write_compensation((5.0, 0.0, 0.0))
 

@@ -94,7 +94,7 @@ async def client(port: int) -> AsyncIterator[Line]:
         yield it
 
 
-async def test_only_one_client_with_the_key_is_heard(port: int) -> None:
+async def test_only_one_client_with_the_key_is_served(port: int) -> None:
     async with line(port) as stranger:
         assert "proof does not fit" in (await stranger.login("x" * 32))["error"]
         assert await stranger.ended()
@@ -140,7 +140,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-async def test_what_is_out_of_bounds_is_refused_and_the_line_lives_on(port: int) -> None:
+async def test_what_is_out_of_bounds_is_refused_and_the_line_stays_open(port: int) -> None:
     async with client(port) as it:
         for command, says in REFUSED:
             assert says in (await it.ask(**command))["error"]

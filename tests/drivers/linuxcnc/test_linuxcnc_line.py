@@ -144,7 +144,7 @@ async def test_answer_to_another_question_is_not_taken(tmp_path: Path) -> None:
                 await line.ask("state")
 
 
-async def test_line_without_an_end_is_no_answer_and_one_too_long_is_none_of_ours(tmp_path: Path) -> None:
+async def test_line_without_an_end_or_too_long_is_an_invalid_answer(tmp_path: Path) -> None:
     async with agent_and_line(tmp_path, timeout_s=0.2) as (agent, line):
         await line.connect()
         agent.says = [agent.signed(b'{"answer": 42}')[:-1]]
@@ -167,7 +167,7 @@ NO_NUMBERS = {"too long": 10**400, "below too long": -(10**400), "truth": True, 
 
 @pytest.mark.parametrize("number", NO_NUMBERS.values(), ids=NO_NUMBERS)
 @pytest.mark.parametrize("question", ASKED)
-async def test_what_is_no_number_is_a_bad_answer(question: str, number: object, tmp_path: Path) -> None:
+async def test_what_is_not_a_number_is_a_bad_answer(question: str, number: object, tmp_path: Path) -> None:
     async with agent_and_driver(tmp_path) as (agent, nc):
         agent.answers = {
             "status": {"positions": {**dict.fromkeys("XYZAC", 0.0), "Z": number}, "states": {}},

@@ -270,7 +270,7 @@ async def test_a_request_that_finds_no_safe_point_in_its_time_is_refused_and_nev
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-async def test_a_position_or_an_offset_that_is_no_number_is_no_answer_and_names_its_node(
+async def test_a_position_or_an_offset_that_is_not_a_number_is_an_invalid_answer_and_names_its_node(
     bench: OpcUaBench, value: float
 ) -> None:
     state = bench.control.state
@@ -283,7 +283,7 @@ async def test_a_position_or_an_offset_that_is_no_number_is_no_answer_and_names_
         await bench.nc.read_compensation()
 
 
-async def test_a_state_or_a_tool_that_is_no_number_is_one_that_the_control_does_not_tell(bench: OpcUaBench) -> None:
+async def test_a_state_or_a_tool_that_is_not_a_number_counts_as_not_reported(bench: OpcUaBench) -> None:
     state = bench.control.state
     spoiled = replace(state(), tool=math.nan, probing=math.nan, loads=replace(state().loads, spindle=math.nan))  # type: ignore[arg-type]
     bench.control.state = lambda: spoiled  # type: ignore[method-assign]
@@ -318,7 +318,7 @@ async def test_an_axis_is_referenced_only_when_the_control_says_so(
         ((math.nan,), True),
     ],
 )
-async def test_ready_is_who_shows_no_emergency_stop_and_has_room_to_show_one(
+async def test_a_control_is_ready_that_shows_no_emergency_stop_and_has_room_to_show_one(
     bench: OpcUaBench, alarms: tuple[int, ...], ready: bool
 ) -> None:
     bench.control.nck.alarms = alarms

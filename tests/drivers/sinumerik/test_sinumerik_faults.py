@@ -215,7 +215,7 @@ async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, 
         await nc.close()
 
 
-async def test_done_without_the_results_of_this_request_is_no_answer() -> None:
+async def test_done_without_the_results_of_this_request_is_an_invalid_answer() -> None:
     control = of_kind(FrozenProgram)
     async with running(control) as url:
         nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())

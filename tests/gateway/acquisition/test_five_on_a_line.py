@@ -104,7 +104,7 @@ async def test_all_fall_silent_and_come_back() -> None:
     assert sorted(b.told()) == [(f"device d{unit}", ended) for unit in UNITS for ended in (False, True)]
 
 
-async def test_one_comes_and_goes() -> None:
+async def test_one_intermittent_device() -> None:
     async with bench() as b:
         begun = time.monotonic()
         for period in range(8):

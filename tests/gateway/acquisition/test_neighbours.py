@@ -143,7 +143,7 @@ async def test_a_fault_is_published_when_it_is_known_and_not_after_the_others() 
     assert plant.of("a")[0].monotonic_s == pytest.approx(FULL_S)
 
 
-async def test_who_comes_and_goes_is_asked_last_until_it_has_been_steady() -> None:
+async def test_an_intermittent_device_is_asked_last_until_it_has_been_steady() -> None:
     plant = five()
     async with plant.running(retry_max_periods=1):
         for second in range(1, 41):

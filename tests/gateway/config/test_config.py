@@ -45,7 +45,7 @@ def valid_text() -> str:
 
 
 @pytest.mark.parametrize("case", sorted(CASES.iterdir()), ids=lambda case: case.name)
-def test_every_mistake_gets_its_line(case: Path) -> None:
+def test_every_mistake_has_its_line(case: Path) -> None:
     file = case / "gateway.toml"
     expected = (case / "expected.txt").read_text(encoding="utf-8")
     try:

@@ -55,7 +55,7 @@ async def running(
         await asyncio.gather(task, return_exceptions=True)
 
 
-async def test_a_calibration_measurement_is_asked_for_so_long_before_its_step_ends() -> None:
+async def test_a_calibration_measurement_is_requested_a_lead_time_before_its_step_ends() -> None:
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
     async with running(bench, told):

@@ -69,7 +69,7 @@ async def play(case: Case, folder: Path) -> None:
     assert len(heard.log) == len(heard.notices), f"the log says {heard.log}"  # beginnings and ends
 
 
-async def test_device_that_comes_and_goes_takes_no_time_of_its_neighbours(tmp_path: Path) -> None:
+async def test_intermittent_device_takes_no_time_of_its_neighbours(tmp_path: Path) -> None:
     """With a timeout of half a period; it changes at each moment of a period, in the middle of a poll too."""
     with logged():
         await all_at_once({plant: partial(comes_and_goes, plant) for plant in ASKED}, tmp_path)

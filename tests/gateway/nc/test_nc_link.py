@@ -261,7 +261,7 @@ async def test_offsets_in_force_beyond_what_is_ever_sent_disarm_and_do_not_end_t
     assert [notice for notice in bench.notices if "beyond largest_um" in notice and "disarmed" in notice]
 
 
-async def test_a_read_back_that_is_no_number_agrees_with_nothing() -> None:
+async def test_a_read_back_that_is_not_a_number_agrees_with_nothing() -> None:
     bench = LinkBench("compensate")
     bench.control.spoils = True
     async with bench.running():
@@ -272,7 +272,7 @@ async def test_a_read_back_that_is_no_number_agrees_with_nothing() -> None:
     assert [notice for notice in bench.notices if "nan" in notice and "disarmed" in notice]
 
 
-async def test_what_is_no_number_when_it_connects_is_reported_and_does_not_end_the_link() -> None:
+async def test_what_is_not_a_number_when_it_connects_is_reported_and_does_not_end_the_link() -> None:
     bench = LinkBench("compensate", in_force=(0.0, math.nan, 0.0))
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -308,7 +308,7 @@ async def test_stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_re
     assert np.abs(np.diff(heights)).max() <= 1.0 + 1e-9
 
 
-async def test_a_step_that_cannot_be_stored_ends_the_link_and_the_offsets_are_taken_back_all_the_same() -> None:
+async def test_a_step_that_cannot_be_stored_ends_the_link_and_the_offsets_are_still_taken_back() -> None:
     bench = LinkBench("compensate")
     task = asyncio.create_task(bench.link.run())
     bench.link.follow(decision(8.0))
@@ -360,7 +360,7 @@ async def test_each_new_cause_while_it_is_not_connected_is_reported_once() -> No
     assert bench.notices[2:] == ["NC: connected again"]
 
 
-async def test_a_line_that_comes_and_goes_is_not_reported_for_ever() -> None:
+async def test_an_intermittent_line_is_not_reported_for_ever() -> None:
     bench = LinkBench("monitor")
     async with bench.running():
         for turn in range(200):

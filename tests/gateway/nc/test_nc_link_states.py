@@ -35,7 +35,7 @@ def test_what_cannot_happen_is_an_error() -> None:
 
 
 @pytest.mark.parametrize("mode", ["monitor", "compensate"])
-async def test_offsets_stand_still_while_somebody_else_has_the_control_probe(mode: str) -> None:
+async def test_offsets_stand_still_while_another_client_has_the_control_probe(mode: str) -> None:
     bench = LinkBench(mode)
     async with bench.running():
         bench.link.follow(decision(20.0))

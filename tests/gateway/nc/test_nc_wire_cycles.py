@@ -78,7 +78,7 @@ async def test_a_cycle_that_nobody_waits_for_is_withdrawn_and_the_offsets_stand_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["monitor", "compensate"])
-async def test_offsets_stand_still_also_while_somebody_else_has_the_control_probe(mode: str) -> None:
+async def test_offsets_stand_still_also_while_another_client_has_the_control_probe(mode: str) -> None:
     async with bench(mode=mode) as at:
         nck = at.control.nck
         at.link.follow(wants(5.0))
@@ -147,7 +147,7 @@ async def test_a_slope_that_the_gateway_does_not_know_makes_no_measurement() -> 
 
 
 @pytest.mark.slow
-async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_one() -> None:
+async def test_a_result_that_comes_too_late_is_never_taken_for_the_next_one() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
         at.control.nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program does not look
@@ -174,7 +174,7 @@ async def test_a_result_that_comes_after_its_time_is_never_taken_for_the_next_on
 
 
 @pytest.mark.slow
-async def test_a_result_that_is_no_number_or_sent_twice_is_one_answer_at_most() -> None:
+async def test_a_result_that_is_not_a_number_or_is_sent_twice_is_one_answer_at_most() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
         at.control.nck.miswritten = {R_RESULTS + 4: math.nan}

@@ -113,7 +113,7 @@ async def test_positions_that_freeze_while_the_axes_report_speed_are_used_no_lon
 
 
 @pytest.mark.parametrize("what", ["K0 when it connects", "K0 after a write", "a position"])
-async def test_what_is_no_number_is_reported_and_nothing_is_written_on_it(what: str) -> None:
+async def test_what_is_not_a_number_is_reported_and_no_write_rests_on_it(what: str) -> None:
     async with bench() as at:
         nck = at.control.nck
         if what == "K0 when it connects":

@@ -187,7 +187,7 @@ def cancelled_with(task: asyncio.Task[None], left: list[int], request: Callable[
     return answered
 
 
-async def test_stopped_within_any_request_it_takes_the_offsets_back_and_lets_go(tmp_path: Path) -> None:
+async def test_stopped_within_any_request_it_takes_the_offsets_back_and_releases_the_control(tmp_path: Path) -> None:
     requests_of_a_cycle = 6
     async with wire_bench(tmp_path) as bench:
         control = bench.control

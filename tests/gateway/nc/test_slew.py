@@ -33,7 +33,7 @@ def test_starts_from_what_the_control_has_in_force() -> None:
     assert step.offsets_um == (11.0, 0.0, -3.0)
 
 
-def test_a_hung_gateway_does_not_catch_up_in_one_stride() -> None:
+def test_a_hung_gateway_does_not_catch_up_in_one_step() -> None:
     assert slew().follow(600.0, np.array([40.0, 0.0, 0.0])).offsets_um == (1.0, 0.0, 0.0)
 
 

@@ -51,7 +51,7 @@ async def test_subjects_do_not_know_each_other() -> None:
     assert seen.bad("b", "silent", 2.0) is None
 
 
-async def test_what_comes_and_goes_is_reported_so_and_then_only_when_it_is_steady() -> None:
+async def test_what_is_intermittent_is_reported_so_and_then_only_when_it_is_steady() -> None:
     seen = Seen(most=3)
     reported = [(t, seen.well("a", float(t)) if t % 2 else seen.bad("a", "silent", float(t))) for t in range(600)]
     said = [(t, notice.text, notice.ended) for t, notice in reported if notice is not None]

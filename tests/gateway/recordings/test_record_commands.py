@@ -199,7 +199,7 @@ async def test_service_keeps_what_passed_across_a_reload(tmp_path: Path) -> None
         ("trace.blf", "cannot be read as a CAN log"),
     ],
 )
-async def test_file_that_is_no_recording_is_refused_in_words(name: str, said: str, tmp_path: Path) -> None:
+async def test_file_that_is_not_a_recording_is_refused_in_words(name: str, said: str, tmp_path: Path) -> None:
     file = tmp_path / name
     file.write_text("bought milk\n", encoding="utf-8")
     done = await talc_gateway("play", str(file))

@@ -64,7 +64,7 @@ def test_can_frames_are_candump_lines_that_other_programs_read(tmp_path: Path) -
         ("# talc wire log 1\n(1.0) a < 0\n(1.0) a < 00\n", "line 2"),
     ],
 )
-def test_what_is_no_recording_is_reported_with_its_line(text: str, problem: str, tmp_path: Path) -> None:
+def test_what_is_not_a_recording_is_reported_with_its_line(text: str, problem: str, tmp_path: Path) -> None:
     file = tmp_path / "x.wire"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(WireLogError, match=problem):

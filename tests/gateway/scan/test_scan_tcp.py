@@ -86,7 +86,7 @@ async def test_controller_that_streams_is_distinguished_from_modbus() -> None:
     assert place.devices[0].reads == "100.00 200.00 µm"
 
 
-async def test_dead_host_is_a_remark_and_the_next_one_is_asked() -> None:
+async def test_dead_host_gives_a_remark_and_the_next_one_is_asked() -> None:
     async with host({1: Adam6015(lambda: SEVEN)}) as gone:
         pass
     async with host({2: Adam6015(lambda: SEVEN)}) as port:

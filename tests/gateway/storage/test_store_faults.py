@@ -53,7 +53,7 @@ def test_what_a_failing_disk_refuses_waits_and_is_stored_when_it_works_again(fau
     assert stored(path) == list(range(1, 30))
 
 
-def test_a_disk_that_hangs_delays_nobody_who_writes(tmp_path: Path) -> None:
+def test_a_disk_that_hangs_delays_no_writer(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_process(path) as store:
         store.ask("fault hangs")

@@ -69,7 +69,7 @@ async def test_every_frame_arrives_in_order_with_null_for_what_is_missing() -> N
     assert sequence == sorted(set(sequence))
 
 
-async def test_who_comes_late_gets_the_last_value_of_every_key() -> None:
+async def test_a_late_subscriber_gets_the_last_value_of_every_key() -> None:
     port = free_port()
     async with telemetry(port) as t:
         t.publish(ReadingsTaken([reading(20.0)]))
@@ -98,7 +98,7 @@ async def test_a_reading_is_published_with_its_age_whatever_its_time_of_day() ->
     assert found["talc/mill/reading/t1"]["age_s"] == 2.5
 
 
-async def test_the_token_lives_as_long_as_the_gateway() -> None:
+async def test_the_token_exists_as_long_as_the_gateway_runs() -> None:
     port, there, gone = free_port(), threading.Event(), threading.Event()
     async with telemetry(port):
         session = client(port)
