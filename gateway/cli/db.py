@@ -51,10 +51,17 @@ def stats(database: Path) -> None:
 
 @db.command()
 @Database
-@click.argument("table", type=click.Choice(["readings", "minutes", "steps", "measurements", "events", "compensation"]))
+@click.argument(
+    "table",
+    metavar="TABLE",
+    type=click.Choice(["readings", "minutes", "steps", "measurements", "events", "compensation"]),
+)
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help=".csv or .parquet")
 def export(database: Path, table: str, output: Path) -> None:
-    """Write TABLE of DATABASE to a file, one value a column (docs/storage.md describes them)."""
+    """Write TABLE of DATABASE to a file, one value a column (docs/storage.md describes them).
+
+    TABLE is readings, minutes, steps, measurements, events or compensation.
+    """
     from gateway.cli.tables import export as write
 
     if output.suffix not in (".csv", ".parquet"):

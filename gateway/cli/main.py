@@ -231,7 +231,7 @@ def watch(connect: tuple[str, ...], prefix: str, machine: str | None) -> None:
 @click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
 @click.option("--time-format", metavar="FORMAT", default="",
               help="How times are written, such as '%d.%m.%Y %H:%M', or `excel` for its numbers.")  # fmt: skip
-@click.option("--time-zone", metavar="ZONE", help="Of times without one, such as Europe/Zurich.")
+@click.option("--time-zone", metavar="ZONE", help="Time zone of times without one, such as Europe/Zurich.")
 @click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Column of an error; any name.")
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of an error's column, such as mm.")
 @click.option(
@@ -243,10 +243,10 @@ def watch(connect: tuple[str, ...], prefix: str, machine: str | None) -> None:
 )
 @click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is not an input.")
 @click.option("--calibration-interval", "calibration_min", type=click.FloatRange(min=0, min_open=True),
-              metavar="MINUTES", help="Between the measurements of a calibration (method models).")  # fmt: skip
+              metavar="MINUTES", help="Time between the measurements of a calibration (method models).")  # fmt: skip
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
-              help="Table of each step: predictions, sigmas, contributions of inputs; and beside it NAME-models with "
-              "the weights of what was learnt. CSV or Parquet.")  # fmt: skip
+              help="Write a table of each step: predictions, sigmas, contributions of inputs; and beside it "
+              "NAME-models with the weights of what was learnt. CSV or Parquet.")  # fmt: skip
 @click.option("--every-measurement", is_flag=True, help="Use all measurements, not only the requested ones.")
 def replay(
     file: Path,
@@ -316,7 +316,7 @@ def make_prior(databases: tuple[Path, ...], output: Path) -> None:
 @main.command()
 @click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Default: beside DATABASE.")
-@click.option("--time-zone", help="Of the times in the report, such as Europe/Zurich. Default: this computer's.")
+@click.option("--time-zone", help="Time zone of the report, such as Europe/Zurich. Default: this computer's.")
 @click.option(
     "--shifts", default="06:00,14:00,22:00", show_default=True, help="When shifts begin, local time; empty: no shifts."
 )
