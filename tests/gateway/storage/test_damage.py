@@ -208,27 +208,22 @@ def test_without_the_reference_of_the_measurements_learning_begins_again(whole: 
     assert "learning begins again" in mended
 
 
-def test_a_run_whose_number_is_none_is_damage_and_the_gateway_starts(whole: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE reading SET id = 9223372036854775807 WHERE id = (SELECT max(id) FROM reading)",
+        "UPDATE mark SET ran_s = 'noon'",
+        "UPDATE measurement SET ended = '2026-p3-02T06:00:00+00:00' WHERE id = 1",
+    ],
+    ids=["number of a run", "text instead of a time", "time of the reference"],
+)
+def test_a_value_that_no_gateway_writes_is_damage_and_the_gateway_starts(
+    whole: Path, tmp_path: Path, change: str
+) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)
     with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("UPDATE reading SET id = 9223372036854775807 WHERE id = (SELECT max(id) FROM reading)")
-    assert check_start(path)
-
-
-def test_a_text_where_the_writer_expects_a_time_is_damage_and_is_repaired(whole: Path, tmp_path: Path) -> None:
-    path = tmp_path / "g.sqlite"
-    shutil.copy(whole, path)
-    with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("UPDATE mark SET ran_s = 'noon'")
-    assert check_start(path)
-
-
-def test_a_reference_whose_row_is_damaged_is_not_kept(whole: Path, tmp_path: Path) -> None:
-    path = tmp_path / "g.sqlite"
-    shutil.copy(whole, path)
-    with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("UPDATE measurement SET ended = '2026-p3-02T06:00:00+00:00' WHERE id = 1")
+        connection.execute(change)
     assert check_start(path)
 
 
