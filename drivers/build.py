@@ -24,11 +24,14 @@ from drivers.modbus import (
     ModbusProfile,
     ModbusRtuBus,
     ModbusRtuSettings,
+    ModbusRtuTcpBus,
+    ModbusRtuTcpSettings,
     ModbusTcpBus,
     ModbusTcpSettings,
     last_address,
 )
 from drivers.problems import read_settings
+from drivers.profile import fits_bus
 from drivers.profiles import Profile, load_profile
 from drivers.section import Section
 from drivers.tap import Tap
@@ -39,11 +42,18 @@ _LAST_ADDRESS = 65535
 
 
 AnyBusSettings = (
-    ModbusRtuSettings | ModbusTcpSettings | CanOpenSettings | CanSettings | MeRs485Settings | MeEthernetSettings
+    ModbusRtuSettings
+    | ModbusRtuTcpSettings
+    | ModbusTcpSettings
+    | CanOpenSettings
+    | CanSettings
+    | MeRs485Settings
+    | MeEthernetSettings
 )
 
 BUS_KINDS: Mapping[str, type[AnyBusSettings]] = {
     "modbus_rtu": ModbusRtuSettings,
+    "modbus_rtu_tcp": ModbusRtuTcpSettings,
     "modbus_tcp": ModbusTcpSettings,
     "canopen": CanOpenSettings,
     "can": CanSettings,
@@ -57,7 +67,7 @@ class NoOptions(Section):
 
 
 _Options = ModbusOptions | Cia404Options | DisplacementOptions | NoOptions
-_AnyBus = ModbusRtuBus | ModbusTcpBus | CanOpenBus | CanBus | MeRs485Bus | MeEthernetBus
+_AnyBus = ModbusRtuBus | ModbusRtuTcpBus | ModbusTcpBus | CanOpenBus | CanBus | MeRs485Bus | MeEthernetBus
 
 
 def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | None = None) -> Bus:
@@ -77,6 +87,8 @@ def bus_from_settings(name: str, settings: AnyBusSettings, tap: Tap | None = Non
     match settings:
         case ModbusRtuSettings():
             return ModbusRtuBus(name, settings, tap)
+        case ModbusRtuTcpSettings():
+            return ModbusRtuTcpBus(name, settings, tap)
         case ModbusTcpSettings():
             return ModbusTcpBus(name, settings, tap)
         case CanOpenSettings():
@@ -93,6 +105,8 @@ def _bus_class(settings: AnyBusSettings) -> type[_AnyBus]:
     match settings:
         case ModbusRtuSettings():
             return ModbusRtuBus
+        case ModbusRtuTcpSettings():
+            return ModbusRtuTcpBus
         case ModbusTcpSettings():
             return ModbusTcpBus
         case CanOpenSettings():
@@ -186,7 +200,7 @@ class _Place:
                 return read_settings(DisplacementOptions, options, bus=self.bus, device=self.device)
 
     def _check_address(self, profile: Profile, unit: int) -> None:
-        if self.kind not in profile.buses:
+        if not fits_bus(profile.buses, self.kind):
             raise self._error(
                 f"profile {profile.name} does not fit a {self.kind} bus", hint=f"it needs {' or '.join(profile.buses)}"
             )

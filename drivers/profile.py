@@ -1,6 +1,6 @@
 """The fields that every profile has."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated
 
 from pydantic import AfterValidator, PrivateAttr
@@ -15,6 +15,8 @@ UNITS = (
     *("1/min", "mm/s", "m/s", "l/min", "m3/h", "s"),
 )
 """The units that a profile may state; `1` for a pure number."""
+_SAME_DEVICES = {"modbus_rtu_tcp": "modbus_rtu"}
+"""Kinds of bus that carry the devices of another kind: behind a device server is a serial line."""
 
 
 def _known(unit: str) -> str:
@@ -43,3 +45,8 @@ class DeviceProfile(Section):
     def name(self) -> str:
         """The profile's name in a configuration."""
         return self._name
+
+
+def fits_bus(buses: Collection[str], kind: str) -> bool:
+    """Whether a profile that names these kinds of bus describes devices that can be on a bus of this kind."""
+    return _SAME_DEVICES.get(kind, kind) in buses

@@ -11,6 +11,7 @@ from drivers.base import BadAnswer, NoAnswer, Refused
 from drivers.canopen import CanObject, CanOpenBus, Cia404Profile
 from drivers.micro_epsilon import MeEthernetBus, MeRs485Bus, decode_counted, decode_float
 from drivers.modbus import Block, ModbusBus, ModbusProfile, NumberFormat
+from drivers.profile import fits_bus
 from drivers.profiles import load_profile, profile_names
 
 _PROPOSED_RANGE_UM = 500.0
@@ -64,7 +65,7 @@ async def recognise_modbus(bus: ModbusBus, unit: int) -> Recognition:
     registers = _Registers(bus, unit)
     for name in profile_names():
         profile = load_profile(name)
-        if not isinstance(profile, ModbusProfile) or bus.kind not in profile.buses:
+        if not isinstance(profile, ModbusProfile) or not fits_bus(profile.buses, bus.kind):
             continue
         if profile.type_codes is not None:
             found = await _by_type_codes(registers, profile)

@@ -1,10 +1,11 @@
-"""Modbus RTU and TCP."""
+"""Modbus RTU, also over TCP, and Modbus TCP."""
 
-from drivers.modbus.bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
+from drivers.modbus.bus import ModbusBus, ModbusTcpBus
 from drivers.modbus.device import ModbusDevice, last_address
 from drivers.modbus.numbers import Block, NumberFormat
 from drivers.modbus.profile import ModbusProfile
-from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusTcpSettings
+from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
+from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 
 __all__ = [
     "Block",
@@ -14,6 +15,8 @@ __all__ = [
     "ModbusProfile",
     "ModbusRtuBus",
     "ModbusRtuSettings",
+    "ModbusRtuTcpBus",
+    "ModbusRtuTcpSettings",
     "ModbusTcpBus",
     "ModbusTcpSettings",
     "NumberFormat",

@@ -6,12 +6,23 @@ from drivers.bus_settings import HostSettings, SerialSettings
 from drivers.section import Port, Section
 
 
-class ModbusRtuSettings(SerialSettings):
-    """Modbus RTU on a serial line (RS-485)."""
+class LineSettings(Section):
+    """Any line with RTU frames."""
 
     local_echo: bool | None = None
     """Whether the adapter receives what it sends itself, as some do on two wires: then that is skipped. By default it
     is seen at the first answer."""
+
+
+class ModbusRtuSettings(SerialSettings, LineSettings):
+    """Modbus RTU on a serial line (RS-485)."""
+
+
+class ModbusRtuTcpSettings(HostSettings, LineSettings):
+    """Modbus RTU over TCP: units on the serial line of a device server, whose TCP port passes on the bytes as they are.
+
+    The server sets speed and parity of the line.
+    """
 
 
 class ModbusTcpSettings(HostSettings):

@@ -20,6 +20,7 @@ from gateway.config import (
     CanSection,
     GatewayConfig,
     MeEthernetSection,
+    ModbusRtuTcpSection,
     ModbusTcpSection,
     toml_value,
     unpacked,
@@ -74,7 +75,7 @@ async def play_bus(
             script = stream_script(passed)
             line = PlayedLine(script)
             return Played(bus, kind, {"port": _link(folder / bus, await line.start())}, script, line)
-        case "modbus_tcp" | "me_ethernet":
+        case "modbus_tcp" | "modbus_rtu_tcp" | "me_ethernet":
             numbered = kind == "modbus_tcp"
             script = stream_script(unnumbered(passed) if numbered else passed)
             host = PlayedHost(script, numbered=numbered)
@@ -98,7 +99,7 @@ def _passed(events: Iterable[WireEvent], kind: str) -> Iterable[Passed]:
     """The events in the player's terms. The gateway's own actions on the connection are omitted."""
     for event in events:
         if event.passed == "note":
-            if kind in ("modbus_tcp", "me_ethernet") and event.note.startswith("lost"):
+            if kind in ("modbus_tcp", "modbus_rtu_tcp", "me_ethernet") and event.note.startswith("lost"):
                 yield Passed(event.at_s, False, None)
         else:
             identifier = event.identifier
@@ -198,7 +199,7 @@ def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
     """An address at which a bus that never opened cannot be opened either."""
     absent = str((folder / bus.name).absolute())
     match bus:
-        case ModbusTcpSection() | MeEthernetSection():
+        case ModbusTcpSection() | ModbusRtuTcpSection() | MeEthernetSection():
             return {"host": "127.0.0.1", "port": 1}
         case CanOpenSection() | CanSection():
             return {"interface": "slcan", "channel": absent}

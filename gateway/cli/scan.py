@@ -15,6 +15,7 @@ from rich.table import Table
 from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD, Parity
 from drivers.can import CAN_BITRATES, CAN_INTERFACES, Stopped
 from drivers.canopen import CanOpenSettings
+from drivers.modbus import ModbusRtuTcpBus
 from drivers.problems import read_settings
 from drivers.recognition import describe
 from gateway.cli.signals import stop_on_signals
@@ -154,6 +155,8 @@ def serial_command(
 @scan.command("tcp")
 @click.argument("hosts", type=Host(), nargs=-1, required=True)
 @click.option("--units", type=Numbers(0, 255), default="1", show_default=True, help="Units to ask behind each host.")
+@click.option("--rtu", is_flag=True,
+              help="Ask with RTU frames: for a device server that passes on the bytes of its serial line.")  # fmt: skip
 @click.option(
     "--timeout",
     "timeout_s",
@@ -166,15 +169,20 @@ def serial_command(
 @Toml
 @Yes
 def tcp_command(
-    hosts: tuple[tuple[str, int | None], ...], units: tuple[int, ...], timeout_s: float,
+    hosts: tuple[tuple[str, int | None], ...], units: tuple[int, ...], rtu: bool, timeout_s: float,
     limit: float, toml: Path | None, yes: bool,
 ) -> None:  # fmt: skip
     """Find Modbus TCP units behind HOSTS (host or host:port), and Micro-Epsilon controllers. Asks only these hosts.
 
     Without a port, 502 (Modbus) and 10001 (a controller's data) are tried. Behind a gateway to a serial line each
-    device has its own unit id: --units 1-16.
+    device has its own unit id: --units 1-16. A device server's port must be given: --rtu HOST:4001.
     """
-    what = TcpScan(hosts, units, timeout_s)
+    if rtu and (portless := [host for host, port in hosts if port is None]):
+        raise click.UsageError(f"--rtu: {portless[0]}: give the device server's port, such as {portless[0]}:4001")
+    lowest, highest = ModbusRtuTcpBus.units
+    if rtu and not lowest <= min(units) <= max(units) <= highest:
+        raise click.UsageError(f"--units: expected {lowest} to {highest} with --rtu")
+    what = TcpScan(hosts, units, timeout_s, rtu)
     listed = ", ".join(host if port is None else f"{host}:{port}" for host, port in hosts)
     intro = f"{listed}: {what.requests} requests"
     _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_hosts(what, p, s))

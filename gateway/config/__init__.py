@@ -6,6 +6,7 @@ from gateway.config.buses import (
     CanSection,
     MeEthernetSection,
     ModbusRtuSection,
+    ModbusRtuTcpSection,
     ModbusTcpSection,
 )
 from gateway.config.consequences import unarmed
@@ -31,6 +32,7 @@ __all__ = [
     "LinuxCncNc",
     "MeEthernetSection",
     "ModbusRtuSection",
+    "ModbusRtuTcpSection",
     "ModbusTcpSection",
     "Nc",
     "PriorError",

@@ -10,7 +10,7 @@ from pydantic import Field
 from drivers.can import CanSettings
 from drivers.canopen import CanOpenSettings
 from drivers.micro_epsilon import MeEthernetSettings, MeRs485Settings
-from drivers.modbus import ModbusRtuSettings, ModbusTcpSettings
+from drivers.modbus import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.section import Positive, Section
 from gateway.config.fields import Name
 
@@ -33,6 +33,16 @@ class ModbusRtuSection(ModbusRtuSettings, Polled):
 
     kind: Literal["modbus_rtu"]
     """`modbus_rtu`."""
+
+
+class ModbusRtuTcpSection(ModbusRtuTcpSettings, Polled):
+    """Modbus RTU over TCP: units on the serial line of a device server, whose TCP port passes on the bytes as they are.
+
+    The server sets speed and parity of the line.
+    """
+
+    kind: Literal["modbus_rtu_tcp"]
+    """`modbus_rtu_tcp`."""
 
 
 class MeRs485Section(MeRs485Settings, Polled):
@@ -71,6 +81,12 @@ class CanSection(CanSettings, Polled):
 
 
 BusSection = Annotated[
-    ModbusRtuSection | ModbusTcpSection | CanOpenSection | CanSection | MeRs485Section | MeEthernetSection,
+    ModbusRtuSection
+    | ModbusRtuTcpSection
+    | ModbusTcpSection
+    | CanOpenSection
+    | CanSection
+    | MeRs485Section
+    | MeEthernetSection,
     Field(discriminator="kind"),
 ]

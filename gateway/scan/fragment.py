@@ -12,6 +12,7 @@ from gateway.scan.found import Found, Place
 
 _BUS_NAMES = {
     "modbus_rtu": "rtu",
+    "modbus_rtu_tcp": "rtu",
     "modbus_tcp": "tcp",
     "canopen": "can",
     "me_rs485": "growth_line",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.can import Stopped
 from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
-from drivers.modbus import ModbusTcpBus, ModbusTcpSettings
+from drivers.modbus import ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
 from gateway.polling import UnexpectedError, contained
 from gateway.scan.found import Found, Place, Progress, ScanReport, opened, read_inputs
@@ -28,6 +28,8 @@ class TcpScan:
     """Host and port; None: the usual ports of Modbus and of controllers. A given port is tried for both."""
     units: Sequence[int]
     timeout_s: float
+    rtu: bool = False
+    """Ask with RTU frames, as behind a device server, instead of Modbus TCP. Every port must be given."""
 
     @property
     def requests(self) -> int:
@@ -47,7 +49,7 @@ async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> Sca
         await _modbus(scan, host, port or _MODBUS_PORT, report, progress, stopped)
         if stopped():
             break
-        if port is None or len(report.places) == before:
+        if port is None or (len(report.places) == before and not scan.rtu):
             progress(report.asked, f"{host}:{port or _CONTROLLER_PORT}")
             await _controller(host, port or _CONTROLLER_PORT, scan.timeout_s, report)
         if len(report.places) > before:  # errors of the other protocol need no remark
@@ -59,7 +61,11 @@ async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> Sca
 async def _modbus(
     scan: TcpScan, host: str, port: int, report: ScanReport, progress: Progress, stopped: Stopped
 ) -> None:
-    bus = ModbusTcpBus("scan", ModbusTcpSettings(host=host, port=port, timeout_s=scan.timeout_s))
+    bus: ModbusRtuTcpBus | ModbusTcpBus
+    if scan.rtu:
+        bus = ModbusRtuTcpBus("scan", ModbusRtuTcpSettings(host=host, port=port, timeout_s=scan.timeout_s))
+    else:
+        bus = ModbusTcpBus("scan", ModbusTcpSettings(host=host, port=port, timeout_s=scan.timeout_s))
     found: list[Found] = []
     odd: list[str] = []
     try:
@@ -83,10 +89,10 @@ async def _modbus(
     except (ConnectError, UnexpectedError) as error:
         report.remarks.append(f"Modbus: {_said(error)}")
     if found:
-        report.places.append(Place("modbus_tcp", {"host": host, "port": port}, tuple(found)))
+        report.places.append(Place(bus.kind, {"host": host, "port": port}, tuple(found)))
 
 
-async def _answers(bus: ModbusTcpBus, unit: int, odd: list[str]) -> bool:
+async def _answers(bus: ModbusBus, unit: int, odd: list[str]) -> bool:
     """Whether the unit exists. Invalid answers go to `odd`."""
     try:
         await contained(bus.read("", unit, ANY_REGISTER), f"the request to unit {unit}")
@@ -100,7 +106,7 @@ async def _answers(bus: ModbusTcpBus, unit: int, odd: list[str]) -> bool:
     return True
 
 
-async def _look(bus: ModbusTcpBus, unit: int) -> Found:
+async def _look(bus: ModbusBus, unit: int) -> Found:
     try:
         what = await contained(recognise_modbus(bus, unit), f"the recognition of unit {unit}")
         return Found(unit, what, await read_inputs(bus, unit, what))

@@ -1,7 +1,7 @@
 """Servers for emulated Modbus units: on one serial line, or behind one TCP port."""
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.modbus_unit import ModbusUnit, answer
@@ -33,29 +33,15 @@ def crc16(data: bytes) -> bytes:
     return crc.to_bytes(2, "little")
 
 
-class RtuLine:
-    """Several units on one pseudo-terminal. `await start()` gives its path.
+class _RtuRequests:
+    """Finds the requests in the bytes that are received, and has the units answer."""
 
-    baud: the units' speed; at any other speed they receive garbage and stay silent. 0: they understand any
-    """
-
-    def __init__(self, units: Mapping[int, ModbusUnit], *, baud: int = 0) -> None:
-        self._units, self._baud = dict(units), baud
-        self._port = PtyPort(self._on_bytes)
+    def __init__(self, units: Mapping[int, ModbusUnit]) -> None:
+        self._units = dict(units)
         self._heard = b""
-        self.spoil: Spoil | None = None
-        """What happens to answers on the wire."""
 
-    async def start(self) -> str:
-        return await self._port.start()
-
-    async def stop(self) -> None:
-        await self._port.stop()
-
-    def _on_bytes(self, data: bytes) -> None:
-        """Read requests of 8 bytes each; a byte that does not start a valid request is skipped."""
-        if self._baud and self._port.baud != self._baud:
-            return
+    def answered(self, data: bytes) -> Iterator[tuple[int, bytes]]:
+        """Unit and answer to each request of 8 bytes; a byte that does not start a valid request is skipped."""
         self._heard += data
         while len(self._heard) >= _REQUEST_BYTES:
             frame, rest = self._heard[:_REQUEST_BYTES], self._heard[_REQUEST_BYTES:]
@@ -66,7 +52,32 @@ class RtuLine:
             unit = self._units.get(frame[0])
             if unit is not None and not unit.silent:
                 reply = frame[:1] + answer(unit, frame[1:-2])
-                send(self._port.write, self.spoil, frame[0], reply + crc16(reply))
+                yield frame[0], reply + crc16(reply)
+
+
+class RtuLine:
+    """Several units on one pseudo-terminal. `await start()` gives its path.
+
+    baud: the units' speed; at any other speed they receive garbage and stay silent. 0: they understand any
+    """
+
+    def __init__(self, units: Mapping[int, ModbusUnit], *, baud: int = 0) -> None:
+        self._requests, self._baud = _RtuRequests(units), baud
+        self._port = PtyPort(self._on_bytes)
+        self.spoil: Spoil | None = None
+        """What happens to answers on the wire."""
+
+    async def start(self) -> str:
+        return await self._port.start()
+
+    async def stop(self) -> None:
+        await self._port.stop()
+
+    def _on_bytes(self, data: bytes) -> None:
+        if self._baud and self._port.baud != self._baud:
+            return
+        for unit, reply in self._requests.answered(data):
+            send(self._port.write, self.spoil, unit, reply)
 
 
 class TcpHost:
@@ -108,3 +119,41 @@ class _TcpConnection(Connection):
                 reply = answer(unit, pdu)
                 frame = _MBAP.pack(number, 0, len(reply) + 1, unit_id) + reply
                 send(self.transport.write, self._host.spoil, unit_id, frame)
+
+
+class DeviceServer:
+    """Units on a serial line behind a device server's loopback port, which passes on the bytes of every connection.
+    `await start()` gives the port number."""
+
+    def __init__(self, units: Mapping[int, ModbusUnit]) -> None:
+        self._requests = _RtuRequests(units)
+        self.server = LoopbackServer(lambda: _ServedLine(self))
+        self.spoil: Spoil | None = None
+        """What happens to answers on the wire."""
+
+    async def start(self, port: int = 0) -> int:
+        return await self.server.start(port)
+
+    async def stop(self) -> None:
+        await self.server.stop()
+
+    def hear(self, data: bytes) -> None:
+        """Bytes for the serial line."""
+        for unit, reply in self._requests.answered(data):
+            send(self._tell, self.spoil, unit, reply)
+
+    def _tell(self, data: bytes) -> None:
+        """What the line says goes to every client that is connected by then."""
+        for connection in self.server.connections:
+            if connection.transport is not None and not connection.forgotten:
+                connection.transport.write(data)
+
+
+class _ServedLine(Connection):
+    def __init__(self, server: DeviceServer) -> None:
+        super().__init__()
+        self._server = server
+
+    def data_received(self, data: bytes) -> None:
+        if not self.forgotten:
+            self._server.hear(data)

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from simulators.devices.loopback import Connection, LoopbackServer
@@ -16,14 +16,34 @@ _MBAP = 7
 Transmit = Callable[[bytes | None], None]
 
 
+class _Requests:
+    """The requests in a stream of bytes, recognised by comparison with the recorded ones."""
+
+    def __init__(self, script: Script) -> None:
+        self._script = script
+        self._heard = b""
+
+    def found(self, data: bytes) -> Iterator[bytes]:
+        """The next ones; bytes that begin none of them are skipped."""
+        self._heard += data
+        while self._heard:
+            request = next((r for r in self._script.answers if self._heard.startswith(r)), None)
+            if request is not None:
+                self._heard = self._heard[len(request) :]
+                yield request
+            elif any(r.startswith(self._heard) for r in self._script.answers):
+                return
+            else:
+                self._script.unknown += 1
+                self._heard = b""
+
+
 class PlayedLine:
     """A recorded serial line. `await start()` gives the path of its pseudo-terminal."""
 
     def __init__(self, script: Script) -> None:
-        self._script = script
-        self._longest = max(map(len, script.answers), default=1)
+        self._script, self._requests = script, _Requests(script)
         self._port = PtyPort(self._on_bytes)
-        self._heard = b""
         self._timers = _Timers()
 
     async def start(self) -> str:
@@ -34,18 +54,8 @@ class PlayedLine:
         await self._port.stop()
 
     def _on_bytes(self, data: bytes) -> None:
-        """Requests are recognised by comparison with the recorded ones; bytes that begin none of them are skipped."""
-        self._heard += data
-        while self._heard:
-            request = next((r for r in self._script.answers if self._heard.startswith(r)), None)
-            if request is not None:
-                self._heard = self._heard[len(request) :]
-                self._timers.say(self._script.answer(request), self._say)
-            elif any(r.startswith(self._heard) for r in self._script.answers):
-                return
-            else:
-                self._script.unknown += 1
-                self._heard = b""
+        for request in self._requests.found(data):
+            self._timers.say(self._script.answer(request), self._say)
 
     def _say(self, data: bytes | None) -> None:
         if data is not HANG_UP:
@@ -71,7 +81,7 @@ class PlayedHost:
 class _PlayedConnection(Connection):
     def __init__(self, script: Script, with_numbers: bool) -> None:
         super().__init__()
-        self._script, self._numbered = script, with_numbers
+        self._script, self._requests, self._numbered = script, _Requests(script), with_numbers
         self._timers = _Timers()
         self._heard = b""
         self._rest = 0
@@ -91,6 +101,8 @@ class _PlayedConnection(Connection):
 
     def data_received(self, data: bytes) -> None:
         if not self._numbered:
+            for request in self._requests.found(data):
+                self._timers.say(self._script.answer(request), partial(self._say, 0))
             return
         self._heard += data
         while len(self._heard) >= _MBAP and len(self._heard) >= 6 + int.from_bytes(self._heard[4:6], "big"):

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
@@ -11,7 +12,7 @@ from typing import Protocol
 
 from drivers.base import Bus, Driver, Quality, SystemClock
 from drivers.build import make_bus, make_device
-from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
+from simulators.devices import M7015, Adam6015, Cia404Node, DeviceServer, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.me_controller import MeController
 from simulators.devices.me_sensor import MeLine, Payload
@@ -161,12 +162,12 @@ def _plain_rig(
     """A Modbus module without type codes as unit 1; qualities of open, short, over, under."""
 
     async def start(stack: AsyncExitStack) -> Rig:
-        wire: RtuLine | TcpHost
+        wire: RtuLine | TcpHost | DeviceServer
         if kind == "modbus_rtu":
             wire = RtuLine({1: device, 2: neighbour})
             address: dict[str, object] = {"port": await wire.start(), "baud": 115200}
         else:
-            wire = TcpHost({1: device, 2: neighbour})
+            wire = (TcpHost if kind == "modbus_tcp" else DeviceServer)({1: device, 2: neighbour})
             address = {"host": "127.0.0.1", "port": await wire.start()}
         stack.push_async_callback(wire.stop)
         return Rig(
@@ -195,12 +196,12 @@ def _wago(stack: AsyncExitStack) -> Awaitable[Rig]:
     )
 
 
-def _pta(stack: AsyncExitStack) -> Awaitable[Rig]:
+def _pta(stack: AsyncExitStack, kind: str = "modbus_rtu") -> Awaitable[Rig]:
     """An open input shows 97.7 degC, so no machine part may be near that."""
     truth = [20.04, 21.26, -3.3, 40.0, 94.96, 22.22, 23.456, 0.0]
     device, neighbour = Pta8d08(lambda: truth), Pta8d08(lambda: [NEIGHBOUR] * 8)
     qualities = [Quality.SENSOR_FAULT, Quality.OUT_OF_RANGE, Quality.OUT_OF_RANGE, Quality.OUT_OF_RANGE]
-    return _plain_rig("modbus_rtu", "eletechsup_pta8d08", 8, device, neighbour, qualities, truth=truth)(stack)
+    return _plain_rig(kind, "eletechsup_pta8d08", 8, device, neighbour, qualities, truth=truth)(stack)
 
 
 def _voltage(stack: AsyncExitStack) -> Awaitable[Rig]:
@@ -359,6 +360,7 @@ RIGS: dict[str, StartRig] = {
     "can_dbc": _dbc_rig,
     "wago464": _wago,
     "pta8d08": _pta,
+    "pta8d08-device-server": partial(_pta, kind="modbus_rtu_tcp"),
     "voltage": _voltage,
     "me_rs485": _displacement_rig("me_rs485", "float", 500 * 2**-23, Quality.SENSOR_FAULT),
     "me_ethernet": _ethernet_rig,

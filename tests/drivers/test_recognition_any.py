@@ -19,9 +19,10 @@ from drivers.canopen.settings import CanOpenSettings
 from drivers.micro_epsilon.ethernet import MeBlock, MeEthernetBus
 from drivers.micro_epsilon.rs485 import MeRs485Bus
 from drivers.micro_epsilon.settings import MeEthernetSettings, MeRs485Settings
-from drivers.modbus.bus import ModbusBus, ModbusRtuBus, ModbusTcpBus
+from drivers.modbus.bus import ModbusBus, ModbusTcpBus
 from drivers.modbus.numbers import Block
 from drivers.modbus.profile import ModbusProfile
+from drivers.modbus.rtu import ModbusRtuBus
 from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.profiles import load_profile, profile_names
 from drivers.recognition import (

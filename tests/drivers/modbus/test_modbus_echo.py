@@ -5,9 +5,9 @@ from collections.abc import Callable
 import pytest
 
 from drivers.base import NoAnswer
-from drivers.modbus.bus import ModbusRtuBus
 from drivers.modbus.frames import find_rtu_answer
 from drivers.modbus.numbers import Block
+from drivers.modbus.rtu import ModbusRtuBus
 from drivers.modbus.settings import ModbusRtuSettings
 from tests.benches.rtu_talk import TIMEOUT_S, TWO, Peer, frame, honest, line
 

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
-from drivers.modbus.bus import ModbusRtuBus
 from drivers.modbus.frames import find_rtu_answer
 from drivers.modbus.numbers import Block
+from drivers.modbus.rtu import ModbusRtuBus
 from drivers.modbus.settings import ModbusRtuSettings
 from tests.benches.rtu_talk import TIMEOUT_S, TWO, frame, honest, line, registers
 

@@ -17,7 +17,7 @@ from gateway.cli.play import play_bus, read_wire_recording
 from gateway.clock import RealClock
 from gateway.config import parse, wires_toml
 from gateway.recordings import WireLog, WireLogWriter, read_wire_log
-from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
+from simulators.devices import M7015, Adam6015, Cia404Node, DeviceServer, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.me_controller import MeController
 from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Spoil
@@ -57,10 +57,11 @@ def nothing() -> None:
     """A read without a fault."""
 
 
-async def rtu() -> Wire:
+async def rtu(*, over_tcp: bool = False) -> Wire:
     module = M7015(counting(6))
-    line = RtuLine({3: module})
-    path = await line.start()
+    line = DeviceServer({3: module}) if over_tcp else RtuLine({3: module})
+    where = await line.start()
+    options: dict[str, object] = {"host": "127.0.0.1", "port": where} if over_tcp else {"port": where, "baud": 115200}
 
     def spoil(how: Spoil | None) -> Callable[[], None]:
         return lambda: setattr(line, "spoil", how)
@@ -82,7 +83,11 @@ async def rtu() -> Wire:
 
     spoilt = (spoil(garbled), spoil(None), spoil(late), spoil(None))
     steps = (nothing, broken, *spoilt, nothing, silent, nothing, back, nothing)
-    return Wire("modbus_rtu", {"port": path, "baud": 115200}, "icpdas_m7015", 3, line.stop, steps)
+    return Wire("modbus_rtu_tcp" if over_tcp else "modbus_rtu", options, "icpdas_m7015", 3, line.stop, steps)
+
+
+async def rtu_over_tcp() -> Wire:
+    return await rtu(over_tcp=True)
 
 
 async def tcp() -> Wire:
@@ -171,6 +176,7 @@ async def me_rs485() -> Wire:
 
 WIRES: dict[str, Callable[[], Awaitable[Wire]]] = {
     "rtu": rtu,
+    "rtu over tcp": rtu_over_tcp,
     "tcp": tcp,
     "tcp hanging up": tcp_hanging_up,
     "canopen": canopen,

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from gateway.config import load
 from gateway.scan.found import ScanReport
 from gateway.scan.fragment import merged
 from gateway.scan.tcp import TcpScan, scan_hosts
-from simulators.devices import Adam6015, TcpHost
+from simulators.devices import M7015, Adam6015, DeviceServer, TcpHost
 from simulators.devices.me_controller import MeController
 from simulators.devices.modbus_unit import ModbusUnit, answer
 from simulators.devices.wago464 import Wago464
@@ -161,6 +162,23 @@ async def test_host_that_accepts_and_never_answers_is_reported() -> None:
         report.remarks[0]
         == f"127.0.0.1:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
     )
+
+
+async def test_units_behind_a_device_server_are_recognised(tmp_path: Path) -> None:
+    """Modbus TCP finds nobody there; with RTU frames its modules answer, and the file that follows loads."""
+    server = DeviceServer({2: M7015(lambda: SEVEN[:6])})
+    port = await server.start()
+    try:
+        assert (await scan(port)).found == []
+        there = TcpScan((("127.0.0.1", port),), range(1, 4), timeout_s=0.3, rtu=True)
+        report = await scan_hosts(there, lambda *_: None, lambda: False)
+    finally:
+        await server.stop()
+    assert [(d.unit, d.what.profile) for d in report.found] == [(2, "icpdas_m7015")]
+    file = tmp_path / "gateway.toml"
+    file.write_text(merged("", report.places, file), encoding="utf-8")
+    (bus,) = load(file).buses
+    assert (bus.kind, bus.place) == ("modbus_rtu_tcp", f"127.0.0.1:{port}")
 
 
 async def test_what_was_found_becomes_one_file_and_is_not_added_twice() -> None:

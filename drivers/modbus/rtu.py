@@ -1,0 +1,213 @@
+"""Modbus RTU on a serial line, and over TCP through a device server: frames with a checksum and without a number.
+
+Source: MODBUS over serial line V1.02.
+"""
+
+import asyncio
+from contextlib import suppress
+
+from pymodbus.pdu import ModbusPDU
+
+from drivers.base import BadAnswer, NoAnswer
+from drivers.byte_stream import ByteStream, SerialStream, TcpStream
+from drivers.modbus.bus import ModbusBus, decode
+from drivers.modbus.frames import find_rtu_answer, is_damaged, plausibly_of, rtu_answers, rtu_request
+from drivers.modbus.numbers import Block
+from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
+from drivers.modbus.unanswered import Unanswered
+from drivers.tap import Tap
+
+_MOST_SENT = 2
+"""How often a silent unit is sent one question before its late answer is waited for: more would slow it down."""
+_FOLLOWS_S = 0.05
+"""How soon the answer to a repeated request follows the answer to the first one."""
+_SERVER_GAP_S = 3.5 * 11 / 9600
+"""Between frames behind a device server, whose line's speed is not known here; the network adds its own delay."""
+_SERVER_PAUSE_S = 0.1
+"""A device server sends on what it receives in pieces."""
+
+
+class RtuFramedBus(ModbusBus):
+    """Units on one line, or one connection. `Unanswered` says how late answers are told from the next ones.
+
+    Parameters
+    ----------
+    local_echo: whether each request is received before its answer; None: not known yet
+    gap_s: silence between an answer and the next request
+    pause_s: after a pause of this length, what was being sent has ended
+    """
+
+    units = (1, 247)
+
+    def __init__(
+        self, name: str, stream: ByteStream, timeout_s: float, *, local_echo: bool | None, gap_s: float, pause_s: float
+    ) -> None:
+        super().__init__(name, stream, timeout_s)
+        self._gap_s, self._pause_s, self._echo = gap_s, pause_s, local_echo
+        self._quiet_since = 0.0
+        self._owing_until: float | None = None
+        """Until when the answer to a cancelled request may come."""
+        self._unanswered = Unanswered()
+
+    def _opened(self) -> None:
+        self._owing_until = None
+
+    async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
+        await self._wait_for_owed_answer()
+        self._unanswered.note(self._stream.discard())
+        if not again:
+            self._unanswered.begin(unit)
+        separator = self._unanswered.separator(unit, block)
+        if separator is None and self._echo is None and find_rtu_answer(rtu_request(unit, block), unit, block):
+            # The request would be its own answer: learn from another one whether requests come back.
+            separator = self._unanswered.another(unit, block)
+        if separator is not None:
+            await self._request(device, unit, separator)
+            self._unanswered.separated(unit)
+        return await self._request(device, unit, block)
+
+    async def _request(self, device: str, unit: int, block: Block) -> ModbusPDU:
+        loop = asyncio.get_running_loop()
+        await asyncio.sleep(self._quiet_since + self._gap_s - loop.time())
+        self._unanswered.note(self._stream.discard())
+        asked = self._unanswered.asked(unit, block)
+        began = loop.time()
+        self._owing_until = began + self._timeout_s
+        heard = bytearray()
+        message: bytes | None = None
+        wait_s = self._timeout_s
+        try:
+            if asked.sent >= _MOST_SENT:
+                with suppress(TimeoutError):
+                    message = await self._hear(heard, unit, block, began + self._timeout_s / 2, wait_s)
+            if message is None:
+                self._stream.write(rtu_request(unit, block))
+                asked.sent += 1
+                if asked.sent == 1:
+                    asked.since_s, wait_s = began, self._patience.wait_s(unit, block)
+                message = await self._hear(heard, unit, block, began + self._timeout_s, wait_s)
+        except TimeoutError:
+            self._owing_until = None
+            self._missed(unit, block, heard)
+            raise self._nothing_valid(device, unit, block, heard, wait_s) from None
+        except asyncio.CancelledError:
+            asked.over = True
+            raise
+        finally:
+            self._quiet_since = loop.time()
+        # Of several equal requests the first may have been answered: it is slow rather than lost.
+        self._patience.answered(unit, block, min(self._timeout_s, loop.time() - asked.since_s))
+        await self._settle(unit, block, heard)
+        self._owing_until = None
+        return decode(message, self._name, device)
+
+    async def _hear(self, heard: bytearray, unit: int, block: Block, latest_s: float, wait_s: float) -> bytes:
+        """The answer, once it is complete in `heard`.
+
+        latest_s: loop time; wait_s: for the first byte, and for each that follows
+
+        Raises TimeoutError.
+        """
+        loop = asyncio.get_running_loop()
+        until = min(latest_s, loop.time() + wait_s)
+        request = rtu_request(unit, block)
+        while (message := find_rtu_answer(heard, unit, block)) is None:
+            heard += await self._stream.read(until - loop.time())
+            self._skip_echo(heard, request, unit, block)
+            # Lets an answer that has begun finish; one that is complete and not valid is damaged.
+            rest_s = self._pause_s if is_damaged(heard, block) else wait_s
+            until = min(latest_s, loop.time() + rest_s)
+        if self._echo is None:
+            self._echo = False
+        return message
+
+    def _skip_echo(self, heard: bytearray, request: bytes, unit: int, block: Block) -> None:
+        """Take the request itself from what was heard, unless it may be the answer of a line without echo."""
+        if heard.startswith(request) and (self._echo or not find_rtu_answer(request, unit, block)):
+            self._echo = True
+            del heard[: len(request)]
+
+    async def _settle(self, unit: int, block: Block, heard: bytearray) -> None:
+        """The block is answered: let the answers to the other requests for it pass, which follow at once."""
+        asked = self._unanswered.asked(unit, block)
+        found = sum(1 for _ in rtu_answers(heard, unit, block))
+        with suppress(TimeoutError):
+            while found < asked.sent:
+                heard += await self._stream.read(_FOLLOWS_S)
+                found = sum(1 for _ in rtu_answers(heard, unit, block))
+        asked.sent -= found
+        self._unanswered.settle(unit, block)
+        self._unanswered.note(heard, unit, block)
+
+    def _missed(self, unit: int, block: Block, heard: bytearray) -> None:
+        asked = self._unanswered.asked(unit, block)
+        if is_damaged(heard, block):  # it has come: nothing is due
+            asked.sent -= 1
+            if not asked.sent:
+                self._unanswered.settle(unit, block)
+        else:
+            self._patience.missed(unit)
+        self._unanswered.note(heard, unit, block)
+
+    async def _wait_for_owed_answer(self) -> None:
+        """Let the unit finish answering a cancelled request; otherwise two would talk at once."""
+        if self._owing_until is None:
+            return
+        deadline = self._owing_until
+        loop = asyncio.get_running_loop()
+        heard = bytearray()
+        try:
+            while True:
+                heard += await self._stream.read(deadline - loop.time())
+                deadline = min(deadline, loop.time() + self._pause_s)
+        except TimeoutError:
+            self._unanswered.note(heard)
+            self._owing_until = None
+
+    def _nothing_valid(
+        self, device: str, unit: int, block: Block, heard: bytes | bytearray, waited_s: float
+    ) -> NoAnswer | BadAnswer:
+        is_late = self._unanswered.was_heard(unit)
+        if not heard:
+            return self._silence(device, unit, waited_s, heard=is_late)
+        return BadAnswer(
+            f"{len(heard)} bytes received, but no valid answer of unit {unit}: {heard[:16].hex(' ')}",
+            heard=is_late or plausibly_of(heard, unit, block),
+            bus=self._name,
+            device=device,
+            hint="two units with one id, wrong baud or parity, missing termination, or noise",
+        )
+
+
+class ModbusRtuBus(RtuFramedBus):
+    """Units on a serial line of this computer."""
+
+    kind = "modbus_rtu"
+
+    def __init__(self, name: str, settings: ModbusRtuSettings, tap: Tap | None = None) -> None:
+        gap_s = 3.5 * 11 / settings.baud
+        super().__init__(
+            name,
+            SerialStream(name, settings, tap),
+            settings.timeout_s,
+            local_echo=settings.local_echo,
+            gap_s=gap_s,
+            pause_s=max(0.02, 4 * gap_s),
+        )
+
+
+class ModbusRtuTcpBus(RtuFramedBus):
+    """Units on the serial line of a device server, which passes on the bytes of a TCP connection."""
+
+    kind = "modbus_rtu_tcp"
+    reopens = True
+
+    def __init__(self, name: str, settings: ModbusRtuTcpSettings, tap: Tap | None = None) -> None:
+        super().__init__(
+            name,
+            TcpStream(name, settings.host, settings.port, tap),
+            settings.timeout_s,
+            local_echo=settings.local_echo,
+            gap_s=_SERVER_GAP_S,
+            pause_s=_SERVER_PAUSE_S,
+        )
