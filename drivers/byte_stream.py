@@ -75,11 +75,14 @@ class StreamBus:
         """Open the stream, unless it is already open. Raises ConnectError."""
         async with self._lock:
             if not self._stream.is_open:
-                await self._stream.open(self._timeout_s)
+                await self._open()
 
     async def close(self) -> None:
         async with self._lock:
             await self._stream.close()
+
+    async def _open(self) -> None:
+        await self._stream.open(self._timeout_s)
 
 
 class _Inbox:

@@ -14,7 +14,7 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer
-from drivers.byte_stream import ByteStream, TcpStream
+from drivers.byte_stream import ByteStream, StreamBus, TcpStream
 from drivers.modbus.frames import TCP_HEADER, find_tcp_answer, fits, request_pdu, tcp_messages
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.modbus.refusals import refusal
@@ -27,8 +27,8 @@ _MOST_HEARD = 4096
 """How many bytes are searched for the answer to one request."""
 
 
-class ModbusBus(ABC):
-    """A connection that several units share; requests queue in order of arrival."""
+class ModbusBus(StreamBus, ABC):
+    """A connection that several units share."""
 
     kind: str
     units: tuple[int, int]
@@ -37,30 +37,14 @@ class ModbusBus(ABC):
     closed while that is under way: some hosts close it after each answer, or when nobody asks for a while."""
 
     def __init__(self, name: str, stream: ByteStream, timeout_s: float) -> None:
-        self._name, self._stream, self._timeout_s = name, stream, timeout_s
+        super().__init__(name, stream, timeout_s)
         self._patience = Patience(timeout_s)
-        self._lock = asyncio.Lock()
         self._wanted = False
         """Whether the connection is to be open: `connect` succeeded and nobody has called `close`."""
 
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def timeout_s(self) -> float:
-        return self._timeout_s
-
-    async def connect(self) -> None:
-        """Open the wire, unless it is already open. Raises ConnectError."""
-        async with self._lock:
-            if not self._stream.is_open:
-                await self._open()
-
     async def close(self) -> None:
         self._wanted = False
-        async with self._lock:
-            await self._stream.close()
+        await super().close()
 
     async def read(self, device: str, unit: int, block: Block, *, again: bool = False) -> tuple[int, ...]:
         """Registers (0..65535) or bits (0, 1) of one block.
@@ -78,11 +62,11 @@ class ModbusBus(ABC):
         return tuple(pdu.registers)
 
     async def _open(self) -> None:
-        await self._stream.open(self._timeout_s)
+        await super()._open()
         self._wanted = True
         self._opened()
 
-    def _opened(self) -> None:  # noqa: B027 - not every bus has something to reset
+    def _opened(self) -> None:
         """Reset what belonged to the last connection."""
 
     async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
