@@ -167,7 +167,7 @@ async def test_sensor_beside_a_silent_one_is_not_waited_for() -> None:
         pytest.param(EXAMPLE[:-4], id="truncated"),
     ],
 )
-async def test_what_is_not_our_answer_is_told(answer: bytes) -> None:
+async def test_what_is_not_our_answer_is_reported(answer: bytes) -> None:
     async with line(lambda n: answer if n == 1 else EXAMPLE) as bus:
         with pytest.raises(BadAnswer, match="no valid answer of 0x7E"):
             await bus.measure("d", 0x7E)

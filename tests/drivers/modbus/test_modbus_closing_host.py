@@ -103,7 +103,7 @@ async def test_a_host_that_keeps_the_connection_is_not_opened_again() -> None:
     assert host.opened == 1
 
 
-async def test_a_host_that_closes_without_an_answer_is_told_after_one_more_attempt() -> None:
+async def test_a_host_that_closes_without_an_answer_is_reported_after_one_more_attempt() -> None:
     host = ClosingHost(answers=0)
     async with served(host) as bus:
         with pytest.raises(ConnectError, match="the device closed the connection"):

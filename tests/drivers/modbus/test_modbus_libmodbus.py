@@ -82,7 +82,7 @@ async def test_adam6015_over_tcp(tcp: Bus) -> None:
         assert qualities(readings) == [Quality.GOOD] * 5 + [Quality.OUT_OF_RANGE, Quality.SENSOR_FAULT]
 
 
-async def test_absent_unit_is_told(rtu: Bus) -> None:
+async def test_absent_unit_is_reported(rtu: Bus) -> None:
     """Its neighbour is not asked here: libmodbus takes the request after a foreign one for the foreign answer."""
     absent = make_device("absent", rtu, "icpdas_m7015", 4, {"a": 0}, {}, SystemClock())
     with pytest.raises(NoAnswer, match="unit 4"):

@@ -80,7 +80,7 @@ async def test_line_stays_quiet_while_a_cancelled_request_is_answered() -> None:
         pytest.param(b"\xff" * 300, id="babble"),
     ],
 )
-async def test_what_is_not_our_answer_is_told_and_not_used(answer: bytes) -> None:
+async def test_what_is_not_our_answer_is_reported_and_not_used(answer: bytes) -> None:
     async with line() as (bus, peer):
         peer.reply = lambda _: answer
         with pytest.raises(BadAnswer, match="no valid answer of unit 1"):

@@ -80,7 +80,7 @@ async def test_answer_in_pieces_and_two_at_once() -> None:
         pytest.param(lambda _: b"HTTP/1.1 400 Bad Request\r\n", BadAnswer, "not a complete Modbus", id="a web server"),
     ],
 )
-async def test_what_is_not_our_answer_is_told(
+async def test_what_is_not_our_answer_is_reported(
     reply: Callable[[int], bytes], error: type[DriverError], text: str
 ) -> None:
     async with host(reply) as bus:
@@ -88,7 +88,7 @@ async def test_what_is_not_our_answer_is_told(
             await bus.read("d", 1, TWO)
 
 
-async def test_half_an_answer_costs_nobody_but_who_sent_it() -> None:
+async def test_half_an_answer_costs_only_its_sender() -> None:
     async with host(lambda n: message(n, GOOD)[:-1] if n % 2 else message(n, GOOD)) as bus:
         for _ in range(3):
             with pytest.raises(BadAnswer):
@@ -96,7 +96,7 @@ async def test_half_an_answer_costs_nobody_but_who_sent_it() -> None:
             assert await bus.read("d", 1, TWO) == (100, 101)
 
 
-async def test_rest_of_an_answer_that_comes_after_the_timeout_is_passed_over() -> None:
+async def test_rest_of_an_answer_that_comes_after_the_timeout_is_ignored() -> None:
     def reply(number: int) -> bytes:
         return message(1, GOOD)[:9] if number == 1 else message(1, GOOD)[9:] + message(number, GOOD)
 
