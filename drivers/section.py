@@ -9,6 +9,7 @@ from typing import Annotated, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
 from pydantic_core import PydanticCustomError
 
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 WRONG = "wrong"
 """Type of the errors that `wrong` makes."""
 
@@ -63,7 +64,12 @@ def matching(pattern: str, expected: str) -> AfterValidator:
 
 
 def name_beside_the_file(name: str, info: ValidationInfo) -> str:
-    """The same for a file's name that stays a text, such as a serial port's."""
+    """The same for a serial port's name, which stays a text. A URL, which pyserial would take, is refused by name."""
+    if (url := _URL.match(name)) is not None:
+        raise ValueError(
+            f"{name!r}: expected the path of a serial port, as {url[0]} cannot be opened; for Modbus RTU behind a "
+            "device server set kind = 'modbus_rtu_tcp' with host and port, and raw TCP in the server"
+        )
     return str(beside_the_file(Path(name), info))
 
 

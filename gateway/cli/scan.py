@@ -140,6 +140,8 @@ def serial_command(
     yes: bool,
 ) -> None:  # fmt: skip
     """Find Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
+    if "://" in port:
+        raise click.UsageError(f"{port}: expected a path; for a device server: scan tcp --rtu HOST:PORT")
     what = plan(
         port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
         me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s, function=function,

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.recognition import Recognition
-from gateway.config import GatewayConfig, load
+from gateway.config import ConfigError, GatewayConfig, load
 from gateway.scan import Found, Place, merged
 
 MODULE = Recognition("icpdas_m7015", (0,), "type code 0x20")
@@ -52,6 +52,16 @@ def test_ports_start_at_the_file_wherever_the_command_is_started(
         f"slcan {tmp_path}/adapters/can",
         "socketcan can0",
     ]
+
+
+@pytest.mark.parametrize("url", ["rfc2217://10.0.0.9:4001", "socket://10.0.0.9:4001", "loop://"])
+@pytest.mark.parametrize("port", ["line", "/dev/serial/by-id/growth", "adapters/can"])
+def test_a_url_is_refused_with_what_to_use_instead(port: str, url: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        loaded(tmp_path, TEXT.replace(f'"{port}"', f'"{url}"'))
+    (problem,) = caught.value.problems
+    assert f"'{url}': expected the path of a serial port" in problem.what
+    assert "kind = 'modbus_rtu_tcp' with host and port" in problem.what
 
 
 def test_a_scan_writes_the_port_so_that_the_file_finds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
