@@ -1,10 +1,10 @@
 """Bus settings that several families share."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from drivers.section import NotEmpty, Port, Section, SerialPort
+from drivers.section import NotEmpty, Port, Section, SerialPort, wrong
 
 Parity = Literal["N", "E", "O"]
 SLOWEST_BAUD, FASTEST_BAUD = 300, 4_000_000
@@ -30,6 +30,20 @@ class SerialSettings(BusSettings):
     """None, even or odd; the same on every device of the bus."""
     stopbits: Literal[1, 2] = 1
     """Stop bits."""
+    rs485_rts: Literal["high", "low"] | None = None
+    """Level of RTS while sending, for a port whose driver switches the direction of RS-485 by RTS (Linux's TIOCSRS485).
+    By default the port is left as it is: most adapters switch by themselves."""
+    rs485_before_s: float = Field(default=0.0, ge=0, le=0.1)
+    """From switching to sending until the first bit, in whole milliseconds; with `rs485_rts` only."""
+    rs485_after_s: float = Field(default=0.0, ge=0, le=0.1)
+    """From the last bit until switching back to receiving, in whole milliseconds; with `rs485_rts` only."""
+
+    @model_validator(mode="after")
+    def _switched(self) -> Self:
+        for field, delay_s in (("rs485_before_s", self.rs485_before_s), ("rs485_after_s", self.rs485_after_s)):
+            if delay_s and self.rs485_rts is None:
+                raise wrong(f"{delay_s:g}: has no effect without rs485_rts", field)
+        return self
 
     @property
     def place(self) -> str:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from typing import Protocol
 
 import serial
+from serial.rs485 import RS485Settings
 
 from drivers.base import ConnectError
 from drivers.bus_settings import SerialSettings
@@ -184,8 +185,31 @@ class SerialStream:
                 bus=self._bus,
                 hint=serial_port_hint(error, s.parity) or "check port, baud, parity and stopbits",
             ) from error
+        self._switch_direction(self._port)
         self._inbox.opened()
         asyncio.get_running_loop().add_reader(self._port.fileno(), self._on_readable, self._port.fileno())
+
+    def _switch_direction(self, port: serial.Serial) -> None:
+        """Have the port's driver switch the direction of RS-485. Raises ConnectError, and closes the port."""
+        s = self._settings
+        if s.rs485_rts is None:
+            return
+        high = s.rs485_rts == "high"
+        try:
+            port.rs485_mode = RS485Settings(
+                rts_level_for_tx=high,
+                rts_level_for_rx=not high,
+                delay_before_tx=s.rs485_before_s,
+                delay_before_rx=s.rs485_after_s,
+            )
+        except (OSError, ValueError) as error:
+            self._port = None
+            port.close()
+            raise ConnectError(
+                f"serial port {s.port} does not switch by RTS (rs485_rts = {s.rs485_rts!r}): {_reason(error)}",
+                bus=self._bus,
+                hint="remove rs485_rts: the adapter switches by itself, or needs another driver",
+            ) from error
 
     async def close(self) -> None:
         if self._port is None:

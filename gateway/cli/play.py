@@ -12,6 +12,7 @@ from typing import Protocol
 
 import can
 
+from drivers.bus_settings import SerialSettings
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.config import (
@@ -191,6 +192,9 @@ def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path)
         return "to read it:\n" + "\n".join(sections)
     file = folder / "gateway.toml"
     places = {bus.name: _nowhere(bus, folder) for bus in config.buses} | {one.bus: one.place for one in played}
+    for bus in config.buses:
+        if isinstance(bus, SerialSettings):  # a pseudo-terminal has no RTS
+            places[bus.name] = {**places[bus.name], "rs485_rts": None, "rs485_before_s": None, "rs485_after_s": None}
     file.write_text(wires_toml(config, places), encoding="utf-8")
     return f"ready: talc-gateway probe {file}; Ctrl-C stops"
 

@@ -13,14 +13,14 @@ def wires_toml(
 ) -> str:
     """A complete small configuration without NC, storage and control.
 
-    places: bus to fields to replace, such as another port
+    places: bus to fields to replace, such as another port; None: the field's default
     profiles: profile to its replacement, such as another path
     """
     places, profiles = places or {}, profiles or {}
     parts = [f"[machine]\nname = {toml_value(config.machine.name)}"]
     for bus in config.buses:
         fields = bus.model_dump(mode="json", exclude_defaults=True) | places.get(bus.name, {})
-        parts.append("[[bus]]\n" + _pairs(fields))
+        parts.append("[[bus]]\n" + _pairs({key: value for key, value in fields.items() if value is not None}))
     for device in config.devices:
         fields = device.model_dump(mode="json", exclude={"options", "channels"})
         fields["profile"] = profiles.get(device.profile, device.profile)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.recognition import Recognition
-from gateway.config import ConfigError, GatewayConfig, load
+from gateway.config import ConfigError, GatewayConfig, load, wires_toml
 from gateway.scan import Found, Place, merged
 
 MODULE = Recognition("icpdas_m7015", (0,), "type code 0x20")
@@ -62,6 +62,14 @@ def test_a_url_is_refused_with_what_to_use_instead(port: str, url: str, tmp_path
     (problem,) = caught.value.problems
     assert f"'{url}': expected the path of a serial port" in problem.what
     assert "kind = 'modbus_rtu_tcp' with host and port" in problem.what
+
+
+def test_a_recording_that_is_played_asks_for_no_rts(tmp_path: Path) -> None:
+    """A pseudo-terminal could not switch the direction."""
+    config = loaded(tmp_path, TEXT.replace('port = "line"', 'port = "line"\nrs485_rts = "low"\nrs485_after_s = 0.01'))
+    file = tmp_path / "played.toml"
+    file.write_text(wires_toml(config, {"rtu1": {"rs485_rts": None, "rs485_after_s": None}}), encoding="utf-8")
+    assert load(file).buses[0] == config.buses[0].model_copy(update={"rs485_rts": None, "rs485_after_s": 0.0})
 
 
 def test_a_scan_writes_the_port_so_that_the_file_finds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
