@@ -25,6 +25,11 @@ _GRACE_S = 30.0
 """Threads of C libraries end a moment after their object is closed, on a busy computer some seconds."""
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The slow ones first, so that no worker has one left when the others have ended."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
 _phase_began_s = pytest.StashKey[float]()
 """When setup, call or teardown of a test on simulated time began, by the computer's clock."""
 
