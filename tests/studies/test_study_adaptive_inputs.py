@@ -92,8 +92,11 @@ def test_the_report_marks_the_papers_figures_and_draws_what_it_has(studied: Stud
 
 def test_the_page_shows_every_selector_over_time_and_the_regression_in_the_bars(studied: Studied) -> None:
     for selector in ("pso", "tck", "search"):
-        assert f"<h2>Over time: {selector}, adaptive, first repetition</h2>" in studied.page
-        assert f"<td>Models leave less than a regression on all inputs ({selector}, adaptive)</td>" in studied.page
+        assert f"<b>Over time: {selector}, adaptive, first repetition.</b>" in studied.page
+        assert (
+            f'<th scope="row">Models leave less than a regression on all inputs ({selector}, adaptive)</th>'
+            in studied.page
+        )
     bars = re.findall(r"<svg.*?</svg>", studied.page, re.DOTALL)[:2]
     assert all(">regression<" in picture for picture in bars)
 

@@ -162,7 +162,7 @@ def test_the_page_says_where_the_regression_is_better(studied: Studied) -> None:
     assert float(plain) < float(ours)  # else this test has nothing to find
     assert f"P99 {ours} against {plain} µm (A): less on 0 of 1" in studied.page
     for kind in ("regression", "regression, sparse calibration"):
-        assert f"<td>fewest measurements for P99 ≤ 5 µm: {kind}</td>" in studied.page
+        assert f'<th scope="row">fewest measurements for P99 ≤ 5 µm: {kind}</th>' in studied.page
     assert "What was chosen keeps P99 below 5 µm on other seeds" in studied.page
     assert studied.page.count("<svg") == 3
 
