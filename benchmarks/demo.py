@@ -115,7 +115,7 @@ class DemoLoop:
         time_s = truth.time_s + data.start_utc_s - _EPOCH.timestamp()
         left = [
             _at_the_tool(truth.errors[i] - np.nan_to_num(data.corrected[step]), self._nck.state(time_s[i]))
-            for i, step in enumerate(np.searchsorted(data.time_s, truth.time_s, side="right") - 1)
+            for i, step in enumerate(data.rows_at(truth.time_s))
             if step >= first and not truth.probing[i]
         ]
         return np.array([rms(axis) for axis in np.array(left).T])
@@ -181,7 +181,6 @@ class DemoLoop:
     def _data(self) -> ReportData:
         k = np.array([frame.k for frame in self._frames])
         start_s = float(k[0]) * _GRID_S
-        truth = np.array(self._machine.truth())
         nothing = np.full(9, np.nan)
         measured = [nothing if f.measurement is None else f.measurement.errors for f in self._frames]
         return ReportData(
@@ -205,7 +204,7 @@ class DemoLoop:
             channel_health={},
             cycles=0,
             rejected_cycles=0,
-            truth=Truth(truth[:, 0] - start_s, truth[:, 1:10], truth[:, 10:13], truth[:, 13:16], truth[:, 16] > 0),
+            truth=Truth.of(np.array(self._machine.truth()), start_s),
         )
 
 

@@ -16,6 +16,7 @@ from gateway.nc import Source
 from gateway.past import stored_config
 from gateway.report import (
     SHIFTS,
+    TRUTH_WIDTH,
     AdoptedModels,
     CycleSeen,
     NotYet,
@@ -33,8 +34,6 @@ from talc.frame import FloatArray, Phase
 from talc.learner import Reasons
 from talc.names import THERMAL_ERRORS
 
-_TRUTH_COLUMNS = 17
-"""Time, nine errors, tool deviation without and with compensation, probing; the last line may be truncated."""
 _WITHOUT_PREDICTION = frozenset({Source.STALE, Source.INPUTS_STALE, Source.NO_MODEL, Source.NOT_STORED})
 
 
@@ -223,14 +222,8 @@ def _moved(given: Iterable[Reasons], names: Sequence[str]) -> FloatArray | None:
 
 
 def _truth(path: Path, start_utc_s: float) -> Truth:
-    """The emulated machine's own record, on the report's time axis."""
+    """The emulated machine's own record, whose last line may be truncated, on the report's time axis."""
     with path.open(newline="", encoding="ascii") as file:
         rows = list(csv.reader(file))[1:]
-    values: FloatArray = np.array([[float(v) for v in row] for row in rows if len(row) == _TRUTH_COLUMNS])
-    return Truth(
-        time_s=values[:, 0] - start_utc_s,
-        errors=values[:, 1:10],
-        uncompensated_um=values[:, 10:13],
-        compensated_um=values[:, 13:16],
-        probing=values[:, 16] > 0,
-    )
+    values: FloatArray = np.array([[float(v) for v in row] for row in rows if len(row) == TRUTH_WIDTH])
+    return Truth.of(values, start_utc_s)

@@ -134,7 +134,7 @@ def error_charts(data: ReportData, e: int) -> ChartGroup:
     top, bottom = [], []
     if data.truth is not None:
         truth = data.truth
-        index = np.clip(np.searchsorted(times, truth.time_s, side="right") - 1, 0, None)
+        index = np.maximum(data.rows_at(truth.time_s), 0)
         top.append(ChartLine("simulated truth", Ink.BEFORE, "line", truth.time_s, truth.errors[:, e]))
         left = truth.errors[:, e] - data.corrected[index, e]
         bottom.append(ChartLine("truth minus estimate", Ink.AFTER, "line", truth.time_s, left))

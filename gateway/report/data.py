@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, time, tzinfo
 
 import numpy as np
+from numpy.typing import NDArray
 
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Phase
 from talc.learner import Reasons, Weights
@@ -18,6 +19,10 @@ class AdoptedModels:
 
     after_k: int
     models: ModelSet
+
+
+TRUTH_WIDTH = 17
+"""Columns of a simulated truth: UTC, nine errors, tool deviation without and with compensation, probing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +39,17 @@ class Truth:
     """(S, 3) the same with the offsets in force on the control."""
     probing: BoolArray
     """(S,) whether the machine probed: nothing was cut and the offsets stood still."""
+
+    @classmethod
+    def of(cls, rows: FloatArray, start_utc_s: float) -> "Truth":
+        """From (S, TRUTH_WIDTH) rows of the emulated machine, whose times are UTC seconds."""
+        return cls(
+            time_s=rows[:, 0] - start_utc_s,
+            errors=rows[:, 1:10],
+            uncompensated_um=rows[:, 10:13],
+            compensated_um=rows[:, 13:16],
+            probing=rows[:, 16] > 0,
+        )
 
 
 SHIFTS = (time(6), time(14), time(22))
@@ -138,6 +154,10 @@ class ReportData:
     def time_s(self) -> FloatArray:
         """(T,) seconds since the first frame."""
         return np.asarray((self.k - self.k[0]) * self.step_s, dtype=np.float64)
+
+    def rows_at(self, time_s: FloatArray) -> NDArray[np.intp]:
+        """(m,) row of the latest step at or before each instant; -1 before the first."""
+        return np.searchsorted(self.time_s, time_s, side="right") - 1
 
     @property
     def truth_ran(self) -> BoolArray:

@@ -132,8 +132,7 @@ def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatA
         raise ValueError("data.truth is None")
     times, errors = truth.time_s, truth.errors
     use = (times >= begin_s) & data.truth_ran
-    in_force = np.searchsorted(data.time_s, times[use], side="right") - 1
-    return errors[use], errors[use] - data.corrected[in_force]
+    return errors[use], errors[use] - data.corrected[data.rows_at(times[use])]
 
 
 def _rows(data: ReportData, before: FloatArray, after: FloatArray) -> tuple[SummaryRow, ...]:

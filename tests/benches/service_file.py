@@ -1,6 +1,9 @@
 """Small configurations that a whole service runs with, and the largest of the valid cases."""
 
+from collections.abc import Mapping
 from pathlib import Path
+
+from gateway.config import GatewayConfig, validate
 
 FILE = Path(__file__).parents[1] / "gateway" / "config" / "cases" / "valid" / "gateway.toml"
 MACHINE = """
@@ -55,3 +58,18 @@ channels = {{ {channels} }}
 
 
 TEXT = MACHINE + rtu_bus() + m7015()
+
+
+def two_temperatures(path: Path, more: Mapping[str, Mapping[str, object]] | None = None) -> GatewayConfig:
+    """A machine with the temperatures `bed` and `column`, whose database is `path`, and more sections."""
+    return validate(
+        {
+            "machine": {"name": "mill"},
+            "storage": {"path": str(path)},
+            "bus": [{"name": "tcp1", "kind": "modbus_tcp", "host": "nowhere"}],
+            "device": [
+                {"name": "adam", "bus": "tcp1", "profile": "advantech_adam6015", "channels": {"bed": 0, "column": 1}}
+            ],
+            **(more or {}),
+        }
+    )

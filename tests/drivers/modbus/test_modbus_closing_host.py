@@ -2,26 +2,23 @@
 
 import asyncio
 import struct
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 import pytest
 
 from drivers.base import ConnectError, Quality, Reading, SystemClock
 from drivers.build import make_device
-from drivers.modbus.bus import ModbusTcpBus
 from drivers.modbus.numbers import Block
-from drivers.modbus.settings import ModbusTcpSettings
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
+from tests.benches.modbus_host import modbus_host
 
 pytestmark = pytest.mark.simulated_time
 
 TWO = Block(4, 0, 2)
-PERIOD_S, PERIODS = 1.0, 10
+PERIOD_S, PERIODS, TIMEOUT_S = 1.0, 10, 0.4
 _HEAD = struct.Struct(">HHHBBHH")
 
 
@@ -33,7 +30,6 @@ class ClosingHost:
     answers: int = 1000
     idle_s: float = 1000.0
     opened: int = 0
-    port: int = 0
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.opened += 1
@@ -53,27 +49,11 @@ class ClosingHost:
             writer.close()
 
 
-@asynccontextmanager
-async def served(host: ClosingHost) -> AsyncIterator[ModbusTcpBus]:
-    """A connected bus to the host."""
-    server = await asyncio.start_server(host.serve, "127.0.0.1", 0)
-    host.port = server.sockets[0].getsockname()[1]
-    bus = ModbusTcpBus("bus1", ModbusTcpSettings(host="127.0.0.1", port=host.port, timeout_s=0.4))
-    try:
-        await bus.connect()
-        yield bus
-    finally:
-        await bus.close()
-        server.close()
-        await server.wait_closed()
-        await asyncio.sleep(0.01)
-
-
 async def readings(host: ClosingHost) -> tuple[list[Reading], list[Notice]]:
     """What a gateway reads of it in ten periods, and what it reports."""
     heard: list[Reading] = []
     notices: list[Notice] = []
-    async with served(host) as bus:
+    async with modbus_host(host.serve, TIMEOUT_S) as bus:
         channels = {"a": 0, "b": 1}
         driver = make_device("d", bus, "analogue_displacement", 1, channels, {}, SystemClock())
         async with Acquisition([Line(bus, (driver,), PERIOD_S)], RealClock(), heard.extend, notices.append):
@@ -105,7 +85,7 @@ async def test_a_host_that_keeps_the_connection_is_not_opened_again() -> None:
 
 async def test_a_host_that_closes_without_an_answer_is_reported_after_one_more_attempt() -> None:
     host = ClosingHost(answers=0)
-    async with served(host) as bus:
+    async with modbus_host(host.serve, TIMEOUT_S) as bus:
         with pytest.raises(ConnectError, match="the device closed the connection"):
             await bus.read("d", 1, TWO)
         assert host.opened == 2
@@ -113,7 +93,7 @@ async def test_a_host_that_closes_without_an_answer_is_reported_after_one_more_a
 
 async def test_a_closed_bus_does_not_open_itself() -> None:
     host = ClosingHost()
-    async with served(host) as bus:
+    async with modbus_host(host.serve, TIMEOUT_S) as bus:
         assert await bus.read("d", 1, TWO) == (100, 101)
         await bus.close()
         with pytest.raises(ConnectError, match="not connected"):

@@ -14,6 +14,7 @@ from drivers.modbus.bus import ModbusTcpBus
 from drivers.modbus.frames import find_tcp_answer
 from drivers.modbus.numbers import Block
 from drivers.modbus.settings import ModbusTcpSettings
+from tests.benches.modbus_host import modbus_host
 
 pytestmark = pytest.mark.simulated_time
 
@@ -36,17 +37,8 @@ async def host(reply: Callable[[int], bytes], timeout_s: float = 0.1) -> AsyncIt
         finally:
             writer.close()
 
-    server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    port = server.sockets[0].getsockname()[1]
-    bus = ModbusTcpBus("bus1", ModbusTcpSettings(host="127.0.0.1", port=port, timeout_s=timeout_s))
-    try:
-        await bus.connect()
+    async with modbus_host(serve, timeout_s) as bus:
         yield bus
-    finally:
-        await bus.close()
-        server.close()
-        await server.wait_closed()
-        await asyncio.sleep(0.01)
 
 
 async def test_late_answer_is_not_taken_for_the_next() -> None:

@@ -14,30 +14,17 @@ from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli import main
 from gateway.cli.report import own_zone
-from gateway.config import GatewayConfig, validate
+from gateway.config import GatewayConfig
 from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.past import past_in
 from gateway.probing import End, Outcome
 from gateway.storage import Store
 from talc.frame import Frame, Why
+from tests.benches.service_file import two_temperatures
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 NC = {"kind": "sinumerik", "url": "opc.tcp://192.168.214.1:4840", "security": "none"}
 REFUSED = "a touch repeats by 14 µm"
-
-
-def configured(path: Path, more: Mapping[str, Mapping[str, object]]) -> GatewayConfig:
-    return validate(
-        {
-            "machine": {"name": "mill"},
-            "storage": {"path": str(path)},
-            "bus": [{"name": "tcp1", "kind": "modbus_tcp", "host": "nowhere"}],
-            "device": [
-                {"name": "adam", "bus": "tcp1", "profile": "advantech_adam6015", "channels": {"bed": 0, "column": 1}}
-            ],
-            **more,
-        }
-    )
 
 
 def page_of(path: Path, config: GatewayConfig, steps: int, refused: bool = False) -> str:
@@ -90,7 +77,7 @@ def test_what_is_missing_is_said(
     more: Mapping[str, Mapping[str, object]], steps: int, refused: bool, said: tuple[str, ...], tmp_path: Path
 ) -> None:
     path = tmp_path / "g.sqlite"
-    page = page_of(path, configured(path, more), steps, refused)
+    page = page_of(path, two_temperatures(path, more), steps, refused)
     assert [text for text in said if text not in page] == []
     assert ("Probing is not armed" in page) == ("Probing is not armed" in said)
     assert ("No grid step has ended" in page) == (steps == 0)

@@ -14,30 +14,17 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.config import GatewayConfig, validate
 from gateway.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.past import Past, past_in
 from gateway.probing import Outcome
 from gateway.storage import History, Store, StoreError
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement, Why
+from tests.benches.service_file import two_temperatures
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 STEPS = 150
 PAGE = 4096
-
-
-def config(path: Path) -> GatewayConfig:
-    return validate(
-        {
-            "machine": {"name": "mill"},
-            "storage": {"path": str(path)},
-            "bus": [{"name": "tcp1", "kind": "modbus_tcp", "host": "nowhere"}],
-            "device": [
-                {"name": "adam", "bus": "tcp1", "profile": "advantech_adam6015", "channels": {"bed": 0, "column": 1}}
-            ],
-        }
-    )
 
 
 def frame(k: int) -> Frame:
@@ -64,7 +51,7 @@ def write(store: Store, controller: Controller, k: int) -> None:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A database of an earlier run, closed."""
     path = tmp_path_factory.mktemp("whole") / "g.sqlite"
-    settings = config(path)
+    settings = two_temperatures(path)
     with Store(path, "earlier", SteppedClock()) as store:
         store.begin(settings.canonical(), settings.fingerprint(), "")
         controller = past_in(store, settings).controller
@@ -111,7 +98,7 @@ def damaged(whole: Path, to: Path, damage: Callable[[bytearray, int, random.Rand
 
 def restarted(path: Path, boot: str) -> tuple[Past, str]:
     """A run of ten steps; its past, and what was reported of damage."""
-    settings = config(path)
+    settings = two_temperatures(path)
     with Store(path, boot, SteppedClock(), commit_s=0.01, retry_s=0.05) as store:
         past = past_in(store, settings)
         store.begin(settings.canonical(), settings.fingerprint(), "")
@@ -230,7 +217,7 @@ def test_a_value_that_no_gateway_writes_is_damage_and_the_gateway_starts(
 def test_damage_that_shows_while_it_runs_is_repaired_while_it_runs(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)
-    settings = config(path)
+    settings = two_temperatures(path)
     with Store(path, "second", SteppedClock(), commit_s=0.01, retry_s=0.05) as store:
         past = past_in(store, settings)
         store.begin(settings.canonical(), settings.fingerprint(), "")
