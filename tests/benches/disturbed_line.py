@@ -118,12 +118,20 @@ class Bench:
 
 @asynccontextmanager
 async def disturbed(
-    how: Disturb, seed: int, device: type[M7015 | Pta8d08] = M7015, profile: str = "icpdas_m7015"
+    how: Disturb,
+    seed: int,
+    device: type[M7015 | Pta8d08] = M7015,
+    profile: str = "icpdas_m7015",
+    timeout_s: float | None = TIMEOUT_S,
 ) -> AsyncIterator[Bench]:
-    """Inside, the units have been read for sixty periods on the disturbed line. For simulated time."""
+    """Inside, the units have been read for sixty periods on the disturbed line. For simulated time.
+
+    timeout_s: None: the default one
+    """
     bench = Bench(device, profile)
     bench.path = await bench.line.start()
-    bus = make_bus("rtu", "modbus_rtu", {"port": bench.path, "timeout_s": TIMEOUT_S})
+    timeout = {} if timeout_s is None else {"timeout_s": timeout_s}
+    bus = make_bus("rtu", "modbus_rtu", {"port": bench.path, **timeout})
     drivers = tuple(make_device(f"d{unit}", bus, profile, unit, {str(unit): 0}, {}, SystemClock()) for unit in UNITS)
     try:
         line = Line(bus, drivers, PERIOD_S)

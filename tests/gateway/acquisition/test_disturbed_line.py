@@ -56,6 +56,14 @@ async def judge(case: str, seed: int) -> None:
         assert bench.lost() <= most
 
 
+async def test_flipped_bits_cost_nothing_at_the_default_timeout_either() -> None:
+    async with disturbed(flipped(0.3), 0, timeout_s=None) as bench:
+        bench.assert_true()
+        bench.assert_neighbours_in_time()
+        assert bench.answers >= PERIODS
+        assert bench.lost() == 0
+
+
 @pytest.mark.parametrize("case", ["a bit flipped in 30 %", "20 % late, answered in order"])
 async def test_few_readings_are_lost(case: str) -> None:
     await judge(case, 0)
