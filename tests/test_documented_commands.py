@@ -45,7 +45,7 @@ RUN_BY = {
 """Command to a file that runs it."""
 
 
-def shown(page: Path) -> Iterator[str]:
+def commands_in(page: Path) -> Iterator[str]:
     """Commands of a page, in code blocks and in code spans, on one line each."""
     prose = []
     for i, part in enumerate(page.read_text("utf-8").split("```")):
@@ -66,7 +66,7 @@ COMMANDS = sorted(
         (page.relative_to(ROOT).as_posix(), command)
         for page in PAGES
         if page.name != OLD
-        for command in shown(page)
+        for command in commands_in(page)
         if " " in command
     }
 )

@@ -15,7 +15,7 @@ from benchmarks.recordings.policy import Saving
 from benchmarks.recordings.series import Series
 from benchmarks.rows import BenchRow
 
-UNITS = ("µm", "µm/m")
+JUDGED_UNITS = ("µm", "µm/m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,11 @@ class Result:
 
     @property
     def units(self) -> list[str]:
-        return [unit for unit, there in zip(UNITS, (~self.series.angle, self.series.angle), strict=True) if there.any()]
+        return [
+            unit
+            for unit, there in zip(JUDGED_UNITS, (~self.series.angle, self.series.angle), strict=True)
+            if there.any()
+        ]
 
     def cell(self, method: str, dense_h: float, interval_min: float) -> Cell | None:
         return next(
@@ -180,7 +184,9 @@ def _policy_table(result: Result, unit: str) -> list[str]:
 
 
 def _error_table(result: Result, unit: str) -> list[str]:
-    here = [n for n, a in zip(result.series.error_names, result.series.angle, strict=True) if a == (unit == UNITS[1])]
+    here = [
+        n for n, a in zip(result.series.error_names, result.series.angle, strict=True) if a == (unit == JUDGED_UNITS[1])
+    ]
     lines = [
         f"## RMSE of each error, {unit}",
         "",

@@ -16,7 +16,7 @@ from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import HoldLast, Method, Nothing, Ridge
 from benchmarks.recordings.models import papers
 from benchmarks.recordings.policy import FIXED_MIN, LIMITS_UM, Saving, Sweep, savings
-from benchmarks.recordings.result import UNITS, Cell, Result, table_rows, write
+from benchmarks.recordings.result import JUDGED_UNITS, Cell, Result, table_rows, write
 from benchmarks.recordings.series import Series, read_series
 from benchmarks.rows import BenchRow
 from gateway.config import ConfigError
@@ -102,7 +102,7 @@ def _savings(
 ) -> dict[tuple[str, float], Sequence[Saving]]:
     """Limits against fixed intervals, by unit and beginning."""
     found: dict[tuple[str, float], Sequence[Saving]] = {}
-    units = [unit for unit, there in zip(UNITS, (~series.angle, series.angle), strict=True) if there.any()]
+    units = [unit for unit, there in zip(JUDGED_UNITS, (~series.angle, series.angle), strict=True) if there.any()]
     for dense_h in hours:
         sweeps = [Sweep(dense_h, limit=limit) for limit in LIMITS_UM]
         sweeps += [Sweep(dense_h, interval_min=interval) for interval in FIXED_MIN]
@@ -121,7 +121,7 @@ def cell(said: Description, series: Series, method: Method, dense_h: float, inte
     course = carry_out(method, series, used, said.seed, dense_h, interval_min)
     figures = {}
     if course is not None:
-        for unit, there in zip(UNITS, (~series.angle, series.angle), strict=True):
+        for unit, there in zip(JUDGED_UNITS, (~series.angle, series.angle), strict=True):
             if there.any():
                 figures[unit] = judge(series, course, dense_h, np.flatnonzero(there).tolist())
     return Cell(method.name, dense_h, interval_min, int(used.sum()), time.perf_counter() - begin, figures)

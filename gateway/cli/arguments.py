@@ -34,14 +34,14 @@ def named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
 
 def named_units(pairs: tuple[str, ...]) -> dict[str, str]:
     """Unit of each error."""
-    from gateway.recordings import UNITS
+    from gateway.recordings import COLUMN_UNITS
 
     found = {
         name: unit.replace("µ", "u").replace("μ", "u") for name, unit in _pairs(pairs, "--unit", "NAME=UNIT").items()
     }
     for name, unit in found.items():
-        if unit not in UNITS:
-            raise click.BadParameter(f"{name}={unit}: expected one of {', '.join(UNITS)}", param_hint="--unit")
+        if unit not in COLUMN_UNITS:
+            raise click.BadParameter(f"{name}={unit}: expected one of {', '.join(COLUMN_UNITS)}", param_hint="--unit")
     return found
 
 

@@ -18,7 +18,7 @@ from talc.names import ERROR_UNITS, THERMAL_ERRORS
 Kind = Literal["time", "text", "number", "whole"]
 Columns = Mapping[str, Kind]
 """Name to kind, in order. Times are UTC; a number that is not known is empty."""
-Row = Sequence[object]
+Cells = Sequence[object]
 
 _AT_ONCE = 10_000
 _UNITS = {name: unit.replace("µ", "u").replace("/", "_per_") for name, unit in ERROR_UNITS.items()}
@@ -28,7 +28,7 @@ def _nine(prefix: str) -> dict[str, Kind]:
     return {f"{prefix}_{name}_{_UNITS[name]}": "number" for name in THERMAL_ERRORS}
 
 
-def _readings(history: History) -> tuple[Columns, Iterator[Row]]:
+def _readings(history: History) -> tuple[Columns, Iterator[Cells]]:
     columns: Columns = {
         "time": "time", "channel": "text", "value": "number", "unit": "text", "quality": "text", "detail": "text",
         "run": "whole", "sequence": "whole",
@@ -36,7 +36,7 @@ def _readings(history: History) -> tuple[Columns, Iterator[Row]]:
     return columns, ((_utc(row[0]), *row[1:]) for row in history.readings())
 
 
-def _minutes(history: History) -> tuple[Columns, Iterator[Row]]:
+def _minutes(history: History) -> tuple[Columns, Iterator[Cells]]:
     columns: Columns = {
         "time": "time", "channel": "text", "unit": "text", "count": "whole", "mean": "number", "low": "number",
         "high": "number",
@@ -44,7 +44,7 @@ def _minutes(history: History) -> tuple[Columns, Iterator[Row]]:
     return columns, ((_utc(row[0]), *row[1:]) for row in history.minutes())
 
 
-def _steps(history: History) -> tuple[Columns, Iterator[Row]]:
+def _steps(history: History) -> tuple[Columns, Iterator[Cells]]:
     config = stored_config(history)
     inputs: dict[str, Kind] = {f"input_{name}": "number" for name in config.input_names}
     decided = {**_nine("predicted"), **_nine("corrected"), **_nine("sigma"), **_nine("limit")}
@@ -53,7 +53,7 @@ def _steps(history: History) -> tuple[Columns, Iterator[Row]]:
         **{f"trusted_{name}": "whole" for name in THERMAL_ERRORS}, "measurement_wanted": "text",
     }  # fmt: skip
 
-    def rows() -> Iterator[Row]:
+    def rows() -> Iterator[Cells]:
         for step in history.steps(names=config.input_names):
             frame, decision = step.frame, step.decision
             values = [x if ok else None for x, ok in zip(frame.inputs.tolist(), frame.valid.tolist(), strict=True)]
@@ -68,7 +68,7 @@ def _steps(history: History) -> tuple[Columns, Iterator[Row]]:
     return columns, rows()
 
 
-def _measurements(history: History) -> tuple[Columns, Iterator[Row]]:
+def _measurements(history: History) -> tuple[Columns, Iterator[Cells]]:
     columns: Columns = {
         "number": "whole",
         "ended": "time",
@@ -83,7 +83,7 @@ def _measurements(history: History) -> tuple[Columns, Iterator[Row]]:
     )
 
 
-def _events(history: History) -> tuple[Columns, Iterator[Row]]:
+def _events(history: History) -> tuple[Columns, Iterator[Cells]]:
     columns: Columns = {
         "time": "time", "k": "whole", "kind": "text", "text": "text", "error": "text", "value": "number",
         "limit": "number",
@@ -91,7 +91,7 @@ def _events(history: History) -> tuple[Columns, Iterator[Row]]:
     return columns, ((at, k, e.kind.value, e.text, e.error, e.value, e.limit) for at, k, e in history.events())
 
 
-def _compensation(history: History) -> tuple[Columns, Iterator[Row]]:
+def _compensation(history: History) -> tuple[Columns, Iterator[Cells]]:
     columns: Columns = {
         "time": "time", "mode": "text", "source": "text", "x_um": "number", "y_um": "number", "z_um": "number",
         "written": "whole",
@@ -99,7 +99,7 @@ def _compensation(history: History) -> tuple[Columns, Iterator[Row]]:
     return columns, ((c.time, c.mode, c.source, *c.offsets_um.tolist(), int(c.written)) for c in history.compensation())
 
 
-TABLES: Mapping[str, Callable[[History], tuple[Columns, Iterator[Row]]]] = {
+TABLES: Mapping[str, Callable[[History], tuple[Columns, Iterator[Cells]]]] = {
     "readings": _readings,
     "minutes": _minutes,
     "steps": _steps,
@@ -123,7 +123,7 @@ def export(database: Path, table: str, output: Path) -> int:
     return many
 
 
-def _write_csv(path: Path, columns: Columns, rows: Iterator[Row]) -> int:
+def _write_csv(path: Path, columns: Columns, rows: Iterator[Cells]) -> int:
     many = 0
     with path.open("w", newline="", encoding="utf-8") as file:
         out = csv.writer(file)
@@ -140,7 +140,7 @@ def _csv(value: object) -> object:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
-def _write_parquet(path: Path, columns: Columns, rows: Iterator[Row]) -> int:
+def _write_parquet(path: Path, columns: Columns, rows: Iterator[Cells]) -> int:
     try:
         import pyarrow as pa
         from pyarrow import parquet

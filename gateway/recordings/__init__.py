@@ -1,7 +1,7 @@
 """Recordings: of machines (CSV, Parquet), read, checked and put on the grid; and of wires, as a text log."""
 
 from gateway.recordings.cells import TimeFormat, second_of
-from gateway.recordings.columns import UNITS, Columns
+from gateway.recordings.columns import COLUMN_UNITS, Columns
 from gateway.recordings.files import FileTable, is_database, open_table
 from gateway.recordings.grid import Recording, read_recording
 from gateway.recordings.problems import FileProblems, RecordingError
@@ -17,7 +17,7 @@ from gateway.recordings.wire_log import (
 )
 
 __all__ = [
-    "UNITS",
+    "COLUMN_UNITS",
     "BusTap",
     "Columns",
     "FileProblems",

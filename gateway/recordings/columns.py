@@ -10,7 +10,7 @@ from gateway.recordings.cells import TimeFormat
 from gateway.recordings.problems import FileProblems
 from talc.names import ERROR_UNITS, MICROMETRE, MICROMETRE_PER_METRE, THERMAL_ERRORS, like_an_error
 
-UNITS: Mapping[str, tuple[str, float]] = {
+COLUMN_UNITS: Mapping[str, tuple[str, float]] = {
     "um": (MICROMETRE, 1.0),
     "mm": (MICROMETRE, 1e3),
     "m": (MICROMETRE, 1e6),
@@ -38,7 +38,7 @@ class Columns:
     inputs: tuple[str, ...] = ()
     """Columns that are inputs although they resemble an error."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Error to the unit of its column, one of UNITS; otherwise µm, or µm/m for EA0C, EB0C and EC0C."""
+    """Error to the unit of its column, one of COLUMN_UNITS; otherwise µm, or µm/m for EA0C, EB0C and EC0C."""
     clock: TimeFormat = field(default_factory=TimeFormat)
     """How the times are written."""
 

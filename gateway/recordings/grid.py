@@ -9,7 +9,7 @@ import numpy as np
 
 from gateway.config import Problem
 from gateway.recordings.cells import Times, numbers
-from gateway.recordings.columns import UNITS, Columns, Roles, roles_of
+from gateway.recordings.columns import COLUMN_UNITS, Columns, Roles, roles_of
 from gateway.recordings.files import Chunk, FileTable, open_table
 from gateway.recordings.problems import FileProblems, RecordingError
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray, IntArray
@@ -91,7 +91,7 @@ def _places(roles: Roles, columns: Columns, problems: FileProblems) -> list[int]
     """Which of the controller's nine places each error takes: its own, or a free one of the same unit."""
     places: dict[str, int] = {e: THERMAL_ERRORS.index(e) for e in roles.errors if e in THERMAL_ERRORS}
     for error in roles.errors:
-        unit = UNITS[columns.units[error]][0] if error in columns.units else ERROR_UNITS.get(error, MICROMETRE)
+        unit = COLUMN_UNITS[columns.units[error]][0] if error in columns.units else ERROR_UNITS.get(error, MICROMETRE)
         if error in THERMAL_ERRORS:
             if unit != ERROR_UNITS[error]:
                 problems.add(f"unit of {error}", f"{columns.units[error]!r} is not one of {ERROR_UNITS[error]}")
@@ -110,7 +110,7 @@ def _read(table: FileTable, roles: Roles, columns: Columns, problems: FileProble
     names = (*roles.inputs, *roles.errors.values())
     scale = np.ones(len(names))
     for i, error in enumerate(roles.errors, len(roles.inputs)):
-        scale[i] = UNITS[columns.units[error]][1] if error in columns.units else 1.0
+        scale[i] = COLUMN_UNITS[columns.units[error]][1] if error in columns.units else 1.0
     largest = [LARGEST_INPUT] * len(roles.inputs) + [LARGEST_ERROR / x for x in scale[len(roles.inputs) :].tolist()]
     times = Times(problems, columns.clock)
     time_s: list[FloatArray] = []

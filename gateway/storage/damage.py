@@ -31,18 +31,18 @@ _LARGEST = 1e9
 _NUMBERS_SKIPPED = 100
 """Requests that may have been made after the last one that can be read."""
 
-Row = tuple[Any, ...]
+RawRow = tuple[Any, ...]
 
 
 @dataclass(slots=True)
 class Known:
     """Rows that the running gateway has in memory."""
 
-    boot: Row | None = None
+    boot: RawRow | None = None
     """Of this run."""
     first_k: int | None = None
     """Of this run's steps; an earlier run's that was not read when this one began counts as lost."""
-    reference: Row | None = None
+    reference: RawRow | None = None
     """The first measurement that was used, the reference of all others; without its id."""
 
 
@@ -200,7 +200,7 @@ def _inputs_of(config: str) -> int | None:
         return None
 
 
-def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequence[str]) -> Iterator[Row]:
+def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequence[str]) -> Iterator[RawRow]:
     """Rows in the order of their numbers; after a damaged page it continues with the next readable one."""
     if table == "prior":  # has no row numbers
         with suppress(*UNREADABLE):
@@ -218,7 +218,7 @@ def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequenc
             low = _behind(lambda at: source.execute(query + " LIMIT 1", (at,)).fetchone(), low)
 
 
-def _behind(first_after: Callable[[int], Row | None], low: int) -> int | None:
+def _behind(first_after: Callable[[int], RawRow | None], low: int) -> int | None:
     """The smallest number above `low` behind which a row can be read; None: none can."""
     low, gap = max(low, 0), 1
     while gap < _FARTHEST:
@@ -230,7 +230,7 @@ def _behind(first_after: Callable[[int], Row | None], low: int) -> int | None:
     return None
 
 
-def _between(first_after: Callable[[int], Row | None], bad: int, good: int) -> int:
+def _between(first_after: Callable[[int], RawRow | None], bad: int, good: int) -> int:
     """By bisection: the first number from which on reading works."""
     while good - bad > 1:
         middle = (bad + good) // 2
@@ -243,7 +243,7 @@ def _between(first_after: Callable[[int], Row | None], bad: int, good: int) -> i
     return good
 
 
-def _checked(table: str, row: Row) -> bool:
+def _checked(table: str, row: RawRow) -> bool:
     """Whether the row holds values of this gateway."""
     try:
         for value, (kinds, required) in zip(row, _columns()[table], strict=True):
@@ -282,7 +282,7 @@ def _text(data: bytes) -> str:
 _NINE = bytes(72)
 
 
-def _check_frame(row: Row) -> None:
+def _check_frame(row: RawRow) -> None:
     k, _, inputs, valid, errors, sigma = row
     rows.step_of((k, inputs, valid, errors, sigma, "calibration", *[_NINE] * 4, None, None, "[]", None), ())
     if any(blob is not None and len(blob) != len(_NINE) for blob in (errors, sigma)):
@@ -294,30 +294,30 @@ def _check_frame(row: Row) -> None:
         raise ValueError("an uncertainty is negative")
 
 
-def _check_decision(row: Row) -> None:
+def _check_decision(row: RawRow) -> None:
     k, phase, *blobs, measure, training, events = row
     rows.step_of((k, b"", b"", None, None, phase, *blobs, measure, training, events, None), ())
     if any(len(blob) != len(_NINE) for blob in blobs):
         raise ValueError("expected nine errors")
 
 
-def _check_measurement(row: Row) -> None:
+def _check_measurement(row: RawRow) -> None:
     _, number, why, _, ended, centres, in_force, errors, _, _, reason = row
     rows.measurement_of((int(number), why, ended, centres, in_force, errors, reason))
 
 
-def _check_model(row: Row) -> None:
+def _check_model(row: RawRow) -> None:
     *_, fingerprint, text = row
     if rows.models_of(text).fingerprint() != fingerprint:
         raise ValueError("another fingerprint")
 
 
-def _check_compensation(row: Row) -> None:
+def _check_compensation(row: RawRow) -> None:
     _, time, mode, source, _, _, offsets, _, written, *_ = row
     rows.compensation_of((time, mode, source, offsets, written))
 
 
-_CHECKS: Mapping[str, Callable[[Row], object]] = {
+_CHECKS: Mapping[str, Callable[[RawRow], object]] = {
     "boot": lambda row: json.loads(row[3]),
     "running": lambda row: json.loads(row[3]),
     "frame": _check_frame,

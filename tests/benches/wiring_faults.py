@@ -280,7 +280,7 @@ async def box_in(folder: Path) -> AsyncIterator[Box]:
         yield Box(folder, stack)
 
 
-async def shown(name: str, folder: Path) -> str:
+async def told_of(name: str, folder: Path) -> str:
     """What the commands of one case say."""
     async with box_in(folder) as box:
         await FAULTS[name](box)
@@ -306,7 +306,7 @@ def renew() -> None:
 
     def output(found: re.Match[str]) -> str:
         with tempfile.TemporaryDirectory() as folder:
-            said = asyncio.run(shown(found[2], Path(folder)))
+            said = asyncio.run(told_of(found[2], Path(folder)))
         return found[1] + "\n".join(line.rstrip() for line in said.splitlines()) + "\n" + found[4]
 
     DOCUMENT.write_text(_BLOCK.sub(partial(output), text), encoding="utf-8")

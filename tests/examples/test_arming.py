@@ -22,7 +22,7 @@ STEPS: tuple[dict[str, str], ...] = (
 """What the page has changed in the example by each step."""
 
 
-def shown() -> list[list[str]]:
+def steps_of_the_page() -> list[list[str]]:
     """The lines below each `check`."""
     blocks = re.findall(r"```text\n\$ talc-gateway check gateway.toml\n(.*?)```", _page(), re.DOTALL)
     return [block.splitlines() for block in blocks]
@@ -33,7 +33,7 @@ def _page() -> str:
 
 
 def test_each_step_is_shown_and_its_lines_are_named() -> None:
-    assert len(shown()) == len(STEPS)
+    assert len(steps_of_the_page()) == len(STEPS)
     for line in ("armed = true", 'mode = "advise"', 'mode = "compensate"', 'mode = "monitor"', "armed = false"):
         assert f"`{line}`" in " ".join(_page().split())
 
@@ -49,7 +49,7 @@ def test_check_says_what_the_page_shows(step: int, tmp_path: Path) -> None:
     answer = CliRunner().invoke(main, ["check", str(file)], catch_exceptions=False)
     assert answer.exit_code == 0, answer.output
     said = answer.stdout.replace(f"{tmp_path}/", "").splitlines()
-    wanted = shown()[step]
+    wanted = steps_of_the_page()[step]
     assert len(said) == len(wanted)
     for line, begin in zip(said, wanted, strict=True):
         assert line.startswith(begin.removesuffix("…")), line

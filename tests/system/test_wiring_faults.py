@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.benches.wiring_faults import DOCUMENT, FAULTS, blocks, comparable, shown
+from tests.benches.wiring_faults import DOCUMENT, FAULTS, blocks, comparable, told_of
 
 pytestmark = pytest.mark.slow
 
@@ -13,7 +13,7 @@ SHOWN = blocks(DOCUMENT.read_text(encoding="utf-8"))
 
 @pytest.mark.parametrize("name", FAULTS)
 async def test_document_shows_what_is_said(name: str, tmp_path: Path) -> None:
-    said = await shown(name, tmp_path)
+    said = await told_of(name, tmp_path)
     assert comparable(said) == comparable(SHOWN[name])
 
 
