@@ -1,7 +1,9 @@
 """Clocks of the service: the computer's, or a simulated one that the command line passes in."""
 
 import asyncio
+import ctypes
 from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 from typing import Protocol
 
 from drivers.base import Clock, SystemClock
@@ -31,3 +33,24 @@ class RealClock(SystemClock):
 
     def hold(self) -> AbstractContextManager[None]:
         return nullcontext()
+
+
+_TIMEX_BYTES = 512
+"""More than any Linux's struct timex (208 on 64 bit); all zero, it only reads."""
+_TIME_ERROR = 5
+"""What adjtimex returns while no time server keeps the clock (adjtimex(2))."""
+_TIMESYNCD = Path("/run/systemd/timesync")
+"""Where systemd-timesyncd leaves the file `synchronized` once it has set the clock."""
+
+
+def clock_synchronised(timesyncd: Path = _TIMESYNCD) -> bool | None:
+    """Whether a time server keeps the computer's clock; None: unknown.
+
+    The kernel knows it. Where asking it is denied, as by ProtectClock of the systemd unit, systemd-timesyncd's file
+    tells; of another time service nothing is known then.
+    """
+    libc = ctypes.CDLL(None)
+    state = libc.adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES)) if hasattr(libc, "adjtimex") else -1
+    if state >= 0:
+        return bool(state != _TIME_ERROR)
+    return (timesyncd / "synchronized").exists() if timesyncd.is_dir() else None

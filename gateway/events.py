@@ -125,6 +125,32 @@ class StorageChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class Health:
+    """How the gateway is."""
+
+    uptime_s: float
+    """Since the service began to run."""
+    channels: int
+    """Channels of the configuration."""
+    channels_good: int
+    """Of these, how many have a good value now."""
+    nc: str
+    """`none` is configured, `away`, `stale`, `not_ready`, `probing` or `ready`."""
+    clock_synchronised: bool | None
+    """Whether the computer's clock is kept by a time server; None: unknown, or the clock is simulated."""
+    waits_for: tuple[str, ...]
+    """What has to come before the gateway learns and corrects with everything that it has, one text each."""
+    store: StoreHealth
+
+
+@dataclass(frozen=True, slots=True)
+class HealthChecked:
+    """The gateway's health was looked at, every 10 s."""
+
+    health: Health
+
+
+@dataclass(frozen=True, slots=True)
 class ReasonsGiven:
     """The learner says why its estimates are what they are: after each measurement, and each hour."""
 
@@ -144,6 +170,7 @@ GatewayEvent = (
     | OutlookChanged
     | SensorsJudged
     | StorageChanged
+    | HealthChecked
     | ReasonsGiven
 )
 

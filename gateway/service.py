@@ -29,7 +29,9 @@ from gateway.events import (
     ReadingsTaken,
     Sink,
     StoreHealth,
+    in_order,
 )
+from gateway.health_watch import HealthWatch
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
 from gateway.polling import Notice
@@ -61,6 +63,7 @@ class Service:
     tap: returns the tap of the bus with that name, or None
     health: of the store that the sink writes to
     identity: under which the control is claimed
+    synchronised: whether a time server keeps the clock; None: unknown
     """
 
     def __init__(
@@ -72,13 +75,18 @@ class Service:
         tap: Callable[[str], Tap] | None = None,
         health: Callable[[], StoreHealth] = StoreHealth,
         identity: Identity | None = None,
+        synchronised: Callable[[], bool | None] = lambda: None,
     ) -> None:
-        self._config, self._clock, self._sink, self._past = config, clock, sink, past
+        self._config, self._clock, self._past = config, clock, past
         self._tap, self._health, self._identity = tap, health, identity or Identity()
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
         self._schedule = Schedule(config.grid.step_s, past.last_k)
         self._channels = {channel.name for channel in config.channels}
         self.board = Board({c.name: c.period_s for c in config.channels})
+        self._health_watch = HealthWatch(
+            config.grid.step_s, self.board, lambda: self.link, clock, health, synchronised, sink
+        )
+        self._sink = in_order((sink, self._health_watch.take))
         self._lines: tuple[Line, ...] = lines_of(config, clock, tap)
         self.link = self._make_link()
         self._sensors = SensorWatch(
@@ -130,6 +138,7 @@ class Service:
                     tasks.create_task(self._sensors.run(), name="sensors"),
                     tasks.create_task(stale.run(), name="stale"),
                     tasks.create_task(self._store_watch().run(), name="storage"),
+                    tasks.create_task(self._health_watch.run(), name="health"),
                 ]
                 if self.link is not None:
                     running.append(tasks.create_task(self.link.run(), name="nc"))

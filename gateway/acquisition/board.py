@@ -32,6 +32,11 @@ class Board:
         self._expired: set[str] = set()
         """Channels whose latest reading `expire` has reported as stale."""
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels of the configuration, in its order."""
+        return tuple(self._periods)
+
     def put(self, readings: Iterable[Reading]) -> None:
         """Take newer readings. Raises KeyError for a channel that is not in the configuration."""
         for reading in readings:

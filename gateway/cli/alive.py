@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 _WORK_S = 60.0
 """No loop works longer than this without waiting, apart from the reads of a bus."""
-_LOOPS = ("grid", "sensors", "stale", "storage")
+_LOOPS = ("grid", "sensors", "stale", "storage", "health")
 """Names of the service's tasks that run always."""
 
 

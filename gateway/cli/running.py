@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 
-from gateway.clock import ServiceClock
+from gateway.clock import ServiceClock, clock_synchronised
 from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
 from gateway.nc import Identity
@@ -80,7 +80,8 @@ async def serve(
         for text in news:
             log.warning("%s", text)
             sink(EventReported(Event(EventKind.OPERATOR, text), past.last_k))
-        service = Service(config, clock, sink, past, tap, lambda: store.health, identity)
+        synchronised = (lambda: None) if simulated else clock_synchronised
+        service = Service(config, clock, sink, past, tap, lambda: store.health, identity, synchronised)
         if telemetry is not None:
             telemetry.count_missed(lambda: service.periods_missed)
         started(service)

@@ -18,6 +18,7 @@ from gateway.events import (
     EventReported,
     FrameMade,
     GatewayEvent,
+    HealthChecked,
     MeasurementEnded,
     ModelsAdopted,
     OutlookChanged,
@@ -206,7 +207,7 @@ class Store:
             case ReasonsGiven(reasons):
                 row = (reasons.k, self._clock.utc().timestamp(), rows.of_reasons(reasons))
                 put("INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=Kind.STEPS)
-            case OutlookChanged() | SensorsJudged() | StorageChanged():
+            case OutlookChanged() | SensorsJudged() | StorageChanged() | HealthChecked():
                 pass  # what an operator should know about them is also an EventReported
             case _:
                 assert_never(event)

@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from typing import NamedTuple, assert_never
 
 import numpy as np
+from msgspec.structs import replace
 
 from drivers.base import Clock
 from gateway.acquisition import Sample
@@ -15,6 +17,8 @@ from gateway.events import (
     EventReported,
     FrameMade,
     GatewayEvent,
+    Health,
+    HealthChecked,
     MeasurementEnded,
     ModelsAdopted,
     OutlookChanged,
@@ -99,8 +103,8 @@ class Composer:
                 return [(keys.FRAME, _frame(self._stamp(), frame, self._names))]
             case DecisionMade(decision):
                 return [(keys.DECISION, _decision(self._stamp(), decision))]
-            case ConfigurationApplied() | ProbingRequested() | StorageChanged():
-                return []  # the first and the last are in the status
+            case ConfigurationApplied() | ProbingRequested() | StorageChanged() | HealthChecked():
+                return []  # all but the second are in the status
             case MeasurementEnded(outcome):
                 return [(keys.MEASUREMENT, _measurement(self._stamp(), outcome))]
             case ModelsAdopted(models, after_k):
@@ -128,11 +132,13 @@ class Composer:
         outlook: Outlook | None,
         storage: StoreHealth | None = None,
         unarmed: tuple[str, ...] = (),
+        health: Health | None = None,
     ) -> Keyed:
         """The latest decision, the fingerprint of the configuration that really runs, how probing and storing stand.
 
         periods_missed: by bus
         unarmed: what the configuration leaves off, in words
+        health: as it was looked at last; None: not yet
         """
         message = StatusMessage(
             *self._stamp(),
@@ -145,8 +151,10 @@ class Composer:
             probing=None if outlook is None else _probing_state(outlook),
             storage=None if storage is None else _storage(storage),
             unarmed=unarmed,
+            version=version("talc-gateway"),
+            key_space=keys.VERSION,
         )
-        return keys.STATUS, message
+        return keys.STATUS, message if health is None else _with_health(message, health)
 
     def _stamp(self) -> _Stamp:
         self._sequence += 1
@@ -266,6 +274,18 @@ def _probing(stamp: _Stamp, o: Outlook) -> ProbingMessage:
 def _probing_state(o: Outlook) -> ProbingStanding:
     why = None if o.why is None else o.why.value
     return ProbingStanding(o.standing.value, why, o.reason, o.rejected, o.operator)
+
+
+def _with_health(status: StatusMessage, h: Health) -> StatusMessage:
+    return replace(
+        status,
+        uptime_s=round(h.uptime_s, 1),
+        channels=h.channels,
+        channels_good=h.channels_good,
+        nc=h.nc,
+        clock_synchronised=h.clock_synchronised,
+        waits_for=h.waits_for,
+    )
 
 
 def _storage(h: StoreHealth) -> StorageStanding:

@@ -2,6 +2,9 @@
 
 from typing import Final
 
+VERSION: Final = 1
+"""Of the key space. Keys and fields are only ever added to it; what would break a reader makes another version."""
+
 READING: Final = "reading"
 FRAME: Final = "frame"
 DECISION: Final = "decision"

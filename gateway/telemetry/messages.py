@@ -215,7 +215,8 @@ class ReasonsMessage(Message, frozen=True):
 
 
 class StatusMessage(Message, frozen=True):
-    """`status`: the latest decision and how the gateway runs. Null before the first decision."""
+    """`status`: the latest decision and how the gateway runs, at least every 10 s. `phase` and `k` are null before the
+    first decision; `uptime_s` to `clock_synchronised` until the health was looked at for the first time."""
 
     phase: Annotated[str | None, _texts(Phase)]
     k: GridIndex | None
@@ -230,6 +231,18 @@ class StatusMessage(Message, frozen=True):
         int, Meta(description="Frames, decisions, measurements, models, events and probing states not published")
     ] = 0
     unarmed: Annotated[tuple[str, ...], Meta(description="What is off in the configuration, and what follows")] = ()
+    version: Annotated[str, Meta(description="Of the gateway's program")] = ""
+    key_space: Annotated[int, Meta(description="Version of the key space")] = keys.VERSION
+    uptime_s: Annotated[Number, Meta(description="Since the service began to run")] = None
+    channels: Annotated[int | None, Meta(description="Channels of the configuration")] = None
+    channels_good: Annotated[int | None, Meta(description="Of these, how many have a good value now")] = None
+    nc: Annotated[str | None, _texts(("none", "away", "stale", "not_ready", "probing", "ready"), "The control")] = None
+    clock_synchronised: Annotated[
+        bool | None, Meta(description="Whether a time server keeps the computer's clock; null: unknown, or simulated")
+    ] = None
+    waits_for: Annotated[
+        tuple[str, ...], Meta(description="What has to come before it learns and corrects with all that it has")
+    ] = ()
 
 
 Published = (

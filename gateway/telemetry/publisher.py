@@ -17,6 +17,8 @@ from gateway.events import (
     ConfigurationApplied,
     DecisionMade,
     GatewayEvent,
+    Health,
+    HealthChecked,
     OutlookChanged,
     StorageChanged,
     StoreHealth,
@@ -97,6 +99,7 @@ class TelemetryPublisher:
         self._backlog = Backlog(_MOST_LOOSE, _MOST_FIRM, _MOST_FIRM_BYTES)
         self._outlook: Outlook | None = None
         self._storage: StoreHealth | None = None
+        self._health: Health | None = None
         self._decision: Decision | None = None
         self._config: str | None = None
         self._unarmed: tuple[str, ...] = ()
@@ -147,13 +150,15 @@ class TelemetryPublisher:
                 self._decision = decision
             case OutlookChanged(outlook):
                 self._outlook = outlook
-            case StorageChanged(health):
-                self._storage = health
+            case StorageChanged(storage):
+                self._storage = storage
+            case HealthChecked(health):
+                self._health, self._storage = health, health.store
             case _:
                 pass
         for keyed in self._composer.messages(event):
             self._put(keyed)
-        if isinstance(event, ConfigurationApplied | DecisionMade | OutlookChanged | StorageChanged):
+        if isinstance(event, ConfigurationApplied | DecisionMade | OutlookChanged | StorageChanged | HealthChecked):
             self._put_status()
 
     def count_missed(self, periods_missed: Callable[[], Mapping[str, int]]) -> None:
@@ -171,6 +176,7 @@ class TelemetryPublisher:
                 self._outlook,
                 self._storage,
                 self._unarmed,
+                self._health,
             )
         )
 

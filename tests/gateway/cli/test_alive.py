@@ -14,7 +14,7 @@ class _Clock(ManualClock):
         return nullcontext()
 
 
-LOOPS = ("grid", "sensors", "stale", "storage")
+LOOPS = ("grid", "sensors", "stale", "storage", "health")
 
 
 async def looping(clock: WatchedClock, hung: asyncio.Event) -> None:

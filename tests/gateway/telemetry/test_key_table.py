@@ -12,6 +12,8 @@ from gateway.events import (
     DecisionMade,
     EventReported,
     FrameMade,
+    Health,
+    HealthChecked,
     MeasurementEnded,
     ModelsAdopted,
     OutlookChanged,
@@ -59,6 +61,7 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
         t.publish(ReasonsGiven(example.REASONS))
         t.publish(OutlookChanged(Outlook(Standing.DUE, Why.INTERVAL, "", 0, "")))
         t.publish(StorageChanged(StoreHealth("database is locked", 5.0, 40, 0, 900.0)))
+        t.publish(HealthChecked(Health(60.0, 30, 29, "ready", True, (), StoreHealth())))
         t.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
         found = last_values(port)
     common = {"boot", "seq", "time", "clock"}
