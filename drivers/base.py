@@ -165,9 +165,16 @@ class BadAnswer(DriverError):
 
 
 class Refused(DriverError):
-    """The device or control understood the request and refused it: exception code, access denied."""
+    """The device or control understood the request and refused it: exception code, access denied.
+
+    absent: the device does not have what was asked for, so that it would refuse the same request again
+    """
 
     heard = True
+
+    def __init__(self, what: str, *, absent: bool = False, **where: str) -> None:
+        super().__init__(what, **where)
+        self.absent = absent
 
 
 class WrongDevice(DriverError):

@@ -25,12 +25,16 @@ def _known(unit: str) -> str:
     return unit
 
 
+Unit = Annotated[str, AfterValidator(_known)]
+"""One of `UNITS`."""
+
+
 class DeviceProfile(Section):
     """Any profile. `name` in the validation context is its name: that of its file, without the suffix."""
 
     title: str
     """What the device is, for a person."""
-    unit: Annotated[str, AfterValidator(_known)]
+    unit: Unit
     """Unit of every channel, one of `UNITS`."""
     confirm: tuple[str, ...] = ()
     """Points that no manual confirms: check them on the device."""

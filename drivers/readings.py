@@ -12,7 +12,8 @@ from drivers.faults import Fault
 class ReadingMaker:
     """Adds times and sequence numbers to the values that one driver reads."""
 
-    unit: str
+    units: Mapping[str, str]
+    """Of each channel."""
     clock: Clock
 
     def make(self, values: Mapping[str, float | Fault]) -> list[Reading]:
@@ -28,5 +29,5 @@ class ReadingMaker:
             number, quality, detail = (
                 (nan, value.quality, value.detail) if isinstance(value, Fault) else (value, Quality.GOOD, "")
             )
-            readings.append(Reading(channel, number, self.unit, quality, utc, monotonic_s, detail))
+            readings.append(Reading(channel, number, self.units[channel], quality, utc, monotonic_s, detail))
         return readings

@@ -67,7 +67,7 @@ async def recognise_modbus(bus: ModbusBus, unit: int) -> Recognition:
         profile = load_profile(name)
         if not isinstance(profile, ModbusProfile) or not fits_bus(profile.buses, bus.kind):
             continue
-        if profile.type_codes is not None:
+        if any(block.type_codes is not None for block in profile.blocks):
             found = await _by_type_codes(registers, profile)
         elif name in _BY_NAME:
             found = await _BY_NAME[name](registers, profile)
@@ -79,31 +79,39 @@ async def recognise_modbus(bus: ModbusBus, unit: int) -> Recognition:
 
 
 async def _by_type_codes(registers: _Registers, profile: ModbusProfile) -> Recognition | None:
-    """A device with type codes at the profile's addresses, all known to the profile."""
-    codes, values = profile.type_codes, profile.values
-    if codes is None:
-        return None
-    words = await registers.read(codes.function, codes.address, profile.channels)
-    if words is None or await registers.read(values.function, values.address, values.format.registers) is None:
-        return None
-    inputs = tuple(i for i, word in enumerate(words) if word in codes.spans)
-    if not inputs:
-        return None
-    listed = ", ".join(dict.fromkeys(f"0x{words[i]:X}" for i in inputs))
-    doubts = [
-        f"input {i} has type code 0x{word:04X}, which the profile cannot read" for i, word in enumerate(words)
-        if word not in codes.spans
-    ]  # fmt: skip
+    """A device with type codes at the profile's addresses, all known to the profile, and readable values."""
+    inputs: list[int] = []
+    doubts: list[str] = []
+    known: dict[str, None] = {}
+    first = 0
+    for block in profile.blocks:
+        numbers = range(first, first + block.channels)
+        first += block.channels
+        codes = block.type_codes
+        words = () if codes is None else await registers.read(codes.function, codes.address, block.channels)
+        if words is None or await registers.read(*block.place(0, 0)) is None:
+            return None
+        if codes is None:
+            inputs += numbers
+            continue
+        if not any(word in codes.spans for word in words):
+            return None
+        for number, word in zip(numbers, words, strict=True):
+            if word in codes.spans:
+                inputs.append(number)
+                known[f"0x{word:X}"] = None
+            else:
+                doubts.append(f"input {number} has type code 0x{word:04X}, which the profile cannot read")
     for setting in profile.settings:
         held = await registers.read(setting.function, setting.address, 1)
         if held is None or held[0] != setting.equals:
             doubts.append(f"{setting.name} is {'unknown' if held is None else held[0]}: {setting.hint}")
-    return Recognition(profile.name, inputs, f"type code {listed}", doubts=tuple(doubts))
+    return Recognition(profile.name, tuple(inputs), f"type code {', '.join(known)}", doubts=tuple(doubts))
 
 
 async def _pta8d08(registers: _Registers, profile: ModbusProfile) -> Recognition | None:
     """Its resistances (0.1 ohm, from address 32) must agree with its temperatures by the Pt100 curve."""
-    temperatures = await registers.read(3, profile.values.address, profile.channels)
+    temperatures = await registers.read(*profile.blocks[0].place(0, 0)[:2], profile.channels)
     resistances = await registers.read(3, 32, profile.channels)
     if temperatures is None or resistances is None:
         return None

@@ -164,7 +164,7 @@ class CanDbcDevice:
         self._device, self._bus = device, bus
         self._signals = {name: profile.signals[number] for name, number in channels.items()}
         self._frames = {signal.frame for signal in self._signals.values()}
-        self._maker = ReadingMaker(profile.unit, clock)
+        self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
         bus.want(self._frames)
 
     @property

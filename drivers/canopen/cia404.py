@@ -45,7 +45,7 @@ class Cia404Device:
         self._device, self._bus, self._profile, self._node = device, bus, profile, node
         self._channels = dict(channels)
         self._rules = profile.vendors[options.vendor].status
-        self._maker = ReadingMaker(profile.unit, clock)
+        self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
         self._scales: dict[int, Scaling] = {}
         self._boots = 0
         self._heartbeat_s = options.heartbeat_s

@@ -92,7 +92,7 @@ class MeEthernetDevice:
     ) -> None:
         self._device, self._bus, self._profile, self._options = device, bus, profile, options
         self._channels = dict(channels)
-        self._maker = ReadingMaker(profile.unit, clock)
+        self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
 
     @property
     def device(self) -> str:

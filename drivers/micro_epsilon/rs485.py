@@ -130,7 +130,7 @@ class MeRs485Device:
         self._device, self._bus, self._profile, self._address = device, bus, profile, address
         (self._channel,) = channels
         self._options = options
-        self._maker = ReadingMaker(profile.unit, clock)
+        self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
 
     @property
     def device(self) -> str:

@@ -1,24 +1,70 @@
 """A Modbus device as its profile describes it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite
 
-from drivers.base import Clock, DriverError, Quality, Reading, WrongDevice
+from drivers.base import Clock, DriverError, Quality, Reading, Refused, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus.bus import ModbusBus
-from drivers.modbus.numbers import BIT_FUNCTIONS, Block, Span, total
-from drivers.modbus.profile import ModbusProfile, Plausibility, TypeCodes
+from drivers.modbus.numbers import AddressRange, Block, Span, total
+from drivers.modbus.plan import ReadPlan, words_of
+from drivers.modbus.profile import ChannelBlock, ModbusProfile
 from drivers.modbus.settings import ModbusOptions
+from drivers.modbus.tables import Plausibility
 from drivers.readings import ReadingMaker
 
-_MOST_BITS = 2000
+_ASK_REFUSED_AGAIN_S = 60.0
+"""After this time the device is asked again for what it refused: a module may have been added or set up."""
 
-AddressRange = tuple[int, int, int]
-"""Function, address, width."""
+_Words = Mapping[tuple[int, int], int]
+"""Registers and bits by function and address."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Input:
+    """One channel in use: where its value is, and all that tells what it means."""
+
+    block: ChannelBlock
+    index: int
+    """Which of the block's channels it is."""
+    unit: str
+    value: AddressRange
+    bit: AddressRange | None
+    """Its fault bit."""
+    status: AddressRange | None
+    code: AddressRange | None
+    """Its type code."""
+
+    @property
+    def faults(self) -> tuple[AddressRange, ...]:
+        return tuple(place for place in (self.bit, self.status) if place is not None)
+
+    @property
+    def all(self) -> tuple[AddressRange, ...]:
+        return (self.value, *self.faults) if self.code is None else (self.value, *self.faults, self.code)
+
+
+def _input(profile: ModbusProfile, number: int, offset: int) -> _Input:
+    """The channel of this number; offset: added to every address."""
+    block, index = profile.channel(number)
+    bits, status, codes = block.fault_bits, block.status, block.type_codes
+    return _Input(
+        block,
+        index,
+        block.unit or profile.unit,
+        block.place(index, offset),
+        None if bits is None else (bits.function, bits.address + offset + index, 1),
+        None if status is None else (status.function, status.register(index) + offset, 1),
+        None if codes is None else (codes.function, codes.address + offset + index, 1),
+    )
 
 
 class ModbusDevice:
-    """One unit; `channels` maps names to the device's channel numbers, counted from 0."""
+    """One unit; `channels` maps names to the device's channel numbers, counted from 0.
+
+    An address that the unit refuses takes the channels that need it, and no other.
+    """
 
     def __init__(
         self,
@@ -31,26 +77,24 @@ class ModbusDevice:
         clock: Clock,
     ) -> None:
         self._device, self._bus, self._profile, self._unit = device, bus, profile, unit
-        self._channels, self._offset = dict(channels), options.address_offset
-        self._maker = ReadingMaker(profile.unit, clock)
-        self._value_blocks = plan_blocks(
-            _places_of_values(profile, channels, self._offset),
-            profile.max_registers,
-            profile.max_gap,
-        )
-        self._fault_blocks = plan_blocks(self._apart(), profile.max_registers, profile.max_gap)
-        self._code_blocks = plan_blocks(
-            _places_of_type_codes(profile, channels, self._offset), profile.max_registers, profile.max_gap
-        )
-        self._setting_blocks = plan_blocks(
-            _places_of_settings(profile, self._offset), profile.max_registers, profile.max_gap
-        )
-        self._format, self._sentinels = profile.values.format, profile.sentinel_faults
-        self._spans: dict[int, Span] = {}
+        self._offset, self._clock = options.address_offset, clock
+        self._channels = {name: _input(profile, number, self._offset) for name, number in channels.items()}
+        self._maker = ReadingMaker({name: one.unit for name, one in self._channels.items()}, clock)
+        inputs = self._channels.values()
+        self._values = self._plan(place for one in inputs for place in (one.value, *one.faults))
+        self._faults = self._plan(())
+        self._faults_after: list[Block] = []
+        """The requests of values for which `_faults` was made."""
+        self._codes = self._plan(one.code for one in inputs if one.code is not None)
+        self._settings = self._plan((s.function, s.address + self._offset, 1) for s in profile.settings)
+        self._spans: dict[str, Span] = {}
         self._checked = False
         """Whether the unit is known to match the profile."""
         self._answers: list[tuple[int, ...]] = []
-        """The blocks of values and faults that have been answered since the question was asked first, in order."""
+        """The requests of values that have been answered since the question was asked first, in order."""
+        self._fault_answers: list[tuple[int, ...]] = []
+        """The same for the faults."""
+        self._refused_since_s = 0.0
         self._was_silent = False
         """Whether it missed the last read: another unit may answer the next one, though not a repeated one."""
 
@@ -68,18 +112,24 @@ class ModbusDevice:
         Raises WrongDevice, or the bus's errors.
         """
         self._forget()
-        if self._profile.settings:
-            self._check_settings(await self._fetch(self._setting_blocks))
-        if self._profile.type_codes is not None:
-            self._spans = self._spans_of(self._profile.type_codes, await self._fetch(self._code_blocks))
+        if self._settings.requests:
+            self._check_settings(await self._fetch(self._settings))
+            if self._settings.refused:
+                raise self._settings.error
+        if self._codes.requests:
+            self._spans = self._spans_of(await self._fetch(self._codes))
         elif not self._profile.settings:
-            await self._fetch(self._value_blocks[:1])
+            try:
+                await self._ask(self._values.test)
+            except Refused as error:  # it answers; what it refuses is found when it is read
+                if not error.absent:
+                    raise
         self._checked = True
 
-    def _check_settings(self, words: Mapping[tuple[int, int], int]) -> None:
+    def _check_settings(self, words: _Words) -> None:
         for setting in self._profile.settings:
-            found = words[setting.function, setting.address + self._offset]
-            if found != setting.equals:
+            found = words.get((setting.function, setting.address + self._offset))
+            if found is not None and found != setting.equals:
                 raise WrongDevice(
                     f"{setting.name} is {found}, which profile {self._profile.name} cannot read",
                     bus=self._bus.name,
@@ -87,49 +137,91 @@ class ModbusDevice:
                     hint=setting.hint,
                 )
 
-    def _spans_of(self, codes: TypeCodes, words: Mapping[tuple[int, int], int]) -> dict[int, Span]:
-        """The scaling of each channel in use."""
-        spans: dict[int, Span] = {}
-        for channel, index in self._channels.items():
-            code = words[codes.function, codes.address + self._offset + index]
+    def _spans_of(self, words: _Words) -> dict[str, Span]:
+        """The scaling of each channel with a type code."""
+        spans: dict[str, Span] = {}
+        for channel, one in self._channels.items():
+            codes = one.block.type_codes
+            if codes is None or one.code is None or one.code in self._codes.refused:
+                continue
+            code = words[one.code[:2]]
             if code not in codes.spans:
                 known = ", ".join(f"0x{c:04X}" for c in codes.spans)
                 raise WrongDevice(
-                    f"type code 0x{code:04X} at input {index}, which profile {self._profile.name} cannot read",
+                    f"type code 0x{code:04X} at input {one.index}, which profile {self._profile.name} cannot read",
                     bus=self._bus.name,
                     device=self._device,
                     channel=channel,
                     hint=f"set the input to one of {known}, or check the unit id",
                 )
-            spans[index] = codes.spans[code]
+            spans[channel] = codes.spans[code]
         return spans
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:
         """One reading per channel. After a silence the unit is checked again, because a different one may answer.
 
-        again: continue with the block that was not answered
+        again: continue with the request that was not answered
         """
         if not again:
             self._answers.clear()
+            self._fault_answers.clear()
             if self._was_silent:
                 self._forget()
-        if not self._checked and (self._code_blocks or self._setting_blocks):
+            elif self._values.refused and self._clock.monotonic() - self._refused_since_s >= _ASK_REFUSED_AGAIN_S:
+                self._reset_plans()
+        if not self._checked and (self._codes.requests or self._settings.requests):
             await self.connect()
         try:
-            for block in (*self._value_blocks, *self._fault_blocks)[len(self._answers) :]:
-                self._answers.append(await self._bus.read(self._device, self._unit, block, again=again))
+            words, later = await self._read_words(again)
         except DriverError as error:
             self._was_silent |= not (error.hurried or error.heard)
             raise
-        answers, self._answers, self._was_silent = self._answers, [], False
-        count = len(self._value_blocks)
-        words = _words(zip(self._value_blocks, answers[:count], strict=True))
-        later = words | _words(zip(self._fault_blocks, answers[count:], strict=True))
-        values = {name: self._value(index, words) for name, index in self._channels.items()}
-        for name, index in self._channels.items():
-            if self._fault_blocks and not isinstance(values[name], Fault):
-                values[name] = self._value(index, later)
+        self._was_silent = False
+        values = {name: self._value(name, words) for name in self._channels}
+        for name, value in values.items():
+            if self._faults.requests and not isinstance(value, Fault):
+                values[name] = self._value(name, later)
         return self._maker.make(values)
+
+    async def _read_words(self, again: bool) -> tuple[_Words, _Words]:
+        """What was read, and the same with the faults as they were after the values."""
+        if self._values.is_refused:
+            answer = await self._ask(self._values.test, again=again)
+            self._values.reset()
+            self._answers.append(answer)
+        await self._answer(self._values, self._answers, again=again)
+        if self._values.is_refused:
+            raise self._values.error
+        if self._faults_after != self._values.requests:
+            self._faults_after = list(self._values.requests)
+            self._faults = self._plan(self._apart())
+        await self._answer(self._faults, self._fault_answers, again=again)
+        words = words_of(self._values.requests, self._answers)
+        later = {**words, **words_of(self._faults.requests, self._fault_answers)}
+        self._values.join()
+        return words, later
+
+    async def _answer(self, plan: ReadPlan, answers: list[tuple[int, ...]], *, again: bool) -> None:
+        """Ask for what is missing in `answers`, one for each of the plan's requests; refused ones are divided."""
+        while len(answers) < len(plan.requests):
+            request = plan.requests[len(answers)]
+            try:
+                answers.append(await self._ask(request, again=again))
+            except Refused as error:
+                if not error.absent:
+                    raise
+                plan.divide(request, error)
+                self._refused_since_s = self._clock.monotonic()
+
+    async def _fetch(self, plan: ReadPlan) -> _Words:
+        answers: list[tuple[int, ...]] = []
+        await self._answer(plan, answers, again=False)
+        if plan.is_refused:
+            raise plan.error
+        return words_of(plan.requests, answers)
+
+    async def _ask(self, request: Block, *, again: bool = False) -> tuple[int, ...]:
+        return await self._bus.read(self._device, self._unit, request, again=again)
 
     async def close(self) -> None:
         """Forget what is known about the unit: next time a different one may answer."""
@@ -137,21 +229,39 @@ class ModbusDevice:
 
     def _forget(self) -> None:
         self._spans, self._checked, self._was_silent = {}, False, False
+        self._reset_plans()
 
-    async def _fetch(self, blocks: Iterable[Block]) -> dict[tuple[int, int], int]:
-        return _words([(block, await self._bus.read(self._device, self._unit, block)) for block in blocks])
+    def _reset_plans(self) -> None:
+        for plan in (self._values, self._codes, self._settings):
+            plan.reset()
 
-    def _value(self, index: int, words: Mapping[tuple[int, int], int]) -> float | Fault:
-        profile, values = self._profile, self._profile.values
-        start = values.address + self._offset + index * values.stride
-        raw = self._format.decode([words[values.function, start + i] for i in range(self._format.registers)])
-        sentinel = self._sentinels.get(raw)
-        if (bits := profile.fault_bits) is not None and words[bits.function, bits.address + self._offset + index]:
+    def _plan(self, places: Iterable[AddressRange]) -> ReadPlan:
+        return ReadPlan(places, self._profile.max_registers, self._profile.max_gap)
+
+    def _apart(self) -> Iterator[AddressRange]:
+        """What must be read again after the values, so that a sensor that recovers in between is noticed.
+
+        This applies where bits or status are read in another request than the value and the value cannot show it.
+        """
+        for one in self._channels.values():
+            if one.block.sentinels or any(place in self._values.refused for place in (one.value, *one.faults)):
+                continue
+            yield from (place for place in one.faults if not self._values.read_together(place, one.value))
+
+    def _value(self, channel: str, words: _Words) -> float | Fault:
+        one = self._channels[channel]
+        block = one.block
+        if (self._values.refused or self._codes.refused) and (refused := self._refused(one)) is not None:
+            return Fault(Quality.COMM_FAULT, f"{refused.what} ({refused.hint})")
+        function, address, width = one.value
+        raw = block.raw(one.index, [words[function, address + i] for i in range(width)])
+        sentinel = block.sentinel_faults.get(raw)
+        if (bits := block.fault_bits) is not None and one.bit is not None and words[one.bit[:2]]:
             return (
                 bits.fault if sentinel is None else Fault(bits.fault.quality, f"{bits.fault.detail}; {sentinel.detail}")
             )
-        if (status := profile.status) is not None:
-            code = status.code(index, words[status.function, status.register(index) + self._offset])
+        if (status := block.status) is not None and one.status is not None:
+            code = status.code(one.index, words[one.status[:2]])
             if code not in status.good:
                 unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{code:X}, which the profile does not define")
                 return first_fault(status.rules, code) or unknown
@@ -159,42 +269,18 @@ class ModbusDevice:
             return sentinel
         if not isfinite(raw):
             return Fault(Quality.SENSOR_FAULT, f"the device sends {raw} instead of a value")
-        span = self._spans.get(index)
-        value = (
-            span.apply(raw) if values.scaled_by == "type_code" and span else total(raw * values.scale, values.offset)
-        )
+        span = self._spans.get(channel)
+        value = span.apply(raw) if block.scaled_by == "type_code" and span else total(raw * block.scale, block.offset)
         if span is not None and not span.holds(value):
             ends = f"{span.low:g} to {span.high:g}"
-            text = f"{value:.4g} {profile.unit} is outside the range that the input is set to, {ends}"
+            text = f"{value:.4g} {one.unit} is outside the range that the input is set to, {ends}"
             return Fault(Quality.OUT_OF_RANGE, text)
-        return _implausible(profile.plausibility, value, profile.unit) or value
+        return _implausible(block.plausibility, value, one.unit) or value
 
-    def _apart(self) -> list[AddressRange]:
-        """What must be read again after the values, so that a sensor that recovers in between is noticed.
-
-        This applies where bits or status are read in another request than the value and the value cannot show it.
-        """
-        profile, offset = self._profile, self._offset
-        if profile.sentinels:
-            return []
-        return [
-            place
-            for index in self._channels.values()
-            for place in _fault_places(profile, index, offset)
-            if not any(
-                _holds(block, place) and _holds(block, _value_place(profile, index, offset))
-                for block in self._value_blocks
-            )
-        ]
-
-
-def _words(answers: Iterable[tuple[Block, tuple[int, ...]]]) -> dict[tuple[int, int], int]:
-    """Registers and bits by function and address."""
-    return {
-        (block.function, address): word
-        for block, answer in answers
-        for address, word in enumerate(answer, start=block.address)
-    }
+    def _refused(self, one: _Input) -> Refused | None:
+        """How the unit refused an address that the channel needs."""
+        refused = self._values.refused | self._codes.refused
+        return next((refused[place] for place in one.all if place in refused), None)
 
 
 def last_address(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> int:
@@ -202,70 +288,10 @@ def last_address(profile: ModbusProfile, channels: Mapping[str, int], offset: in
 
     offset: as `address_offset` of its options
     """
-    places = (
-        *_places_of_values(profile, channels, offset),
-        *_places_of_type_codes(profile, channels, offset),
-        *_places_of_settings(profile, offset),
-    )
+    places = [(setting.function, setting.address + offset, 1) for setting in profile.settings]
+    for number in channels.values():
+        places += _input(profile, number, offset).all
     return max(address + width - 1 for _, address, width in places)
-
-
-def _places_of_values(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> list[AddressRange]:
-    """Values with the bits or status that tell their faults."""
-    return [
-        place
-        for index in channels.values()
-        for place in (_value_place(profile, index, offset), *_fault_places(profile, index, offset))
-    ]
-
-
-def _value_place(profile: ModbusProfile, index: int, offset: int) -> AddressRange:
-    values = profile.values
-    return values.function, values.address + offset + index * values.stride, values.format.registers
-
-
-def _fault_places(profile: ModbusProfile, index: int, offset: int) -> list[AddressRange]:
-    places: list[AddressRange] = []
-    if (bits := profile.fault_bits) is not None:
-        places.append((bits.function, bits.address + offset + index, 1))
-    if (status := profile.status) is not None:
-        places.append((status.function, status.register(index) + offset, 1))
-    return places
-
-
-def _places_of_type_codes(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> list[AddressRange]:
-    codes = profile.type_codes
-    if codes is None:
-        return []
-    return [(codes.function, codes.address + offset + index, 1) for index in channels.values()]
-
-
-def _places_of_settings(profile: ModbusProfile, offset: int) -> list[AddressRange]:
-    return [(setting.function, setting.address + offset, 1) for setting in profile.settings]
-
-
-def _holds(block: Block, place: AddressRange) -> bool:
-    function, address, width = place
-    return block.function == function and block.address <= address and address + width <= block.address + block.count
-
-
-def plan_blocks(places: Iterable[AddressRange], max_registers: int, max_gap: int) -> tuple[Block, ...]:
-    """The read requests that cover all places (function, address, width): as few as the device's limit allows.
-
-    Neighbours are joined over a gap of up to max_gap addresses: one request costs about as much as 8 registers.
-    """
-    blocks: list[Block] = []
-    for function, address, width in sorted(set(places)):
-        limit = _MOST_BITS if function in BIT_FUNCTIONS else max_registers
-        if blocks:
-            last = blocks[-1]
-            end = max(last.address + last.count, address + width)
-            gap = address - (last.address + last.count)
-            if last.function == function and gap <= max_gap and end - last.address <= limit:
-                blocks[-1] = Block(function, last.address, end - last.address)
-                continue
-        blocks.append(Block(function, address, width))
-    return tuple(blocks)
 
 
 def _implausible(rule: Plausibility | None, value: float, unit: str) -> Fault | None:

@@ -9,8 +9,12 @@ from typing import Literal
 Order = Literal["big", "little"]
 NumberType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 
+AddressRange = tuple[int, int, int]
+"""Function, address, width."""
+
 REGISTER_FUNCTIONS = (3, 4)
 BIT_FUNCTIONS = (1, 2)
+REGISTER_BITS = 16
 _FORMATS: Mapping[object, tuple[str, int]] = {
     "int16": ("h", 1),
     "uint16": ("H", 1),

@@ -1,47 +1,33 @@
-"""Modbus profiles: where a device's registers are, what they mean, and how it reports a broken sensor."""
+"""Modbus profiles: which numbers and bits of a device are its channels."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from drivers.faults import CodeRule, Fault, FaultText, check_code
+from drivers.faults import Fault
 from drivers.modbus.numbers import (
     BIT_FUNCTIONS,
+    REGISTER_BITS,
     REGISTER_FUNCTIONS,
+    AddressRange,
     NumberFormat,
     NumberType,
-    Order,
-    Span,
     registers_of,
 )
-from drivers.profile import DeviceProfile
+from drivers.modbus.tables import Address, Judged, RegisterFunction, Scaled
+from drivers.profile import DeviceProfile, Unit
 from drivers.section import Section, wrong
 
-_REGISTER_BITS = 16
+_MOST_CHANNELS = 1000
 
 
-def _of_registers(function: int) -> int:
-    if function not in REGISTER_FUNCTIONS:
-        raise ValueError(f"{function} does not read registers: expected 3 or 4")
-    return function
+class Values(Scaled):
+    """Where the measured values are, of a device whose channels are all alike. Channel i is at `address + i * stride`.
 
-
-def _of_bits(function: int) -> int:
-    if function not in BIT_FUNCTIONS:
-        raise ValueError(f"{function} does not read bits: expected 1 or 2")
-    return function
-
-
-Address = Annotated[int, Field(ge=0, le=65535)]
-"""Address of a register or bit, counted from 0."""
-RegisterFunction = Annotated[int, AfterValidator(_of_registers)]
-BitFunction = Annotated[int, AfterValidator(_of_bits)]
-
-
-class Values(Section):
-    """Where the measured values are. Channel i starts at `address + i * stride`."""
+    It is the short form of one `[[block]]`.
+    """
 
     function: RegisterFunction
     """Function code."""
@@ -49,81 +35,116 @@ class Values(Section):
     """Address of channel 0."""
     type: NumberType
     """How registers hold a number."""
-    byte_order: Order = "big"
-    """Order of the two bytes in a register; Modbus specifies big."""
-    word_order: Order = "big"
-    """Order of the registers of a 32-bit or 64-bit number; Modbus does not specify it, and vendors differ."""
     stride: int = Field(default_factory=lambda data: registers_of(data.get("type")), ge=1, le=1000)
     """Distance from one channel to the next; by default there is no gap."""
-    scale: float = 1.0
-    """Value = raw * scale + offset, unless the type code gives the scaling."""
-    offset: float = 0.0
-    """See scale."""
-    scaled_by: Literal["fixed", "type_code"] = "fixed"
-    """Whether scale and offset apply, or the scaling of each input's type code."""
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        if self.stride < (least := registers_of(self.type)):
+            raise wrong(f"{self.stride}: expected at least {least}, the registers of a {self.type}", "stride")
+        return self
+
+
+class ChannelBlock(Scaled, Judged):
+    """Channels of one kind: one function, type, scaling and unit. Addresses and status tables count its own channels.
+
+    The channels of a device are numbered through its blocks, in the order of the file.
+    """
+
+    function: int = Field(ge=1, le=4)
+    """Function code: 1 and 2 read bits, 3 and 4 registers."""
+    address: Address | None = None
+    """Address of the block's first channel; channel i is at `address + i * stride`."""
+    addresses: tuple[Address, ...] = Field(default=(), max_length=_MOST_CHANNELS)
+    """Instead of address, channels and stride: the address of each channel, where they are at irregular distances."""
+    count: int | None = Field(default=None, alias="channels", ge=1, le=_MOST_CHANNELS)
+    """Number of channels; 1 by default."""
+    type: NumberType | Literal["bit"]
+    """How registers hold a number, or `bit`: each channel is one bit, 0 or 1."""
+    stride: int | None = Field(default=None, ge=1, le=1000)
+    """Distance from one channel to the next, in registers, or in bits for type `bit`; by default there is no gap."""
+    bit: int | None = Field(default=None, ge=0, lt=REGISTER_BITS)
+    """Of type `bit` in registers: the first channel's bit, 0 is the lowest. Channels go on in the next register."""
+    unit: Unit = ""
+    """Unit of the block's channels; by default that of the profile."""
+
+    @model_validator(mode="after")
+    def _located(self) -> Self:
+        if self.address is None and not self.addresses:
+            raise wrong("missing; give it, or addresses", "address")
+        for field in ("address", "count", "stride"):
+            if self.addresses and (value := getattr(self, field)) is not None:
+                raise wrong(f"{value}: omit it, as addresses says it", "channels" if field == "count" else field)
+        return self
 
     @model_validator(mode="after")
     def _readable(self) -> Self:
-        if self.stride < (least := registers_of(self.type)):
-            raise wrong(f"{self.stride}: expected at least {least}, the registers of a {self.type}", "stride")
-        if self.scale == 0:
-            raise wrong("0 would make every value the same", "scale")
+        in_registers = self.function in REGISTER_FUNCTIONS
+        if not in_registers and self.type != "bit":
+            raise wrong(
+                f"'{self.type}' is of registers, but function {self.function} reads bits: expected 'bit'", "type"
+            )
+        if in_registers and self.type == "bit" and self.bit is None:
+            raise wrong("missing; which bit of the register is the first channel?", "bit")
+        if self.bit is not None and not (in_registers and self.type == "bit"):
+            raise wrong(f"{self.bit}: only for type 'bit' in registers, function 3 or 4", "bit")
+        if self.stride is not None and self.stride < self.width:
+            raise wrong(f"{self.stride}: expected at least {self.width}, the registers of a {self.type}", "stride")
+        self.check()
         return self
+
+    def check(self) -> None:
+        """For validators: raises an error for tables that do not fit the values."""
+        if self.scaled_by == "type_code" and self.type_codes is None:
+            raise wrong('missing; scaled_by = "type_code" needs this table', "type_code")
+        for number, sentinel in enumerate(self.sentinels):
+            if self._nearest(sentinel.raw) is None:
+                raise wrong(f"{sentinel.raw:g} cannot occur as {self.type}", "sentinel", number, "raw")
+        if self.status is not None:
+            self.status.check_for(self.channels)
 
     @property
-    def format(self) -> NumberFormat:
-        return NumberFormat(self.type, self.byte_order, self.word_order)
+    def channels(self) -> int:
+        """Number of channels."""
+        return len(self.addresses) or self.count or 1
 
+    @property
+    def width(self) -> int:
+        """How many registers, or bits, one channel takes."""
+        return 1 if self.type == "bit" else registers_of(self.type)
 
-class TypeCode(Section):
-    """What one code means: raw low and high correspond to low and high in the profile's unit."""
+    def place(self, index: int, offset: int) -> AddressRange:
+        """Where the value of the block's channel `index` is; offset: added to every address."""
+        if self.addresses:
+            return self.function, self.addresses[index] + offset, self.width
+        distance = index * (self.width if self.stride is None else self.stride)
+        if self.bit is not None:
+            distance = (self.bit + distance) // REGISTER_BITS
+        return self.function, (self.address or 0) + offset + distance, self.width
 
-    code: Address
-    """The number in the register."""
-    low: float
-    """Start of the input's range."""
-    high: float
-    """End of the input's range."""
-    raw_low: float | None = None
-    """None: the value for all codes."""
-    raw_high: float | None = None
-    """None: the value for all codes."""
-
-
-class TypeCodes(Section):
-    """Registers that state which sensor is connected and how it is scaled; checked at every connect."""
-
-    function: RegisterFunction
-    """Function code."""
-    address: Address
-    """Address of channel 0."""
-    raw_low: float = 0.0
-    """What the device sends at the start of an input's range."""
-    raw_high: float = 1.0
-    """What the device sends at the end of an input's range."""
-    codes: tuple[TypeCode, ...] = Field(alias="code", min_length=1)
-    """Every code that this profile can read."""
-
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        for number, entry in enumerate(self.codes):
-            span = self._span(entry)
-            if span.low >= span.high:
-                raise wrong(f"{span.low} is not below high = {span.high}", "code", number, "low")
-            if span.raw_low == span.raw_high:
-                what = f"{span.raw_low} is raw_high, too: every value would be the same"
-                raise wrong(what, "code", number, "raw_low")
-        return self
+    def raw(self, index: int, words: Sequence[int]) -> int | float:
+        """The number of the channel `index` in the words at its place."""
+        if self.bit is None:
+            return words[0] if self._format is None else self._format.decode(words)
+        distance = 0 if self.addresses else index * (self.stride or 1)
+        register = int(NumberFormat("uint16", self.byte_order).decode(words))
+        return register >> (self.bit + distance) % REGISTER_BITS & 1
 
     @cached_property
-    def spans(self) -> Mapping[int, Span]:
-        """Every code with its scaling."""
-        return {entry.code: self._span(entry) for entry in self.codes}
+    def sentinel_faults(self) -> Mapping[float, Fault]:
+        """What each sentinel means, by the number that replaces the value; of two equal ones the first counts."""
+        raws = ((self._nearest(sentinel.raw), sentinel.fault) for sentinel in reversed(self.sentinels))
+        return {raw: fault for raw, fault in raws if raw is not None}
 
-    def _span(self, entry: TypeCode) -> Span:
-        raw_low = self.raw_low if entry.raw_low is None else entry.raw_low
-        raw_high = self.raw_high if entry.raw_high is None else entry.raw_high
-        return Span(raw_low, raw_high, entry.low, entry.high)
+    @cached_property
+    def _format(self) -> NumberFormat | None:
+        """None: of a bit."""
+        return None if self.type == "bit" else NumberFormat(self.type, self.byte_order, self.word_order)
+
+    def _nearest(self, number: float) -> int | float | None:
+        if self._format is not None:
+            return self._format.nearest(number)
+        return int(number) if number in (0, 1) else None
 
 
 class Setting(Section):
@@ -150,151 +171,77 @@ class Setting(Section):
         return self
 
 
-class FaultBits(FaultText):
-    """One bit per channel, from `address` on, set when the device detects a broken sensor."""
-
-    function: BitFunction
-    """Function code."""
-    address: Address
-    """Address of channel 0."""
+def _one_table(value: object) -> object:
+    if isinstance(value, list):
+        raise wrong("expected one table; a device with several kinds of values has a [[block]] for each")
+    return value
 
 
-class StatusRegister(Section):
-    """Registers that hold each sensor's state as a number or bits, one for each channel or one for several."""
-
-    function: RegisterFunction
-    """Function code."""
-    address: Address
-    """Address of the first register."""
-    stride: int = Field(default=1, ge=1, le=1000)
-    """Distance from one status register to the next."""
-    channels_per_register: int = Field(default=1, ge=1, le=_REGISTER_BITS)
-    """Channels that share a register."""
-    bit_stride: int = Field(default=0, ge=0, lt=_REGISTER_BITS)
-    """Number of bits from one channel's status to the next channel's in the same register."""
-    mask: int | None = Field(default=None, ge=1, le=0xFFFF)
-    """The bits of the first channel's status; others are ignored. None: as many as each channel has."""
-    good: tuple[int, ...] = (0,)
-    """Numbers that mean a sensor in order."""
-    rules: tuple[CodeRule, ...] = Field(default=(), alias="rule")
-    """Rules for the other numbers, the most specific first."""
-
-    @model_validator(mode="after")
-    def _possible(self) -> Self:
-        shared = self.channels_per_register > 1
-        if shared and not self.bit_stride:
-            what = f"missing; {self.channels_per_register} channels share a register, {_REGISTER_BITS} bits"
-            raise wrong(what, "bit_stride")
-        if self.bit_stride and not shared:
-            raise wrong(f"{self.bit_stride}: only where channels_per_register is more than 1", "bit_stride")
-        if never := [code for code in self.good if code & ~self.bits]:
-            what = f"{never[0]} can never occur; only bits within mask = 0x{self.bits:X} are tested"
-            raise wrong(what, "good")
-        for number, rule in enumerate(self.rules):
-            check_code(rule, self.bits, "rule", number)
-        return self
-
-    @property
-    def bits(self) -> int:
-        """The mask in effect."""
-        if self.mask is not None:
-            return self.mask
-        return (1 << self.bit_stride) - 1 if self.bit_stride else 0xFFFF
-
-    def register(self, channel: int) -> int:
-        """Address of the register that holds the channel's status."""
-        return self.address + channel // self.channels_per_register * self.stride
-
-    def code(self, channel: int, register: int) -> int:
-        """The channel's status from that register, shifted as if the channel were the register's first."""
-        return register >> channel % self.channels_per_register * self.bit_stride & self.bits
-
-
-class Sentinel(FaultText):
-    """A raw number that the device sends instead of a value."""
-
-    raw: float
-    """The number."""
-
-
-class Plausibility(Section):
-    """For devices that do not report faults: a value outside, or one changing faster than physics allows, is doubtful.
-
-    This is only a guess: an open input may still show a plausible number.
-    """
-
-    low: float
-    """Lowest plausible value."""
-    high: float
-    """Highest plausible value."""
-    open_input_low: float | None = None
-    """Lowest value that this device is known to show with an open input."""
-    open_input_high: float | None = None
-    """Highest value that this device is known to show with an open input."""
-
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        if self.low >= self.high:
-            raise wrong(f"{self.low} is not below high = {self.high}", "low")
-        if (self.open_input_low is None) != (self.open_input_high is None):
-            absent, other = ("low", "high") if self.open_input_low is None else ("high", "low")
-            raise wrong(f"missing; open_input_{other} needs it", f"open_input_{absent}")
-        if self.suspicious is not None and self.suspicious[0] > self.suspicious[1]:
-            what = f"{self.suspicious[0]} is above open_input_high = {self.suspicious[1]}"
-            raise wrong(what, "open_input_low")
-        return self
-
-    @property
-    def suspicious(self) -> tuple[float, float] | None:
-        """Values (low, high) that this device is known to show with an open input."""
-        if self.open_input_low is None or self.open_input_high is None:
-            return None
-        return self.open_input_low, self.open_input_high
-
-
-class ModbusProfile(DeviceProfile):
-    """A Modbus device with identical channels."""
+class ModbusProfile(DeviceProfile, Judged):
+    """A Modbus device: `[value]` if its channels are all alike, otherwise a `[[block]]` for each kind."""
 
     protocol: Literal["modbus"]
     """`modbus`."""
+    unit: Unit = ""
+    """Unit of every channel whose block does not state another."""
     buses: tuple[Literal["modbus_rtu", "modbus_tcp"], ...]
     """Kinds of bus that the device can be on."""
-    channels: int = Field(ge=1, le=1000)
-    """Number of inputs."""
+    count: int | None = Field(default=None, alias="channels", ge=1, le=_MOST_CHANNELS)
+    """Number of inputs, with `[value]`."""
     max_registers: int = Field(default=125, ge=1, le=125)
     """The most registers that the device returns in one answer."""
     max_gap: int = Field(default=8, ge=0, le=125)
     """The most unused addresses to read in order to save a request; 0 for a device that refuses them."""
-    values: Values = Field(alias="value")
+    values: Annotated[Values | None, BeforeValidator(_one_table)] = Field(default=None, alias="value")
+    own_blocks: tuple[ChannelBlock, ...] = Field(default=(), alias="block")
     settings: tuple[Setting, ...] = Field(default=(), alias="setting")
-    type_codes: TypeCodes | None = Field(default=None, alias="type_code")
-    fault_bits: FaultBits | None = None
-    status: StatusRegister | None = None
-    sentinels: tuple[Sentinel, ...] = Field(default=(), alias="sentinel")
-    plausibility: Plausibility | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.values is None and not self.own_blocks:
+            raise wrong("missing; give it, or a [[block]] for each kind of value", "value")
+        if self.values is not None and self.own_blocks:
+            raise wrong("omit it where there is a [[block]]; write its values as another [[block]]", "value")
+        if self.values is not None and self.count is None:
+            raise wrong("missing; it has no default", "channels")
+        for field in ("count", *Judged.model_fields):
+            if self.own_blocks and field in self.model_fields_set:
+                key = type(self).model_fields[field].alias or field
+                raise wrong("with [[block]], each block has its own", key)
+        for number, block in enumerate(self.own_blocks):
+            if not (self.unit or block.unit):
+                raise wrong("missing; give it here or for the whole profile", "block", number, "unit")
+        if self.values is not None and not self.unit:
+            raise wrong("missing; it has no default", "unit")
+        return self
 
     @model_validator(mode="after")
     def _fitting(self) -> Self:
-        form = self.values.format
-        if self.values.scaled_by == "type_code" and self.type_codes is None:
-            raise wrong('missing; value.scaled_by = "type_code" needs this table', "type_code")
-        if form.registers > self.max_registers:
-            what = f"{self.max_registers}, but a {form.type} takes {form.registers} registers"
-            raise wrong(what, "max_registers")
-        for number, sentinel in enumerate(self.sentinels):
-            if form.nearest(sentinel.raw) is None:
-                raise wrong(f"{sentinel.raw:g} cannot occur as {form.type}", "sentinel", number, "raw")
-        if (status := self.status) is not None:
-            last = min(status.channels_per_register, self.channels) - 1
-            highest = status.bits.bit_length() - 1 + last * status.bit_stride
-            if highest >= _REGISTER_BITS:
-                what = f"{status.bit_stride} puts the status of channel {last} at bit {highest}; a register ends at 15"
-                raise wrong(what, "status", "bit_stride")
+        if self.values is not None:
+            self.blocks[0].check()
+        for block in self.blocks:
+            if block.width > self.max_registers:
+                what = f"{self.max_registers}, but a {block.type} takes {block.width} registers"
+                raise wrong(what, "max_registers")
         return self
 
     @cached_property
-    def sentinel_faults(self) -> Mapping[float, Fault]:
-        """What each sentinel means, by the number that replaces the value; of two equal ones the first counts."""
-        form = self.values.format
-        raws = ((form.nearest(sentinel.raw), sentinel.fault) for sentinel in reversed(self.sentinels))
-        return {raw: fault for raw, fault in raws if raw is not None}
+    def blocks(self) -> tuple[ChannelBlock, ...]:
+        """The blocks, of which `[value]` is the short form."""
+        if self.values is None:
+            return self.own_blocks
+        tables = {name: getattr(self, name) for name in Judged.model_fields}
+        return (ChannelBlock.model_construct(count=self.count, unit=self.unit, **dict(self.values), **tables),)
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return sum(block.channels for block in self.blocks)
+
+    def channel(self, number: int) -> tuple[ChannelBlock, int]:
+        """The block of this channel, and its place among the block's channels. Raises IndexError."""
+        for block in self.blocks:
+            if number < block.channels:
+                return block, number
+            number -= block.channels
+        raise IndexError(f"{self.name} has {self.channels} channels")

@@ -16,6 +16,7 @@ _EXCEPTIONS = {
 }
 _TARGET_SILENT = (10, 11)
 _ILLEGAL_ADDRESS = 2
+_ABSENT = (1, _ILLEGAL_ADDRESS)
 _IN_MANUALS = {4: (30001, 39999), 3: (40001, 49999)}
 """How manuals number the registers that each function reads, in five digits: the first and the last one."""
 
@@ -27,7 +28,7 @@ def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnsw
     if code in _TARGET_SILENT:
         return NoAnswer(f"{what}exception {code}: {meaning}", bus=bus, device=device)
     hint = (code == _ILLEGAL_ADDRESS and _as_in_manuals(block)) or "does the profile fit the device?"
-    return Refused(f"{what}exception {code}: {meaning}", bus=bus, device=device, hint=hint)
+    return Refused(f"{what}exception {code}: {meaning}", absent=code in _ABSENT, bus=bus, device=device, hint=hint)
 
 
 def _as_in_manuals(block: Block) -> str:

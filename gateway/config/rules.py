@@ -144,9 +144,11 @@ def _addresses(config: GatewayConfig) -> Iterator[Problem]:
         if buses[device.bus].startswith("modbus"):  # one unit may be several devices: registers of different profiles
             address += device.profile, *sorted(device.options.items())
         if address in first:
+            modbus = buses[device.bus].startswith("modbus")
+            more = "; add the channels there, or a [[block]] to its profile" if modbus else ""
             yield Problem(
                 f"device '{device.name}', unit",
-                f"{device.unit} on bus '{device.bus}' is already device '{first[address]}'",
+                f"{device.unit} on bus '{device.bus}' is already device '{first[address]}'{more}",
             )
         first.setdefault(address, device.name)
 

@@ -84,4 +84,7 @@ async def read_inputs(bus: Bus, unit: int, what: Recognition) -> str:
         return f"{type(answer.error).__name__}: {answer.error.what}"
     if answer.took_s is None:
         return answer.readings[0].detail
-    return " ".join(reading_text(reading) for reading in answer.readings) + f" {answer.readings[0].unit}"
+    units = [reading.unit for reading in answer.readings]
+    if len(set(units)) > 1:
+        return ", ".join(f"{reading_text(r)} {r.unit}" for r in answer.readings)
+    return " ".join(map(reading_text, answer.readings)) + f" {units[0]}"

@@ -74,6 +74,7 @@ def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
     assert channels == {
         "Somebody's logger": 1,
         "Somebody's eight-input module": 8,
+        "Somebody's energy meter": 11,
         "CANopen measuring device, CiA 404": 8,
     }
 

@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.modbus.device import plan_blocks
 from drivers.modbus.numbers import Block
+from drivers.modbus.plan import plan_blocks
 
 
 def test_neighbours_are_read_at_once() -> None:

@@ -82,6 +82,54 @@ async def test_adam6015_over_tcp(tcp: Bus) -> None:
         assert qualities(readings) == [Quality.GOOD] * 5 + [Quality.OUT_OF_RANGE, Quality.SENSOR_FAULT]
 
 
+BLOCKS = """
+protocol = "modbus"
+title = "What the slave has in its four tables, and an input register that it lacks"
+buses = ["modbus_rtu", "modbus_tcp"]
+unit = "1"
+[[block]]
+function = 4
+address = 0
+channels = 7
+type = "int16"
+scale = 0.1
+unit = "degC"
+[[block]]
+function = 2
+address = 131
+channels = 3
+type = "bit"
+[[block]]
+function = 1
+address = 268
+type = "bit"
+[[block]]
+function = 3
+addresses = [3, 256]
+type = "uint16"
+[[block]]
+function = 3
+address = 4
+type = "uint32"
+"""
+
+
+async def test_four_tables_of_one_unit_with_an_address_that_it_lacks(rtu: Bus, tcp: Bus, tmp_path: Path) -> None:
+    path = tmp_path / "blocks.toml"
+    path.write_text(BLOCKS, encoding="utf-8")
+    channels = {f"c{i}": i for i in range(14)}
+    for bus, unit in ((rtu, 3), (tcp, 1)):
+        driver = make_device("all", bus, str(path), unit, channels, {}, SystemClock())
+        await driver.connect()
+        for _ in range(3):
+            *temperatures, lacking, before, open_input, after, coil, count, code, wide = await driver.read()
+            assert [r.value for r in temperatures] == pytest.approx([20.0, 21.3, -3.3, 40.0, 3276.7, 22.2])
+            assert lacking.quality is Quality.COMM_FAULT
+            assert "function 4, address 6, count 1 with exception 2" in lacking.detail
+            assert [r.value for r in (before, open_input, after, coil, count, code)] == [0, 1, 0, 1, 1, 0x2E]
+            assert wide.value == 0xFFFEFFFF
+
+
 async def test_absent_unit_is_reported(rtu: Bus) -> None:
     """Its neighbour is not asked here: libmodbus takes the request after a foreign one for the foreign answer."""
     absent = make_device("absent", rtu, "icpdas_m7015", 4, {"a": 0}, {}, SystemClock())

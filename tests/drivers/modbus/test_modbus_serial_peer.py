@@ -86,6 +86,36 @@ async def test_adam6015(bus: Bus) -> None:
         assert [r.quality for r in readings] == [Quality.GOOD] * 5 + [Quality.OUT_OF_RANGE, Quality.SENSOR_FAULT]
 
 
+BLOCKS = """
+protocol = "modbus"
+title = "Counts and coils of the module, and a type code where it has none"
+buses = ["modbus_tcp"]
+unit = "1"
+[[block]]
+function = 3
+addresses = [0, 1, 200, 230]
+type = "uint16"
+[[block]]
+function = 1
+address = 124
+channels = 4
+type = "bit"
+"""
+
+
+async def test_registers_and_coils_with_addresses_that_it_lacks(bus: Bus, tmp_path: Path) -> None:
+    path = tmp_path / "blocks.toml"
+    path.write_text(BLOCKS, encoding="utf-8")
+    driver = make_device("all", bus, str(path), 1, {f"c{i}": i for i in range(8)}, {}, SystemClock())
+    await driver.connect()
+    for _ in range(3):
+        readings = await driver.read()
+        good = [r.value for r in readings if r.quality is Quality.GOOD]
+        assert good == [0x8000, 0x4000, 0x03A4, 0, 0, 1]
+        lacking = [r.detail for r in readings if r.quality is Quality.COMM_FAULT]
+        assert ["address 230, count 1" in lacking[0], "address 127, count 1" in lacking[1]] == [True, True]
+
+
 async def test_coupler_with_status_before_each_value(bus: Bus) -> None:
     driver = make_device("rtd", bus, "wago_750_464", 2, {f"c{i}": i for i in range(4)}, {}, SystemClock())
     await driver.connect()

@@ -1,0 +1,125 @@
+"""The read requests for a device's registers and bits, also when the device refuses some of them."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
+
+from drivers.base import Refused
+from drivers.modbus.numbers import BIT_FUNCTIONS, AddressRange, Block
+
+_MOST_BITS = 2000
+
+
+class ReadPlan:
+    """The requests that cover some places, and the places that the unit refuses.
+
+    A refused request is divided until each refused place is known. What is left of it is then joined again, so that a
+    wrong address costs requests only once.
+
+    Parameters
+    ----------
+    places: what is to be read
+    max_registers, max_gap: as in `plan_blocks`
+    """
+
+    def __init__(self, places: Iterable[AddressRange], max_registers: int, max_gap: int) -> None:
+        self._places = sorted(set(places))
+        self._max_registers = max_registers
+        self._whole = plan_blocks(self._places, max_registers, max_gap)
+        self.reset()
+
+    def reset(self) -> None:
+        """Ask for every place again."""
+        self.requests: list[Block] = list(self._whole)
+        self.refused: dict[AddressRange, Refused] = {}
+        self._error: Refused | None = None
+        self._divided: set[AddressRange] = set()
+        self._joined = False
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether the unit refuses all of it."""
+        return self._error is not None and not self.requests
+
+    @property
+    def test(self) -> Block:
+        """A request that shows whether the unit answers."""
+        return self._whole[0]
+
+    @property
+    def error(self) -> Refused:
+        """How the first request was refused. Raises ValueError if none was."""
+        if self._error is None:
+            raise ValueError("nothing was refused")
+        return self._error
+
+    def divide(self, request: Block, error: Refused) -> None:
+        """The unit refuses this one of the requests: ask for its parts instead, unless it is a single place."""
+        self._error = self._error or error
+        inside = [place for place in self._places if holds(request, place) and place not in self.refused]
+        self._divided.update(inside)
+        at = self.requests.index(request)
+        if len(inside) == 1:
+            self.refused[inside[0]] = error
+            del self.requests[at]
+            return
+        gaps = [later[1] - (earlier[1] + earlier[2]) for earlier, later in pairwise(inside)]
+        middle = gaps.index(max(gaps)) + 1 if max(gaps) > 0 else len(inside) // 2
+        self.requests[at : at + 1] = [_cover(inside[:middle]), _cover(inside[middle:])]
+
+    def join(self) -> None:
+        """All requests are answered: next time ask for neighbouring parts at once.
+
+        Only the first time: if the unit refuses that, too, the parts stay as they are.
+        """
+        if not self._divided or self._joined:
+            return
+        self._joined = True
+        parts = {place for place in self._divided if place not in self.refused}
+        kept = [r for r in self.requests if not any(holds(r, place) for place in parts)]
+        joined = plan_blocks(parts, self._max_registers, 0)
+        self.requests = sorted((*kept, *joined), key=lambda block: (block.function, block.address))
+
+    def read_together(self, one: AddressRange, other: AddressRange) -> bool:
+        """Whether one request covers both places."""
+        return any(holds(request, one) and holds(request, other) for request in self.requests)
+
+
+def plan_blocks(places: Iterable[AddressRange], max_registers: int, max_gap: int) -> tuple[Block, ...]:
+    """The read requests that cover all places (function, address, width): as few as the device's limit allows.
+
+    Neighbours are joined over a gap of up to max_gap addresses: one request costs about as much as 8 registers.
+    """
+    blocks: list[Block] = []
+    for function, address, width in sorted(set(places)):
+        limit = _MOST_BITS if function in BIT_FUNCTIONS else max_registers
+        if blocks:
+            last = blocks[-1]
+            end = max(last.address + last.count, address + width)
+            gap = address - (last.address + last.count)
+            if last.function == function and gap <= max_gap and end - last.address <= limit:
+                blocks[-1] = Block(function, last.address, end - last.address)
+                continue
+        blocks.append(Block(function, address, width))
+    return tuple(blocks)
+
+
+def holds(block: Block, place: AddressRange) -> bool:
+    """Whether the request reads all of the place."""
+    function, address, width = place
+    return block.function == function and block.address <= address and address + width <= block.address + block.count
+
+
+def words_of(requests: Iterable[Block], answers: Iterable[Sequence[int]]) -> Mapping[tuple[int, int], int]:
+    """Registers and bits by function and address."""
+    return dict(_words(requests, answers))
+
+
+def _words(requests: Iterable[Block], answers: Iterable[Sequence[int]]) -> Iterator[tuple[tuple[int, int], int]]:
+    for block, answer in zip(requests, answers, strict=True):
+        for address, word in enumerate(answer, start=block.address):
+            yield (block.function, address), word
+
+
+def _cover(places: Sequence[AddressRange]) -> Block:
+    function, first, _ = places[0]
+    return Block(function, first, max(address + width for _, address, width in places) - first)
