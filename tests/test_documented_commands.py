@@ -28,6 +28,7 @@ RUN_BY = {
     "db stats": "tests/gateway/cli/test_db.py",
     "demo": "tests/system/test_demo.py",
     "doctor": "tests/gateway/cli/test_doctor.py",
+    "init": "tests/gateway/cli/test_init.py",
     "play": "tests/gateway/recordings/test_record_commands.py",
     "prior make": "tests/gateway/test_prior.py",
     "probe": "tests/benches/wiring_faults.py",

@@ -59,6 +59,25 @@ def read_config(path: Path) -> GatewayConfig:
 
 @main.command()
 @ConfigPath
+@click.option("--answers", type=click.Path(exists=True, dir_okay=False, path_type=Path),
+              help="TOML file with the answers: nothing is asked (docs/wiring.md).")  # fmt: skip
+@click.option("--limit", type=click.FloatRange(min=1), default=600.0, show_default=True,
+              help="Scan each wire at most this many seconds.")  # fmt: skip
+def init(config: Path, answers: Path | None, limit: float) -> None:
+    """Write a first CONFIG: ask what no scan can tell, find the devices, arm nothing.
+
+    \b
+    Asks for the machine's name, wires and control, scans the wires (reads only), and writes a commented file that
+    `check` accepts. Lines that hold a guess say CONFIRM, and are listed. An existing file is never changed: `scan
+    --toml` adds to it.
+    """
+    from gateway.cli.init import init as begin
+
+    sys.exit(begin(config, answers, limit))
+
+
+@main.command()
+@ConfigPath
 def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
     from gateway.cli.opening import armed, contents

@@ -38,9 +38,11 @@ from gateway.scan import Progress as Told
 ScanRun = Callable[[Told, Stopped, bool], Awaitable[ScanReport]]
 """A scan; the argument says whether a report's question was answered with yes."""
 
-_BAUDS = (9600, 19200, 38400, 57600, 115200)
-_ME_BAUDS = (230_400, 256_000)
-_BITRATES = (125_000, 250_000, 500_000, 1_000_000)
+BAUDS = (9600, 19200, 38400, 57600, 115200)
+ME_BAUDS = (230_400, 256_000)
+BITRATES = (125_000, 250_000, 500_000, 1_000_000)
+SERIAL_TIMEOUT_S, TCP_TIMEOUT_S, CAN_TIMEOUT_S, LISTEN_S = 0.15, 1.0, 0.3, 3.0
+LIMIT_S = 600.0
 _Baud = click.IntRange(SLOWEST_BAUD, FASTEST_BAUD)
 _EXIT_NOTHING = 3
 
@@ -88,7 +90,7 @@ Toml = click.option(
     help="Write a configuration for the devices found, or, after a question, add to one. -: standard output.",
 )  # fmt: skip
 Limit = click.option(
-    "--limit", type=click.FloatRange(min=1), default=600.0, show_default=True, help="Stop after this many seconds."
+    "--limit", type=click.FloatRange(min=1), default=LIMIT_S, show_default=True, help="Stop after this many seconds."
 )
 Yes = click.option("--yes", is_flag=True, help="Answer every question with yes.")
 
@@ -117,19 +119,19 @@ def ports_command() -> None:
 
 @scan.command("serial")
 @click.argument("port")
-@click.option("--baud", "bauds", type=_Baud, multiple=True, default=_BAUDS, show_default=True,
+@click.option("--baud", "bauds", type=_Baud, multiple=True, default=BAUDS, show_default=True,
               help="Speed to try; may be given several times.")  # fmt: skip
 @click.option(
     "--parity", "parities", type=click.Choice(["N", "E", "O"]), multiple=True, default=("N",), show_default=True
 )
 @click.option("--units", type=Numbers(1, 247), default="1-32", show_default=True, help="Modbus unit ids to ask.")
-@click.option("--me-baud", "me_bauds", type=_Baud, multiple=True, default=_ME_BAUDS,
+@click.option("--me-baud", "me_bauds", type=_Baud, multiple=True, default=ME_BAUDS,
               show_default=True, help="Speeds at which Micro-Epsilon sensors are asked, parity N and E.")  # fmt: skip
 @click.option("--me-addresses", type=Numbers(2, 126), default="126", show_default=True)
 @click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
 @click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
               help="Function code for reading; some simple units support only 4 and do not refuse 3.")  # fmt: skip
-@click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 5), default=0.15, show_default=True,
+@click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 5), default=SERIAL_TIMEOUT_S, show_default=True,
               help="Seconds that a unit may take to answer.")  # fmt: skip
 @Limit
 @Toml
@@ -163,7 +165,7 @@ def serial_command(
     "--timeout",
     "timeout_s",
     type=click.FloatRange(0.01, 60),
-    default=1.0,
+    default=TCP_TIMEOUT_S,
     show_default=True,
     help="Seconds to wait for an answer.",
 )
@@ -194,15 +196,15 @@ def tcp_command(
 @click.argument("channel")
 @click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
 @click.option("--bitrate", "bitrates", type=click.Choice(CAN_BITRATES),
-              multiple=True, help=f"Bit rates to try on slcan. Default: {', '.join(map(str, _BITRATES))}.")  # fmt: skip
+              multiple=True, help=f"Bit rates to try on slcan. Default: {', '.join(map(str, BITRATES))}.")  # fmt: skip
 @click.option("--nodes", type=Numbers(1, 127), default="1-127", show_default=True, help="CANopen nodes to ask.")
-@click.option("--listen", "listen_s", type=click.FloatRange(0, 3600), default=3.0, show_default=True,
+@click.option("--listen", "listen_s", type=click.FloatRange(0, 3600), default=LISTEN_S, show_default=True,
               help="Listen this many seconds before asking.")  # fmt: skip
 @click.option(
     "--timeout",
     "timeout_s",
     type=click.FloatRange(0.01, 5),
-    default=0.3,
+    default=CAN_TIMEOUT_S,
     show_default=True,
     help="Seconds to wait for an answer.",
 )
@@ -223,7 +225,7 @@ def can_command(
     """
     if len(bitrates) > 1 and interface != "slcan":
         raise click.UsageError(f"--bitrate: the rate of {interface} cannot be changed here; give one rate, or none")
-    rates = bitrates or (_BITRATES if interface == "slcan" else (125_000,))
+    rates = bitrates or (BITRATES if interface == "slcan" else (125_000,))
     place: dict[str, object] = {"interface": interface, "channel": channel, "bitrate": rates[0], "port": udp_port}
     settings = read_settings(CanOpenSettings, place)
     what = CanScan(settings, rates, nodes, listen_s, timeout_s)
@@ -243,19 +245,23 @@ def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path |
     said.print(f"{intro}; at most {_duration(longest_s)} if nothing answers", soft_wrap=True, highlight=False)
     if longest_s > limit_s:
         said.print(f"it will be stopped after {_duration(limit_s)}; name fewer speeds or units, or raise --limit")
-    report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, yes)))
-    if report.question and _agreed(report.question):
-        report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, True)))
+    report, ended = find(said, total, limit_s, run, yes)
     console = terminal(stderr=str(toml) == "-")  # only the configuration goes to a pipe
-    _print(console, report)
-    if ended:
-        console.print(f"{ended}: {report.asked} of {report.total} asked", style="yellow")
+    print_report(console, report, ended)
     if toml is not None:
         if any(device.what.profile for device in report.found):
             _write(toml, report, yes)
         else:
             click.echo(f"nothing was recognised; {toml} was not written", err=True)
     sys.exit(0 if report.found else _EXIT_NOTHING)
+
+
+def find(said: Console, total: int, limit_s: float, run: ScanRun, yes: bool) -> tuple[ScanReport, str]:
+    """The report of a scan, after its question if it has one; and the reason if it ended early."""
+    report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, yes)))
+    if report.question and _agreed(report.question):
+        report, ended = asyncio.run(_run(said, total, limit_s, lambda p, s: run(p, s, True)))
+    return report, ended
 
 
 def _existing(toml: Path | None) -> None:
@@ -296,7 +302,8 @@ async def _run(
     return report, f"stopped after {_duration(limit_s)}" if loop.time() > deadline else ""
 
 
-def _print(console: Console, report: ScanReport) -> None:
+def print_report(console: Console, report: ScanReport, ended: str) -> None:
+    """A table of each place, remarks, and the counts."""
     for place in report.places:
         table = Table(
             "unit", "profile", "inputs", "evidence, and what they read", title=place.title, title_justify="left"
@@ -312,6 +319,8 @@ def _print(console: Console, report: ScanReport) -> None:
         console.print(f"- {remark}", highlight=False, soft_wrap=True)
     known = sum(bool(device.what.profile) for device in report.found)
     console.print(f"{len(report.found)} answered, {known} recognised")
+    if ended:
+        console.print(f"{ended}: {report.asked} of {report.total} asked", style="yellow")
 
 
 def _write(path: Path, report: ScanReport, yes: bool) -> None:

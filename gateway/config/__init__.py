@@ -11,7 +11,8 @@ from gateway.config.buses import (
 )
 from gateway.config.consequences import unarmed
 from gateway.config.controls import LinuxCncNc, Nc, SinumerikNc
-from gateway.config.file import draft, load, parse, read
+from gateway.config.fields import Name
+from gateway.config.file import draft, load, parse, read, read_as
 from gateway.config.model import Channel, GatewayConfig, validate
 from gateway.config.packed import packed_toml, unpacked
 from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
@@ -34,6 +35,7 @@ __all__ = [
     "ModbusRtuSection",
     "ModbusRtuTcpSection",
     "ModbusTcpSection",
+    "Name",
     "Nc",
     "PriorError",
     "PriorFile",
@@ -54,6 +56,7 @@ __all__ = [
     "place",
     "prior_for",
     "read",
+    "read_as",
     "shown",
     "suggestion",
     "toml_value",

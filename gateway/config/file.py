@@ -3,6 +3,9 @@
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel
 
 from drivers.base import SetupError
 from drivers.profiles import UserProfile, is_users, user_profile
@@ -11,6 +14,8 @@ from gateway.config.prior import PriorError, prior_for
 from gateway.config.problems import ConfigError, Problem, read_sections
 from gateway.config.rules import problems_between
 from talc.presets import completed
+
+M = TypeVar("M", bound=BaseModel)
 
 
 def load(path: Path) -> GatewayConfig:
@@ -44,6 +49,11 @@ def parse(text: str, path: Path) -> GatewayConfig:
 def draft(text: str, path: Path) -> GatewayConfig:
     """The content of a text so far: each field is valid, but they need not fit together. Raises ConfigError."""
     return _validated(data_of(text, path), path)
+
+
+def read_as(kind: type[M], path: Path) -> M:
+    """What a TOML file of another kind than a configuration holds. Raises ConfigError with every problem found."""
+    return read_sections(kind, data_of(read(path), path), path)
 
 
 def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:

@@ -18,6 +18,8 @@ _BUS_NAMES = {
     "me_rs485": "growth_line",
     "me_ethernet": "eddy",
 }
+CONFIRM = "CONFIRM"
+"""Marks a comment beside a guess, which a person must put right."""
 _UNIT_NAMES = {"degC": "rtd", "µm": "growth"}
 
 
@@ -144,7 +146,7 @@ def _device(bus: str, device: Found, names: _Names) -> str:
     what = device.what
     profile = load_profile(what.profile)
     name = names.free(_UNIT_NAMES.get(profile.unit, "device"))
-    lines = _comments([f"{profile.title}; {what.evidence}", *(f"CHECK {doubt}" for doubt in what.doubts)])
+    lines = _comments([f"{profile.title}; {what.evidence}", *(f"{CONFIRM}: {doubt}" for doubt in what.doubts)])
     if device.reads:
         lines += _comments([f"when found: {device.reads}"])
     lines += [
@@ -156,7 +158,10 @@ def _device(bus: str, device: Found, names: _Names) -> str:
     lines += [f"unit = {device.unit}"]
     if what.options:
         lines += ["[device.options]", *(f"{key} = {toml_value(value)}" for key, value in what.options.items())]
-    lines += ["[device.channels]", *(f"{name}_in{number} = {number}" for number in what.inputs)]
+    lines += [
+        f"[device.channels]  # {CONFIRM}: a name for each input, such as bed_front_left",
+        *(f"{name}_in{number} = {number}" for number in what.inputs),
+    ]
     return "\n".join(lines)
 
 

@@ -1,0 +1,147 @@
+"""The first configuration of a machine: what its integrator answers, and what a scan found."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD
+from drivers.section import NotEmpty, Section, matching
+from gateway.config import Name, parse, read_as, toml_value
+from gateway.scan.found import Place
+from gateway.scan.fragment import CONFIRM, merged
+
+Host = Annotated[str, matching(r"[^:\s]+(:\d{1,5})?", "host, or host:port")]
+
+
+class SinumerikAnswers(Section):
+    """Where the SINUMERIK is, and who the gateway is to it."""
+
+    kind: Literal["sinumerik"]
+    url: NotEmpty = "opc.tcp://192.168.214.1:4840"
+    """Endpoint of the control's OPC UA server."""
+    user: str = "talc"
+    """OPC UA user; empty: none, the certificate alone identifies the gateway."""
+    folder: NotEmpty = "/etc/talc-gateway"
+    """Folder of the password, certificates and key that you make."""
+
+
+class LinuxCncAnswers(Section):
+    """Where LinuxCNC's agent is."""
+
+    kind: Literal["linuxcnc"]
+    host: NotEmpty = "127.0.0.1"
+    """Host of the agent."""
+    key_file: NotEmpty = "talc.key"
+    """A copy of the agent's key; a relative path starts at the configuration's folder."""
+
+
+class Answers(Section):
+    """What only the integrator knows. The file of `init --answers` holds the same keys."""
+
+    machine: Name
+    """Name of the machine; the second part of every published key."""
+    serial: tuple[NotEmpty, ...] = ()
+    """Serial ports to scan."""
+    bauds: tuple[Annotated[int, Field(ge=SLOWEST_BAUD, le=FASTEST_BAUD)], ...] = ()
+    """Speeds to try on them; none: the usual ones."""
+    can: tuple[NotEmpty, ...] = ()
+    """CAN interfaces to scan."""
+    hosts: tuple[Host, ...] = ()
+    """Modbus TCP devices and Micro-Epsilon controllers to ask: host, or host:port."""
+    control: Annotated[SinumerikAnswers | LinuxCncAnswers, Field(discriminator="kind")] | None = None
+    """The numerical control; none: the gateway reads, stores and publishes."""
+
+
+def read_answers(path: Path) -> Answers:
+    """The answers in a TOML file. Raises ConfigError with every problem found."""
+    return read_as(Answers, path)
+
+
+def first_configuration(answers: Answers, places: Sequence[Place], path: Path) -> str:
+    """Text of a whole configuration that `check` accepts: everything that was found, nothing armed.
+
+    Each line that holds a guess says CONFIRM and how to do so. Raises ConfigError: nothing was found that has a profile
+    (there is nothing to learn from), or an answer is invalid in a configuration.
+    """
+    text = merged(_HEAD.format(name=toml_value(answers.machine)), places, path)
+    if answers.control is not None:
+        text += "\n" + _control(answers.control)
+    parse(text, path)
+    return text
+
+
+def to_confirm(text: str) -> list[tuple[int, str]]:
+    """Number of each line that holds a guess, and what to confirm."""
+    found = ((number, _CONFIRMED.search(line)) for number, line in enumerate(text.splitlines(), start=1))
+    return [(number, match[1]) for number, match in found if match]
+
+
+_CONFIRMED = re.compile(rf"#.*\b{CONFIRM}: (.*)")
+
+_HEAD = """\
+# Written by `talc-gateway init`. A line that says CONFIRM holds a guess: put it right and delete the comment. Nothing
+# is written to the control until the two lines marked ARM say so (docs/arming.md).
+
+[machine]
+name = {name}
+
+[telemetry]
+listen = ["tcp/127.0.0.1:7447"]    # this computer only"""
+
+_STATES = "# Machine states that models may use as inputs.\n" + "\n".join(
+    f'[[state]]\nname = "{name}"' for name in ("spindle_speed", "speed_X", "speed_Y", "speed_Z", "speed_A", "speed_C")
+)
+
+_PROBING = """\
+[probing]
+armed = false                      # ARM: true lets the gateway ask for probing cycles
+poses_deg = [[0, 0], [0, 90], [0, 180], [0, 270], [90, 0], [-90, 0]]  # {poses}
+sphere_radius_mm = 120.0           # CONFIRM: distance of the sphere's centre from the C axis
+sphere_height_mm = 80.0            # CONFIRM: height of its centre above the A axis, at A = 0
+
+[compensation]
+mode = "monitor"                   # ARM: "compensate" lets it write offsets
+bound_um = [20.0, 20.0, 20.0]      # CONFIRM: largest offset of X, Y, Z; raise it after the first test piece
+"""
+
+
+def _control(control: SinumerikAnswers | LinuxCncAnswers) -> str:
+    if isinstance(control, LinuxCncAnswers):
+        nc = [
+            'kind = "linuxcnc"',
+            f"host = {toml_value(control.host)}",
+            f"key_file = {toml_value(control.key_file)}  # CONFIRM: copy the agent's talc.key to there, chmod 600",
+        ]
+        poses = "those of talc_poses.ngc"
+    else:
+        folder = Path(control.folder)
+        nc = ['kind = "sinumerik"', f"url = {toml_value(control.url)}"]
+        if control.user:
+            password = toml_value(str(folder / "nc-password"))
+            nc += [
+                f"user = {toml_value(control.user)}",
+                f"password_file = {password}  # CONFIRM: holds this user's password alone, chmod 600",
+            ]
+        files = (
+            ("certificate", "gateway.der", "the gateway's; the control must trust it"),
+            ("private_key", "gateway.pem", "its key, chmod 600"),
+            ("server_certificate", "control.der", "copied from the control, so that no other is accepted"),
+        )
+        nc += [
+            f"{name} = {toml_value(str(folder / file))}  # CONFIRM: make it (docs/nc.md): {what}"
+            for name, file, what in files
+        ]
+        nc += [
+            "axis_numbers = {X = 1, Y = 2, Z = 3, A = 4, C = 5}  # CONFIRM: number of each machine axis on the control",
+            "origin_mm = [0.0, 0.0, 0.0]  # CONFIRM: machine coordinates with the tool's tip where A and C meet",
+            "[nc.nodes]",
+            '# probe_in_spindle = "/Plc/..."  # CONFIRM: a bit of the machine builder; without it any tool may probe',
+            '# drives_on = "/Plc/..."  # CONFIRM: likewise; without it the gateway does not notice drives that are off',
+            "[nc.compensation]",
+            'signs = [-1, -1, -1]  # CONFIRM: with a dial gauge, before mode = "compensate" (docs/nc.md)',
+        ]
+        poses = "CONFIRM: A and C of each pose, as in TALC_GUD.DEF"
+    return "\n".join((_STATES, "", "[nc]", *nc, "", _PROBING.format(poses=poses)))

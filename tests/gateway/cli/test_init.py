@@ -1,0 +1,103 @@
+"""`talc-gateway init`, typed at or with a file of answers, with a device on this computer."""
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Thread
+
+import pytest
+from click.testing import CliRunner, Result
+
+from gateway.cli import init as command
+from gateway.cli.main import main
+from gateway.config import load
+from gateway.scan import ScanPort
+from simulators.devices import Adam6015, TcpHost
+
+pytestmark = pytest.mark.simulated_time
+
+SEVEN = [20.0, 21.0, 22.0, 23.0, 24.0, 25.0, 26.0]
+
+
+@contextmanager
+def device() -> Iterator[int]:
+    """The TCP port of a module that answers on another thread: the command has an event loop of its own."""
+    listening, done, ports = Event(), Event(), list[int]()
+
+    async def serve() -> None:
+        server = TcpHost({1: Adam6015(lambda: SEVEN)})
+        ports.append(await server.start())
+        listening.set()
+        await asyncio.to_thread(done.wait)
+        await server.stop()
+
+    thread = Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    listening.wait()
+    try:
+        yield ports[0]
+    finally:
+        done.set()
+        thread.join()
+
+
+@pytest.fixture(autouse=True)
+def _no_ports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This computer's own ports are none of the tests' business."""
+    monkeypatch.setattr(command, "find_ports", list[ScanPort])
+
+
+def init(*arguments: str, typed: str = "") -> Result:
+    return CliRunner().invoke(main, ["init", *arguments], input=typed)
+
+
+def test_typed_answers_make_a_configuration_that_check_accepts(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    with device() as port:
+        done = init(str(file), typed=f"mill 7\nmill_7\n127.0.0.1:{port}\nsinumerik\n\n\n\n")
+    assert done.exit_code == 0, done.output
+    assert "expected a letter, then letters, digits" in done.output, "and asked again"
+    assert "1 answered, 1 recognised" in done.output
+    config = load(file)
+    assert (config.machine.name, [d.profile for d in config.devices]) == ("mill_7", ["advantech_adam6015"])
+    assert config.nc is not None
+    assert config.nc.address == "opc.tcp://192.168.214.1:4840"
+    assert not config.probing.armed
+    assert "14 lines to confirm" in done.output
+    for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+        assert ("CONFIRM:" in line) == (f"  line {number}: " in done.output)
+    assert CliRunner().invoke(main, ["check", str(file)]).exit_code == 0
+
+
+def test_a_file_of_answers_asks_nothing(tmp_path: Path) -> None:
+    file, answers = tmp_path / "gateway.toml", tmp_path / "answers.toml"
+    with device() as port:
+        answers.write_text(
+            f'machine = "router"\nhosts = ["127.0.0.1:{port}"]\n[control]\nkind = "linuxcnc"\n', encoding="utf-8"
+        )
+        done = init(str(file), "--answers", str(answers))
+    assert done.exit_code == 0, done.output
+    config = load(file)
+    assert config.nc is not None
+    assert config.nc.kind == "linuxcnc"
+    assert len(config.devices) == 1
+
+
+def test_a_wire_that_cannot_be_opened_is_told_and_nothing_is_written(tmp_path: Path) -> None:
+    file, answers = tmp_path / "gateway.toml", tmp_path / "answers.toml"
+    answers.write_text('machine = "mill"\nserial = ["/dev/absent"]\nhosts = ["127.0.0.1:9"]\n', encoding="utf-8")
+    done = init(str(file), "--answers", str(answers))
+    assert done.exit_code == 3
+    assert "/dev/absent" in done.output
+    assert "no device was recognised" in done.output
+    assert not file.exists()
+
+
+def test_a_file_that_exists_is_not_touched(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text("mine", encoding="utf-8")
+    done = init(str(file), typed="mill\n")
+    assert done.exit_code == 2
+    assert "adds devices to it" in done.output
+    assert file.read_text(encoding="utf-8") == "mine"

@@ -1,0 +1,81 @@
+"""The first configuration of a machine: valid, unarmed, and every guess in it named."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.recognition import Recognition
+from gateway.config import ConfigError, parse, unarmed
+from gateway.scan import (
+    Answers,
+    Found,
+    LinuxCncAnswers,
+    Place,
+    SinumerikAnswers,
+    first_configuration,
+    read_answers,
+    to_confirm,
+)
+
+ADAM = Place(
+    "modbus_tcp", {"host": "10.0.0.9"}, (Found(1, Recognition("advantech_adam6015", (0, 1), "module name")),)
+)  # fmt: skip
+GUESSED = {
+    None: ["a name for each input"],
+    "sinumerik": ["password", "the gateway's", "its key", "copied", "number of each", "machine coordinates", "a bit",
+                  "likewise", "dial gauge", "A and C of each pose", "distance", "height", "largest offset"],
+    "linuxcnc": ["talc.key", "distance", "height", "largest offset"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "control",
+    [None, SinumerikAnswers(kind="sinumerik"), SinumerikAnswers(kind="sinumerik", user=""),
+     LinuxCncAnswers(kind="linuxcnc")],
+)  # fmt: skip
+def test_it_is_valid_arms_nothing_and_names_each_guess(
+    control: SinumerikAnswers | LinuxCncAnswers | None, tmp_path: Path
+) -> None:
+    text = first_configuration(Answers(machine="mill", control=control), [ADAM], tmp_path / "gateway.toml")
+    config = parse(text, tmp_path / "gateway.toml")
+    assert (config.machine.name, [d.profile for d in config.devices]) == ("mill", ["advantech_adam6015"])
+    assert not config.probing.armed
+    assert config.compensation.mode == "monitor"
+    assert ("there is no [nc]" in unarmed(config)[0]) == (control is None)
+    kind = None if control is None else control.kind
+    expected = [*GUESSED[None], *(GUESSED[kind] if kind else [])]
+    if isinstance(control, SinumerikAnswers) and not control.user:
+        expected.remove("password")
+    guesses = to_confirm(text)
+    lines = text.splitlines()
+    assert len(guesses) == len(expected)
+    for (number, what), word in zip(guesses, expected, strict=True):
+        assert word in what or word in lines[number - 1]
+
+
+def test_without_a_device_there_is_nothing_to_learn_from(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="without a device"):
+        first_configuration(Answers(machine="mill"), [], tmp_path / "gateway.toml")
+
+
+def test_answers_in_a_file_are_as_strict_as_a_configuration(tmp_path: Path) -> None:
+    path = tmp_path / "answers.toml"
+    path.write_text('machine = "mill 7"\nhost = "10.0.0.9"\n[control]\nkind = "fanuc"\n', encoding="utf-8")
+    with pytest.raises(ConfigError) as found:
+        read_answers(path)
+    told = str(found.value)
+    assert "'mill 7': expected a letter" in told
+    assert "host" in told
+    assert "fanuc" in told
+    assert told.count(str(path)) == 3
+
+
+def test_the_answers_that_the_page_shows_are_valid(tmp_path: Path) -> None:
+    page = Path("docs/wiring.md").read_text(encoding="utf-8")
+    shown = page.split("## A whole configuration")[1].split("```toml\n")[1].split("```")[0]
+    path = tmp_path / "answers.toml"
+    path.write_text(shown, encoding="utf-8")
+    answers = read_answers(path)
+    assert set(Answers.model_fields) == answers.model_fields_set
+    assert answers.control is not None
+    assert answers.control.kind == "sinumerik"
