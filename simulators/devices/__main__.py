@@ -1,15 +1,18 @@
 """Emulated devices on real wires, driven by a scenario: `python -m simulators.devices m7015 scenario.toml`.
 
-Prints its address in the form of a gateway's configuration, and runs until it is interrupted.
+Instead of a device's name, the path of a Modbus profile (`meter.toml`) emulates a unit that is as it says. Prints its
+address in the form of a gateway's configuration, and runs until it is interrupted.
 """
 
 import argparse
 import asyncio
 import signal
 import time
+import tomllib
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from simulators.devices import adam6015, m7015, pta8d08, wago464
@@ -20,6 +23,7 @@ from simulators.devices.m7015 import M7015
 from simulators.devices.me_controller import MeController
 from simulators.devices.me_sensor import MeLine, MeSensor
 from simulators.devices.modbus_servers import RtuLine, TcpHost
+from simulators.devices.profiled_unit import ProfiledUnit, blocks_of, channels_of
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.scenario import NotOfThisDeviceError, PlayClock, Scenario
 from simulators.devices.slcan_adapter import SlcanAdapter
@@ -44,7 +48,7 @@ class ComputerClock:
         await asyncio.sleep(monotonic_s - time.monotonic())
 
 
-Module = M7015 | Pta8d08 | VoltageInput | Adam6015 | Wago464
+Module = M7015 | Pta8d08 | VoltageInput | Adam6015 | Wago464 | ProfiledUnit
 Started = tuple[str, Actions]
 """Bus settings for reaching the device, and what a scenario can do to it."""
 Start = Callable[[ValueSource, int, AsyncExitStack], Awaitable[Started]]
@@ -147,6 +151,21 @@ DEVICES: Mapping[str, EmulatedDevice] = {
 }
 
 
+def device_of(name: str) -> EmulatedDevice:
+    """The device of that name, or as the Modbus profile at that path describes it. Raises ValueError or OSError."""
+    if name in DEVICES:
+        return DEVICES[name]
+    if not name.endswith(".toml"):
+        raise ValueError(f"{name!r} is unknown: expected a path of a Modbus profile, or one of {', '.join(DEVICES)}")
+    profile = tomllib.loads(Path(name).read_text(encoding="utf-8"))
+    try:
+        inputs = sum(map(channels_of, blocks_of(profile)))
+        tcp = profile["buses"] == ["modbus_tcp"]
+    except KeyError as error:
+        raise ValueError(f"{name}: not a Modbus profile: {error} is missing") from error
+    return EmulatedDevice(_modbus(partial(ProfiledUnit, profile), tcp=tcp), inputs, inputs)
+
+
 async def emulate(
     device: str,
     scenario: Scenario,
@@ -159,12 +178,15 @@ async def emulate(
 
     clock: the time in which the scenario is played; None: the computer's
 
+    device: a name in DEVICES, or the path of a Modbus profile
+
     Raises ValueError for too many or too few values, NotOfThisDeviceError for an event that this device cannot have.
     """
-    DEVICES[device].check(device, scenario)
+    emulated = device_of(device)
+    emulated.check(device, scenario)
     clock = clock or ComputerClock()
     async with AsyncExitStack() as stack:
-        settings, actions = await DEVICES[device].start(scenario.source(clock), unit, stack)
+        settings, actions = await emulated.start(scenario.source(clock), unit, stack)
         scenario.check(device, actions)
         playing = asyncio.create_task(scenario.play(actions, clock), name="scenario")
         stack.callback(playing.cancel)
@@ -181,13 +203,17 @@ async def _until_interrupted(device: str, scenario: Scenario, unit: int) -> None
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m simulators.devices", description=__doc__)
-    parser.add_argument("device", choices=DEVICES)
+    parser.add_argument("device", help=f"{', '.join(DEVICES)}, or the path of a Modbus profile (.toml)")
     parser.add_argument("scenario", type=Path, help="TOML file: values and faults over time")
     parser.add_argument("--unit", type=int, default=1, help="unit id, node id or address (1)")
     chosen = parser.parse_args()
     try:
+        device = device_of(chosen.device)
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
+    try:
         scenario = Scenario.parse(chosen.scenario.read_text(encoding="utf-8"))
-        DEVICES[chosen.device].check(chosen.device, scenario)
+        device.check(chosen.device, scenario)
     except (OSError, ValueError) as error:
         parser.error(f"{chosen.scenario}: {error}")
     try:

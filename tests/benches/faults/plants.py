@@ -1,6 +1,7 @@
 """Small plants for the fault matrix: one wire with a victim and a neighbour, over each transport."""
 
 import socket
+import tomllib
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from simulators.devices.me_controller import MeController
 from simulators.devices.me_sensor import MeLine, Payload
 from simulators.devices.modbus_unit import ModbusUnit
 from simulators.devices.multicast_bus import MulticastBus
+from simulators.devices.profiled_unit import ProfiledUnit
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import Faults
@@ -124,6 +126,42 @@ async def analogue(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     said = distances(8)
     victim, neighbour = (VoltageInput(source, range_um=RANGE_UM) for source in said)
     return await _rtu(folder, "analogue_displacement", said, victim, neighbour, timeout_s)
+
+
+BLOCKS = """
+protocol = "modbus"
+title = "Two kinds of values: float32 with a status register, and int16"
+buses = ["modbus_rtu"]
+unit = "degC"
+[[block]]
+function = 4
+address = 20
+type = "float32"
+word_order = "little"
+[block.status]
+function = 4
+address = 22
+rule = [
+    { equals = 1, quality = "sensor_fault", detail = "sensor is broken" },
+    { equals = 2, quality = "out_of_range", detail = "beyond the range" },
+]
+[[block]]
+function = 3
+address = 7
+type = "int16"
+scale = 0.01
+"""
+
+
+async def blocks(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
+    """Modbus RTU with units that have a block of float32 and one of int16, read by two functions."""
+    said = temperatures(2)
+    path = folder / "blocks.toml"
+    path.write_text(BLOCKS, encoding="utf-8")
+    victim, neighbour = (ProfiledUnit(tomllib.loads(BLOCKS), source) for source in said)
+    plant = await _rtu(folder, str(path), said, victim, neighbour, timeout_s)
+    plant.last_word = False  # one block, then the other
+    return plant
 
 
 async def _tcp(
@@ -325,6 +363,7 @@ PLANTS: Mapping[str, Make] = {
     "rtu": rtu,
     "pta": pta,
     "analogue": analogue,
+    "blocks": blocks,
     "tcp": tcp,
     "wago": wago,
     "slcan": slcan,
@@ -337,7 +376,7 @@ PLANTS: Mapping[str, Make] = {
     "dt6120": dt6120,
     "me_ethernet": me_ethernet,
 }
-MODBUS_LINE = ("rtu", "pta", "analogue")
+MODBUS_LINE = ("rtu", "pta", "analogue", "blocks")
 CANOPEN = ("slcan", "sync", "timer")
 CAN = (*CANOPEN, "dbc")
 ME_LINE = ("me_rs485", "dt6120")
@@ -345,6 +384,7 @@ WIRES: Mapping[str, str] = {
     "rtu": "Modbus RTU, `icpdas_m7015`",
     "pta": "Modbus RTU, `eletechsup_pta8d08`",
     "analogue": "Modbus RTU, `analogue_displacement`",
+    "blocks": "Modbus RTU, a profile with two `[[block]]`",
     "tcp": "Modbus TCP, `advantech_adam6015`",
     "wago": "Modbus TCP, `wago_750_464`",
     "slcan": "CANopen by SDO, `slcan`",
