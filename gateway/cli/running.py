@@ -5,6 +5,7 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
+from pathlib import Path
 
 from gateway.clock import ServiceClock, clock_synchronised
 from gateway.config import GatewayConfig, packed_toml
@@ -15,8 +16,8 @@ from gateway.rebuild import Interrupted, Rebuilt
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 from gateway.snapshots import SnapshotKeeper
-from gateway.storage import Retention, Store, boot_id
-from gateway.telemetry import TelemetryPublisher
+from gateway.storage import Retention, Store, StoreError, boot_id, readings_page
+from gateway.telemetry import HistoryPage, HistoryRequest, HistorySource, TelemetryPublisher
 from gateway.versions import versions
 from talc.frame import Event, EventKind
 
@@ -68,7 +69,13 @@ async def serve(
         telemetry: TelemetryPublisher | None = None
         if config.telemetry.enabled:
             telemetry = TelemetryPublisher(
-                config.telemetry, config.machine.name, config.input_names, clock, boot, simulated=simulated
+                config.telemetry,
+                config.machine.name,
+                config.input_names,
+                clock,
+                boot,
+                simulated=simulated,
+                history=_stored_in(config.storage.path),
             )
             sinks.append((await stack.enter_async_context(telemetry)).publish)
         sinks.append(SnapshotKeeper(past, store, config).take)
@@ -86,6 +93,21 @@ async def serve(
             telemetry.count_missed(lambda: service.periods_missed)
         started(service)
         await service.run(stop)
+
+
+def _stored_in(path: Path) -> HistorySource:
+    """What answers queries on `history`: the database, opened for reading at each."""
+
+    def find(asked: HistoryRequest) -> HistoryPage:
+        try:
+            page = readings_page(path, asked.begin, asked.end, asked.channels, asked.limit, asked.after)
+        except StoreError as error:
+            raise OSError(str(error)) from error
+        return HistoryPage(
+            page.period_s, page.names, page.units, page.time, page.channel, page.value, page.quality, page.next
+        )
+
+    return find
 
 
 def _news(past: Past, config: GatewayConfig) -> list[str]:

@@ -20,7 +20,7 @@ from gateway.config.sections import (
     Device,
     Grid,
     Limits,
-    Machine,
+    MachineSection,
     Probing,
     State,
     Storage,
@@ -44,7 +44,7 @@ class Channel:
 class GatewayConfig(Section):
     """One gateway: machine, inputs, buses, devices, NC, TALC settings, telemetry, storage."""
 
-    machine: Machine
+    machine: MachineSection
     grid: Grid = Grid()
     storage: Storage = Storage()
     telemetry: Telemetry = Telemetry()

@@ -12,7 +12,7 @@ from gateway.config.fields import LARGEST_BOUND_UM, MOST_POSES, Name, ProfileNam
 from talc.settings import TalcSettings
 
 
-class Machine(Section):
+class MachineSection(Section):
     """The machine tool that this gateway serves."""
 
     name: Name

@@ -3,6 +3,7 @@
 from gateway.storage.damage import findings
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
+from gateway.storage.pages import ReadingsPage, readings_page
 from gateway.storage.readings import Retention
 from gateway.storage.snapshot import Snapshot, SnapshotError, decode, encode, marks_of
 from gateway.storage.store import Store, boot_id
@@ -10,6 +11,7 @@ from gateway.storage.stored import StoredCompensation, StoredMeasurement, Stored
 
 __all__ = [
     "History",
+    "ReadingsPage",
     "Retention",
     "Snapshot",
     "SnapshotError",
@@ -23,4 +25,5 @@ __all__ = [
     "encode",
     "findings",
     "marks_of",
+    "readings_page",
 ]

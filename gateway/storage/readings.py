@@ -17,12 +17,14 @@ from gateway.storage.faults import DamagedError
 
 _CHANNEL_BITS, _SEQUENCE_BITS = 11, 32
 MOST_BOOTS = 2**20 - 1
-_BOOT = f"(id >> {_CHANNEL_BITS + _SEQUENCE_BITS})"
+RUN_SHIFT = _CHANNEL_BITS + _SEQUENCE_BITS
+"""The number of the run, from this bit of a reading's id on."""
+_BOOT = f"(id >> {RUN_SHIFT})"
 _SEQUENCE = f"((id >> {_CHANNEL_BITS}) & {2**_SEQUENCE_BITS - 1})"
-_CHANNEL = f"(id & {2**_CHANNEL_BITS - 1})"
-_QUALITIES = tuple(Quality)
+CHANNEL_OF = f"(id & {2**_CHANNEL_BITS - 1})"
+QUALITIES = tuple(Quality)
 """By number; new ones go to the end."""
-_WORDS = " ".join(f"WHEN {number} THEN '{quality.value}'" for number, quality in enumerate(_QUALITIES))
+_WORDS = " ".join(f"WHEN {number} THEN '{quality.value}'" for number, quality in enumerate(QUALITIES))
 
 TABLES = f"""
 CREATE TABLE channel (id INTEGER PRIMARY KEY, name TEXT NOT NULL, unit TEXT NOT NULL);
@@ -33,7 +35,7 @@ CREATE TABLE mark (id INTEGER PRIMARY KEY, ran_s REAL NOT NULL, reading INTEGER 
     reasons INTEGER NOT NULL, minute INTEGER NOT NULL);
 CREATE VIEW sample AS SELECT r.boot AS boot, r.sequence AS sequence, c.name AS channel, r.time AS time,
     r.value AS value, c.unit AS unit, CASE r.quality {_WORDS} END AS quality, coalesce(r.detail, '') AS detail
-    FROM (SELECT *, {_BOOT} AS boot, {_SEQUENCE} AS sequence, {_CHANNEL} AS channel FROM reading) r
+    FROM (SELECT *, {_BOOT} AS boot, {_SEQUENCE} AS sequence, {CHANNEL_OF} AS channel FROM reading) r
     JOIN channel c ON c.id = r.channel;
 """
 EARLIER = "sample_before"
@@ -72,7 +74,7 @@ class Channels:
                 (boot << _SEQUENCE_BITS | r.sequence) << _CHANNEL_BITS | self._ids[(r.channel, r.unit)],
                 r.source_time.timestamp(),
                 None if r.value != r.value else r.value,
-                _QUALITIES.index(r.quality),
+                QUALITIES.index(r.quality),
                 r.detail or None,
             )
             for r in readings
@@ -90,7 +92,7 @@ def last_boot(connection: sqlite3.Connection) -> object:
 def counts(connection: sqlite3.Connection) -> list[tuple[str, str, int]]:
     """Channel, quality and number of readings."""
     found = connection.execute(
-        f"SELECT c.name, CASE r.quality {_WORDS} END, sum(r.many) FROM (SELECT {_CHANNEL} AS channel, quality,"
+        f"SELECT c.name, CASE r.quality {_WORDS} END, sum(r.many) FROM (SELECT {CHANNEL_OF} AS channel, quality,"
         " count(*) AS many FROM reading GROUP BY 1, 2) r JOIN channel c ON c.id = r.channel GROUP BY 1, 2"
     )
     return found.fetchall()
@@ -171,10 +173,10 @@ def _thin(connection: sqlite3.Connection, mark: int) -> None:
         "SELECT reading, step, reasons FROM mark WHERE id = ?", (mark,)
     ).fetchone()
     connection.execute(
-        f"INSERT INTO minute SELECT NULL, {_CHANNEL}, CAST(time / 60 AS INTEGER) * 60, count(*), avg(value),"
+        f"INSERT INTO minute SELECT NULL, {CHANNEL_OF}, CAST(time / 60 AS INTEGER) * 60, count(*), avg(value),"
         " min(value), max(value) FROM reading WHERE id <= ? AND id < (SELECT max(id) FROM reading)"
         " AND value IS NOT NULL AND quality = ? GROUP BY 2, 3 ORDER BY 3, 2",
-        (reading, _QUALITIES.index(Quality.GOOD)),
+        (reading, QUALITIES.index(Quality.GOOD)),
     )
     connection.execute("DELETE FROM reading WHERE id <= ? AND id < (SELECT max(id) FROM reading)", (reading,))
     connection.execute("DELETE FROM compensation WHERE id <= ? AND id < (SELECT max(id) FROM compensation)", (step,))

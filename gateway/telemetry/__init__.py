@@ -2,6 +2,7 @@
 
 from gateway.telemetry import keys
 from gateway.telemetry.compose import Composer, Dropped
+from gateway.telemetry.history_queries import MOST_ROWS, HistoryRequest, HistorySource
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import (
     TYPES,
@@ -9,6 +10,7 @@ from gateway.telemetry.messages import (
     DecisionMessage,
     EventMessage,
     FrameMessage,
+    HistoryPage,
     MeasurementMessage,
     ModelMessage,
     ProbingMessage,
@@ -22,11 +24,14 @@ from gateway.telemetry.messages import (
     StatusMessage,
     StorageStanding,
     decode,
+    decode_page,
+    decode_refusal,
     encode,
 )
 from gateway.telemetry.publisher import TelemetryError, TelemetryPublisher
 
 __all__ = [
+    "MOST_ROWS",
     "TYPES",
     "CompensationMessage",
     "Composer",
@@ -34,6 +39,9 @@ __all__ = [
     "Dropped",
     "EventMessage",
     "FrameMessage",
+    "HistoryPage",
+    "HistoryRequest",
+    "HistorySource",
     "MeasurementMessage",
     "ModelMessage",
     "ProbingMessage",
@@ -49,6 +57,8 @@ __all__ = [
     "TelemetryError",
     "TelemetryPublisher",
     "decode",
+    "decode_page",
+    "decode_refusal",
     "encode",
     "keys",
     "schemas",

@@ -9,8 +9,8 @@ from gateway.telemetry import schemas
 def main(folder: Path) -> None:
     """One file per kind of key."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in schemas().items():
-        (folder / name).write_text(text, encoding="utf-8")
+    for kind, text in schemas().items():
+        (folder / f"{kind}.schema.json").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,19 +1,19 @@
-"""JSON Schemas of everything that is published, generated from the types."""
+"""JSON Schemas of everything that is published or answered, generated from the types."""
 
 import json
 
 import msgspec
 
-from gateway.telemetry.messages import TYPES
+from gateway.telemetry.messages import ANSWERS, TYPES
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def schemas() -> dict[str, str]:
-    """File name to text, one per kind of key."""
-    return {f"{kind}.schema.json": _text(kind) for kind in TYPES}
+    """Kind of key to text: of everything that is published or answered."""
+    return {kind: _text(type_) for kind, type_ in (*TYPES.items(), *ANSWERS.items())}
 
 
-def _text(kind: str) -> str:
-    schema = {"$schema": _DIALECT, **msgspec.json.schema(TYPES[kind])}
+def _text(type_: type[msgspec.Struct]) -> str:
+    schema = {"$schema": _DIALECT, **msgspec.json.schema(type_)}
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"

@@ -19,6 +19,11 @@ STATUS: Final = "status"
 ALIVE: Final = "alive"
 """A liveliness token; nothing is published under it."""
 
+SCHEMA: Final = "schema"
+"""A query on `schema/<kind>` is answered with the JSON Schema of that kind; nothing is published under it."""
+HISTORY: Final = "history"
+"""A query on it is answered with stored readings; nothing is published under it."""
+
 
 def root(prefix: str, machine: str) -> str:
     """The key with which all of a gateway's keys begin."""
@@ -28,3 +33,8 @@ def root(prefix: str, machine: str) -> str:
 def kind_of(suffix: str) -> str:
     """The kind of a key below the root: its first part."""
     return suffix.partition("/")[0]
+
+
+def asks_for(kind: str, key_expression: str) -> bool:
+    """Whether a query names this kind itself: wildcards alone ask for last values only, not for all that can be had."""
+    return kind in key_expression.split("/")

@@ -245,6 +245,27 @@ class StatusMessage(Message, frozen=True):
     ] = ()
 
 
+class HistoryPage(Struct, frozen=True):
+    """The answer to a query on `history`: readings as columns of one length, in the order in which they were stored."""
+
+    period_s: Annotated[
+        float, Meta(description="0: single readings; 60: means of a minute's good readings, as older ones are kept")
+    ]
+    names: Annotated[tuple[str, ...], Meta(description="Channels; `channel` counts from 0 in this list")]
+    units: Annotated[tuple[str, ...], Meta(description="By channel")]
+    time: Annotated[list[float], Meta(description="When it was read, UTC, seconds since 1970")]
+    channel: list[int]
+    value: list[Number]
+    quality: list[Annotated[str, _texts(Quality)]]
+    next: Annotated[str | None, Meta(description="`after` of the query for the next page; null: this is the last one")]
+
+
+class QueryRefused(Struct, frozen=True):
+    """The error reply to a query that is not answered."""
+
+    error: Annotated[str, Meta(description="What is wrong, and what would be right")]
+
+
 Published = (
     ReadingMessage
     | FrameMessage
@@ -274,13 +295,34 @@ TYPES: Final[Mapping[str, type[Published]]] = {
 }
 """Type of each kind of key."""
 
+ANSWERS: Final[Mapping[str, type[Struct]]] = {keys.HISTORY: HistoryPage, "error": QueryRefused}
+"""Type of what queries are answered with, by kind of key; `error`: every error reply."""
+
 _ENCODER = msgspec.json.Encoder()
+_PAGE_DECODER = msgspec.json.Decoder(HistoryPage)
+_REFUSAL_DECODER = msgspec.json.Decoder(QueryRefused)
 _DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in TYPES.items()}
 
 
-def encode(message: Published) -> bytes:
+def encode(message: Published | HistoryPage | QueryRefused) -> bytes:
     """JSON."""
     return _ENCODER.encode(message)
+
+
+def decode_page(payload: bytes) -> HistoryPage:
+    """The answer to a query on `history`. Raises ValueError."""
+    try:
+        return _PAGE_DECODER.decode(payload)
+    except msgspec.DecodeError as error:
+        raise ValueError(f"payload of {keys.HISTORY}: {error}") from error
+
+
+def decode_refusal(payload: bytes) -> str:
+    """What an error reply says; the payload itself, if it is of another program."""
+    try:
+        return _REFUSAL_DECODER.decode(payload).error
+    except msgspec.DecodeError:
+        return payload.decode(errors="replace")
 
 
 def decode(suffix: str, payload: bytes) -> Published | None:

@@ -27,6 +27,8 @@ from gateway.probing import Outlook
 from gateway.telemetry import keys
 from gateway.telemetry.backlog import Backlog
 from gateway.telemetry.compose import Composer, Dropped, Keyed
+from gateway.telemetry.history_queries import HistoryQueries, HistorySource
+from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import encode
 from talc.frame import Decision
 
@@ -68,7 +70,8 @@ def session_config(settings: TelemetrySettings) -> zenoh.Config:
 class TelemetryPublisher:
     """Publishes every event, as an async context manager.
 
-    A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`. When the network is slower
+    A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`; queries on `schema/<kind>`
+    and on `history` are answered too. When the network is slower
     than what is published, the oldest readings, compensation steps and states are dropped and counted; of the rest the
     oldest goes only beyond 20 000 messages or 32 MB, and is counted apart. A query larger than 1 MiB is not taken.
 
@@ -80,6 +83,7 @@ class TelemetryPublisher:
     clock: for the time in each payload and the age of readings
     boot: identifies this run of the process
     simulated: whether the clock is a simulated one
+    history: finds stored readings; None: queries on `history` are refused
 
     Raises TelemetryError on entry if the session cannot be opened.
     """
@@ -93,6 +97,7 @@ class TelemetryPublisher:
         boot: str,
         *,
         simulated: bool,
+        history: HistorySource | None = None,
     ) -> None:
         self._settings, self._root = settings, keys.root(settings.prefix, machine)
         self._composer = Composer(boot, input_names, clock, simulated=simulated)
@@ -108,6 +113,8 @@ class TelemetryPublisher:
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._send, name="telemetry", daemon=True)
         self._session: zenoh.Session | None = None
+        self._history = HistoryQueries(f"{self._root}/{keys.HISTORY}", history)
+        self._schemas: dict[str, bytes] = {}
 
     @property
     def dropped(self) -> int:
@@ -123,7 +130,12 @@ class TelemetryPublisher:
                 f"telemetry: no Zenoh session on {where}: {str(error).split('  at ')[0]}. "
                 "Is another program listening there?"
             ) from error
-        self._queryable = self._session.declare_queryable(f"{self._root}/**", self._answer)
+        self._schemas = {f"{keys.SCHEMA}/{kind}": text.encode() for kind, text in schemas().items()}
+        self._history.start()
+        self._queryables = [
+            self._session.declare_queryable(f"{self._root}/{keys.HISTORY}", self._history.take),
+            self._session.declare_queryable(f"{self._root}/**", self._answer),
+        ]
         self._token = self._session.liveliness().declare_token(f"{self._root}/{keys.ALIVE}")
         self._thread.start()
         return self
@@ -131,12 +143,14 @@ class TelemetryPublisher:
     async def __aexit__(self, *_: object) -> None:
         self._backlog.close()
         await asyncio.to_thread(self._thread.join)
+        await asyncio.to_thread(self._history.close)
         if self._session is not None:
             await asyncio.to_thread(self._close, self._session)
 
     def _close(self, session: zenoh.Session) -> None:
         self._token.undeclare()
-        self._queryable.undeclare()
+        for queryable in self._queryables:
+            queryable.undeclare()
         session.close()
 
     def publish(self, event: GatewayEvent) -> None:
@@ -198,10 +212,14 @@ class TelemetryPublisher:
                 log.warning("telemetry: %s was not published: %s", suffix, error)
 
     def _answer(self, query: zenoh.Query) -> None:
-        """Reply with the last value of every requested key; called in one of Zenoh's threads."""
-        with self._last_lock:
-            last = dict(self._last)
-        for suffix, payload in last.items():
-            key = zenoh.KeyExpr(f"{self._root}/{suffix}")
-            if query.key_expr.intersects(key):
-                query.reply(key, payload, encoding=_JSON)
+        """Reply with the last value of every requested key, or with schemas; called in one of Zenoh's threads."""
+        with query:
+            if keys.asks_for(keys.SCHEMA, str(query.key_expr)):
+                answers = self._schemas
+            else:
+                with self._last_lock:
+                    answers = dict(self._last)
+            for suffix, payload in answers.items():
+                key = zenoh.KeyExpr(f"{self._root}/{suffix}")
+                if query.key_expr.intersects(key):
+                    query.reply(key, payload, encoding=_JSON)

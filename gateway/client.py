@@ -1,0 +1,275 @@
+"""A program's view of running gateways: follow a machine, ask for its last values and for what it has stored."""
+
+import json
+import queue
+import re
+from collections.abc import Generator, Iterator, Sequence
+from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+import zenoh
+
+from drivers.base import Quality
+from gateway.telemetry import (
+    MOST_ROWS,
+    TYPES,
+    HistoryPage,
+    Published,
+    StatusMessage,
+    decode,
+    decode_page,
+    decode_refusal,
+    keys,
+)
+
+if TYPE_CHECKING:
+    import pandas
+
+ANSWER_LIMIT_S = 10.0
+_MOST_WAITING = 20_000
+_GOOD = Quality.GOOD.value
+_NAME = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
+"""Of a prefix or a machine: no wildcard, and nothing that a key may not contain."""
+
+
+class MachineError(OSError):
+    """A gateway cannot be reached, does not run, or refuses what was asked; the message says which."""
+
+
+class Machine:
+    """One machine's gateway, as a context manager. Read-only: nothing here changes anything on the other side.
+
+    Parameters
+    ----------
+    name: of the machine; None: the only one whose gateway runs there
+    connect: Zenoh endpoints of the gateway or of a router, such as `tcp/192.168.1.5:7447`; the first that answers
+    prefix: of the keys, [telemetry] prefix of the gateway's configuration
+    answer_limit_s: how long an answer is waited for, s
+
+    Raises ValueError for endpoints or names that cannot be; on entry MachineError when nobody answers, no gateway runs,
+    or several do and none is named.
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        *,
+        connect: str | Sequence[str],
+        prefix: str = "talc",
+        answer_limit_s: float = ANSWER_LIMIT_S,
+    ) -> None:
+        for what, value in (("name", name), ("prefix", prefix)):
+            if value is not None and not _NAME.fullmatch(value):
+                raise ValueError(f"{what} = {value!r}: expected letters, digits, _ and -")
+        self._name, self._prefix, self._limit_s = name, prefix, answer_limit_s
+        self._connect = (connect,) if isinstance(connect, str) else tuple(connect)
+        self._config = _client_config(self._connect)
+        self._session: zenoh.Session | None = None
+        self.missed = 0
+        """Messages that `follow` had to leave out because they were not taken fast enough."""
+
+    def __enter__(self) -> Self:
+        try:
+            self._session = zenoh.open(self._config)
+        except zenoh.ZError as error:
+            where = ", ".join(self._connect)
+            raise MachineError(f"no answer at {where}. Is the gateway running? {_first(error)}") from error
+        try:
+            self._name = self._choose(self.running())
+        except BaseException:
+            self._session.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._session is not None:
+            self._session.close()
+
+    @property
+    def name(self) -> str:
+        """Of the machine. Raises MachineError before it is entered without a name."""
+        if self._name is None:
+            raise MachineError("not connected: use it as `with Machine(...) as machine:`")
+        return self._name
+
+    @property
+    def root(self) -> str:
+        """The key with which all of its keys begin."""
+        return keys.root(self._prefix, self.name)
+
+    def running(self) -> list[str]:
+        """The machines under the prefix whose gateways run now."""
+        at = f"{keys.root(self._prefix, '*')}/{keys.ALIVE}"
+        replies = self.session.liveliness().get(at, timeout=self._limit_s)
+        found = {str(reply.ok.key_expr).split("/")[-2] for reply in replies if reply.ok is not None}
+        return sorted(name for name in found if _NAME.fullmatch(name))
+
+    def latest(self, *kinds: str) -> dict[str, Published]:
+        """The last message of every key below the machine's, or of these kinds of key only.
+
+        Raises ValueError for a payload that does not fit its type.
+        """
+        found = {}
+        for expression in self._expressions(kinds):
+            for reply in self.session.get(expression, timeout=self._limit_s):
+                if reply.ok is not None and (message := self._message(reply.ok)) is not None:
+                    found[self._suffix(reply.ok)] = message
+        return found
+
+    def status(self) -> StatusMessage:
+        """How the gateway is, at most 10 s old. Raises MachineError before its first."""
+        status = self.latest(keys.STATUS).get(keys.STATUS)
+        if not isinstance(status, StatusMessage):
+            raise MachineError(f"{self.name}: no status yet; does its gateway run?")
+        return status
+
+    def follow(self, *kinds: str, quiet_s: float | None = None) -> Generator[Published, None, None]:
+        """The last messages of all keys, or of these kinds of key only, and then every one as it is published.
+
+        When they are not taken fast enough, the oldest of 20 000 are left out and counted in `missed`.
+
+        quiet_s: TimeoutError when nothing has come for so long; None: wait without end, also for a gateway that ended
+        """
+        waiting: queue.Queue[zenoh.Sample] = queue.Queue()
+
+        def take(sample: zenoh.Sample) -> None:
+            waiting.put(sample)
+            if waiting.qsize() > _MOST_WAITING:
+                waiting.get_nowait()
+                self.missed += 1
+
+        # The gateway may publish between the two: what is then heard twice is passed on once.
+        subscribers = [self.session.declare_subscriber(expression, take) for expression in self._expressions(kinds)]
+        try:
+            latest = self.latest(*kinds)
+            yield from sorted(latest.values(), key=lambda message: message.seq)
+            passed = {suffix: (message.boot, message.seq) for suffix, message in latest.items()}
+            while True:
+                try:
+                    sample = waiting.get(timeout=quiet_s)
+                except queue.Empty:
+                    raise TimeoutError(f"{self.name}: nothing was published for {quiet_s:g} s") from None
+                message, suffix = self._message(sample), self._suffix(sample)
+                if message is None:
+                    continue
+                boot, seq = passed.get(suffix, ("", 0))
+                if message.boot != boot or message.seq > seq:
+                    yield message
+        finally:
+            for subscriber in subscribers:
+                subscriber.undeclare()
+
+    def pages(
+        self, begin: datetime, end: datetime, channels: Sequence[str] | None = None, *, rows: int = MOST_ROWS
+    ) -> Iterator[HistoryPage]:
+        """Stored readings from `begin` on and before `end`, page by page: first means of minutes, as older ones are
+        kept, then single readings.
+
+        Raises ValueError for times without an offset from UTC, MachineError with the gateway's own words when it
+        refuses or does not answer.
+        """
+        if begin.tzinfo is None or end.tzinfo is None:
+            raise ValueError(f"{begin} to {end}: expected times with a time zone")
+        asked = {"from": begin.isoformat(), "to": end.isoformat(), "limit": str(rows)}
+        if channels is not None:
+            asked["channels"] = ",".join(channels)
+        while True:
+            page = self._page(asked)
+            yield page
+            if page.next is None:
+                return
+            asked["after"] = page.next
+
+    def history(self, begin: datetime, end: datetime, channels: Sequence[str] | None = None) -> "pandas.DataFrame":
+        """Stored readings as a table: a column per channel, a row per time at which one was read, UTC. Needs pandas.
+
+        What was not good is NaN, as is what was not read at that very time; `pages` has the quality.
+
+        Raises as `pages`.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise ImportError("Machine.history needs pandas: install talc-gateway with the extra `pandas`") from None
+        names: dict[str, int] = {} if channels is None else {name: at for at, name in enumerate(channels)}
+        seconds, columns, values = [np.empty(0)], [np.empty(0, np.int64)], [np.empty(0)]
+        for page in self.pages(begin, end, channels):
+            if channels is None:
+                for name in page.names:
+                    names.setdefault(name, len(names))
+            column_of = np.array([names.get(name, -1) for name in page.names], np.int64)
+            seconds.append(np.array(page.time, np.float64))
+            columns.append(column_of[np.array(page.channel, np.int64)])
+            good = np.array([quality == _GOOD for quality in page.quality], np.bool_)
+            values.append(np.where(good, np.array(page.value, np.float64), np.nan))
+        times, row = np.unique(np.concatenate(seconds), return_inverse=True)
+        table = np.full((len(times), len(names)), np.nan)
+        table[row, np.concatenate(columns)] = np.concatenate(values)
+        index = pd.to_datetime(np.round(times * 1e6).astype(np.int64), unit="us", utc=True)
+        return pd.DataFrame(table, index=index.rename("time"), columns=list(names))
+
+    def day(self, day: date, channels: Sequence[str] | None = None, zone: tzinfo = UTC) -> "pandas.DataFrame":
+        """The readings of one calendar day; see `history`."""
+        begin = datetime.combine(day, time(), zone)
+        return self.history(begin, datetime.combine(day + timedelta(days=1), time(), zone), channels)
+
+    def _page(self, asked: dict[str, str]) -> HistoryPage:
+        selector = f"{self.root}/{keys.HISTORY}?" + ";".join(f"{name}={value}" for name, value in asked.items())
+        for reply in self.session.get(selector, timeout=self._limit_s):
+            if reply.ok is not None:
+                return decode_page(reply.ok.payload.to_bytes())
+            if reply.err is not None:
+                raise MachineError(f"{self.name}: {decode_refusal(reply.err.payload.to_bytes())}")
+        raise MachineError(f"{self.name}: no answer to a query on {keys.HISTORY} within {self._limit_s:g} s")
+
+    def _choose(self, alive: Sequence[str]) -> str:
+        if self._name is not None and self._name in alive:
+            return self._name
+        if not alive:
+            raise MachineError(f"no gateway runs under {self._prefix}, the [telemetry] prefix of its configuration")
+        running = f"running: {', '.join(alive)}"
+        if self._name is not None:
+            raise MachineError(f"no gateway of machine {self._name} runs under {self._prefix}; {running}")
+        if len(alive) > 1:
+            raise MachineError(f"several gateways run under {self._prefix}; name one; {running}")
+        return alive[0]
+
+    @property
+    def session(self) -> zenoh.Session:
+        """The Zenoh session, for what this class does not do. Raises MachineError before it is entered."""
+        if self._session is None:
+            raise MachineError("not connected: use it as `with Machine(...) as machine:`")
+        return self._session
+
+    def _expressions(self, kinds: Sequence[str]) -> list[str]:
+        for kind in kinds:
+            if kind not in TYPES:
+                raise ValueError(f"{kind!r}: no such kind of key; known are {', '.join(TYPES)}")
+        return [f"{self.root}/{kind}/**" for kind in kinds] or [f"{self.root}/**"]
+
+    def _suffix(self, sample: zenoh.Sample) -> str:
+        return str(sample.key_expr).removeprefix(self.root + "/")
+
+    def _message(self, sample: zenoh.Sample) -> Published | None:
+        return decode(self._suffix(sample), sample.payload.to_bytes())
+
+
+def _client_config(connect: Sequence[str]) -> zenoh.Config:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    try:
+        config.insert_json5("connect/endpoints", json.dumps(list(connect)))
+    except zenoh.ZError:
+        shown = ", ".join(connect)
+        raise ValueError(f"connect = {shown!r}: expected Zenoh endpoints such as tcp/192.168.1.5:7447") from None
+    return config
+
+
+def _first(error: zenoh.ZError) -> str:
+    """What happened, without the path inside the library."""
+    return str(error).split("  at ")[0]

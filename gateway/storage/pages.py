@@ -1,0 +1,206 @@
+"""Stored readings of a span of time, page by page, while a gateway writes: bounded work, and no lock that it feels.
+
+Rows have no index by time. Within a run their ids ascend with the time at which they were read, so the first and the
+last row of a span are found by bisection of the ids. A span's edge is taken a little wider, as devices on several buses
+are read at once, and then cut exactly. Where the clock was set back within a run, rows from before may be missed.
+"""
+
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from gateway.storage.faults import StoreError
+from gateway.storage.readings import CHANNEL_OF, QUALITIES, RUN_SHIFT
+from gateway.storage.schema import READABLE, SCHEMA_VERSION, UNREADABLE, unusable
+
+_MOST_SCANNED = 500_000
+"""Rows that are looked at for one page; when few of them are of the wanted channels, the page is short."""
+_WIDER_S = 120.0
+_LAST_ID = 2**63 - 1
+_RUN_SPACE = 1 << RUN_SHIFT
+_QUALITIES = [quality.value for quality in QUALITIES]
+
+_Row = tuple[int, int, float, float | None, int]
+"""Id, id of the channel, time, value, number of the quality."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingsPage:
+    """Readings in the order in which they were stored, as columns of one length."""
+
+    period_s: float
+    """0: single readings; 60: means of the good readings of a minute, as older ones are kept."""
+    names: tuple[str, ...]
+    """Channels; `channel` counts from 0 in this list."""
+    units: tuple[str, ...]
+    time: list[float]
+    """UTC, seconds since 1970; of a minute its beginning."""
+    channel: list[int]
+    value: list[float | None]
+    quality: list[str]
+    next: str | None
+    """Where the next page begins; None: this is the last one."""
+
+
+def readings_page(
+    path: Path,
+    begin: datetime,
+    end: datetime,
+    channels: Sequence[str] | None,
+    limit: int,
+    after: str | None = None,
+) -> ReadingsPage:
+    """The next page of what was read from `begin` on and before `end`: first the minutes, then single readings.
+
+    channels: only these; None: all
+    limit: rows of a page, at least 1
+    after: `next` of the page before
+
+    Raises ValueError naming a channel that was never read or a wrong `after`, StoreError if the database cannot be
+    read.
+    """
+    minutes, last = _place(after)
+    if not path.is_file():
+        raise StoreError(f"{path}: no such file")
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5.0)) as connection:
+            (version,) = connection.execute("PRAGMA user_version").fetchone()
+            if version not in READABLE:
+                raise StoreError(f"{path}: schema version {version}, expected {SCHEMA_VERSION}")
+            known = connection.execute("SELECT id, name, unit FROM channel ORDER BY id").fetchall()
+            wanted = _Span(begin.timestamp(), end.timestamp(), _chosen(known, channels))
+            names, units = tuple(str(name) for _, name, _ in known), tuple(str(unit) for *_, unit in known)
+            at = {number: place for place, (number, *_) in enumerate(known)}
+            rows: list[_Row] = []
+            if minutes:
+                rows, following = _minutes(connection, wanted, limit, last)
+                if rows or following:
+                    return _page(60.0, names, units, at, rows, f"m{following}" if following else "r0")
+            rows, following = _readings(connection, wanted, limit, 0 if minutes else last)
+            return _page(0.0, names, units, at, rows, f"r{following}" if following else None)
+    except UNREADABLE as error:
+        raise unusable(path, error) from error
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    begin_s: float
+    end_s: float
+    channels: tuple[int, ...] | None
+    """Their ids; None: all."""
+
+    @property
+    def chosen(self) -> str:
+        """SQL that chooses them; the ids are our own integers."""
+        return "" if self.channels is None else f" AND channel IN ({', '.join(map(str, self.channels))})"
+
+
+def _place(after: str | None) -> tuple[bool, int]:
+    """Whether minutes come next, and after which id."""
+    if after is None:
+        return True, 0
+    if after[:1] in ("m", "r") and after[1:].isdecimal() and len(after) <= 20:
+        return after[0] == "m", int(after[1:])
+    raise ValueError(f"after = {after!r}: expected `next` of the page before")
+
+
+def _chosen(known: Sequence[tuple[int, str, str]], channels: Sequence[str] | None) -> tuple[int, ...] | None:
+    if channels is None:
+        return None
+    names = {name for _, name, _ in known}
+    for channel in channels:
+        if channel not in names:
+            there = ", ".join(sorted(names)) or "none yet"
+            raise ValueError(f"channels: {channel!r} was never stored; stored are: {there}")
+    return tuple(number for number, name, _ in known if name in channels)
+
+
+def _page(
+    period_s: float,
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    at: Mapping[int, int],
+    rows: Sequence[_Row],
+    following: str | None,
+) -> ReadingsPage:
+    return ReadingsPage(
+        period_s=period_s,
+        names=names,
+        units=units,
+        time=[row[2] for row in rows],
+        channel=[at[row[1]] for row in rows],
+        value=[row[3] for row in rows],
+        quality=[_QUALITIES[row[4]] for row in rows],
+        next=following,
+    )
+
+
+def _minutes(connection: sqlite3.Connection, span: _Span, limit: int, last: int) -> tuple[list[_Row], int | None]:
+    """Rows of minutes after an id, and after which id to go on; None: no more are in the span."""
+    (highest,) = connection.execute("SELECT coalesce(max(id), 0) FROM minute").fetchone()
+    columns = "id, channel, CAST(time AS REAL) AS time, mean, 0 AS quality"
+    return _between(connection, "minute", columns, span, limit, (1, highest + 1), last)
+
+
+def _readings(connection: sqlite3.Connection, span: _Span, limit: int, last: int) -> tuple[list[_Row], int | None]:
+    """Single readings after an id, and after which id to go on; None: no more are in the span."""
+    rows: list[_Row] = []
+    columns = f"id, {CHANNEL_OF} AS channel, time, value, quality"
+    for run in _runs(connection, last):
+        more, following = _between(connection, "reading", columns, span, limit - len(rows), run, last)
+        rows += more
+        if following is not None:
+            return rows, following
+    return rows, None
+
+
+def _between(
+    connection: sqlite3.Connection,
+    table: str,
+    columns: str,
+    span: _Span,
+    limit: int,
+    ids: tuple[int, int],
+    last: int,
+) -> tuple[list[_Row], int | None]:
+    """Rows of the span among these ids (the second excluded), whose times ascend; see _readings."""
+    low = _bisect(connection, table, *ids, span.begin_s - _WIDER_S)
+    high = _bisect(connection, table, low, ids[1], span.end_s + _WIDER_S)
+    low = max(low, last + 1)
+    rows = connection.execute(
+        f"SELECT * FROM (SELECT {columns} FROM {table} WHERE id >= ? AND id < ? ORDER BY id LIMIT {_MOST_SCANNED})"
+        f" WHERE time >= ? AND time < ?{span.chosen} LIMIT ?",
+        (low, high, span.begin_s, span.end_s, limit),
+    ).fetchall()
+    if len(rows) == limit:
+        return rows, rows[-1][0]
+    behind = f"SELECT id FROM {table} WHERE id >= ? AND id < ? ORDER BY id LIMIT 1 OFFSET {_MOST_SCANNED}"
+    found = connection.execute(behind, (low, high)).fetchone()
+    return rows, None if found is None else found[0] - 1
+
+
+def _runs(connection: sqlite3.Connection, last: int) -> Iterator[tuple[int, int]]:
+    """First id of each run that left a reading, and the first id behind it, from the run of `last` on."""
+    at = last // _RUN_SPACE * _RUN_SPACE
+    while True:
+        found = connection.execute("SELECT id FROM reading WHERE id >= ? ORDER BY id LIMIT 1", (at,)).fetchone()
+        if found is None:
+            return
+        at = min((found[0] // _RUN_SPACE + 1) * _RUN_SPACE, _LAST_ID)
+        yield found[0], at
+
+
+def _bisect(connection: sqlite3.Connection, table: str, low: int, high: int, time_s: float) -> int:
+    """The smallest id in low..high from which on the times are not before `time_s`; `high`, excluded: there is none."""
+    at = f"SELECT id, time FROM {table} WHERE id >= ? AND id < ? ORDER BY id LIMIT 1"
+    while low < high:
+        middle = (low + high) // 2
+        found = connection.execute(at, (middle, high)).fetchone()
+        if found is None or found[1] >= time_s:
+            high = middle
+        else:
+            low = found[0] + 1
+    return low

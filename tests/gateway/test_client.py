@@ -1,0 +1,190 @@
+"""The typed client against a publisher over Zenoh on loopback, and the example of its page."""
+
+import asyncio
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import UTC, date, datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from drivers.base import SystemClock
+from gateway.client import Machine, MachineError
+from gateway.config import Telemetry
+from gateway.events import DecisionMade, EventReported, Health, HealthChecked, ReadingsTaken, StoreHealth
+from gateway.telemetry import (
+    DecisionMessage,
+    EventMessage,
+    HistoryPage,
+    HistoryRequest,
+    Published,
+    ReadingMessage,
+    TelemetryPublisher,
+)
+from talc.frame import Event, EventKind
+from tests.benches.free_port import free_port
+from tests.benches.telemetry_peer import decision, reading, telemetry
+
+PAGE = (Path(__file__).parents[2] / "docs" / "client.md").read_text(encoding="utf-8")
+LIMIT_S = 120.0
+BEGIN = datetime(2026, 3, 2, tzinfo=UTC)
+
+
+def here(port: int) -> str:
+    return f"tcp/127.0.0.1:{port}"
+
+
+def event(text: str) -> EventReported:
+    return EventReported(Event(EventKind.PROBLEM, text), 7)
+
+
+def next_text(messages: Iterator[Published]) -> str:
+    message = next(messages)
+    assert isinstance(message, EventMessage)
+    return message.text
+
+
+async def test_a_follower_gets_the_last_message_and_then_each_one_once_and_in_order() -> None:
+    port = free_port()
+    async with telemetry(port) as publisher:
+        publisher.publish(event("before"))
+        publisher.publish(ReadingsTaken([reading(20.0)]))
+        with Machine(connect=here(port)) as machine:
+            while not machine.latest("event"):  # the publishing thread may still be at it
+                pass
+            messages = machine.follow("event", quiet_s=LIMIT_S)
+            assert next_text(messages) == "before"
+            for n in range(20):
+                publisher.publish(event(f"number {n}"))
+            assert [next_text(messages) for _ in range(20)] == [f"number {n}" for n in range(20)]
+            messages.close()
+            assert machine.missed == 0
+
+
+async def test_last_messages_are_typed_and_by_key() -> None:
+    port = free_port()
+    async with telemetry(port) as publisher:
+        publisher.publish(ReadingsTaken([reading(20.0)]))
+        publisher.publish(DecisionMade(decision(7)))
+        publisher.publish(HealthChecked(Health(60.0, 30, 29, "ready", None, ("an operator",), StoreHealth())))
+        publisher.publish(event("the last"))
+        with Machine("mill", connect=here(port)) as machine:
+            while "event" not in (latest := machine.latest()):
+                pass
+            status = machine.status()
+            assert list(machine.latest("reading", "decision")) == ["reading/t0", "decision"]
+    assert isinstance(latest["decision"], DecisionMessage)
+    assert isinstance(latest["reading/t0"], ReadingMessage)
+    assert (latest["reading/t0"].value, latest["decision"].k) == (20.0, 7)
+    assert (status.channels_good, status.channels, status.waits_for) == (29, 30, ("an operator",))
+
+
+async def test_silence_ends_a_follower_that_wants_no_more_than_so_much_of_it() -> None:
+    port = free_port()
+    async with telemetry(port):
+        with (
+            Machine(connect=here(port)) as machine,
+            pytest.raises(TimeoutError, match=r"nothing was published for 0\.1 s"),
+        ):
+            next(machine.follow(quiet_s=0.1))
+
+
+async def test_who_is_not_there_is_named() -> None:
+    port = free_port()
+    with pytest.raises(MachineError, match=f"no answer at tcp/127.0.0.1:{port}. Is the gateway running"):
+        Machine(connect=here(port)).__enter__()
+    async with telemetry(port):
+        with pytest.raises(MachineError, match="no gateway of machine lathe runs under talc; running: mill"):
+            Machine("lathe", connect=here(port)).__enter__()
+        with Machine(connect=here(port)) as machine:
+            assert machine.name == "mill"
+            with pytest.raises(ValueError, match="'readings': no such kind of key; known are reading, frame"):
+                machine.latest("readings")
+
+
+@pytest.mark.parametrize(
+    ("name", "connect", "said"),
+    [("a*", "tcp/127.0.0.1:7447", "name = 'a\\*'"), (None, "7447", "connect = '7447': expected Zenoh endpoints")],
+)
+def test_what_cannot_be_is_refused_at_once(name: str | None, connect: str, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        Machine(name, connect=connect)
+    with pytest.raises(MachineError, match="not connected"):
+        Machine(connect="tcp/127.0.0.1:7447").status()
+
+
+def stored(asked: HistoryRequest) -> HistoryPage:
+    """Two pages; the channel b appears in the second, and has one value that is not good."""
+    if asked.channels == ("bed",):
+        raise ValueError("channels: 'bed' was never stored")
+    first = asked.begin.timestamp()
+    if asked.after is None:
+        return HistoryPage(60.0, ("a",), ("degC",), [first], [0], [20.0], ["good"], "r1")
+    assert asked.after == "r1"
+    times = [first + 60.125, first + 60.125, first + 61.0]
+    values: list[float | None] = [21.0, -1.5, 30.0]
+    return HistoryPage(0.0, ("a", "b"), ("degC", "um"), times, [0, 1, 1], values, ["good", "good", "stale"], None)
+
+
+async def test_a_day_is_a_table_of_its_good_values_by_channel() -> None:
+    port, asked = free_port(), list[HistoryRequest]()
+
+    def find(request: HistoryRequest) -> HistoryPage:
+        asked.append(request)
+        return stored(request)
+
+    settings = Telemetry(listen=(here(port),))
+    async with TelemetryPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=find):
+        with Machine(connect=here(port)) as machine:
+            day = machine.day(date(2026, 3, 2))
+            only = machine.day(date(2026, 3, 2), ["b", "a"], timezone(timedelta(hours=1)))
+            with pytest.raises(MachineError, match="mill: history: channels: 'bed' was never stored"):
+                machine.day(date(2026, 3, 2), ["bed"])
+            with pytest.raises(ValueError, match="expected times with a time zone"):
+                machine.history(datetime(2026, 3, 2), BEGIN)  # noqa: DTZ001
+    at = [BEGIN, BEGIN + timedelta(seconds=60.125), BEGIN + timedelta(seconds=61)]
+    expected = pd.DataFrame(
+        {"a": [20.0, 21.0, np.nan], "b": [np.nan, -1.5, np.nan]}, index=pd.DatetimeIndex(at, name="time")
+    )
+    pd.testing.assert_frame_equal(day, expected, check_index_type=False)
+    assert list(only.columns) == ["b", "a"]
+    assert (asked[0].begin, asked[0].end) == (BEGIN, BEGIN + timedelta(days=1))
+    assert (asked[2].begin, asked[2].end) == (BEGIN - timedelta(hours=1), BEGIN + timedelta(hours=23))
+
+
+@pytest.mark.slow
+async def test_the_example_of_the_page_follows_a_machine_and_reads_its_day() -> None:
+    found = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    assert found is not None
+    port = free_port()
+    code = found[1].replace("tcp/192.168.1.5:7447", here(port))
+    assert code != found[1]
+    settings = Telemetry(listen=(here(port),))
+    async with TelemetryPublisher(
+        settings, "mill", (), SystemClock(), "b", simulated=False, history=stored
+    ) as publisher:
+        publisher.publish(HealthChecked(Health(60.0, 30, 29, "ready", None, ("an operator",), StoreHealth())))
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-uc", code), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        try:
+            assert process.stdout is not None
+            said = b""
+            async with asyncio.timeout(LIMIT_S):
+                while b"calibration" not in said:  # it follows after what it prints first
+                    publisher.publish(DecisionMade(decision(7)))
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(0.2):
+                            said += await process.stdout.read(1000) or pytest.fail(str(await process.communicate()))
+        finally:
+            with suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+    assert b"29 of 30" in said
+    assert b"an operator" in said
+    assert b"21.0" in said
