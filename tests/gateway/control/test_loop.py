@@ -115,15 +115,15 @@ async def test_a_cycle_that_keeps_failing_is_requested_so_often_and_the_operator
 async def test_the_learner_says_why_after_each_measurement_and_each_hour() -> None:
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
-    fixed = LearnerSettings(policy="fixed", measurement_interval_steps=20)
+    fixed = LearnerSettings(policy="fixed", measurement_interval_steps=13)
     async with running(bench, told, settings=TalcSettings(learner=fixed)):
-        await bench.clock.run_until(46 * STEP_S)
+        await bench.clock.run_until(17 * STEP_S)
     first = told.frames[0].k
     measured = [f.k - first for f in told.frames if f.measurement is not None]
     given = [event.reasons for event in told.of(ReasonsGiven)]
-    assert measured == [1, 21, 41]
-    assert [r.k - first for r in given] == [0, 1, 13, 21, 33, 41]
-    assert [r.next_k - first for r in given] == [1, 21, 21, 41, 41, 61]
+    assert measured == [1, 14]
+    assert [r.k - first for r in given] == [0, 1, 13, 14]
+    assert [r.next_k - first for r in given] == [1, 14, 14, 27]
 
 
 async def test_a_restart_remembers_since_when_an_input_is_missing(tmp_path: Path) -> None:

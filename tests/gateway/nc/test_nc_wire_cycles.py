@@ -20,6 +20,7 @@ from tests.benches.nc_line_bench import bench, wants
 pytestmark = pytest.mark.simulated_time
 
 
+@pytest.mark.slow
 async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_has_another_number() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
