@@ -97,13 +97,15 @@ async def machine(
     sphere: bool = False,
     settings: Mapping[str, object] | None = None,
     tools: str | None = None,
+    coordinates: str = "XYZAC",
 ) -> AsyncIterator[LinuxCncMachine]:
     """LinuxCNC from ready until it has shut itself down.
 
     folder: an empty one; becomes its /tmp. key: what the agent shares with its client; empty: no agent. agent: a
     listening socket of ours for it: its own network, where it listens otherwise, is not ours. sphere: with the emulated
     machine's sphere under the probe. settings: other values in the INI file, by key, in whichever section. tools:
-    another tool table. Raises OSError when `missing` says something.
+    another tool table. coordinates: the axis of each joint, one letter twice for a gantry. Raises OSError when
+    `missing` says something.
     """
     if (problem := missing()) is not None:
         raise OSError(problem)
@@ -121,7 +123,7 @@ async def machine(
         (nc / "talc.key").chmod(0o600)
     if sphere:
         _bring_sphere(nc)
-    (nc / "talc.ini").write_text(_with(changed, (nc / "talc.ini").read_text()))
+    (nc / "talc.ini").write_text(_with(changed, _arranged(coordinates, (nc / "talc.ini").read_text())))
     if tools is not None:
         (nc / "talc.tbl").write_text(tools)
     environment = {"PATH": os.environ["PATH"], "HOME": "/tmp"}
@@ -162,6 +164,25 @@ def _with(changed: Mapping[str, object], ini: str) -> str:
         if count == 0:
             raise ValueError(f"settings: {key} is not in talc.ini")
     return ini
+
+
+def _arranged(coordinates: str, ini: str) -> str:
+    """The file with the joints in another order, each as the file describes the joint of its axis."""
+    before = "XYZAC"
+    if coordinates == before:
+        return ini
+    blocks = re.split(r"(?m)^(?=\[)", ini)
+    joints = {axis: next(b for b in blocks if b.startswith(f"[JOINT_{n}]")) for n, axis in enumerate(before)}
+    others = [block for block in blocks if block not in joints.values()]
+    arranged = [
+        joints[axis].replace(joints[axis].split("]")[0], f"[JOINT_{n}", 1) for n, axis in enumerate(coordinates)
+    ]
+    changed = {
+        "KINEMATICS": f"xyzac-trt-kins sparm=identityfirst coordinates={coordinates}",
+        "JOINTS": len(coordinates),
+        "COORDINATES": coordinates,
+    }
+    return _with(changed, "".join([*others, "\n", *arranged]))
 
 
 def _bring_sphere(nc: Path) -> None:

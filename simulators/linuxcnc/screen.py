@@ -48,7 +48,7 @@ class ControlScreen:
         self.command.mode(linuxcnc.MODE_MANUAL)
         self.until("manual mode", lambda s: s.task_mode == linuxcnc.MODE_MANUAL)
         self.command.home(-1)
-        self.until("all joints homed", lambda s: all(s.homed[:5]))
+        self.until("all joints homed", lambda s: all(s.homed[: s.joints]))
 
     def mdi(self, block: str) -> None:
         self.command.mode(linuxcnc.MODE_MDI)
@@ -132,8 +132,8 @@ class ControlScreen:
         self.stat.poll()
         return {
             "on": self.stat.task_state == linuxcnc.STATE_ON,
-            "homed": list(self.stat.homed[:5]),
-            "position": list(self.stat.joint_actual_position[:5]),
+            "homed": list(self.stat.homed[: self.stat.joints]),
+            "position": list(self.stat.joint_actual_position[: self.stat.joints]),
             "idle": self.stat.interp_state == linuxcnc.INTERP_IDLE,
             "mode": self.stat.task_mode,
             "tool": self.stat.tool_in_spindle,

@@ -50,7 +50,12 @@ class AgentBench:
 
 @asynccontextmanager
 async def running(
-    folder: Path, settings: Mapping[str, object], *, sphere: bool = False, tools: str | None = None
+    folder: Path,
+    settings: Mapping[str, object],
+    *,
+    sphere: bool = False,
+    tools: str | None = None,
+    coordinates: str = "XYZAC",
 ) -> AsyncIterator[AgentBench]:
     """folder: an empty one. settings: of LinuxCNC's INI file."""
     key_file = folder / "key"
@@ -58,7 +63,13 @@ async def running(
     (folder / "machine").mkdir()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         async with machine(
-            folder / "machine", listener, KEY, sphere=sphere, settings=settings, tools=tools
+            folder / "machine",
+            listener,
+            KEY,
+            sphere=sphere,
+            settings=settings,
+            tools=tools,
+            coordinates=coordinates,
         ) as operator:
             await operator.ask("switch_on")
             await operator.ask("home")

@@ -16,10 +16,11 @@ from typing import Any
 import hal
 import linuxcnc
 from talc_cycle import POSES, Cycle
+from talc_joints import AXES as ALL_AXES
+from talc_joints import MachineJoints, Unfit, machine_of
 from talc_server import Refusal, Server, read_key
 
 AXES = "xyz"
-ALL_AXES = "XYZAC"
 MODES = {linuxcnc.MODE_MANUAL: "jog", linuxcnc.MODE_AUTO: "auto", linuxcnc.MODE_MDI: "mda"}
 SECONDS, FROZEN_S = 42, 2.0
 """Analog input with the seconds of real time, see talc_agent.hal; unchanged for this long, it is stale."""
@@ -32,25 +33,38 @@ PROGRAM = {
 
 
 class Settings:
-    """Section [TALC] of LinuxCNC's INI file. Ends with a message for an invalid value."""
+    """LinuxCNC's INI file: its machine, and what the section [TALC] says of the agent. Raises Unfit."""
 
-    def __init__(self, path: Path) -> None:
-        self._ini, self._path = linuxcnc.ini(str(path)), path
-        self.bound_um, self.slew = self.number("BOUND", 0.2) * 1e3, self.number("SLEW", 0.01)
-        self.pivot = [self.number(f"PIVOT_{axis}", 0.0) for axis in "XYZ"]
-        self.probe_tool = round(self.number("PROBE_TOOL", 99))
-        self.host, self.port = self.text("ADDRESS", "127.0.0.1"), round(self.number("PORT", 7621))
-        self.key = path.parent / self.text("KEY", "talc.key")
+    def __init__(self, machine: MachineJoints, folder: Path) -> None:
+        self.machine = machine
+        self.pivot = [machine.number(f"PIVOT_{axis}", 0.0) for axis in "XYZ"]
+        """mm, as all of the probing program."""
+        self.probe_tool = round(machine.number("PROBE_TOOL", 99))
+        self.host, self.port = machine.text("ADDRESS", "127.0.0.1"), round(machine.number("PORT", 7621))
+        self.key = folder / machine.text("KEY", "talc.key")
 
-    def text(self, name: str, default: str) -> str:
-        return self._ini.find("TALC", name) or default
+    @property
+    def cannot_probe(self) -> str:
+        """Why the probing program cannot run on this machine."""
+        unit = self.machine.unit
+        return "" if self.machine.mm == 1.0 else f"[TRAJ] LINEAR_UNITS = {unit}: the probing program works in mm only"
 
-    def number(self, name: str, default: float) -> float:
-        text = self.text(name, str(default))
-        try:
-            return float(text)
-        except ValueError:
-            raise SystemExit(f"{self._path}, [TALC] {name} = {text!r}: expected a number") from None
+    @property
+    def greeting(self) -> dict[str, Any]:
+        """The machine, in the answer to a client that has logged in."""
+        machine = self.machine
+        return {"units": machine.unit, "joints": machine.joints, "bound_um": machine.bound_um}
+
+    def positions(self, nc: Any) -> tuple[float, ...]:
+        """Of ALL_AXES in the machine's coordinates: mm and degrees. A gantry is where its first joint is."""
+        at = [nc.joint_actual_position[self.machine.joints[axis][0]] for axis in ALL_AXES]
+        return tuple(v if axis in "AC" else v * self.machine.mm for axis, v in zip(ALL_AXES, at, strict=True))
+
+    def tip(self, nc: Any) -> dict[str, float]:
+        """The tool's tip from where A and C meet, mm; A, C in degrees."""
+        tool = [v * self.machine.mm for v in nc.tool_offset[:3]]
+        zero = [*(p + t for p, t in zip(self.pivot, tool, strict=True)), 0.0, 0.0]
+        return {axis: p - z for axis, p, z in zip(ALL_AXES, self.positions(nc), zero, strict=True)}
 
 
 class Travel:
@@ -83,9 +97,11 @@ class Control:
 
     def __init__(self, settings: Settings, pins: Any) -> None:
         self._settings, self._pins = settings, pins
+        self._um = settings.machine.mm * 1e3
+        """µm in one of LinuxCNC's linear units, in which the pins are."""
         self._owner, self._nc, self._command = 0, None, None
         self._seconds, self._moved_s = -1.0, 0.0
-        self._cycle, self._travel = Cycle(pins, settings.probe_tool), Travel()
+        self._cycle, self._travel = Cycle(pins, settings.probe_tool, settings.cannot_probe), Travel()
         self.verbs = {
             name: getattr(self, name)
             for name in ("status", "read", "write", "claim", "heartbeat", "release", "probe", "probing", "withdraw")
@@ -95,7 +111,7 @@ class Control:
         now = time.monotonic()
         nc = self._poll()
         if nc is not None:
-            self._travel.add(now, nc.joint_actual_position[: len(ALL_AXES)])
+            self._travel.add(now, self._settings.positions(nc))
         self._cycle.step(now, nc, self._command)
 
     def status(self, _: dict[str, Any]) -> dict[str, Any]:
@@ -103,10 +119,8 @@ class Control:
         s = self._poll()
         if s is None:
             raise Refusal("LinuxCNC does not run, or its state stands still")
-        joints = s.joint_actual_position[: len(ALL_AXES)]
-        zero = [*(p + t for p, t in zip(self._settings.pivot, s.tool_offset[:3], strict=True)), 0.0, 0.0]
         return {
-            "positions": {axis: j - z for axis, j, z in zip(ALL_AXES, joints, zero, strict=True)},
+            "positions": self._settings.tip(s),
             "states": {
                 "spindle_speed": abs(s.spindle[0]["speed"]) if s.spindle[0]["enabled"] else 0.0,
                 "coolant": float(bool(s.flood or s.mist)),
@@ -124,16 +138,16 @@ class Control:
         }
 
     def read(self, _: dict[str, Any] | None = None) -> list[float]:
-        """The offsets in force, µm: after the bound and the slew of talc.hal."""
-        return [self._pins[f"{axis}-in-force"] * 1e3 for axis in AXES]
+        """The offsets in force, µm: after the bound and the slew of talc.tcl."""
+        return [self._pins[f"{axis}-in-force"] * self._um for axis in AXES]
 
     def write(self, command: dict[str, Any]) -> None:
         um = command.get("um")
         if not isinstance(um, list) or len(um) != len(AXES):
             raise Refusal("um: expected a list of three numbers")
         um = [number(v, "um") for v in um]
-        if any(abs(v) > self._settings.bound_um for v in um):
-            raise Refusal(f"um = {um}: beyond [TALC] BOUND, {self._settings.bound_um:g} µm")
+        if any(abs(v) > self._settings.machine.bound_um for v in um):
+            raise Refusal(f"um = {um}: beyond [TALC] BOUND, {self._settings.machine.bound_um:g} µm")
         if not self._owner or command.get("owner") != self._owner or not self._pins["watching"]:
             raise Refusal("no heartbeat: claim the control and keep it alive before writing")
         self._want(um)
@@ -148,7 +162,7 @@ class Control:
             raise Refusal("expected silence_s 0.05 to 86400 and ramp_um_per_s 0 to 1000")
         self._owner = who
         # On silence limit2 moves at talc.ramp in SLEW's place: nobody agrees on more than that.
-        ramp = min(ramp * 1e-3, self._settings.slew)
+        ramp = min(ramp / self._um, self._settings.machine.slew)
         self._pins["silence"], self._pins["ramp"], self._pins["free"] = silence, ramp, False
         self._beat()
 
@@ -182,7 +196,7 @@ class Control:
 
     def _want(self, um: list[float]) -> None:
         for axis, v in zip(AXES, um, strict=True):
-            self._pins[axis] = v * 1e-3
+            self._pins[axis] = v / self._um
 
     def _poll(self) -> Any:
         """LinuxCNC's state, or None before it runs, after it has ended, or while it stands still."""
@@ -235,14 +249,18 @@ def component() -> Any:
 
 
 def main() -> None:
-    settings = Settings(Path(os.environ["INI_FILE_NAME"]))
+    ini = Path(os.environ["INI_FILE_NAME"])
+    try:
+        settings = Settings(machine_of(str(ini)), ini.parent)
+    except Unfit as unfit:
+        raise SystemExit(f"talc: {unfit}") from None
     key = read_key(settings.key)
     # A listening socket may be handed over, as by systemd's socket activation.
     handed = os.environ.get("TALC_AGENT_FD")
     listener = socket.socket(fileno=int(handed)) if handed else socket.create_server((settings.host, settings.port))
     pins = component()
     control = Control(settings, pins)
-    server = Server(listener, key, control.verbs)
+    server = Server(listener, key, control.verbs, settings.greeting)
     ended = False
 
     def end(*_: object) -> None:

@@ -32,10 +32,13 @@ class Pins(Protocol):
 
 
 class Cycle:
-    """The gateway's request and its progress."""
+    """The gateway's request and its progress.
 
-    def __init__(self, pins: Pins, probe_tool: int) -> None:
-        self._pins, self._probe_tool = pins, probe_tool
+    unfit: why the probing program cannot run on this machine at all; empty: it can.
+    """
+
+    def __init__(self, pins: Pins, probe_tool: int, unfit: str) -> None:
+        self._pins, self._probe_tool, self._unfit = pins, probe_tool, unfit
         self._number, self._state, self._reason = 0, "idle", ""
         self._expires_s = math.inf
         self._since_idle_s: float | None = None
@@ -82,6 +85,8 @@ class Cycle:
         """Why a cycle cannot begin in the present state; empty: it can, in a part program at its next safe point."""
         if nc.task_state != linuxcnc.STATE_ON or not all(nc.homed[: nc.joints]):
             return OFF
+        if self._unfit:
+            return self._unfit
         if all(tool.id != self._probe_tool for tool in nc.tool_table):
             return NO_PROBE  # LinuxCNC would end the part program that wants to change it in
         if nc.interp_state != linuxcnc.INTERP_IDLE:
@@ -122,7 +127,7 @@ class Cycle:
         if nc is None:
             return
         obstacle = self.obstacle(nc)
-        if obstacle in (OFF, NO_PROBE):
+        if obstacle in (OFF, NO_PROBE, self._unfit) and obstacle:
             self._refuse(obstacle)
         elif now >= self._expires_s:
             self._refuse("no safe point before the request expired")

@@ -36,8 +36,11 @@ class Client:
 class Server:
     """Serves while `turn` is called."""
 
-    def __init__(self, listener: socket.socket, key: bytes, verbs: Mapping[str, Verb]) -> None:
+    def __init__(
+        self, listener: socket.socket, key: bytes, verbs: Mapping[str, Verb], greeting: Mapping[str, Any]
+    ) -> None:
         self._key, self._verbs, self._listener = key, verbs, listener
+        self._greeting = {"commands": sorted(verbs), **greeting}
         self._clients: list[Client] = []
         self._selector = selectors.DefaultSelector()
         listener.setblocking(False)
@@ -107,7 +110,7 @@ class Server:
                 raise Refusal("expected an object")
             if client.session is None:
                 self._login(client, command, mac, text)
-                answer: Any = sorted(self._verbs)
+                answer: Any = self._greeting
             else:
                 answer = self._obey(command)
             self._say(client, {"answer": answer})

@@ -86,7 +86,7 @@ async def line(port: int) -> AsyncIterator[Line]:
 async def client(port: int) -> AsyncIterator[Line]:
     """Logged in, with the control claimed by owner 1."""
     async with line(port) as it:
-        assert "status" in (await it.login())["answer"]
+        assert "status" in (await it.login())["answer"]["commands"]
         assert await it.ask(do="claim", owner=1, silence_s=60.0, ramp_um_per_s=1.0) == {"answer": None}
         async with asyncio.timeout(60.0):
             while await it.ask(do="heartbeat", owner=1) != {"answer": True}:

@@ -30,7 +30,7 @@ class Serving:
         spec.loader.exec_module(self.module)
         listener = socket.create_server(("127.0.0.1", 0), backlog=128)
         self.address = listener.getsockname()
-        self._server = self.module.Server(listener, KEY, {"say": lambda command: command["what"]})
+        self._server = self.module.Server(listener, KEY, {"say": lambda command: command["what"]}, {})
         (folder / "talc.key").write_bytes(KEY)
         self._settings = LinuxCncSettings(key_file=folder / "talc.key", port=self.address[1], timeout_s=5.0)
         self._ending = threading.Event()

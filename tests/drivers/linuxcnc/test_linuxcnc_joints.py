@@ -1,0 +1,148 @@
+"""Units and joints that the agent of deploy/nc/linuxcnc reads in the INI file: each machine is compensated at the
+right joints by the right length, or refused by name. In part in the real LinuxCNC, Debian's linuxcnc-uspace.
+"""
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.nc import WatchdogTerms
+from simulators.linuxcnc.machine import FILES, machine
+from tests.benches.linuxcnc_bench import claimed, running
+
+INCH_MM = 25.4
+
+
+@pytest.fixture
+def talc_joints() -> Any:
+    """The agent's module; it needs LinuxCNC's only to open a file."""
+    spec = importlib.util.spec_from_file_location("talc_joints", FILES / "talc_joints.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def ini(coordinates: str = "XYZAC", **changed: str) -> dict[str, str]:
+    """The fields that count, as SECTION__NAME."""
+    fields = {
+        "TRAJ__LINEAR_UNITS": "mm",
+        "TRAJ__COORDINATES": coordinates,
+        "KINS__KINEMATICS": f"trivkins coordinates={coordinates} kinstype=BOTH",
+        "KINS__JOINTS": str(len(coordinates)),
+        "TALC__LOWER": "-0.2",
+        "TALC__BOUND": "0.2",
+        "TALC__SLEW": "0.01",
+    }
+    for n, axis in enumerate(coordinates):
+        fields[f"JOINT_{n}__TYPE"] = "ANGULAR" if axis in "AC" else "LINEAR"
+    return fields | changed
+
+
+def machine_of(talc_joints: Any, fields: dict[str, str]) -> Any:
+    return talc_joints.MachineJoints(lambda section, name: fields.get(f"{section}__{name}"), "mill.ini")
+
+
+@pytest.mark.parametrize(
+    ("unit", "mm"), [("mm", 1.0), ("METRIC", 1.0), ("inch", INCH_MM), ("in", INCH_MM), ("Imperial", INCH_MM)]
+)
+def test_each_name_of_a_unit_has_its_length(unit: str, mm: float, talc_joints: Any) -> None:
+    bound = 0.127 / mm
+    fields = ini(TRAJ__LINEAR_UNITS=unit, TALC__BOUND=f"{bound}", TALC__LOWER=f"{-2 * bound}")
+    it = machine_of(talc_joints, fields)
+    assert (it.mm, it.bound_um) == (mm, pytest.approx(127.0))
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "joints"),
+    [
+        ("XYZAC", {"X": (0,), "Y": (1,), "Z": (2,), "A": (3,), "C": (4,)}),
+        ("YXZAC", {"X": (1,), "Y": (0,), "Z": (2,), "A": (3,), "C": (4,)}),
+        ("CAZYX", {"X": (4,), "Y": (3,), "Z": (2,), "A": (1,), "C": (0,)}),
+        ("XYYZAC", {"X": (0,), "Y": (1, 2), "Z": (3,), "A": (4,), "C": (5,)}),
+        ("XYZACX", {"X": (0, 5), "Y": (1,), "Z": (2,), "A": (3,), "C": (4,)}),
+    ],
+)
+def test_joints_are_those_of_the_kinematics(
+    coordinates: str, joints: dict[str, tuple[int, ...]], talc_joints: Any
+) -> None:
+    assert machine_of(talc_joints, ini(coordinates)).joints == joints
+
+
+def test_the_second_joint_of_a_gantry_has_a_name_of_its_own(talc_joints: Any) -> None:
+    rows = machine_of(talc_joints, ini("XYYZAC")).named()
+    assert rows == [("x", "X", 0), ("y", "Y", 1), ("y2", "Y", 2), ("z", "Z", 3), ("a", "A", 4), ("c", "C", 5)]
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        (ini(TRAJ__LINEAR_UNITS="cm"), r"\[TRAJ\] LINEAR_UNITS = cm: write mm or inch"),
+        (ini(TRAJ__LINEAR_UNITS=""), r"\[TRAJ\] LINEAR_UNITS = : write mm or inch"),
+        (ini(TRAJ__ANGULAR_UNITS="rad"), r"\[TRAJ\] ANGULAR_UNITS = rad: write deg"),
+        (ini("XYZBC"), r"\[TRAJ\] COORDINATES = XYZBC: .*axes XYZAC"),
+        (ini("XYZACW"), r"\[TRAJ\] COORDINATES = XYZACW: .*axes XYZAC"),
+        (ini("XYZ"), r"\[TRAJ\] COORDINATES = XYZ: "),
+        (ini(KINS__KINEMATICS="5axiskins"), r"\[KINS\] KINEMATICS = 5axiskins: .*trivkins or xyzac-trt-kins"),
+        (ini(KINS__KINEMATICS="trivkins"), r"trivkins: its joints are XYZAB, but .*add coordinates=XYZAC"),
+        (ini("YXZAC", KINS__KINEMATICS="xyzac-trt-kins"), r"its joints are XYZAC, .*add coordinates=YXZAC"),
+        (ini(KINS__KINEMATICS="trivkins coordinates=XYZCA"), r"its joints are XYZCA, but .* = XYZAC"),
+        (ini("XYYZAC", KINS__JOINTS="5"), r"\[KINS\] JOINTS = 5: expected 6"),
+        (ini(JOINT_3__TYPE="LINEAR"), r"\[JOINT_3\] TYPE = LINEAR: joint 3 moves A: expected ANGULAR"),
+        (ini(JOINT_0__TYPE="ANGULAR"), r"\[JOINT_0\] TYPE = ANGULAR: joint 0 moves X"),
+        (ini(JOINT_1__UNITS="inch"), r"\[JOINT_1\] UNITS = inch: remove it"),
+        (ini(TRAJ__LINEAR_UNITS="inch"), r"\[TALC\] LOWER = -0.2: -5080 µm; expected at most 0.0197 inch"),
+        (ini(TALC__BOUND="nan"), r"\[TALC\] BOUND = nan: "),
+        (ini(TALC__BOUND="-0.1"), r"LOWER = -0.2, BOUND = -0.1: expected LOWER < 0 < BOUND"),
+        (ini(TALC__BOUND="much"), r"\[TALC\] BOUND = much: expected a number"),
+        (ini(TALC__SLEW="0"), r"\[TALC\] SLEW = 0: expected more than 0, in mm/s"),
+        (ini(TALC__SLEW="inf"), r"\[TALC\] SLEW = inf: "),
+    ],
+)
+def test_what_it_cannot_compensate_is_refused_by_name(fields: dict[str, str], says: str, talc_joints: Any) -> None:
+    with pytest.raises(talc_joints.Unfit, match=rf"^mill\.ini, .*{says}"):
+        machine_of(talc_joints, fields)
+
+
+MACHINES = [
+    pytest.param("XYZAC", {"LINEAR_UNITS": "inch", "LOWER": -0.008, "BOUND": 0.008, "SLEW": 0.04}, INCH_MM, id="inch"),
+    pytest.param("CYXAZ", {"SLEW": 1}, 1.0, id="another order"),
+    pytest.param("XYYZAC", {"SLEW": 1}, 1.0, id="gantry"),
+]
+
+
+@pytest.mark.peer
+@pytest.mark.slow
+@pytest.mark.parametrize(("coordinates", "settings", "unit_mm"), MACHINES)
+async def test_every_machine_reports_its_axes_and_moves_their_joints(
+    coordinates: str, settings: dict[str, object], unit_mm: float, tmp_path: Path
+) -> None:
+    async with running(tmp_path, settings, coordinates=coordinates, tools="T5 P5 Z4 D1\n") as bench:
+        await bench.operator.ask("mdi", "G21 T5 M6 G43")
+        await bench.operator.ask("mdi", "G53 G0 X11 Y-12 Z13 A-60 C90")
+        at = (await bench.nc.snapshot()).positions
+        expected = {"X": 11.0, "Y": -12.0, "Z": 13.0 - 4.0 * unit_mm, "A": -60.0, "C": 90.0}
+        assert at == pytest.approx(expected, abs=1e-6)
+        await claimed(bench, WatchdogTerms(60.0, 1.0))
+        wanted = {"X": 11.0, "Y": -20.0, "Z": 41.6}
+        await bench.nc.write_compensation((wanted["X"], wanted["Y"], wanted["Z"]))
+        assert await bench.nc.read_compensation() == pytest.approx(tuple(wanted.values()), abs=1e-3)
+        for n, axis in enumerate(coordinates):
+            asked = await bench.operator.number("getp", f"joint.{n}.pos-cmd")
+            if axis in "AC":
+                driven = await bench.operator.number("getp", f"joint.{n}.motor-pos-fb")
+            else:
+                name = axis.lower() + ("2" if axis in coordinates[:n] else "")
+                driven = await bench.pin(f"{name}-drive")
+            moved_um = (driven - asked) * unit_mm * 1e3
+            assert moved_um == pytest.approx(wanted.get(axis, 0.0), abs=0.01), f"joint {n}"
+
+
+@pytest.mark.peer
+async def test_linuxcnc_does_not_start_with_a_machine_that_is_not_understood(tmp_path: Path) -> None:
+    with pytest.raises(ConnectionError, match=r"\[TALC\] LOWER = -0\.2: -5080 µm; expected at most 0\.0197 inch"):
+        async with machine(tmp_path, settings={"LINEAR_UNITS": "inch"}):
+            pass
