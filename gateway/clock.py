@@ -3,6 +3,7 @@
 import asyncio
 import ctypes
 from contextlib import AbstractContextManager, nullcontext
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
@@ -24,6 +25,14 @@ class ServiceClock(Clock, Protocol):
         """
         ...
 
+    def synchronised(self) -> bool:
+        """Whether `utc()` is known to be right, as far as ages of minutes need it."""
+        ...
+
+    def origin(self) -> str:
+        """Name of what `monotonic()` counts from: values with the same origin can be subtracted, also in two runs."""
+        ...
+
 
 class RealClock(SystemClock):
     """The computer's own clocks."""
@@ -33,6 +42,17 @@ class RealClock(SystemClock):
 
     def hold(self) -> AbstractContextManager[None]:
         return nullcontext()
+
+    def synchronised(self) -> bool:
+        return clock_synchronised() is True
+
+    def origin(self) -> str:
+        return _kernel_boot()
+
+
+@cache
+def _kernel_boot() -> str:
+    return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
 
 
 _TIMEX_BYTES = 512
@@ -46,7 +66,7 @@ _TIMESYNCD = Path("/run/systemd/timesync")
 def clock_synchronised(timesyncd: Path = _TIMESYNCD) -> bool | None:
     """Whether a time server keeps the computer's clock; None: unknown.
 
-    The kernel knows it. Where asking it is denied, as by ProtectClock of the systemd unit, systemd-timesyncd's file
+    The kernel knows it. Where asking it is denied, as by ProtectClock of a systemd unit, systemd-timesyncd's file
     tells; of another time service nothing is known then.
     """
     libc = ctypes.CDLL(None)

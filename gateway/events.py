@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from gateway.acquisition import Sample
+from gateway.ages import StepTime
 from gateway.config import GatewayConfig
 from gateway.nc import Write
 from gateway.probing import Outcome, Outlook
@@ -32,6 +33,8 @@ class FrameMade:
     """A grid step has ended."""
 
     frame: Frame
+    moment: StepTime | None = None
+    """What the clocks said then; None: not told."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

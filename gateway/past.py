@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 
+from gateway.ages import StepTime
 from gateway.config import GatewayConfig, parse_prior, validate
 from gateway.control import SeenBefore
 from gateway.rebuild import (
@@ -33,6 +34,10 @@ class Past:
 
     controller: Controller
     last_k: int | None = None
+    moment: StepTime | None = None
+    """What the clocks said at the last step."""
+    pauses: tuple[int, ...] = ()
+    """First steps after pauses whose length the grid indices do not tell."""
     pending: tuple[TrainingJob | None, Why | None] = (None, None)
     reference_mm: FloatArray | None = None
     last_number: int | None = None
@@ -133,6 +138,8 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
     return Past(
         found.controller,
         last_k=found.last_k,
+        moment=history.moment(),
+        pauses=tuple(history.pauses(uncovered=True)),
         pending=(found.job, found.measure),
         reference_mm=None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3,
         last_number=history.last_number(),

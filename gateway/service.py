@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 
@@ -18,7 +17,9 @@ from gateway.acquisition import (
     apply,
     lines_of,
 )
+from gateway.ages import Ages
 from gateway.clock import ServiceClock
+from gateway.clock_watch import ClockWatch
 from gateway.config import GatewayConfig
 from gateway.control import GridLoop, GridSampler, Schedule, SensorWatch
 from gateway.events import (
@@ -80,7 +81,9 @@ class Service:
         self._config, self._clock, self._past = config, clock, past
         self._tap, self._health, self._identity = tap, health, identity or Identity()
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
-        self._schedule = Schedule(config.grid.step_s, past.last_k)
+        self._ages = Ages(clock, config.grid.step_s, past.moment, past.pauses)
+        lead_s = 0.0 if past.moment is None else past.moment.lead_s
+        self._schedule = Schedule(config.grid.step_s, past.last_k, lead_s)
         self._channels = {channel.name for channel in config.channels}
         self.board = Board({c.name: c.period_s for c in config.channels})
         self._health_watch = HealthWatch(
@@ -93,11 +96,17 @@ class Service:
             config.input_names, config.sensor_check, self._is_temperature, sink, clock, past.seen
         )
         self._acquisition: Acquisition | None = None
+        self._clock_watch = ClockWatch(self._ages, clock, self._noticed, self._remember)
 
     @property
     def fingerprint(self) -> str:
         """Fingerprint of the configuration in use, also after a reload."""
         return self._config.fingerprint()
+
+    @property
+    def clock_known(self) -> bool:
+        """Whether the wall clock is known to be right."""
+        return not self._clock_watch.unknown
 
     @property
     def periods_missed(self) -> Mapping[str, int]:
@@ -139,6 +148,7 @@ class Service:
                     tasks.create_task(stale.run(), name="stale"),
                     tasks.create_task(self._store_watch().run(), name="storage"),
                     tasks.create_task(self._health_watch.run(), name="health"),
+                    tasks.create_task(self._clock_watch.run(), name="clock"),
                 ]
                 if self.link is not None:
                     running.append(tasks.create_task(self.link.run(), name="nc"))
@@ -166,6 +176,7 @@ class Service:
             probing,
             self._sink,
             self._past.pending,
+            self._ages,
             seen=self._sensors.frame,
         )
 
@@ -184,8 +195,8 @@ class Service:
                 first_number=number + 1,
                 abandoned=self._past.last_number,
                 reference_mm=self._past.reference_mm,
-                measured_s=[-math.inf if k is None else self._monotonic_of(k) for k in self._past.measured],
-                missing_s={name: self._monotonic_of(k) for name, k in self._past.missing.items()},
+                measured_s=self._measured_s(),
+                missing_s=self._missing_s(),
             ),
             Listeners(
                 states=self._sampler.add_states,
@@ -211,10 +222,16 @@ class Service:
         except StoreError as error:  # after a restart the number would be used again
             raise NotBegun(f"its number cannot be stored: {error}") from error
 
-    def _monotonic_of(self, k: int) -> float:
-        """The time of grid index k on this run's monotonic clock."""
-        age_s = self._clock.utc().timestamp() - k * self._config.grid.step_s
-        return self._clock.monotonic() - max(0.0, age_s)
+    def _measured_s(self) -> list[float]:
+        return [self._ages.monotonic_of(k) for k in self._past.measured]
+
+    def _missing_s(self) -> dict[str, float]:
+        return {name: self._ages.monotonic_of(k) for name, k in self._past.missing.items()}
+
+    def _remember(self) -> None:
+        """The clock is known to be right from now on, and with it how long ago what the earlier run left was."""
+        if self.link is not None:
+            self.link.remembered(self._measured_s(), self._missing_s())
 
     def _is_temperature(self, name: str) -> bool:
         aged = self.board.latest(name, self._clock.monotonic()) if name in self._channels else None

@@ -10,6 +10,7 @@ from datetime import UTC, datetime, timedelta
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from threading import Lock
+from uuid import uuid4
 
 _LAYOUT = struct.Struct("=Qdddd")  # sequence (odd while being written), real base, simulated base, speed, limit
 _SHORTEST_SLEEP_S = 0.0005
@@ -27,6 +28,7 @@ class SharedClock:
         self._epoch = epoch.astimezone(UTC)
         self._speed = speed
         self._holds = 0
+        self._origin = uuid4().hex
         self._lock = Lock()
         self._due: list[float] = []
         """The time until which the owner's tasks sleep."""
@@ -73,6 +75,14 @@ class SharedClock:
             with self._lock:
                 self._holds -= 1
                 self._apply()
+
+    def synchronised(self) -> bool:
+        """Simulated time is always right."""
+        return True
+
+    def origin(self) -> str:
+        """A name for this clock, which no other one has."""
+        return self._origin
 
     async def sleep_until(self, monotonic_s: float) -> None:
         """Sleep; the owner wakes at exactly that time, others at that time or later."""

@@ -177,11 +177,13 @@ class Controller:
         last = self._record.last_k
         if last is not None and frame.k <= last:
             raise ValueError(f"k = {frame.k}: expected more than {last}, the last frame's")
-        if last is not None and frame.k - last > _LONGEST_GAP_STEPS:
+        if last is not None and (frame.pause_unknown or frame.k - last > _LONGEST_GAP_STEPS):
             self._record.clear()
         elif last is not None and frame.k > last + 1:
             self._bridge(frame.k)
         self._record.append(frame)
+        if frame.pause_unknown:
+            self._last_measured = None
         events: list[Event] = []
         if frame.measurement is not None:
             _note_impossible(frame.measurement, events)

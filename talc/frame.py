@@ -102,6 +102,8 @@ class Frame:
     """(n,) False where the input had no good value in this step (its number is then meaningless)."""
     measurement: Measurement | None = None
     """Set if a probing cycle has finished for this step."""
+    pause_unknown: bool = False
+    """The time since the frame before is not known, as after a restart without a synchronised clock."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 _WORK_S = 60.0
 """No loop works longer than this without waiting, apart from the reads of a bus."""
-_LOOPS = ("grid", "sensors", "stale", "storage", "health")
+_LOOPS = ("grid", "sensors", "stale", "storage", "health", "clock")
 """Names of the service's tasks that run always."""
 
 
@@ -76,3 +76,11 @@ class WatchedClock:
     def hold(self) -> AbstractContextManager[None]:
         """See ServiceClock."""
         return self._clock.hold()
+
+    def synchronised(self) -> bool:
+        """See ServiceClock."""
+        return self._clock.synchronised()
+
+    def origin(self) -> str:
+        """See ServiceClock."""
+        return self._clock.origin()

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gateway.cli.terminal import terminal
+from gateway.clock import clock_synchronised
 from gateway.config import CanOpenSection, CanSection, GatewayConfig, ModbusRtuSection, cautions
 from gateway.storage import History
 from talc.frame import FloatArray
@@ -34,13 +35,21 @@ class Ailment:
     remedy: str
 
 
+_CLOCK = Ailment(
+    "the clock is not synchronised: no time service has set it",
+    "the grid and everything stored have the computer's time; a Pi without a clock of its own starts in the past, and"
+    " after a restart nobody knows how old the last measurement is",
+    "install chrony and give it a server of the plant (docs/install-pi.md)",
+)
+
+
 def show(config: GatewayConfig, root: Path = Path("/")) -> bool:
     """Print every finding; True if there is none.
 
     root: where /sys, /proc and /run are
     """
     console = terminal()
-    found = list(findings(config, root))
+    found = list(findings(config, root, synchronised=clock_synchronised() is True))
     for finding in found:
         console.print(
             f"{finding.what}\n  why it matters: {finding.why}\n  what to do: {finding.remedy}", soft_wrap=True
@@ -50,9 +59,13 @@ def show(config: GatewayConfig, root: Path = Path("/")) -> bool:
     return not found
 
 
-def findings(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
-    """Everything that is wrong, the computer first."""
-    yield from _clock(root)
+def findings(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterator[Ailment]:
+    """Everything that is wrong, the computer first.
+
+    synchronised: whether a time service has set this computer's clock
+    """
+    if not synchronised:
+        yield _CLOCK
     yield from _disk(config)
     yield from _power(root)
     yield from _can(config, root)
@@ -65,16 +78,6 @@ def findings(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
         with History(config.storage.path) as history:
             yield from _scatter(history.residuals_um())
             yield from _too_equal(history, config)
-
-
-def _clock(root: Path) -> Iterator[Ailment]:
-    if (root / "run/systemd/timesync/synchronized").exists() or (root / "run/chrony/chronyd.pid").exists():
-        return
-    yield Ailment(
-        "the clock is not known to be synchronised: neither systemd-timesyncd nor chronyd says so",
-        "the grid and everything stored have the computer's time; a Pi without a clock of its own starts in the past",
-        "install chrony and give it a server of the plant (docs/install-pi.md)",
-    )
 
 
 def _disk(config: GatewayConfig) -> Iterator[Ailment]:

@@ -91,6 +91,7 @@ async def serve(
         service = Service(config, clock, sink, past, tap, lambda: store.health, identity, synchronised)
         if telemetry is not None:
             telemetry.count_missed(lambda: service.periods_missed)
+            telemetry.ask_clock(lambda: service.clock_known)
         started(service)
         await service.run(stop)
 

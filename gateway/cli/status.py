@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gateway.cli.opening import armed
 from gateway.cli.terminal import printable, terminal
+from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, unarmed
 from gateway.storage import History
 from talc.frame import EventKind
@@ -14,6 +15,7 @@ from talc.frame import EventKind
 _RECENT = timedelta(hours=24)
 _EVENTS = 5
 _LATE_STEPS = 2
+_CLOCK = "the computer's clock is not synchronised: times and ages may be wrong"
 _GOOD = ("good", "simulated")
 
 
@@ -35,27 +37,35 @@ class Status:
     """Channels that were not read in that time, or are not good."""
     problems: tuple[str, ...]
     """The latest problems of the last day and their ends, oldest first."""
+    clock_synchronised: bool
+    """Whether a time service has set this computer's clock."""
     well: bool
     """It runs, decides in time, and every channel is good."""
 
 
-def status_of(config: GatewayConfig, now: datetime) -> Status:
-    """The status at this time. Raises StoreError when the database cannot be read."""
+def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True) -> Status:
+    """The status at this time. Raises StoreError when the database cannot be read.
+
+    synchronised: whether this time is known to be right
+    """
     path, step_s = config.storage.path, config.grid.step_s
     channels = [channel.name for channel in config.channels]
     decision: tuple[int, str] | None = None
+    lead_s = 0.0
     readings: dict[str, tuple[float | None, str, str]] = {}
     problems: list[str] = []
     if path.is_file():
         with History(path) as history:
             decision = history.latest_decision()
+            if (moment := history.moment()) is not None:
+                lead_s = moment.lead_s
             longest_s = max((channel.period_s for channel in config.channels), default=step_s)
             readings = history.latest_readings(now - timedelta(seconds=max(step_s, 3 * longest_s)))
             notable = (EventKind.PROBLEM, EventKind.PROBLEM_ENDED)
             recent = [(at, e.text) for at, _, e in history.events() if e.kind in notable and now - at < _RECENT]
             problems = [f"{at:%H:%M} {text}" for at, text in recent[-_EVENTS:]]
     missing = tuple(name for name in channels if name not in readings or readings[name][2] not in _GOOD)
-    age_s = None if decision is None else now.timestamp() - decision[0] * step_s
+    age_s = None if decision is None else now.timestamp() + lead_s - decision[0] * step_s
     running = _held(path)
     return Status(
         machine=config.machine.name,
@@ -67,13 +77,14 @@ def status_of(config: GatewayConfig, now: datetime) -> Status:
         readings=readings,
         missing=missing,
         problems=tuple(problems),
+        clock_synchronised=synchronised,
         well=running and age_s is not None and age_s <= _LATE_STEPS * step_s and not missing,
     )
 
 
 def show(config: GatewayConfig, as_json: bool) -> bool:
     """Print it; True if all is well."""
-    status = status_of(config, datetime.now(UTC))
+    status = status_of(config, datetime.now(UTC), synchronised=clock_synchronised() is True)
     console = terminal()
     if as_json:
         console.print(json.dumps(asdict(status), ensure_ascii=False), soft_wrap=True, highlight=False)
@@ -85,6 +96,7 @@ def show(config: GatewayConfig, as_json: bool) -> bool:
         *status.unarmed,
         f"channels: {len(config.channels) - len(status.missing)} of {len(config.channels)} good",
         *(f"  {name}: {_reading(status, name)}" for name in status.missing),
+        *(() if status.clock_synchronised else (_CLOCK,)),
         *(f"  {text}" for text in status.problems),
     ]
     for line in lines:

@@ -10,6 +10,8 @@ import numpy as np
 from drivers.base import Reading
 from talc.frame import Frame, Measurement
 
+_BELIEVED_S = 366 * 86400.0
+
 
 @dataclass(frozen=True, slots=True)
 class Instant:
@@ -20,6 +22,10 @@ class Instant:
     """When it is reached on the monotonic clock."""
     clock_moved_s: float = 0.0
     """How far UTC had moved against the monotonic clock when the grid was re-anchored; otherwise 0."""
+    known: bool = True
+    """Whether UTC was known to be right when the instant was numbered."""
+    lead_s: float = 0.0
+    """How far the numbering is ahead of UTC."""
 
 
 class Schedule:
@@ -27,38 +33,57 @@ class Schedule:
 
     Between instants only the monotonic clock counts. When UTC has moved against it by more than half a step (NTP
     synchronised, or somebody set the clock), the grid is re-anchored: forward leaves a gap in k; backward continues
-    with the next index, because k must increase.
+    with the next index, because k must increase. From then on, restarts included, the numbering is ahead of UTC by as
+    much (`lead_s`), so that differences of k stay true. A UTC that is not known to be right changes no lead, and is not
+    believed when it is more than a year after the last frame.
 
     Parameters
     ----------
     step_s: grid step, s, > 0
     last_k: index of the last stored frame, so that a restart with a slow clock never repeats one
+    lead_s: how far the stored numbering is ahead of UTC
     """
 
-    def __init__(self, step_s: float, last_k: int | None = None) -> None:
+    def __init__(self, step_s: float, last_k: int | None = None, lead_s: float = 0.0) -> None:
         if not (math.isfinite(step_s) and step_s > 0):
             raise ValueError(f"step_s = {step_s!r}: expected a positive number")
         self._step = step_s
         self._last_k = last_k
+        self._lead_s = lead_s
+        self._known = True
         self._anchor_s: float | None = None
-        """UTC seconds minus monotonic seconds, as used for the grid."""
+        """Seconds of the numbering minus monotonic seconds, as used for the grid."""
         self._seen_s = 0.0
         """UTC seconds minus monotonic seconds, as last seen."""
 
-    def next(self, utc: datetime, monotonic_s: float) -> Instant:
-        """The next instant after now. Call it once per step, because it counts the instant as used."""
+    def next(self, utc: datetime, monotonic_s: float, *, known: bool = True) -> Instant:
+        """The next instant after now. Call it once per step, because it counts the instant as used.
+
+        known: whether UTC is known to be right
+        """
         offset = utc.timestamp() - monotonic_s
+        wanted = offset + self._lead_s
         moved = 0.0 if self._anchor_s is None else offset - self._seen_s
-        anew = self._anchor_s is None or abs(moved) > self._step / 2
-        anchor = offset if self._anchor_s is None or anew else self._anchor_s
-        self._seen_s = offset
+        anew = self._anchor_s is None or self.moved(utc, monotonic_s)
+        if self._anchor_s is not None and known and not self._known:
+            anew = anew or abs(wanted - self._anchor_s) > self._step / 2
+        anchor = wanted if self._anchor_s is None or anew else self._anchor_s
+        self._seen_s, self._known = offset, known
         k = math.floor((monotonic_s + anchor) / self._step) + 1
-        if self._last_k is not None and k <= self._last_k:
-            if anew:  # UTC is behind: number on from the last frame, on the same instants
+        if self._last_k is not None and (k <= self._last_k or (anew and not known and self._absurd(k))):
+            if anew:  # number on from the last frame, on the same instants
                 anchor += (self._last_k + 1 - k) * self._step
+                self._lead_s = anchor - offset if known else self._lead_s
             k = self._last_k + 1
         self._anchor_s, self._last_k = anchor, k
-        return Instant(k, k * self._step - anchor, moved if anew else 0.0)
+        return Instant(k, k * self._step - anchor, moved if anew else 0.0, known, self._lead_s)
+
+    def moved(self, utc: datetime, monotonic_s: float) -> bool:
+        """Whether UTC has moved against the monotonic clock, by more than half a step, since the last instant."""
+        return self._anchor_s is not None and abs(utc.timestamp() - monotonic_s - self._seen_s) > self._step / 2
+
+    def _absurd(self, k: int) -> bool:
+        return self._last_k is not None and (k - self._last_k) * self._step > _BELIEVED_S
 
 
 class GridSampler:
@@ -96,7 +121,7 @@ class GridSampler:
             if position is not None and math.isfinite(value):
                 self._samples.append((position, monotonic_s, value))
 
-    def frame(self, instant: Instant, measurement: Measurement | None = None) -> Frame:
+    def frame(self, instant: Instant, measurement: Measurement | None = None, *, pause_unknown: bool = False) -> Frame:
         """The frame of the step that ends at `instant`. Later readings stay for the next one."""
         count = np.zeros(len(self._index), dtype=np.int64)
         total = np.zeros(len(self._index))
@@ -112,4 +137,4 @@ class GridSampler:
         valid = count > 0
         inputs = np.full(len(self._index), np.nan)
         inputs[valid] = total[valid] / count[valid]
-        return Frame(instant.k, inputs, valid, measurement)
+        return Frame(instant.k, inputs, valid, measurement, pause_unknown)

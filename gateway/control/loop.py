@@ -5,6 +5,7 @@ import logging
 import math
 from collections.abc import Awaitable, Callable
 
+from gateway.ages import Ages, StepTime
 from gateway.clock import ServiceClock
 from gateway.config import Probing
 from gateway.control.grid import GridSampler, Instant, Schedule
@@ -44,6 +45,7 @@ class GridLoop:
     probing: `lead_s` and `poll_s` are used
     sink: receives frames, decisions, measurements, models and events
     pending: a training and a measurement that an earlier run still wanted
+    ages: how long ago the last stored frame was; None: there is none
     train: runs a training
     seen: called with every frame, after everything that follows from it
     """
@@ -59,12 +61,14 @@ class GridLoop:
         probing: Probing,
         sink: Sink,
         pending: tuple[TrainingJob | None, Why | None] = (None, None),
+        ages: Ages | None = None,
         train: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
         seen: Callable[[Frame], None] = lambda _: None,
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
         self._link, self._plan, self._probing = link, plan, probing
         self._sink = sink
+        self._ages = ages or Ages(clock, 1.0, None)
         self._job, wanted = pending
         self._plan.want(wanted, clock.monotonic())
         self._run_training, self._seen = train, seen
@@ -80,11 +84,13 @@ class GridLoop:
         """Run until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             while True:
-                instant = self._schedule.next(self._clock.utc(), self._clock.monotonic())
+                instant = self._schedule.next(self._clock.utc(), self._clock.monotonic(), known=self._ages.known)
                 if instant.clock_moved_s:
                     log.warning("the clock was set by %+.0f s; the grid follows", instant.clock_moved_s)
                 self._begin_what_is_wanted(tasks, instant)
                 await self._clock.sleep_until(instant.monotonic_s)
+                if self._last_k < 0 and self._schedule.moved(self._clock.utc(), self._clock.monotonic()):
+                    continue  # the clock was set after the start: the first frame of a run says how long the pause was
                 with self._clock.hold():
                     self._step(instant)
                     # Let the other tasks of this instant start while time still stands still.
@@ -106,10 +112,11 @@ class GridLoop:
 
     def _step(self, instant: Instant) -> None:
         measurement, self._finished = self._finished, None
-        frame = self._sampler.frame(instant, measurement)
+        unknown = self._last_k < 0 and math.isinf(self._ages.pause_s)
+        frame = self._sampler.frame(instant, measurement, pause_unknown=unknown)
         decision = self._controller.step(frame)
         self._last_k = frame.k
-        self._sink(FrameMade(frame))
+        self._sink(FrameMade(frame, self._moment(instant)))
         self._sink(DecisionMade(decision))
         for event in decision.events:
             self._sink(EventReported(event, decision.k))
@@ -121,6 +128,9 @@ class GridLoop:
         self._seen(frame)
         if measurement is not None or instant.monotonic_s >= self._explain_s:
             self._explain(instant.monotonic_s)
+
+    def _moment(self, instant: Instant) -> StepTime:
+        return StepTime(instant.k, self._clock.origin(), instant.monotonic_s, instant.lead_s, instant.known)
 
     def _explain(self, now_s: float) -> None:
         self._explain_s = now_s + _EXPLAIN_EVERY_S

@@ -5,7 +5,7 @@ a hold (offsets stand still while the control probes) and a prober. gateway.nc.s
 """
 
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from typing import assert_never
 
@@ -107,6 +107,10 @@ class NcLink:
     def follow(self, decision: Decision) -> None:
         """Compensate by this decision from now on."""
         self._target.follow(decision, self._clock.monotonic())
+
+    def remembered(self, measured_s: Sequence[float], missing_s: Mapping[str, float]) -> None:
+        """The times of `Earlier`, now that the clock is known to be right; those of this run stay."""
+        self._target.remembered(measured_s, missing_s)
 
     async def measure(self, why: Why) -> Outcome:
         """One probing cycle, or those of the reference; see Prober. The offsets stand still until it has ended."""

@@ -64,7 +64,7 @@ class Earlier:
     """(poses, 3) centres that deviations are measured from; None: the first measurement sets them, from the mean of
     `probing.reference_cycles` cycles."""
     measured_s: Sequence[float] | None = None
-    """(9,) monotonic seconds of each error's last measurement, -inf for none; None: all of them now."""
+    """(9,) monotonic seconds of each error's last measurement, -inf for none or an unknown time; None: all now."""
     missing_s: Mapping[str, float] = field(default_factory=dict)
     """Inputs of live models without a good value, and the monotonic seconds since when."""
 

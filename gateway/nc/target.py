@@ -1,6 +1,7 @@
 """The target: which thermal errors to cancel now, and whether they are recent enough. Pure."""
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -48,6 +49,13 @@ class Target:
         """Compensate by this decision from now on."""
         self._decision, self._decided_s = decision, now_s
         self._missing = {name: self._missing.get(name, now_s) for name in decision.substituted}
+
+    def remembered(self, measured_s: Sequence[float], missing_s: Mapping[str, float]) -> None:
+        """Times of an earlier run that were not known; -inf: they still are not."""
+        self._last_measured.remembered(measured_s)
+        self._missing = {
+            name: missing_s.get(name, since) if math.isinf(since) else since for name, since in self._missing.items()
+        }
 
     def measured(self, measurement: Measurement, now_s: float) -> None:
         self._last_measured.measured(measurement, now_s)

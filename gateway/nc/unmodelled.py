@@ -22,6 +22,10 @@ class LastMeasured:
     def measured(self, measurement: Measurement, now_s: float) -> None:
         self._since = np.where(np.isfinite(measurement.errors), now_s, self._since)
 
+    def remembered(self, since_s: Sequence[float]) -> None:
+        """When errors were measured that had no known time, (9,) monotonic seconds; -inf: still not known."""
+        self._since = np.where(np.isneginf(self._since), since_s, self._since)
+
     def corrected(self, decision: Decision, now_s: float) -> FloatArray:
         """(9,) the decision's corrections; NaN for an error that is unknown or was not measured recently."""
         without_model = ~np.isfinite(decision.predicted)

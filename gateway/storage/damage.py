@@ -28,6 +28,7 @@ _ALSO_LEARNT = ("trust", "reasons")
 _FARTHEST = 2**40
 _LARGEST = 1e9
 """Of any input, error or uncertainty."""
+_LONGEST_S = 1e11
 _NUMBERS_SKIPPED = 100
 """Requests that may have been made after the last one that can be read."""
 
@@ -317,6 +318,12 @@ def _check_compensation(row: RawRow) -> None:
     rows.compensation_of((time, mode, source, offsets, written))
 
 
+def _check_moment(row: RawRow) -> None:
+    _, k, _, monotonic_s, lead_s, _ = row
+    if not (0 <= k <= _LARGEST and 0.0 <= monotonic_s <= _LARGEST and abs(lead_s) <= _LONGEST_S):
+        raise ValueError("no time of a step")
+
+
 _CHECKS: Mapping[str, Callable[[RawRow], object]] = {
     "boot": lambda row: json.loads(row[3]),
     "running": lambda row: json.loads(row[3]),
@@ -328,4 +335,5 @@ _CHECKS: Mapping[str, Callable[[RawRow], object]] = {
     "snapshot": lambda row: marks_of(row[3]),
     "event": lambda row: rows.event_of(row[1:]),
     "compensation": _check_compensation,
+    "moment": _check_moment,
 }

@@ -2,6 +2,7 @@
 
 import sqlite3
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import datetime
 from itertools import groupby
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from gateway.ages import StepTime
 from gateway.storage import rows
 from gateway.storage.faults import StoreError
 from gateway.storage.placing import placed_frames, placed_step
@@ -152,13 +154,37 @@ class History:
             " WHERE f.k > ? ORDER BY f.k",
             (after_k,),
         )
-        last = after_k
+        last, pauses = after_k, set(self.pauses())
         for row in found:
             if row[0] <= last:  # of a damaged page
                 raise ValueError(f"{self._path}: step {row[0]} follows step {last}")
             last = row[0]
             step = rows.step_of(row[:-1], adopted.get(row[0], ()))
+            if last in pauses:
+                step = replace(step, frame=replace(step.frame, pause_unknown=True))
             yield step if names is None else placed_step(step, own.get(row[-1]), names)
+
+    def pauses(self, *, uncovered: bool = False) -> list[int]:
+        """Grid indices of frames before which the time was not known.
+
+        uncovered: only those that no later index makes up for
+        """
+        if not self._has("pause"):
+            return []
+        where = " WHERE NOT known" if uncovered else ""
+        return [k for (k,) in self._connection.execute(f"SELECT k FROM pause{where} ORDER BY k")]
+
+    def moment(self) -> StepTime | None:
+        """What the clocks said at the last frame; an earlier program's is taken for numbered by a clock that was right.
+
+        None: there is no frame.
+        """
+        row = self._connection.execute("SELECT * FROM moment").fetchone() if self._has("moment") else None
+        if row is not None:
+            _, k, origin, monotonic_s, lead_s, known = row
+            return StepTime(k, origin, monotonic_s, lead_s, bool(known))
+        last_k = self.latest_k()
+        return None if last_k is None else StepTime(last_k, "", 0.0, 0.0, known=True)
 
     def reasons(self) -> Reasons | None:
         """The latest ones; None: none were given."""

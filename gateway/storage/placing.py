@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gateway.storage.stored import StoredStep
-from talc.frame import BoolArray, FloatArray, Frame, Frames
+from talc.frame import BoolArray, FloatArray, Frames
 from talc.models import ModelSet
 
 
@@ -28,7 +28,7 @@ def placed_step(step: StoredStep, own: Sequence[str] | None, names: Sequence[str
     frame = step.frame
     inputs, valid = _placed(frame.inputs, frame.valid, own, names)
     models = tuple(_placed_models(adopted, names) for adopted in step.adopted)
-    return replace(step, frame=Frame(frame.k, inputs, valid, frame.measurement), adopted=models)
+    return replace(step, frame=replace(frame, inputs=inputs, valid=valid), adopted=models)
 
 
 def _placed(

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from gateway.ages import StepTime
 from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
@@ -50,6 +51,11 @@ def of_frame(boot: str, frame: Frame) -> Row:
         frame.k, boot, _blob(frame.inputs), np.packbits(frame.valid).tobytes(),
         None if m is None else _blob(m.errors), None if m is None else _blob(m.sigma),
     )  # fmt: skip
+
+
+def of_moment(moment: StepTime) -> Row:
+    """Row of `moment`, without its slot."""
+    return moment.k, moment.origin, moment.monotonic_s, moment.lead_s, int(moment.known)
 
 
 def of_decision(decision: Decision) -> Row:

@@ -45,6 +45,10 @@ CREATE TABLE IF NOT EXISTS prior (hash TEXT PRIMARY KEY, content TEXT NOT NULL) 
 CREATE TABLE IF NOT EXISTS prior_of_boot (boot INTEGER PRIMARY KEY, hash TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS snapshot (slot INTEGER PRIMARY KEY, k INTEGER NOT NULL, taken TEXT NOT NULL,
     state BLOB NOT NULL);
+CREATE TABLE IF NOT EXISTS moment (slot INTEGER PRIMARY KEY, k INTEGER NOT NULL, origin TEXT NOT NULL,
+    monotonic_s REAL NOT NULL, lead_s REAL NOT NULL, known INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS pause (k INTEGER PRIMARY KEY, origin TEXT NOT NULL, begin_known INTEGER NOT NULL,
+    known INTEGER NOT NULL);
 CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 """
 """Tables that later programs added; in a file without them, nothing of the kind has happened."""

@@ -176,10 +176,21 @@ class Store:
                     self._channels.readings(self._number, readings),
                     kind=Kind.READINGS,
                 )
-            case FrameMade(frame):
+            case FrameMade(frame, moment):
                 if self._known.first_k is None:
                     self._known.first_k = frame.k
                 put("INSERT INTO frame VALUES (?, ?, ?, ?, ?, ?)", [rows.of_frame(self._boot, frame)])
+                if frame.pause_unknown:
+                    origin = "" if moment is None else moment.origin
+                    begin = "coalesce((SELECT known FROM moment), 1)"
+                    put(f"INSERT INTO pause VALUES (?, ?, {begin}, 0)", [(frame.k, origin)])
+                if moment is not None:
+                    put("INSERT OR REPLACE INTO moment VALUES (0, ?, ?, ?, ?, ?)", [rows.of_moment(moment)])
+                    if moment.known:  # the indices now cover the pause before this start of the computer
+                        put(
+                            "UPDATE pause SET known = 1 WHERE origin = ? AND begin_known AND NOT known",
+                            [(moment.origin,)],
+                        )
             case DecisionMade(decision):
                 put("INSERT OR REPLACE INTO trust VALUES (?, ?)", [rows.of_trust(decision)])
                 put(
@@ -255,7 +266,7 @@ def _remove_torn_step(connection: sqlite3.Connection) -> None:
     """Remove what follows the last whole step: a frame on which nothing was decided counts as not made."""
     whole = connection.execute("SELECT f.k FROM frame f JOIN decision d ON d.k = f.k ORDER BY f.k DESC LIMIT 1")
     (last,) = whole.fetchone() or (-1,)
-    for table in ("frame", "decision", "trust"):
+    for table in ("frame", "decision", "trust", "moment", "pause"):
         connection.execute(f"DELETE FROM {table} WHERE k > ?", (last,))
     for table in ("frame", "decision"):
         (left,) = connection.execute(f"SELECT coalesce(max(k), -1) FROM {table}").fetchone()

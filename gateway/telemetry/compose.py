@@ -1,7 +1,7 @@
 """Makes the published messages from events."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from typing import NamedTuple, assert_never
 
@@ -90,7 +90,9 @@ class Composer:
 
     def __init__(self, boot: str, input_names: Sequence[str], clock: Clock, *, simulated: bool) -> None:
         self._boot, self._names, self._clock = boot, tuple(input_names), clock
-        self._clock_state = "simulated" if simulated else "system"
+        self._simulated = simulated
+        self.clock_known: Callable[[], bool] = lambda: True
+        """Whether the computer's clock is known to be right."""
         self._sequence = 0
 
     def messages(self, event: GatewayEvent) -> list[Keyed]:  # noqa: C901 - one arm for each kind of event
@@ -158,7 +160,8 @@ class Composer:
 
     def _stamp(self) -> _Stamp:
         self._sequence += 1
-        return _Stamp(self._boot, self._sequence, self._clock.utc().isoformat(), self._clock_state)
+        state = "simulated" if self._simulated else "system" if self.clock_known() else "unsynchronised"
+        return _Stamp(self._boot, self._sequence, self._clock.utc().isoformat(), state)
 
 
 def _reading(stamp: _Stamp, r: Sample, now_s: float) -> ReadingMessage:

@@ -39,7 +39,7 @@ class Message(Struct, frozen=True):
     boot: Annotated[str, Meta(description="Identifies a run of the gateway")]
     seq: Annotated[int, Meta(description="Ascends within a run, over all keys")]
     time: Annotated[Utc, Meta(description="When this was published, UTC")]
-    clock: Annotated[str, _texts(("system", "simulated"))]
+    clock: Annotated[str, _texts(("system", "unsynchronised", "simulated"))]
 
 
 class ReadingMessage(Message, frozen=True):

@@ -179,6 +179,10 @@ class TelemetryPublisher:
         """Set the source of the number of missed periods by bus, for the status."""
         self._periods_missed = periods_missed
 
+    def ask_clock(self, known: Callable[[], bool]) -> None:
+        """Set the source of whether the computer's clock is known to be right, for every message."""
+        self._composer.clock_known = known
+
     def _put_status(self) -> None:
         missed = self._periods_missed()
         self._put(

@@ -28,6 +28,8 @@ from talc.settings import LearnerSettings
 _TWO_SIDED_95 = 1.96
 _SETTLED_S = 3600.0
 """After a gap longer than this a measurement is wanted at once."""
+_UNKNOWN_PAUSE_S = 30 * 86400.0
+"""What a pause of unknown length is taken for, unless it was longer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +79,7 @@ class LearningCourse:
         noise = np.where(positions, settings.noise_um, settings.noise_um_per_m)
         self._learner = RowLearner(len(self._names), step_s, noise, None if prior is None else prior.of(self._names))
         self._experts = EXPERTS if prior is None else (*EXPERTS, *OTHERS_EXPERTS)
-        self._long_gap = round(_SETTLED_S / step_s)
+        self._long_gap, self._unknown_gap = round(_SETTLED_S / step_s), round(_UNKNOWN_PAUSE_S / step_s)
         self._phase = Phase.CALIBRATION
         self._last_k: int | None = None
         self._last_measured: int | None = None
@@ -96,6 +98,10 @@ class LearningCourse:
         events: list[Event] = []
         valid = frame.valid & (np.abs(frame.inputs) <= LARGEST_INPUT)  # NaN compares false
         gap = 0 if self._last_k is None else frame.k - self._last_k - 1
+        if frame.pause_unknown:
+            if self._last_measured is not None:
+                self._last_measured -= max(0, self._unknown_gap - gap)
+            gap = max(gap, self._unknown_gap)
         moved = self._learner.advance(np.where(valid, frame.inputs, 0.0), valid, gap)
         self._note_inputs(valid, moved, events)
         if gap > self._long_gap:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from itertools import count
+from uuid import uuid4
 
 EPOCH = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
 _IDLE_TURNS = 50
@@ -21,6 +22,8 @@ class SteppedClock:
         self._sleepers: list[tuple[float, int, asyncio.Future[None]]] = []
         self._number = count()
         self.holds = 0
+        self.is_synchronised = True
+        self.started_as = uuid4().hex
 
     def monotonic(self) -> float:
         return self._now
@@ -43,6 +46,16 @@ class SteppedClock:
             yield
         finally:
             self.holds -= 1
+
+    def synchronised(self) -> bool:
+        return self.is_synchronised
+
+    def origin(self) -> str:
+        return self.started_as
+
+    def set_utc(self, utc: datetime) -> None:
+        """Set the wall clock; the monotonic one goes on."""
+        self._utc_shift = utc - EPOCH - timedelta(seconds=self._now)
 
     def spend(self, seconds: float) -> None:
         """A device that takes its time."""

@@ -13,8 +13,14 @@ class _Clock(ManualClock):
     def hold(self) -> AbstractContextManager[None]:
         return nullcontext()
 
+    def synchronised(self) -> bool:
+        return True
 
-LOOPS = ("grid", "sensors", "stale", "storage", "health")
+    def origin(self) -> str:
+        return "test"
+
+
+LOOPS = ("grid", "sensors", "stale", "storage", "health", "clock")
 
 
 async def looping(clock: WatchedClock, hung: asyncio.Event) -> None:

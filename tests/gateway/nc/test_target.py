@@ -58,6 +58,25 @@ def test_a_missing_input_counts_from_when_it_went_missing() -> None:
     assert at.errors(Quality.GOOD, 37.1)[1] is Source.INPUTS_STALE
 
 
+def test_times_that_are_not_known_are_too_old_until_they_are_known() -> None:
+    settings = Compensation(stale_after_s=60.0, inputs_stale_after_s=30.0)
+    unknown = -math.inf
+    at = Target(settings, LastMeasured(200.0, [unknown] * 9), {"bed": unknown})
+    without_model = replace(decision(4.0), predicted=np.array([3.0, *[math.nan] * 8]), substituted=("bed",))
+    at.follow(without_model, 10.0)
+    assert at.errors(Quality.GOOD, 10.0) == (None, Source.INPUTS_STALE)
+    at.remembered([unknown] * 9, {"bed": unknown})
+    assert at.errors(Quality.GOOD, 11.0) == (None, Source.INPUTS_STALE)
+    at.remembered([unknown, -50.0, *[unknown] * 7], {"bed": 5.0, "column": -9.0})
+    assert at.missing_s == {"bed": 5.0}
+    errors, source = at.errors(Quality.GOOD, 12.0)
+    assert errors is not None
+    assert (errors[1], source) == (4.0, Source.PREDICTION)
+    assert errors[2] == 0.0, "never measured, as far as is known"
+    at.remembered([11.0] * 9, {"bed": 12.0})
+    assert at.missing_s == {"bed": 5.0}, "what is known stays"
+
+
 @pytest.mark.parametrize("when_stale", ["zero", "hold"])
 def test_without_any_known_error_there_is_no_target(when_stale: Literal["zero", "hold"]) -> None:
     at = target(when_stale)
