@@ -42,6 +42,7 @@ RUN_BY = {
     "scan tcp": "tests/benches/wiring_faults.py",
     "status": "tests/gateway/cli/test_status.py",
     "watch": "tests/gateway/cli/test_watch.py",
+    "web": "tests/gateway/web/test_access.py",
 }
 """Command to a file that runs it."""
 

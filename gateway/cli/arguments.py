@@ -84,3 +84,12 @@ def shifts_of(text: str) -> tuple[time, ...]:
             f"{text!r}: expected times of day such as 06:00,14:00,22:00", param_hint="--shifts"
         ) from None
     return tuple(sorted(found))
+
+
+def address_of(text: str) -> tuple[str, int]:
+    """Host and port of `--listen`; [::1]:8080 for IPv6."""
+    host, _, port = text.rpartition(":")
+    host = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+    if not host or not port.isdecimal() or not 0 <= int(port) <= 65535 or (text.count(":") > 1 and text[0] != "["):
+        raise click.BadParameter(f"{text!r}: expected HOST:PORT, such as 127.0.0.1:8080", param_hint="--listen")
+    return host, int(port)

@@ -66,8 +66,10 @@ def run_demo(demo: Demo) -> None:
     demo.folder.mkdir(parents=True, exist_ok=True)
     for name in _LEAVINGS:
         (demo.folder / name).unlink(missing_ok=True)
-    asyncio.run(_run(demo))
     console = terminal()
+    page = f"talc-gateway web --connect tcp/127.0.0.1:{demo.zenoh_port}"
+    console.print(f"its page, from a second terminal: {page}", highlight=False, soft_wrap=True)
+    asyncio.run(_run(demo))
     console.print()
     write(demo.folder / "gateway.sqlite", demo.folder / "report.html", truth=demo.folder / "truth.csv")
     console.print(f"replay: talc-gateway replay {demo.folder / 'gateway.sqlite'}")

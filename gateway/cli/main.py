@@ -9,7 +9,15 @@ from typing import Literal
 import click
 
 from drivers.can import is_multicast_group
-from gateway.cli.arguments import check_output, named_errors, named_units, page_path, shifts_of, time_zone_of
+from gateway.cli.arguments import (
+    address_of,
+    check_output,
+    named_errors,
+    named_units,
+    page_path,
+    shifts_of,
+    time_zone_of,
+)
 from gateway.cli.db import db
 from gateway.cli.exits import EXIT_DIFFERENT, EXIT_WORLD, Commands
 from gateway.cli.log import log_to_stderr
@@ -237,6 +245,42 @@ def watch(connect: tuple[str, ...], prefix: str, machine: str | None) -> None:
     from gateway.cli.watch import watch as follow
 
     sys.exit(follow(connect=connect, prefix=prefix, machine=machine))
+
+
+@main.command()
+@click.argument("config", type=click.Path(dir_okay=False, path_type=Path), required=False)
+@click.option("--connect", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a router, such as "
+              "tcp/192.168.1.5:7447; several for a site.")  # fmt: skip
+@click.option("--prefix", help="First part of the keys. Default: that of CONFIG, else talc.")
+@click.option("--settings", type=click.Path(dir_okay=False, path_type=Path),
+              help="TOML file: TLS, users, tolerances (docs/page.md).")  # fmt: skip
+@click.option("--listen", default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT", help="Address of the page.")
+@click.option("--make-password", is_flag=True, help="Ask for a password, print its hash for --settings, and end.")
+def web(
+    config: Path | None,
+    connect: tuple[str, ...],
+    prefix: str | None,
+    settings: Path | None,
+    listen: str,
+    make_password: bool,
+) -> None:
+    """Serve the page for operators: whether the machine may cut, and why not.
+
+    The page shows the gateway of CONFIG, which runs on this computer, or all that are heard at --connect. It only
+    listens: nothing on it can touch a machine. An address beyond this computer needs TLS and users in --settings.
+    """
+    missing = [name for name in ("starlette", "uvicorn", "jinja2") if find_spec(name) is None]
+    if missing:
+        raise click.UsageError(f"{', '.join(missing)} not installed; pip install 'talc-gateway[web]'")
+    from gateway.cli.web import WebCommand, print_hash, serve_pages
+
+    if make_password:
+        print_hash()
+        return
+    if config is None and not connect:
+        raise click.UsageError("give CONFIG, or --connect ENDPOINT")
+    host, port = address_of(listen)
+    serve_pages(WebCommand(None if config is None else read_config(config), connect, prefix, settings, host, port))
 
 
 @main.command()

@@ -28,7 +28,7 @@ from gateway.telemetry.messages import (
     decode_refusal,
     encode,
 )
-from gateway.telemetry.publisher import TelemetryError, TelemetryPublisher
+from gateway.telemetry.publisher import TelemetryError, TelemetryPublisher, session_config
 
 __all__ = [
     "MOST_ROWS",
@@ -62,4 +62,5 @@ __all__ = [
     "encode",
     "keys",
     "schemas",
+    "session_config",
 ]

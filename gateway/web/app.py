@@ -1,0 +1,176 @@
+"""The pages and their streams, as an ASGI application."""
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import ExitStack, asynccontextmanager, suppress
+from importlib.resources import files
+from typing import Final
+
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from drivers.base import SetupError
+from gateway.web.access import Guard
+from gateway.web.at_tool import WorkPoint
+from gateway.web.catalogue import LANGUAGES, chosen_language, texts
+from gateway.web.settings import MachineUse, WebSettings
+from gateway.web.site import SiteSeen, SiteSubscription
+from gateway.web.streams import Browser, Streams
+from gateway.web.verdict import Viewpoint
+
+_FILES: Final[Mapping[str, tuple[str, str]]] = {
+    "page.css": ("web/static/page.css", "text/css"),
+    "page.js": ("web/static/page.js", "text/javascript"),
+    "icon.svg": ("web/static/icon.svg", "image/svg+xml"),
+    "uplot.css": ("report/uplot/uPlot.min.css", "text/css"),
+    "uplot.js": ("report/uplot/uPlot.iife.min.js", "text/javascript"),
+    "uplot-licence.txt": ("report/uplot/LICENSE", "text/plain"),
+}
+"""Name in the address to file and type; there is no other file."""
+_FARTHEST_MM, _LARGEST_TOLERANCE_UM = 10_000.0, 10_000.0
+
+
+def _text(name: str) -> str:
+    return files("gateway.web").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+_TEMPLATES = Environment(autoescape=True, undefined=StrictUndefined, loader=FunctionLoader(_text))
+
+
+def build_app(
+    site: SiteSeen,
+    settings: WebSettings,
+    subscription: SiteSubscription | None = None,
+    uses: Mapping[str, MachineUse] | None = None,
+) -> Starlette:
+    """The application.
+
+    subscription: entered while it serves; None: somebody else feeds the site
+    uses: of machines whose configuration is known; the settings' come before them
+    """
+    pages = _Pages(site, {**(uses or {}), **settings.machines})
+
+    @asynccontextmanager
+    async def serving(_: Starlette) -> AsyncIterator[None]:
+        with ExitStack() as stack:
+            if subscription is not None:
+                await asyncio.to_thread(stack.enter_context, subscription)
+            sending = asyncio.create_task(pages.streams.run(), name="streams")
+            try:
+                yield
+            finally:
+                sending.cancel()
+                with suppress(asyncio.CancelledError):
+                    await sending
+                await asyncio.to_thread(stack.close)
+
+    routes = [
+        Route("/", pages.first),
+        Route("/machine/{name}", pages.machine),
+        Route("/file/{name}", pages.file),
+        Route("/stream", pages.stream),
+        Route("/stream/{name}", pages.stream),
+    ]
+    return Starlette(routes=routes, middleware=[Middleware(Guard, settings=settings)], lifespan=serving)
+
+
+class _Pages:
+    """What is answered at each address."""
+
+    def __init__(self, site: SiteSeen, uses: Mapping[str, MachineUse]) -> None:
+        self._site, self._uses = site, uses
+        self.streams = Streams(site)
+
+    async def first(self, request: Request) -> Response:
+        """The list of machines; of the only one, its page."""
+        with self._site.machines() as machines:
+            only = next(iter(machines)) if len(machines) == 1 else None
+        if only is not None and "all" not in request.query_params:
+            language = request.query_params.get("lang")
+            return RedirectResponse(f"/machine/{only}" + (f"?lang={language}" if language in LANGUAGES else ""), 303)
+        return self._page(request, "list.html", "")
+
+    async def machine(self, request: Request) -> Response:
+        """The page of one machine."""
+        name = request.path_params["name"]
+        return self._page(request, "machine.html", name) if self._knows(name) else _no_machine()
+
+    async def file(self, request: Request) -> Response:
+        """A file of the pages."""
+        found = _FILES.get(request.path_params["name"])
+        if found is None:
+            return PlainTextResponse("There is no such file.", 404)
+        path, kind = found
+        return Response(files("gateway").joinpath(path).read_bytes(), media_type=kind)
+
+    async def stream(self, request: Request) -> Response:
+        """Server-sent events of one machine, or of the list."""
+        name = request.path_params.get("name")
+        if name is not None and not self._knows(name):
+            return _no_machine()
+        if self.streams.full:
+            return PlainTextResponse("The page is open too often.", 503)
+        try:
+            viewpoint = _viewpoint_of(request, self._uses)
+        except SetupError as error:
+            return PlainTextResponse(str(error), 400)
+        return StreamingResponse(self.streams.messages(Browser(name, viewpoint)), media_type="text/event-stream")
+
+    def _knows(self, name: str) -> bool:
+        with self._site.machines() as machines:
+            return name in machines
+
+    def _page(self, request: Request, template: str, machine: str) -> HTMLResponse:
+        language = chosen_language(request.query_params.get("lang"), request.headers.get("accept-language", ""))
+        html = _TEMPLATES.get_template(template).render(
+            machine=machine,
+            language=language,
+            languages=LANGUAGES,
+            t=texts(language),
+            use=self._uses.get(machine, MachineUse()),
+            declared=machine in self._uses,
+        )
+        return HTMLResponse(html)
+
+
+def _no_machine() -> Response:
+    return PlainTextResponse("No machine of this name is known.", 404)
+
+
+def _viewpoint_of(request: Request, known: Mapping[str, MachineUse]) -> Callable[[str], Viewpoint]:
+    """By machine: what the browser asks for, else what is declared. Raises SetupError."""
+    asked = {
+        name: _number(request, name, _LARGEST_TOLERANCE_UM if name == "tolerance" else _FARTHEST_MM)
+        for name in ("tolerance", "x", "y", "z", "a", "c")
+    }
+    made: dict[str, Viewpoint] = {}
+
+    def viewpoint(machine: str) -> Viewpoint:
+        if machine not in made:
+            use = known.get(machine, MachineUse())
+            default = {"x": use.sphere_radius_mm, "z": use.sphere_height_mm}
+            place = {n: default.get(n, 0.0) if (v := asked[n]) is None else v for n in ("x", "y", "z", "a", "c")}
+            tolerance = use.tolerance_um if asked["tolerance"] is None else asked["tolerance"]
+            made[machine] = Viewpoint(WorkPoint(**place).matrix(use.sphere_radius_mm * 1e-3), tolerance)
+        return made[machine]
+
+    return viewpoint
+
+
+def _number(request: Request, name: str, largest: float) -> float | None:
+    text = request.query_params.get(name)
+    if text is None or text == "":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    least = 1e-3 if name == "tolerance" else -largest
+    if not least <= value <= largest:
+        raise SetupError(f"{name}={text}: expected a number from {least:g} to {largest:g}")
+    return value

@@ -1,0 +1,210 @@
+"""The parts of the page below its first: what it waits for, heat, health, events. Samples in, sentences out."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+
+from drivers.base import Quality
+from gateway.telemetry import MeasurementMessage, ProbingStanding, StatusMessage
+from gateway.web.seen import MachineSeen
+from gateway.web.sentences import Amount, Name, SaidRow, Sentence, Word, at, name
+from talc.frame import EventKind
+from talc.names import ERROR_UNITS, THERMAL_ERRORS
+
+_LEAST_SHOWN = 0.05
+"""Smaller influences, in µm or µm/m, would be written as zero."""
+_MOST_MOVERS = 4
+_CELSIUS = "°C"
+_BAD = frozenset({EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.MODEL_REJECTED})
+_NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LIMIT_EXCEEDED})
+
+
+def waits(seen: MachineSeen) -> Iterator[SaidRow]:
+    """Phase, next probing and why, what blocks it, what the operator should do."""
+    if seen.decision is not None:
+        yield SaidRow("label.phase", Sentence("sentence.word", {"word": Word(f"phase.{seen.decision.phase}")}))
+    for text in () if seen.status is None else seen.status.waits_for:
+        yield SaidRow("label.first", name(text), "notice")
+    yield from _standing(seen.probing)
+    expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
+    if seen.reasons is not None and expected is not None:
+        why = Word(f"why.{seen.reasons.next_why}")
+        yield SaidRow("label.next", Sentence("next.expected", {"at": at(expected), "why": why}))
+    yield _last(seen.last_measurement)
+
+
+def _standing(standing: ProbingStanding | None) -> Iterator[SaidRow]:
+    if standing is None:
+        yield SaidRow("label.probing", Sentence("probing.nothing_heard"))
+        return
+    wanted = Sentence("sentence.word", {"word": Word(f"standing.{standing.standing}")})
+    yield SaidRow("label.probing", wanted, "notice" if standing.standing == "blocked" else "")
+    if standing.why is not None:
+        yield SaidRow("label.why", Sentence("sentence.word", {"word": Word(f"why.{standing.why}")}))
+    if standing.reason:
+        yield SaidRow("label.waits_for", name(standing.reason), "notice" if standing.standing == "blocked" else "")
+    if standing.rejected:
+        yield SaidRow("label.rejected", Sentence("probing.rejected", {"n": Amount(standing.rejected, d=0)}), "bad")
+    if standing.operator:
+        yield SaidRow("label.operator", name(standing.operator), "notice")
+
+
+def _last(message: MeasurementMessage | None) -> SaidRow:
+    if message is None:
+        return SaidRow("label.last", Sentence("last.none"))
+    ended = at(datetime.fromisoformat(message.ended))
+    if message.errors is None:
+        return SaidRow("label.last", Sentence("last.failed", {"at": ended, "reason": Name(message.reason)}), "bad")
+    return SaidRow("label.last", Sentence("last.used", {"at": ended}), "good")
+
+
+@dataclass(frozen=True, slots=True)
+class ShownChannel:
+    """One reading, or why there is none."""
+
+    channel: str
+    value: Amount | None
+    quality: str
+    """Key of the catalogue."""
+    good: bool
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenError:
+    """What moves one thermal error now."""
+
+    error: str
+    estimate: Amount
+    corrected: bool
+    movers: tuple[tuple[str, Amount], ...]
+    """Names of inputs and by how much, the largest first."""
+
+
+def channels(seen: MachineSeen) -> Iterator[ShownChannel]:
+    """Every channel, those that are not good first, then the temperatures."""
+    shown = [
+        ShownChannel(
+            r.channel,
+            None if r.value is None else Amount(r.value, _unit(r.unit), d=1),
+            f"quality.{r.quality}",
+            r.quality == Quality.GOOD,
+            r.detail,
+        )
+        for r in seen.readings.values()
+    ]
+    yield from sorted(shown, key=lambda c: (c.good, c.value is None or c.value.u != _CELSIUS, c.channel))
+
+
+def driven(seen: MachineSeen) -> Iterator[DrivenError]:
+    """By thermal error that has an estimate, what moves it now."""
+    reasons = {} if seen.reasons is None else seen.reasons.errors
+    for error in THERMAL_ERRORS:
+        reason = reasons.get(error)
+        if reason is None or reason.estimate is None:
+            continue
+        unit = ERROR_UNITS[error]
+        moving = [(i, v) for i, v in reason.inputs.items() if v is not None and abs(v) >= _LEAST_SHOWN]
+        largest = sorted(moving, key=lambda each: -abs(each[1]))[:_MOST_MOVERS]
+        movers = tuple((i, Amount(v, unit, sign=True)) for i, v in largest)
+        yield DrivenError(error, Amount(reason.estimate, unit, sign=True), reason.trusted, movers)
+
+
+def doubts(seen: MachineSeen) -> Iterator[Sentence]:
+    """Sensors that fail, that disagree with the others, or whose value was replaced."""
+    bad = sorted(r.channel for r in seen.readings.values() if r.quality != Quality.GOOD)
+    if bad:
+        yield Sentence("doubt.failed", {"names": Name(", ".join(bad))})
+    if seen.sensors is not None:
+        for finding in seen.sensors.findings:
+            yield Sentence("doubt.finding", {"text": Name(finding.text)})
+    if seen.decision is not None and seen.decision.substituted:
+        yield Sentence("doubt.substituted", {"names": Name(", ".join(seen.decision.substituted))})
+
+
+def health(seen: MachineSeen) -> Iterator[SaidRow]:
+    """How the gateway itself is."""
+    yield SaidRow(
+        "label.gateway", Sentence("gateway.alive" if seen.alive else "gateway.gone"), "" if seen.alive else "bad"
+    )
+    yield _channels(seen)
+    step = seen.compensation
+    if step is None:
+        yield SaidRow("label.control", Sentence("control.nothing"))
+    else:
+        said = Sentence("control.step", {"mode": Word(f"mode.{step.mode}"), "source": Word(f"source.{step.source}")})
+        yield SaidRow("label.control", said, "good" if step.written and step.source == "prediction" else "notice")
+    if seen.status is not None:
+        yield from _status(seen.status)
+    yield _clock(seen)
+    if seen.boot:
+        yield SaidRow("label.boot", name(seen.boot))
+
+
+def _channels(seen: MachineSeen) -> SaidRow:
+    status = seen.status
+    if status is not None and status.channels is not None and status.channels_good is not None:
+        good, all_of_them = status.channels_good, status.channels
+    else:
+        good, all_of_them = sum(r.quality == Quality.GOOD for r in seen.readings.values()), len(seen.readings)
+    if not all_of_them:
+        return SaidRow("label.channels", Sentence("channels.none"), "notice")
+    said = Sentence("channels.good", {"good": Amount(good, d=0), "all": Amount(all_of_them, d=0)})
+    return SaidRow("label.channels", said, "good" if good == all_of_them else "bad")
+
+
+def _clock(seen: MachineSeen) -> SaidRow:
+    if seen.simulated:
+        return SaidRow("label.clock", Sentence("clock.simulated"))
+    kept = None if seen.status is None else seen.status.clock_synchronised
+    if kept is None:
+        return SaidRow("label.clock", Sentence("clock.system"))
+    return SaidRow("label.clock", Sentence("clock.kept" if kept else "clock.free"), "good" if kept else "notice")
+
+
+def _status(status: StatusMessage) -> Iterator[SaidRow]:
+    if status.nc is not None:
+        mark = {"ready": "good", "probing": "good", "none": ""}.get(status.nc, "notice")
+        yield SaidRow("label.nc", Sentence("sentence.word", {"word": Word(f"nc.{status.nc}")}), mark)
+    storage = status.storage
+    if storage is not None and storage.problem:
+        waiting = Amount(storage.waiting, d=0)
+        yield SaidRow("label.store", Sentence("store.problem", {"text": Name(storage.problem), "n": waiting}), "bad")
+    elif storage is not None:
+        yield SaidRow("label.store", Sentence("store.good"), "good")
+    if storage is not None and storage.free_mb is not None:
+        yield SaidRow("label.disk", Sentence("disk.free", {"mb": Amount(storage.free_mb, "MB", d=0)}))
+    missed = {bus: n for bus, n in status.periods_missed.items() if n}
+    if missed:
+        yield SaidRow("label.missed", name(", ".join(f"{bus}: {n}" for bus, n in sorted(missed.items()))), "notice")
+    dropped = status.readings_dropped + status.messages_dropped
+    if dropped:
+        yield SaidRow("label.dropped", Sentence("messages.dropped", {"n": Amount(dropped, d=0)}), "notice")
+    if status.uptime_s is not None:
+        yield SaidRow("label.uptime", Sentence("uptime.hours", {"h": Amount(status.uptime_s / 3600.0, "h")}))
+    if status.version:
+        yield SaidRow("label.version", name(status.version))
+    if status.config:
+        yield SaidRow("label.config", name(status.config[:16]))
+
+
+@dataclass(frozen=True, slots=True)
+class ShownEvent:
+    """One event."""
+
+    t: str
+    kind: str
+    """Key of the catalogue."""
+    text: str
+    mark: str
+
+
+def events(seen: MachineSeen) -> Iterator[ShownEvent]:
+    """The newest first."""
+    for event in reversed(seen.events):
+        mark = "bad" if event.kind in _BAD else "notice" if event.kind in _NOTABLE else ""
+        yield ShownEvent(event.time, f"event.{event.kind}", event.text, mark)
+
+
+def _unit(unit: str) -> str:
+    return _CELSIUS if unit == "degC" else unit.replace("um", "µm") if unit.startswith("um") else unit

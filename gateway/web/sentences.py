@@ -1,0 +1,79 @@
+"""What the page says: keys of the catalogue with the numbers, times and names in them. The browser writes them out, in
+its language and with its locale's numbers and times."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+
+
+@dataclass(frozen=True, slots=True)
+class Amount:
+    """A number with its unit."""
+
+    n: float | None
+    u: str = ""
+    d: int = 1
+    """Digits after the point."""
+    sign: bool = False
+    """Whether a plus is written."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToldTime:
+    """A time, ISO 8601 in UTC."""
+
+    t: str
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A text of others, such as a channel's name; never interpreted."""
+
+    s: str
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A key of the catalogue; a text that the catalogue does not know is shown as it is."""
+
+    w: str
+
+
+Atom = Amount | ToldTime | Name | Word
+
+
+@dataclass(frozen=True, slots=True)
+class Sentence:
+    """One sentence."""
+
+    say: str
+    """Key of the catalogue."""
+    values: Mapping[str, Atom] = field(default_factory=dict)
+    """What stands in its {braces}."""
+
+
+@dataclass(frozen=True, slots=True)
+class SaidRow:
+    """A label and what is said under it."""
+
+    label: str
+    """Key of the catalogue."""
+    said: Sentence
+    mark: str = ""
+    """`good`, `notice`, `bad`, or empty; a word stands beside the colour."""
+
+
+def um(value: float, *, sign: bool = False) -> Amount:
+    """Micrometres."""
+    return Amount(round(value, 3) if math.isfinite(value) else None, "µm", sign=sign)
+
+
+def at(time: datetime) -> ToldTime:
+    """A time."""
+    return ToldTime(time.isoformat())
+
+
+def name(text: str) -> Sentence:
+    """A text of others by itself."""
+    return Sentence("sentence.text", {"text": Name(text)})

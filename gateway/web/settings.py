@@ -1,0 +1,67 @@
+"""What the page needs to know beyond a gateway's configuration: who may look, and what the machines are used for."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from drivers.section import FilePath, Positive, Section, matching
+from gateway.config import Name, read_as
+from gateway.web.passwords import is_hash
+
+
+def _a_hash(text: str) -> str:
+    if not is_hash(text):
+        raise ValueError("expected what `talc-gateway web --make-password` prints, not the password itself")
+    return text
+
+
+class Tls(Section):
+    """The certificate of the page."""
+
+    certificate: FilePath
+    """PEM file with the certificate and those between it and the root."""
+    key: FilePath
+    """PEM file with its private key."""
+
+
+class Proxy(Section):
+    """A reverse proxy that has checked who the user is."""
+
+    header: Annotated[str, matching(r"[A-Za-z0-9-]+", "the name of a header, such as X-Forwarded-User")]
+    """Header in which it names the user. The proxy must remove this header from what browsers send."""
+    addresses: tuple[str, ...] = Field(min_length=1)
+    """Addresses of the proxy; from others the header counts for nothing."""
+
+
+class MachineUse(Section):
+    """What is declared of one machine."""
+
+    tolerance_um: Positive | None = None
+    """Tolerance of the job: how far the tool may be off in X, Y or Z. A browser may set another one for itself."""
+    sphere_radius_mm: Positive = 120.0
+    """[probing] sphere_radius_mm of its gateway, which no message tells."""
+    sphere_height_mm: float = 80.0
+    """[probing] sphere_height_mm of its gateway."""
+
+
+class WebSettings(Section):
+    """The page's own file."""
+
+    tls: Tls | None = None
+    proxy: Proxy | None = None
+    users: Mapping[Annotated[str, matching(r"[^:\x00-\x1f]+", "a name without a colon")],
+                   Annotated[str, AfterValidator(_a_hash)]] = Field(default_factory=dict)  # fmt: skip
+    """Name and password hash of everybody who may look."""
+    hosts: tuple[str, ...] = ()
+    """Names by which browsers call this computer, beside localhost; of a page without users others are refused."""
+    machines: Mapping[Name, MachineUse] = Field(default_factory=dict, alias="machine")
+    """By name of the machine."""
+
+
+def load_settings(path: Path | None) -> WebSettings:
+    """The checked file; without one the page is for this computer alone. Raises ConfigError."""
+    if path is None:
+        return WebSettings()
+    return read_as(WebSettings, path)

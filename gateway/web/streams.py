@@ -1,0 +1,144 @@
+"""What each open browser is sent: server-sent events, of which a slow browser's queue drops the oldest."""
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncGenerator, Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Final
+
+import msgspec
+
+from gateway.web.parts import events
+from gateway.web.site import SiteSeen
+from gateway.web.verdict import Viewpoint
+from gateway.web.view import listed, shown_course, view
+
+_ENCODER = msgspec.json.Encoder()
+_FASTEST_S, _SLOWEST_S = 0.25, 2.0
+"""Between two rounds: while messages come, and while none comes. A browser that hears nothing for longer than some
+rounds says so."""
+MOST_BROWSERS: Final = 64
+_MOST_WAITING = 8
+
+
+class BrowserQueue:
+    """Messages that wait for one browser.
+
+    Parameters
+    ----------
+    most: number of messages; beyond it the oldest is dropped
+    """
+
+    def __init__(self, most: int = _MOST_WAITING) -> None:
+        self._waiting, self._filled = deque[bytes](maxlen=most), asyncio.Event()
+
+    def put(self, message: bytes) -> bool:
+        """Add the newest; whether the oldest was dropped for it."""
+        full = len(self._waiting) == self._waiting.maxlen
+        self._waiting.append(message)
+        self._filled.set()
+        return full
+
+    async def take(self) -> bytes:
+        """The oldest; waits for one."""
+        while not self._waiting:
+            self._filled.clear()
+            await self._filled.wait()
+        return self._waiting.popleft()
+
+
+@dataclass(slots=True, eq=False)
+class Browser:
+    """One open page."""
+
+    machine: str | None
+    """None: the list of all machines."""
+    viewpoint: Callable[[str], Viewpoint]
+    """By machine."""
+    queue: BrowserQueue = field(default_factory=BrowserQueue)
+    sent: dict[str, bytes] = field(default_factory=dict)
+    """The last of each kind of message: what has not changed is not sent again."""
+    past: int = -1
+    """State of the charts that it shows."""
+
+    def send(self, kind: str, shown: object) -> None:
+        """Send a part of the page if it has changed."""
+        data = _ENCODER.encode(shown)
+        if self.sent.get(kind) != data:
+            self.sent[kind] = data
+            if self.queue.put(b"event: " + kind.encode() + b"\ndata: " + data + b"\n\n"):
+                self.sent.clear()  # which part was lost does not matter: all of them follow again
+                self.past = -1
+
+
+class Streams:
+    """Sends every open browser what it shows, at most four times a second.
+
+    Parameters
+    ----------
+    site: what was heard
+    """
+
+    def __init__(self, site: SiteSeen) -> None:
+        self._site, self._browsers = site, set[Browser]()
+        self._changed = asyncio.Event()
+
+    async def run(self) -> None:
+        """Until it is cancelled."""
+        loop, waiting = asyncio.get_running_loop(), False
+
+        def changed() -> None:
+            nonlocal waiting
+            if not waiting:  # thousands of messages a second become one call
+                waiting = True
+                loop.call_soon_threadsafe(self._changed.set)
+
+        self._site.changed = changed
+        try:
+            while True:
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._changed.wait(), _SLOWEST_S)
+                self._changed.clear()
+                waiting = False
+                for browser in self._browsers:
+                    self._refresh(browser)
+                await asyncio.sleep(_FASTEST_S)
+        finally:
+            self._site.changed = lambda: None
+
+    def _refresh(self, browser: Browser) -> None:
+        now_s = self._site.now_s()
+        with self._site.machines() as machines:
+            if browser.machine is None:
+                shown = listed(machines, {name: browser.viewpoint(name) for name in machines}, now_s)
+                browser.send("list", shown)
+                return
+            seen = machines.get(browser.machine)
+            if seen is None:
+                return
+            viewpoint = browser.viewpoint(browser.machine)
+            browser.send("view", view(seen, viewpoint, now_s))
+            browser.send("events", tuple(events(seen)))
+            if browser.past != seen.past:
+                browser.past = seen.past
+                browser.send("course", shown_course(seen, viewpoint.matrix))
+
+    @property
+    def full(self) -> bool:
+        """Whether no other browser is served."""
+        return len(self._browsers) >= MOST_BROWSERS
+
+    async def messages(self, browser: Browser) -> AsyncGenerator[bytes, None]:
+        """What this browser is sent, until it closes the page."""
+        self._browsers.add(browser)
+        try:
+            yield b"retry: 2000\n\n"
+            self._refresh(browser)
+            while True:
+                try:
+                    yield await asyncio.wait_for(browser.queue.take(), _SLOWEST_S)
+                except TimeoutError:
+                    yield b"event: tick\ndata: 0\n\n"
+        finally:
+            self._browsers.discard(browser)

@@ -1,0 +1,163 @@
+"""Ready or not: what is left at the tool against a tolerance, as far as it is known."""
+
+import math
+from dataclasses import dataclass, field
+from datetime import datetime
+from enum import StrEnum
+
+import numpy as np
+
+from gateway.web.at_tool import ToolError, at_the_tool, course, half_width
+from gateway.web.seen import MachineSeen, applied, nine
+from gateway.web.sentences import Atom, Sentence, Word, at, um
+from talc.frame import FloatArray, Phase
+
+OLD_S = 900.0
+"""An estimate older than this is no longer shown as that of now, as the compensation no longer uses it by default."""
+_STEPS_MISSED = 3.0
+
+
+class Colour(StrEnum):
+    """Of the verdict; the page has a word beside each. In the order in which a list of machines shows them."""
+
+    RED = "red"
+    GREY = "grey"
+    AMBER = "amber"
+    GREEN = "green"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether the machine may cut to a tolerance."""
+
+    colour: Colour
+    word: str
+    """Key of the catalogue."""
+    because: tuple[Sentence, ...] = ()
+    since: datetime | None = None
+    helps: tuple[Sentence, ...] = ()
+    """When it will be ready, and what would help."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Viewpoint:
+    """From where a browser looks at one machine."""
+
+    matrix: FloatArray
+    """(3, 9) of the chosen place; see gateway.web.at_tool."""
+    tolerance_um: float | None
+    """None: none was given."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolNow:
+    """The error at the tool now; None where no estimate holds."""
+
+    error: ToolError | None
+    old: bool = field(default=False)
+    """There is an estimate, but too old."""
+
+
+def tool_now(seen: MachineSeen, matrix: FloatArray, now_s: float) -> ToolNow:
+    """By the latest decision and what the control has in force. Nothing of a gateway that is gone counts as now."""
+    if seen.decision is None or not seen.alive:
+        return ToolNow(None)
+    if is_old(seen, now_s):
+        return ToolNow(None, old=True)
+    errors, sigma = nine(seen.decision.corrected), nine(seen.decision.sigma)
+    return ToolNow(at_the_tool(matrix, errors, sigma, applied(seen.compensation)))
+
+
+def is_old(seen: MachineSeen, now_s: float) -> bool:
+    """Whether the latest decision is too old to be that of now."""
+    if seen.decision is None:
+        return False
+    age_s = seen.age_s(seen.decision.time, now_s)
+    return age_s is None or age_s > max(OLD_S, _STEPS_MISSED * (seen.step_s or 0.0))
+
+
+def judge(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
+    """The verdict for one browser at this monotonic time."""
+    if not seen.alive:
+        return _absent(seen)
+    if seen.decision is None:
+        return Verdict(Colour.GREY, "word.no_data", (Sentence("because.no_step"),))
+    tool = tool_now(seen, viewpoint.matrix, now_s)
+    if tool.old:
+        decided = datetime.fromisoformat(seen.decision.time)
+        return Verdict(Colour.GREY, "word.old", (Sentence("because.old", {"at": at(decided)}),), decided)
+    if seen.probing is not None and seen.probing.standing == "asked":
+        return Verdict(Colour.AMBER, "word.probing", (Sentence("because.probing"),))
+    error, since = tool.error, _since(seen, viewpoint)
+    if seen.decision.phase == Phase.NO_GOOD:
+        return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),), since, _helps(seen, viewpoint))
+    if error is None or not np.isfinite(error.far).all():
+        return Verdict(Colour.AMBER, "word.unknown", _unknown(seen, error), since, _helps(seen, viewpoint))
+    worst = int(np.argmax(error.far))
+    said = Sentence("because.left", {"axis": Word("XYZ"[worst]), "left": um(abs(float(error.left[worst]))),
+                                 "half": um(float(error.half[worst])), "far": um(float(error.far[worst]))})  # fmt: skip
+    if viewpoint.tolerance_um is None:
+        return Verdict(Colour.GREY, "word.no_tolerance", (said, Sentence("because.no_tolerance")))
+    colour = _colour(error.near, error.far, viewpoint.tolerance_um)
+    helps = () if colour is Colour.GREEN else _helps(seen, viewpoint)
+    return Verdict(colour, _WORDS[colour], (said,), since, helps)
+
+
+_WORDS = {Colour.GREEN: "word.ready", Colour.AMBER: "word.unsure", Colour.RED: "word.not_ready"}
+
+
+def _colour(near: FloatArray, far: FloatArray, tolerance_um: float) -> Colour:
+    """Of (3,) ends of the intervals of what is left."""
+    if not np.isfinite(far).all():
+        return Colour.AMBER
+    if (far <= tolerance_um).all():
+        return Colour.GREEN
+    return Colour.RED if (near > tolerance_um).any() else Colour.AMBER
+
+
+def _absent(seen: MachineSeen) -> Verdict:
+    if seen.heard is None:
+        return Verdict(Colour.GREY, "word.never", (Sentence("because.never"), Sentence("do.start")))
+    said = Sentence("because.gone", {"at": at(seen.gone or seen.heard), "heard": at(seen.heard)})
+    return Verdict(Colour.GREY, "word.gone", (said, Sentence("do.start")), seen.gone)
+
+
+def _unknown(seen: MachineSeen, error: ToolError | None) -> tuple[Sentence, ...]:
+    """Why there is no interval."""
+    now = applied(seen.compensation)
+    bounded = now.bounded
+    if math.isnan(now.offsets_um[0]):
+        return (Sentence("because.not_taken"),)
+    if error is not None and np.isfinite(error.without).all() and any(bounded):
+        axes = ", ".join(axis for axis, at_bound in zip("XYZ", bounded, strict=True) if at_bound)
+        return (Sentence("because.bounded", {"axes": Word(axes)}),)
+    if seen.measurements or seen.last_measurement is not None:
+        return (Sentence("because.no_estimate"),)
+    return (Sentence("because.no_measurement"),)
+
+
+def _since(seen: MachineSeen, viewpoint: Viewpoint) -> datetime | None:
+    """The time of the first estimate of those in a row that give the colour of the latest; None: since before all."""
+    if viewpoint.tolerance_um is None or not seen.estimates:
+        return None
+    past = course(viewpoint.matrix, seen.estimates)
+    colours = [_colour(near, far, viewpoint.tolerance_um) for near, far in zip(past.near, past.far, strict=True)]
+    first = len(colours) - 1
+    while first > 0 and colours[first - 1] is colours[-1]:
+        first -= 1
+    return seen.estimates[first].at if first > 0 else None
+
+
+def _helps(seen: MachineSeen, viewpoint: Viewpoint) -> tuple[Sentence, ...]:
+    """When it will be ready, which no message tells yet, and what a measurement would bring."""
+    found = [Sentence("when.unknown")]
+    if seen.measurements:
+        half = float(np.max(half_width(viewpoint.matrix, seen.measurements[-1].sigma)))
+        if np.isfinite(half) and viewpoint.tolerance_um is not None:
+            key = "help.measure" if half <= viewpoint.tolerance_um else "help.measure_not_enough"
+            found.append(Sentence(key, {"half": um(half), "tolerance": um(viewpoint.tolerance_um)}))
+    expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
+    if seen.reasons is not None and expected is not None:
+        values: dict[str, Atom] = {"at": at(expected), "why": Word(f"why.{seen.reasons.next_why}")}
+        found.append(Sentence("when.next_measurement", values))
+    return tuple(found)

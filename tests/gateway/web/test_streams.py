@@ -1,0 +1,84 @@
+"""What a browser is sent: what has changed, and of a queue that is full the newest."""
+
+import asyncio
+import json
+from contextlib import aclosing
+
+from gateway.telemetry import EventMessage, encode
+from gateway.web.at_tool import WorkPoint
+from gateway.web.site import SiteSeen
+from gateway.web.streams import MOST_BROWSERS, Browser, BrowserQueue, Streams
+from gateway.web.verdict import Viewpoint
+from tests.benches.heard import BEGAN
+
+LOOKING = Viewpoint(WorkPoint(120.0, 0.0, 80.0).matrix(0.12), 10.0)
+LIMIT_S = 60.0
+
+
+def site() -> SiteSeen:
+    return SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+
+
+def event(n: int, text: str = "bus rtu1: no answer") -> bytes:
+    return encode(EventMessage("b", n, BEGAN.isoformat(), "system", None, "problem", text, None, None, None))
+
+
+def kind_of(message: bytes) -> str:
+    return message.partition(b"\n")[0].removeprefix(b"event: ").decode()
+
+
+async def test_a_full_queue_drops_the_oldest() -> None:
+    queue = BrowserQueue(3)
+    assert [queue.put(b"%d" % i) for i in range(5)] == [False, False, False, True, True]
+    assert [await queue.take() for _ in range(3)] == [b"2", b"3", b"4"]
+
+
+async def test_what_has_not_changed_is_not_sent_again_unless_something_was_dropped() -> None:
+    browser = Browser("mill", lambda _: LOOKING, BrowserQueue(2))
+    browser.send("view", 1)
+    browser.send("view", 1)
+    browser.send("events", ())
+    assert [kind_of(await browser.queue.take()) for _ in range(2)] == ["view", "events"]
+    for value in (2, 3, 4):  # nobody takes them
+        browser.send("view", value)
+    browser.send("events", ())
+    left = [await browser.queue.take() for _ in range(2)]
+    assert [kind_of(message) for message in left] == ["view", "events"]
+    assert left[0].endswith(b"data: 4\n\n")
+
+
+async def test_an_open_page_gets_the_whole_state_and_then_each_change() -> None:
+    heard = site()
+    streams = Streams(heard)
+    sending = asyncio.create_task(streams.run())
+    found: list[str] = []
+    try:
+        async with asyncio.timeout(LIMIT_S), aclosing(streams.messages(Browser("mill", lambda _: LOOKING))) as messages:
+            async for message in messages:
+                found.append(kind_of(message))
+                if found == ["retry: 2000", "view", "events", "course"]:
+                    heard.life("talc/mill/alive", alive=True)
+                    heard.take("talc/mill/event", event(1, "</script>\n\ndata: forged"))
+                if message.startswith(b"event: events") and b"forged" in message:
+                    break
+    finally:
+        sending.cancel()
+        await asyncio.gather(sending, return_exceptions=True)
+    assert message.count(b"\n") == 3, "no text of others ends a message"
+    (shown,) = json.loads(message.partition(b"data: ")[2])
+    assert shown["text"] == "</script>\n\ndata: forged"
+
+
+async def test_a_page_that_was_closed_is_no_longer_served() -> None:
+    streams = Streams(site())
+    open_pages = []
+    for _ in range(MOST_BROWSERS):
+        messages = streams.messages(Browser(None, lambda _: LOOKING))
+        await anext(messages)
+        open_pages.append(messages)
+    full = [streams.full]
+    await open_pages.pop().aclose()
+    full.append(streams.full)
+    assert full == [True, False]
+    for messages in open_pages:
+        await messages.aclose()

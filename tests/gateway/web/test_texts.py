@@ -1,0 +1,112 @@
+"""The catalogue has every text that the page says, in every language; pages run no script and no style of their own."""
+
+import re
+from importlib.resources import files
+from pathlib import Path
+from string import Formatter
+
+import pytest
+from starlette.testclient import TestClient
+
+from drivers.base import Quality
+from gateway.nc import Source
+from gateway.probing import Standing
+from gateway.web import MachineUse, SiteSeen, WebSettings, build_app
+from gateway.web.catalogue import LANGUAGES, chosen_language, texts
+from talc.frame import EventKind, Phase, Why
+from tests.benches.heard import BEGAN
+
+ROOM = Path(str(files("gateway.web")))
+TEMPLATES = sorted((ROOM / "templates").glob("*.html"))
+CODE = "\n".join(file.read_text("utf-8") for file in sorted(ROOM.glob("*.py")))
+SCRIPT = (ROOM / "static" / "page.js").read_text("utf-8")
+WORDS = {
+    f"{group}.{text}"
+    for group, known in (
+        ("quality", Quality),
+        ("source", Source),
+        ("standing", Standing),
+        ("phase", Phase),
+        ("why", Why),
+        ("event", EventKind),
+    )
+    for text in known
+} | {f"nc.{text}" for text in ("none", "away", "stale", "not_ready", "probing", "ready")}
+SAID = (
+    {key for template in TEMPLATES for key in re.findall(r't\["([\w.]+)"\]', template.read_text("utf-8"))}
+    | set(re.findall(r'(?:Sentence|SaidRow|Verdict\(Colour\.\w+,)\(?\s*"([a-z_]+\.[a-z_]+)"', CODE))
+    | set(re.findall(r'"((?:word|help|clock)\.[a-z_]+|gateway\.(?:alive|gone))"', CODE))
+    | set(re.findall(r'"([a-z_]+\.[a-z_]+)"', SCRIPT))
+    | WORDS
+)
+
+
+def test_the_texts_that_are_said_were_found() -> None:
+    assert len(SAID) > 150
+    assert {"word.ready", "because.left", "label.phase", "part.tool", "events.no_match", "why.novelty"} <= SAID
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_text_that_is_said_is_in_the_catalogue(language: str) -> None:
+    assert SAID - texts(language).keys() == set()
+
+
+def test_every_language_fills_in_the_same_names() -> None:
+    def names(text: str) -> set[str]:
+        return {name for _, name, _, _ in Formatter().parse(text) if name}
+
+    first, *others = (texts(language) for language in LANGUAGES)
+    for other in others:
+        assert {key: names(text) for key, text in first.items()} == {key: names(text) for key, text in other.items()}
+
+
+@pytest.mark.parametrize(
+    ("asked", "accepted", "language"),
+    [
+        (None, "", "en"),
+        (None, "de-CH,de;q=0.9,en;q=0.8", "de"),
+        (None, "fr, en;q=0.5, de;q=0.7", "de"),
+        (None, "fr", "en"),
+        (None, "de;q=x", "en"),
+        ("de", "en", "de"),
+        ("../etc", "de", "de"),
+    ],
+)
+def test_the_language_is_the_browsers_unless_another_is_asked_for(
+    asked: str | None, accepted: str, language: str
+) -> None:
+    assert chosen_language(asked, accepted) == language
+
+
+@pytest.mark.parametrize("template", TEMPLATES, ids=lambda path: path.name)
+def test_no_template_has_a_script_a_style_or_a_handler_of_its_own(template: Path) -> None:
+    text = template.read_text("utf-8")
+    assert re.findall(r"<style|\sstyle=|\son\w+=|javascript:|\|\s*safe", text) == []
+    for attributes in re.findall(r"<script([^>]*)>", text):
+        assert "src=" in attributes or 'type="application/json"' in attributes
+
+
+def test_the_page_makes_no_markup_of_what_it_is_sent() -> None:
+    assert re.findall(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\(|new Function", SCRIPT) == []
+
+
+def test_texts_and_names_stay_texts_in_the_page() -> None:
+    """A declared machine may have any name; nothing that it holds becomes markup."""
+    name = '<script>alert("x")<b>'
+    site = SiteSeen("talc", (name,), lambda: BEGAN, lambda: 0.0)
+    page = TestClient(build_app(site, WebSettings(), uses={name: MachineUse()}), base_url="http://localhost")
+    html = page.get("/machine/%3Cscript%3Ealert(%22x%22)%3Cb%3E").text
+    assert "<script>alert" not in html
+    assert html.count("<script") == 3
+
+
+def test_the_page_of_the_only_machine_comes_first_and_says_its_language() -> None:
+    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+    page = TestClient(build_app(site, WebSettings()), base_url="http://localhost", headers={"accept-language": "de"})
+    html = page.get("/").text
+    assert '<html lang="de">' in html
+    assert "Worauf sie wartet" in html
+    site.life("talc/lathe/alive", alive=True)
+    assert "Die schlechteste zuerst" in page.get("/").text
+    for file in re.findall(r'(?:href|src)="(/file/[^"]+)"', html):
+        assert page.get(file).status_code == 200

@@ -1,0 +1,209 @@
+"""Ready or not: samples in, a verdict out; the time is an argument."""
+
+from datetime import timedelta
+
+import numpy as np
+import pytest
+
+from gateway.nc import Source
+from gateway.web.at_tool import WorkPoint, at_the_tool, half_width, moved
+from gateway.web.seen import Applied, applied
+from gateway.web.verdict import Colour, Viewpoint, judge
+from gateway.web.view import listed, shown_course, view
+from tests.benches.heard import STEP, HeardMachine
+
+MATRIX = WorkPoint(150.0, 0.0, 80.0).matrix(0.15)
+ALL_POINTS = Viewpoint(MATRIX, 10.0)
+Z_ONLY = {"EZ0A": 30.0}
+
+
+def within(tolerance_um: float | None) -> Viewpoint:
+    return Viewpoint(MATRIX, tolerance_um)
+
+
+def test_the_deviation_at_a_point_is_that_of_the_kinematics() -> None:
+    """The table has grown by 10 µm at 150 mm and the A axis sunk by 30 µm: 13.3 µm in X at 200 mm."""
+    errors = np.array([0, -30, 0, 0, 0, 10, 0, 0, 0], dtype=np.float64)
+    assert moved(WorkPoint(200.0, 0.0, 50.0).matrix(0.15), errors) == pytest.approx([40 / 3, 0, -30])
+
+
+def test_the_interval_at_the_tool_is_the_root_of_the_squares() -> None:
+    """EY0A and EY0C move Y one to one: 3 and 4 µm give 5 µm, and 1.96 of it to each side."""
+    sigma = np.array([3, 0, 0, 4, 0, 0, 0, 0, 0], dtype=np.float64)
+    assert half_width(MATRIX, sigma) == pytest.approx([0, 1.96 * 5, 0])
+
+
+def test_an_error_that_does_not_move_the_tool_here_may_be_unknown() -> None:
+    """In the middle of the table its radial growth moves nothing."""
+    centre = WorkPoint(0.0, 0.0, 80.0).matrix(0.15)
+    errors = np.zeros(9)
+    errors[5] = np.nan
+    nothing = Applied(False, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (False, False, False))
+    assert np.isfinite(at_the_tool(centre, errors, np.abs(errors), nothing).far).all()
+    assert np.isnan(moved(MATRIX, errors)[0])
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "colour", "word"),
+    [(6.0, Colour.GREEN, "word.ready"), (3.0, Colour.AMBER, "word.unsure"), (1.0, Colour.RED, "word.not_ready")],
+)
+def test_the_interval_against_the_tolerance_gives_the_colour(tolerance: float, colour: Colour, word: str) -> None:
+    """3 µm are left in Z, ± 1.96: at least 1.04, at most 4.96."""
+    heard = HeardMachine()
+    heard.compensation((0.0, 0.0, 27.0), (0.0, 0.0, 30.0))
+    heard.decision(corrected=Z_ONLY, sigma={"EZ0A": 1.0} | dict.fromkeys(("EA0C", "EZ0T", "ER0T"), 0.0))
+    verdict = judge(heard.seen, within(tolerance), heard.now_s)
+    assert (verdict.colour, verdict.word) == (colour, word)
+
+
+def test_without_a_tolerance_the_interval_is_said_and_no_colour_given() -> None:
+    heard = HeardMachine()
+    heard.decision()
+    verdict = judge(heard.seen, within(None), heard.now_s)
+    assert (verdict.colour, verdict.word) == (Colour.GREY, "word.no_tolerance")
+    assert [said.say for said in verdict.because] == ["because.left", "because.no_tolerance"]
+
+
+def test_what_is_not_written_to_the_control_is_left() -> None:
+    heard = HeardMachine()
+    heard.compensation((0.0, 0.0, 30.0), mode="advise", written=False)
+    heard.decision(corrected=Z_ONLY)
+    assert judge(heard.seen, within(20.0), heard.now_s).colour is Colour.RED
+    shown = view(heard.seen, within(20.0), heard.now_s)
+    assert shown.axes[2].left.n == pytest.approx(30.0)
+    assert shown.axes[2].in_force.n == 0.0
+    assert [said.say for said in shown.tool_notes] == ["tool.not_written"]
+
+
+def test_a_gateway_that_is_gone_is_gone_at_once_and_says_when_it_was_heard() -> None:
+    heard = HeardMachine()
+    heard.compensation()
+    heard.decision()
+    assert judge(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
+    heard.passes(timedelta(seconds=3))
+    heard.seen.disappear(heard.now)
+    verdict = judge(heard.seen, within(10.0), heard.now_s)
+    assert (verdict.colour, verdict.word, verdict.since) == (Colour.GREY, "word.gone", heard.now)
+    assert view(heard.seen, within(10.0), heard.now_s).axes == ()
+
+
+def test_a_machine_that_was_never_heard_says_what_to_do() -> None:
+    verdict = judge(HeardMachine(alive=False).seen, within(10.0), 0.0)
+    assert (verdict.word, [said.say for said in verdict.because]) == ("word.never", ["because.never", "do.start"])
+
+
+def test_a_gateway_without_a_grid_step_has_no_data() -> None:
+    heard = HeardMachine()
+    heard.reading("bed")
+    assert judge(heard.seen, within(10.0), heard.now_s).word == "word.no_data"
+
+
+def test_an_estimate_grows_old_although_the_gateway_is_alive() -> None:
+    heard = HeardMachine()
+    heard.compensation()
+    heard.decision()
+    heard.passes(timedelta(minutes=14))
+    assert judge(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
+    heard.passes(timedelta(minutes=2))
+    heard.reading("bed")
+    assert judge(heard.seen, within(10.0), heard.now_s).word == "word.old"
+    assert view(heard.seen, within(10.0), heard.now_s).axes == ()
+
+
+def test_while_the_control_probes_it_is_not_ready() -> None:
+    heard = HeardMachine()
+    heard.compensation()
+    heard.decision()
+    heard.probing("asked")
+    assert judge(heard.seen, within(10.0), heard.now_s).word == "word.probing"
+    heard.probing("not_wanted", None)
+    assert judge(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
+
+
+def test_the_phase_no_good_is_red_whatever_the_interval() -> None:
+    heard = HeardMachine()
+    heard.compensation()
+    heard.decision(phase="no_good")
+    assert judge(heard.seen, within(1000.0), heard.now_s).colour is Colour.RED
+
+
+@pytest.mark.parametrize(("measured", "said"), [(False, "because.no_measurement"), (True, "because.no_estimate")])
+def test_an_error_without_an_estimate_leaves_the_interval_unknown(measured: bool, said: str) -> None:
+    heard = HeardMachine()
+    if measured:
+        heard.measurement()
+    heard.decision(corrected={"EZ0A": None})
+    verdict = judge(heard.seen, within(10.0), heard.now_s)
+    assert (verdict.colour, verdict.because[0].say) == (Colour.AMBER, said)
+
+
+def test_a_correction_at_its_bound_or_not_taken_leaves_the_rest_unknown() -> None:
+    heard = HeardMachine()
+    heard.compensation((0.0, 0.0, 50.0), bounded=(False, False, True))
+    heard.decision(corrected={"EZ0A": 70.0})
+    assert judge(heard.seen, within(10.0), heard.now_s).because[0].say == "because.bounded"
+    heard.compensation((0.0, 0.0, 50.0), written=False)
+    assert judge(heard.seen, within(10.0), heard.now_s).because[0].say == "because.not_taken"
+
+
+@pytest.mark.parametrize("source", list(Source))
+def test_only_a_step_by_the_prediction_follows_the_estimate(source: Source) -> None:
+    heard = HeardMachine()
+    heard.compensation((1.0, 2.0, 3.0), source=source.value, written=source is not Source.FROZEN)
+    now = applied(heard.seen.compensation)
+    assert now.following == (source is Source.PREDICTION)
+    assert now.offsets_um == (1.0, 2.0, 3.0)
+
+
+def test_it_says_since_when() -> None:
+    heard, times = HeardMachine(), []
+    heard.compensation()
+    for k, sigma in enumerate((0.1, 0.1, 9.0, 9.0, 9.0)):
+        times.append(heard.now)
+        heard.decision(k, sigma=sigma)
+        heard.passes(STEP)
+    verdict = judge(heard.seen, within(8.0), heard.now_s)
+    assert (verdict.colour, verdict.since) == (Colour.AMBER, times[2])
+
+
+def test_it_says_whether_a_measurement_would_be_enough_and_that_no_forecast_is_published() -> None:
+    heard = HeardMachine()
+    heard.compensation()
+    heard.measurement(sigma=0.5)
+    heard.decision(sigma=9.0)
+    enough = judge(heard.seen, within(5.0), heard.now_s)
+    assert [said.say for said in enough.helps] == ["when.unknown", "help.measure"]
+    too_little = judge(heard.seen, within(0.5), heard.now_s)
+    assert [said.say for said in too_little.helps] == ["when.unknown", "help.measure_not_enough"]
+
+
+def test_what_is_not_armed_is_said_first() -> None:
+    heard = HeardMachine()
+    heard.status(unarmed=("nothing will be learnt: probing is not armed",))
+    (notice,) = view(heard.seen, within(10.0), heard.now_s).notices
+    assert (notice.say, notice.values["text"].s) == ("notice.unarmed", "nothing will be learnt: probing is not armed")  # type: ignore[union-attr]
+
+
+def test_the_list_shows_the_worst_first() -> None:
+    red, green, gone = HeardMachine(), HeardMachine(), HeardMachine(alive=False)
+    for heard in (red, green):
+        heard.compensation()
+    red.decision(phase="no_good")
+    green.decision()
+    machines = {"a-green": green.seen, "b-gone": gone.seen, "c-red": red.seen}
+    shown = listed(machines, dict.fromkeys(machines, within(10.0)), 0.0)
+    assert [machine.colour for machine in shown] == ["red", "grey", "green"]
+
+
+def test_the_course_has_the_estimates_and_the_measurements_at_the_chosen_point() -> None:
+    heard = HeardMachine()
+    heard.compensation((0.0, 0.0, 30.0))
+    heard.measurement(errors=0.0)
+    heard.decision(0, Z_ONLY, 0.0)
+    heard.passes(STEP)
+    heard.decision(1, {"EZ0A": None}, 0.0)
+    course = shown_course(heard.seen, MATRIX)
+    assert course.without[2] == [30.0, None]
+    assert course.left[2] == [0.0, None]
+    assert course.half[2] == [0.0, 0.0]
+    assert course.measured[2] == [0.0]
