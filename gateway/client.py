@@ -1,6 +1,5 @@
 """A program's view of running gateways: follow a machine, ask for its last values and for what it has stored."""
 
-import json
 import queue
 import re
 from collections.abc import Generator, Iterator, Sequence
@@ -15,6 +14,7 @@ from drivers.base import Quality
 from gateway.telemetry import (
     MOST_ROWS,
     TYPES,
+    Access,
     HistoryPage,
     Published,
     StatusMessage,
@@ -22,6 +22,8 @@ from gateway.telemetry import (
     decode_page,
     decode_refusal,
     keys,
+    reader_config,
+    without_path,
 )
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ _MOST_WAITING = 20_000
 _GOOD = Quality.GOOD.value
 _NAME = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
 """Of a prefix or a machine: no wildcard, and nothing that a key may not contain."""
+_ANYONE = Access()
 
 
 class MachineError(OSError):
@@ -45,6 +48,7 @@ class Machine:
     ----------
     name: of the machine; None: the only one whose gateway runs there
     connect: Zenoh endpoints of the gateway or of a router, such as `tcp/192.168.1.5:7447`; the first that answers
+    access: certificates and password, where the gateway or router asks for them
     prefix: of the keys, [telemetry] prefix of the gateway's configuration
     answer_limit_s: how long an answer is waited for, s
 
@@ -58,6 +62,7 @@ class Machine:
         *,
         connect: str | Sequence[str],
         prefix: str = "talc",
+        access: Access = _ANYONE,
         answer_limit_s: float = ANSWER_LIMIT_S,
     ) -> None:
         for what, value in (("name", name), ("prefix", prefix)):
@@ -65,7 +70,7 @@ class Machine:
                 raise ValueError(f"{what} = {value!r}: expected letters, digits, _ and -")
         self._name, self._prefix, self._limit_s = name, prefix, answer_limit_s
         self._connect = (connect,) if isinstance(connect, str) else tuple(connect)
-        self._config = _client_config(self._connect)
+        self._config = reader_config(self._connect, access)
         self._session: zenoh.Session | None = None
         self.missed = 0
         """Messages that `follow` had to leave out because they were not taken fast enough."""
@@ -75,7 +80,7 @@ class Machine:
             self._session = zenoh.open(self._config)
         except zenoh.ZError as error:
             where = ", ".join(self._connect)
-            raise MachineError(f"no answer at {where}. Is the gateway running? {_first(error)}") from error
+            raise MachineError(f"no answer at {where}. Is the gateway running? {without_path(error)}") from error
         try:
             self._name = self._choose(self.running())
         except BaseException:
@@ -256,20 +261,3 @@ class Machine:
 
     def _message(self, sample: zenoh.Sample) -> Published | None:
         return decode(self._suffix(sample), sample.payload.to_bytes())
-
-
-def _client_config(connect: Sequence[str]) -> zenoh.Config:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    try:
-        config.insert_json5("connect/endpoints", json.dumps(list(connect)))
-    except zenoh.ZError:
-        shown = ", ".join(connect)
-        raise ValueError(f"connect = {shown!r}: expected Zenoh endpoints such as tcp/192.168.1.5:7447") from None
-    return config
-
-
-def _first(error: zenoh.ZError) -> str:
-    """What happened, without the path inside the library."""
-    return str(error).split("  at ")[0]

@@ -2,6 +2,7 @@
 
 import logging
 import sys
+from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
@@ -21,9 +22,10 @@ from gateway.cli.arguments import (
 from gateway.cli.db import db
 from gateway.cli.exits import EXIT_DIFFERENT, EXIT_WORLD, Commands
 from gateway.cli.log import log_to_stderr
-from gateway.config import GatewayConfig, cautions, described, load, unarmed
+from gateway.config import ConfigError, GatewayConfig, cautions, credential_problems, described, load, unarmed
 
 ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
+PemPath = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -91,6 +93,8 @@ def check(config: Path) -> None:
     from gateway.cli.opening import armed, contents
 
     checked = read_config(config)
+    if wrong := list(credential_problems(checked.telemetry, datetime.now(UTC))):
+        raise ConfigError(config, wrong)
     click.echo(
         f"{config}: good. {contents(checked)}; {armed(checked)}; fingerprint {checked.fingerprint()[:16]}"
         + ("" if checked.prior is None else f"; {described(checked.prior, checked.input_names)}")
@@ -237,14 +241,40 @@ def demo(
 
 
 @main.command()
-@click.option("--connect", multiple=True, default=("tcp/127.0.0.1:7447",), show_default=True, help="Zenoh endpoint.")
-@click.option("--prefix", default="talc", show_default=True)
+@click.argument("config", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--connect", multiple=True, help="Zenoh endpoint. [default: tcp/127.0.0.1:7447]")
+@click.option("--prefix", help="[default: talc]")
 @click.option("--machine", help="Default: the one that runs there, if there is only one.")
-def watch(connect: tuple[str, ...], prefix: str, machine: str | None) -> None:
-    """Follow a running gateway as an ordinary Zenoh subscriber."""
+@click.option("--authority", type=PemPath, help="Certificates of the plant's authority, for tls/… endpoints.")
+@click.option("--certificate", type=PemPath, help="Your own certificate, where one is asked for; with --key.")
+@click.option("--key", type=PemPath, help="Its private key.")
+@click.option("--user", help="Where user and password are asked for; with --password-file.")
+@click.option("--password-file", type=PemPath, help="Holds the user's password alone.")
+def watch(
+    config: Path | None,
+    connect: tuple[str, ...],
+    prefix: str | None,
+    machine: str | None,
+    authority: Path | None,
+    certificate: Path | None,
+    key: Path | None,
+    user: str | None,
+    password_file: Path | None,
+) -> None:
+    """Follow a running gateway as an ordinary Zenoh subscriber: that of CONFIG, or the one at --connect."""
     from gateway.cli.watch import watch as follow
+    from gateway.cli.watch import watch_own
+    from gateway.telemetry import Access
 
-    sys.exit(follow(connect=connect, prefix=prefix, machine=machine))
+    if config is not None:
+        if connect or prefix or machine or authority or certificate or key or user or password_file:
+            raise click.UsageError("CONFIG says where and how; give either it or options")
+        sys.exit(watch_own(read_config(config)))
+    if (certificate is None) != (key is None) or (user is None) != (password_file is None):
+        raise click.UsageError("--certificate goes with --key, and --user with --password-file")
+    password = None if password_file is None else password_file.read_text(encoding="utf-8").strip()
+    access = Access(authority=authority, certificate=certificate, key=key, user=user, password=password)
+    sys.exit(follow(connect or ("tcp/127.0.0.1:7447",), prefix or "talc", machine, access))
 
 
 @main.command()

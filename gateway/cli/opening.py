@@ -34,7 +34,7 @@ def opening(config: GatewayConfig) -> Iterator[str]:
     yield f"control: {control}; {armed(config)}"
     telemetry = config.telemetry
     if telemetry.enabled:
-        places = [f"listening on {place}" for place in telemetry.listen]
+        places = [f"listening on {place.text}" for place in telemetry.listening]
         places += [f"connecting to {place}" for place in telemetry.connect]
         root = keys.root(telemetry.prefix, config.machine.name)
         yield f"store: {config.storage.path}; published as {root}/**, {', '.join(places) or 'no endpoint'}"

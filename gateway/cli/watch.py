@@ -14,18 +14,19 @@ from gateway.cli.exits import EXIT_WORLD
 from gateway.cli.terminal import printable
 from gateway.cli.view import LiveView, ViewState
 from gateway.client import ANSWER_LIMIT_S, Machine, MachineError
-from gateway.telemetry import decode, keys
+from gateway.config import GatewayConfig
+from gateway.telemetry import Access, decode, keys, own_access
 
 log = logging.getLogger(__name__)
 
 
-def watch(connect: Sequence[str], prefix: str, machine: str | None) -> int:
+def watch(connect: Sequence[str], prefix: str, machine: str | None, access: Access) -> int:
     """Show a running gateway until SIGINT, SIGTERM or its end; returns the exit code (3: no gateway).
 
     machine: None: the only one that runs there. Raises click.BadParameter.
     """
     try:
-        followed = Machine(machine, connect=connect, prefix=prefix)
+        followed = Machine(machine, connect=connect, prefix=prefix, access=access)
     except ValueError as error:
         raise click.BadParameter(str(error)) from None
     try:
@@ -34,6 +35,20 @@ def watch(connect: Sequence[str], prefix: str, machine: str | None) -> int:
     except MachineError as error:
         click.echo(f"error: {error}", err=True)
         return EXIT_WORLD
+
+
+def watch_own(config: GatewayConfig) -> int:
+    """Show the gateway of this configuration, which runs on this computer or publishes to the same router."""
+    telemetry = config.telemetry
+    places = [place.from_here for place in telemetry.listening] or list(telemetry.connect)
+    if not (telemetry.enabled and places):
+        raise click.UsageError("[telemetry] of this configuration has no endpoint on which a gateway could be heard")
+    try:
+        access = own_access(telemetry)
+    except OSError as error:
+        click.echo(f"error: {error.filename} cannot be read: {error.strerror}", err=True)
+        return EXIT_WORLD
+    return watch(places, telemetry.prefix, config.machine.name, access)
 
 
 def _printable(value: Any) -> Any:

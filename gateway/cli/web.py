@@ -9,8 +9,7 @@ from pathlib import Path
 import click
 import uvicorn
 
-from gateway.config import GatewayConfig, Telemetry
-from gateway.telemetry import session_config
+from gateway.config import GatewayConfig, Telemetry, endpoint
 from gateway.web import (
     MachineUse,
     SiteSeen,
@@ -80,22 +79,23 @@ def serve_pages(command: WebCommand) -> None:
 
 def _telemetry(command: WebCommand) -> Telemetry:
     """Where to listen. Raises click.UsageError."""
+    for text in command.connect:
+        try:
+            endpoint(text)
+        except ValueError as error:
+            raise click.BadParameter(str(error), param_hint="--connect") from None
     config = command.config
     if config is None:
-        settings = Telemetry(connect=command.connect, prefix=command.prefix or "talc")
-    elif not config.telemetry.enabled:
+        return Telemetry(connect=command.connect, prefix=command.prefix or "talc")
+    telemetry = config.telemetry
+    if not telemetry.enabled:
         raise click.UsageError("[telemetry] enabled = false: this gateway publishes nothing that a page could show")
-    else:
-        places = (*command.connect, *listened_to(config.telemetry))
-        settings = Telemetry(
-            connect=places, prefix=command.prefix or config.telemetry.prefix, multicast=config.telemetry.multicast
-        )
-    if not settings.connect and not settings.multicast:
+    places = (*command.connect, *listened_to(telemetry))
+    if not places and not telemetry.multicast:
         raise click.UsageError(
             "there is nothing to listen to: [telemetry] has neither listen nor connect; give --connect tcp/HOST:7447"
         )
-    session_config(settings)
-    return settings
+    return telemetry.model_copy(update={"connect": places, "prefix": command.prefix or telemetry.prefix})
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -18,8 +18,10 @@ from gateway.config.packed import packed_toml, unpacked
 from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
 from gateway.config.problems import ConfigError, Problem, place, shown, suggestion
 from gateway.config.rules import cautions
-from gateway.config.sections import Compensation, Probing, Storage, Telemetry
+from gateway.config.sections import Compensation, Probing, Storage
 from gateway.config.talc_only import TalcOnly, load_talc_only
+from gateway.config.telemetry import EndpointParts, Telemetry, TelemetryTls, endpoint
+from gateway.config.telemetry_rules import credential_problems
 from gateway.config.wires import toml_value, wires_toml
 
 __all__ = [
@@ -29,6 +31,7 @@ __all__ = [
     "Channel",
     "Compensation",
     "ConfigError",
+    "EndpointParts",
     "GatewayConfig",
     "LinuxCncNc",
     "MeEthernetSection",
@@ -45,9 +48,12 @@ __all__ = [
     "Storage",
     "TalcOnly",
     "Telemetry",
+    "TelemetryTls",
     "cautions",
+    "credential_problems",
     "described",
     "draft",
+    "endpoint",
     "load",
     "load_talc_only",
     "packed_toml",

@@ -16,6 +16,6 @@ def unarmed(config: GatewayConfig) -> tuple[str, ...]:
             found.append(f"nothing is written to the control: {mode}, not 'compensate'")
     if not config.telemetry.enabled:
         found.append("nothing is published: [telemetry] enabled = false")
-    elif not (config.telemetry.listen or config.telemetry.connect or config.telemetry.multicast):
+    elif not (config.telemetry.listening or config.telemetry.connect or config.telemetry.multicast):
         found.append("nobody can receive what is published: [telemetry] has neither listen nor connect")
     return tuple(found)

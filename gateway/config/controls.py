@@ -1,6 +1,5 @@
 """`[nc]`: the connection to the numerical control. One section per kind of control."""
 
-import stat
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
@@ -17,6 +16,7 @@ from drivers.opcua import valid_certificate
 from drivers.problems import settings_of
 from drivers.section import Positive
 from drivers.sinumerik import SinumerikControl, SinumerikSettings, StateNode, default_states
+from gateway.config.credentials import secret_cautions
 from gateway.config.fields import Name
 
 _SOON = timedelta(days=30)
@@ -77,7 +77,7 @@ class SinumerikNc(SinumerikControl):
         for name in ("password_file", "private_key"):
             path = getattr(self, name)
             if path is not None:
-                yield from ((name, text) for text in _secret_cautions(path))
+                yield from ((name, text) for text in secret_cautions(path))
 
 
 class LinuxCncNc(LinuxCncAgent):
@@ -120,7 +120,7 @@ class LinuxCncNc(LinuxCncAgent):
                 "host",
                 f"'{self.host}' is another computer: use a tunnel, lines are signed but not encrypted",
             )
-        yield from (("key_file", text) for text in _secret_cautions(self.key_file))
+        yield from (("key_file", text) for text in secret_cautions(self.key_file))
 
 
 Nc = Annotated[SinumerikNc | LinuxCncNc, Field(discriminator="kind")]
@@ -146,13 +146,3 @@ def _certificate_cautions(path: Path, name: str) -> Iterator[str]:
     else:
         if end - datetime.now(UTC) < _SOON:
             yield f"'{path}' ends on {end:%Y-%m-%d}; after that the gateway no longer connects to the control"
-
-
-def _secret_cautions(path: Path) -> Iterator[str]:
-    try:
-        mode = path.stat().st_mode
-    except OSError as error:
-        yield f"'{path}' cannot be read: {error.strerror}"
-    else:
-        if mode & (stat.S_IRGRP | stat.S_IROTH):
-            yield f"'{path}' can be read by other users; chmod 600"

@@ -25,8 +25,8 @@ from gateway.config.sections import (
     State,
     Storage,
     Talc,
-    Telemetry,
 )
+from gateway.config.telemetry import Telemetry
 from talc.settings import SensorCheckSettings, TalcSettings
 
 

@@ -19,6 +19,7 @@ from gateway.config.buses import (
 )
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem, suggestion
+from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
 from talc.probing import check_poses
 
 _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
@@ -39,6 +40,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_watchdog(config),
         *_devices(config),
         *_nc(config),
+        *telemetry_problems(config.telemetry),
     ]
 
 
@@ -68,7 +70,7 @@ def cautions(config: GatewayConfig) -> list[Problem]:
         found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
     if config.nc is not None:
         found += [Problem(f"[nc] {field}", text) for field, text in config.nc.cautions()]
-    return found
+    return [*found, *telemetry_cautions(config.telemetry)]
 
 
 def _serial_port(bus: BusSection) -> tuple[str, str | None]:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
-from drivers.section import FilePath, NotNegative, Positive, Section, beside_the_file, matching
+from drivers.section import FilePath, NotNegative, Positive, Section, beside_the_file
 from gateway.config.fields import LARGEST_BOUND_UM, MOST_POSES, Name, ProfileName
 from talc.settings import TalcSettings
 
@@ -52,25 +52,6 @@ class Storage(Section):
     """So long (real time) nothing may be stored before that counts; until then rows wait in memory."""
     warn_free_mb: NotNegative = 500.0
     """Less free space on the database's disk is reported as a problem."""
-
-
-class Telemetry(Section):
-    """Publication over Zenoh."""
-
-    enabled: bool = True
-    """False: publish nothing and open no session."""
-    prefix: Annotated[
-        str, matching(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", "letters, digits, _ and -, parts separated by /")
-    ] = "talc"
-    """First part of every published key; the machine's name follows."""
-    mode: Literal["peer", "client"] = "peer"
-    """`peer` meets others directly, `client` goes through a router."""
-    listen: tuple[str, ...] = ()
-    """Zenoh endpoints to listen on, such as `tcp/0.0.0.0:7447`."""
-    connect: tuple[str, ...] = ()
-    """Zenoh endpoints to connect to."""
-    multicast: bool = False
-    """Find other peers by multicast."""
 
 
 class Device(Section):

@@ -28,11 +28,13 @@ from gateway.telemetry.messages import (
     decode_refusal,
     encode,
 )
-from gateway.telemetry.publisher import TelemetryError, TelemetryPublisher, session_config
+from gateway.telemetry.publisher import TelemetryError, TelemetryPublisher
+from gateway.telemetry.session import Access, own_access, page_config, reader_config, without_path
 
 __all__ = [
     "MOST_ROWS",
     "TYPES",
+    "Access",
     "CompensationMessage",
     "Composer",
     "DecisionMessage",
@@ -61,6 +63,9 @@ __all__ = [
     "decode_refusal",
     "encode",
     "keys",
+    "own_access",
+    "page_config",
+    "reader_config",
     "schemas",
-    "session_config",
+    "without_path",
 ]

@@ -1,7 +1,6 @@
 """Publishes everything over Zenoh from a separate thread, so that the control loop never waits for the network."""
 
 import asyncio
-import json
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -30,6 +29,7 @@ from gateway.telemetry.compose import Composer, Dropped, Keyed
 from gateway.telemetry.history_queries import HistoryQueries, HistorySource
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import encode
+from gateway.telemetry.session import session_config, without_path
 from talc.frame import Decision
 
 log = logging.getLogger(__name__)
@@ -37,8 +37,6 @@ log = logging.getLogger(__name__)
 _MOST_LOOSE = 5000
 _MOST_FIRM, _MOST_FIRM_BYTES = 20_000, 32_000_000
 """A day of frames, decisions and events; a subscriber that stalls for longer misses the oldest."""
-_LARGEST_QUERY = 1 << 20
-"""Bytes: Zenoh's own default is 1 GiB. What is larger is dropped piece by piece, before it is put together."""
 _JSON = zenoh.Encoding.APPLICATION_JSON
 _MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODEL, keys.EVENT, keys.PROBING})
 """Kinds for which a slow subscriber makes the publishing thread wait instead of losing a sample."""
@@ -46,25 +44,6 @@ _MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODE
 
 class TelemetryError(OSError):
     """No session could be opened; the message names the endpoints and what to do."""
-
-
-def session_config(settings: TelemetrySettings) -> zenoh.Config:
-    """Zenoh's configuration: multicast only if configured; absent peers are retried without limit."""
-    config = zenoh.Config()
-    values: dict[str, object] = {
-        "mode": settings.mode,
-        "listen/endpoints": list(settings.listen),
-        "connect/endpoints": list(settings.connect),
-        "scouting/multicast/enabled": settings.multicast,
-        "scouting/gossip/enabled": False,
-        "timestamping/enabled": True,
-        "transport/link/rx/max_message_size": _LARGEST_QUERY,
-    }
-    if settings.mode == "peer":
-        values["connect/exit_on_failure"] = False
-    for key, value in values.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
 
 
 class TelemetryPublisher:
@@ -123,12 +102,17 @@ class TelemetryPublisher:
 
     async def __aenter__(self) -> Self:
         try:
-            self._session = await asyncio.to_thread(zenoh.open, session_config(self._settings))
+            config = session_config(self._settings)
+        except OSError as error:
+            raise TelemetryError(f"telemetry: {error.filename} cannot be read: {error.strerror}") from error
+        try:
+            self._session = await asyncio.to_thread(zenoh.open, config)
         except zenoh.ZError as error:
-            where = ", ".join((*self._settings.listen, *self._settings.connect)) or "no endpoints"
+            listening = [place.text for place in self._settings.listening]
+            where = ", ".join((*listening, *self._settings.connect)) or "no endpoints"
             raise TelemetryError(
-                f"telemetry: no Zenoh session on {where}: {str(error).split('  at ')[0]}. "
-                "Is another program listening there?"
+                f"telemetry: no Zenoh session on {where}: {without_path(error)}. "
+                "Is another program listening there? `talc-gateway check` looks at certificates and passwords."
             ) from error
         self._schemas = {f"{keys.SCHEMA}/{kind}": text.encode() for kind, text in schemas().items()}
         self._history.start()

@@ -12,7 +12,7 @@ from typing import Self
 import zenoh
 
 from gateway.config import Telemetry
-from gateway.telemetry import TelemetryError, decode, keys, session_config
+from gateway.telemetry import TelemetryError, decode, keys, page_config, without_path
 from gateway.web.seen import MachineSeen
 
 log = logging.getLogger(__name__)
@@ -20,20 +20,11 @@ log = logging.getLogger(__name__)
 _MACHINE = re.compile(r"[A-Za-z0-9_-]+")
 _MOST_MACHINES = 100
 _ANSWER_LIMIT_S = 5.0
-_EVERYWHERE = {"tcp/0.0.0.0:": "tcp/127.0.0.1:", "tcp/[::]:": "tcp/[::1]:"}
-"""An endpoint that listens on all addresses is reached on this computer's own."""
 
 
 def listened_to(telemetry: Telemetry) -> tuple[str, ...]:
     """The endpoints at which what this gateway publishes is heard on its own computer."""
-    return (*(_reachable(place) for place in telemetry.listen), *telemetry.connect)
-
-
-def _reachable(place: str) -> str:
-    for everywhere, here in _EVERYWHERE.items():
-        if place.startswith(everywhere):
-            return here + place.removeprefix(everywhere)
-    return place
+    return (*(place.from_here for place in telemetry.listening), *telemetry.connect)
 
 
 class SiteSeen:
@@ -100,7 +91,7 @@ class SiteSubscription:
     Parameters
     ----------
     site: what takes in the messages
-    settings: where to connect to; see `session_config`
+    settings: where to connect to; see `page_config`
 
     Raises TelemetryError on entry.
     """
@@ -112,9 +103,9 @@ class SiteSubscription:
     def __enter__(self) -> Self:
         where = ", ".join(self._settings.connect)
         try:
-            self._session = zenoh.open(session_config(self._settings))
+            self._session = zenoh.open(page_config(self._settings))
         except zenoh.ZError as error:
-            raise TelemetryError(f"no Zenoh session to {where}: {str(error).split('  at ')[0]}") from error
+            raise TelemetryError(f"no Zenoh session to {where}: {without_path(error)}") from error
         root = keys.root(self._site.prefix, "*")
         self._subscriber = self._session.declare_subscriber(f"{root}/**", self._heard)
         token = f"{root}/{keys.ALIVE}"

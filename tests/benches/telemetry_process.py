@@ -6,7 +6,7 @@ import sys
 import zenoh
 
 from drivers.base import SystemClock
-from gateway.config.sections import Telemetry
+from gateway.config import Telemetry
 from gateway.events import EventReported
 from gateway.telemetry import TelemetryPublisher
 from talc.frame import Event, EventKind

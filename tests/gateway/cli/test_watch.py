@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -10,12 +11,14 @@ from rich.console import Console
 from drivers.base import SystemClock
 from gateway.cli import main
 from gateway.cli.view import ViewState, render
-from gateway.config import Telemetry
+from gateway.config import Telemetry, load
 from gateway.events import EventReported, ReadingsTaken
 from gateway.telemetry import ReadingMessage, TelemetryPublisher
 from talc.frame import Event, EventKind
 from tests.benches.command import LIMIT_S, talc_gateway
 from tests.benches.free_port import free_port
+from tests.benches.plant_authority import PlantAuthority
+from tests.benches.service_file import TEXT
 from tests.benches.telemetry_peer import reading
 
 
@@ -78,6 +81,49 @@ async def test_the_only_machine_is_followed_without_escape_sequences_of_others()
     assert "NC: alarm �[2J�]0;owned� stop" in text
     assert not [c for c in text if not c.isprintable() and c != "\n"]
     assert "mill: the gateway has ended" in text
+
+
+@pytest.mark.slow
+async def test_the_gateway_of_a_configuration_is_found_where_it_says_and_as_it_says(tmp_path: Path) -> None:
+    """By mutual TLS, of which the file has all that is needed."""
+    port, file = free_port(), tmp_path / "gateway.toml"
+    PlantAuthority(tmp_path / "plant").issue("mill")
+    file.write_text(
+        f"""{TEXT}
+[telemetry]
+listen = ["tls/127.0.0.1:{port}"]
+[telemetry.tls]
+certificate = "plant/mill.pem"
+key = "plant/mill.key"
+authority = "plant/authority.pem"
+mutual = true
+""",
+        encoding="utf-8",
+    )
+    config = load(file)
+    gateway = TelemetryPublisher(config.telemetry, "mill", (), SystemClock(), "boot-1", simulated=False)
+    async with gateway:
+        gateway.publish(ReadingsTaken([reading(21.57)]))
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "gateway", "watch", str(file)), stdout=asyncio.subprocess.PIPE
+        )
+        assert process.stdout is not None
+        async with asyncio.timeout(LIMIT_S):
+            while b"21.6 degC" not in (line := await process.stdout.readline()):
+                assert line, "it has ended"
+    async with asyncio.timeout(LIMIT_S):
+        await process.communicate()
+    assert process.returncode == 0
+
+
+def test_a_configuration_that_publishes_nowhere_is_not_waited_for(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(TEXT + "[telemetry]\nlisten = []\n", encoding="utf-8")
+    answer = CliRunner().invoke(main, ["watch", str(file)], catch_exceptions=False)
+    assert answer.exit_code == 2
+    assert "has no endpoint on which a gateway could be heard" in answer.output
+    other = CliRunner().invoke(main, ["watch", str(file), "--prefix", "hall"], catch_exceptions=False)
+    assert "give either it or options" in other.output
 
 
 def test_the_screen_shows_each_value_or_why_there_is_none() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import SystemClock
-from gateway.config.sections import Telemetry
+from gateway.config import Telemetry
 from gateway.events import DecisionMade
 from gateway.telemetry import TelemetryPublisher
 from tests.benches.free_port import free_port

@@ -1,0 +1,144 @@
+"""The section [telemetry]: where the gateway is reached over Zenoh, how that is secured, and who may read."""
+
+import re
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, model_validator
+
+from drivers.section import FilePath, NotEmpty, Section, matching
+
+LOOPBACK = "tcp/127.0.0.1:7447"
+_PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
+_ENCRYPTED = ("tls", "quic")
+_ENDPOINT = re.compile(
+    r"(?P<protocol>[a-z]+)/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+):(?P<port>\d{1,5})(?:[?#].*)?"
+)
+_LOCAL_SOCKET = re.compile(r"unixsock-stream/.+")
+
+
+@dataclass(frozen=True, slots=True)
+class EndpointParts:
+    """What an endpoint says."""
+
+    text: str
+    protocol: str
+    host: str
+    """Without brackets; empty for a socket in the file system."""
+    port: int
+
+    @property
+    def encrypted(self) -> bool:
+        """Whether it is by TLS."""
+        return self.protocol in _ENCRYPTED
+
+    @property
+    def local(self) -> bool:
+        """Whether only this computer reaches it."""
+        try:
+            return self.host in ("", "localhost") or ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def from_here(self) -> str:
+        """The endpoint by which a program on this computer reaches who listens here: every address is also loopback."""
+        try:
+            everywhere = ip_address(self.host).is_unspecified
+        except ValueError:
+            everywhere = False
+        if not everywhere:
+            return self.text
+        host = "[::1]" if ":" in self.host else "127.0.0.1"
+        return f"{self.protocol}/{host}:{self.port}"
+
+
+def endpoint(text: str) -> EndpointParts:
+    """The parts of a Zenoh endpoint. Raises ValueError naming it and what would be right."""
+    if _LOCAL_SOCKET.fullmatch(text):
+        return EndpointParts(text, "unixsock-stream", "", 0)
+    found = _ENDPOINT.fullmatch(text)
+    if found is None or found["protocol"] not in _PROTOCOLS or not 1 <= int(found["port"]) <= 0xFFFF:
+        raise ValueError(f"{text!r}: expected PROTOCOL/HOST:PORT such as {LOOPBACK} or tls/0.0.0.0:7447")
+    return EndpointParts(text, found["protocol"], found["host"].strip("[]"), int(found["port"]))
+
+
+def _valid(text: str) -> str:
+    endpoint(text)
+    return text
+
+
+Endpoint = Annotated[str, AfterValidator(_valid)]
+
+
+class TelemetryTls(Section):
+    """Encryption of `tls/…` endpoints: this gateway's certificate, and whose certificates it believes. PEM files;
+    `deploy/zenoh/certificates.sh` makes them."""
+
+    certificate: FilePath | None = None
+    """Certificate of this gateway, needed to listen on `tls/…`, and shown to a router that asks for one. It must name
+    the host or address by which others connect."""
+    key: FilePath | None = None
+    """Private key of `certificate`, readable by the gateway alone."""
+    authority: FilePath | None = None
+    """Certificates of the authorities from which others' certificates must come; needed to connect to `tls/…` and for
+    `mutual`."""
+    mutual: bool = False
+    """Whoever connects must show a certificate of `authority`."""
+
+    @model_validator(mode="after")
+    def _together(self) -> "TelemetryTls":
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key go together: give both or neither")
+        if self.mutual and (self.authority is None or self.certificate is None):
+            raise ValueError("mutual = true: expected certificate, key and authority too")
+        return self
+
+
+class Telemetry(Section):
+    """Publication over Zenoh."""
+
+    enabled: bool = True
+    """False: publish nothing and open no session."""
+    prefix: Annotated[
+        str, matching(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", "letters, digits, _ and -, parts separated by /")
+    ] = "talc"
+    """First part of every published key; the machine's name follows."""
+    mode: Literal["peer", "client"] = "peer"
+    """`peer` meets others directly, `client` goes through a router."""
+    listen: tuple[Endpoint, ...] = (LOOPBACK,)
+    """Zenoh endpoints to listen on, such as `tls/0.0.0.0:7447`. By default this computer alone reaches the gateway."""
+    connect: tuple[Endpoint, ...] = ()
+    """Zenoh endpoints to connect to, such as a router's `tls/192.168.1.5:7447`."""
+    multicast: bool = False
+    """Find other peers by multicast."""
+    allow_unencrypted: bool = False
+    """Whether the gateway may listen beyond this computer on endpoints without TLS: everyone in that network can then
+    read what it publishes."""
+    tls: TelemetryTls = TelemetryTls()
+    user: NotEmpty | None = None
+    """Name under which it connects to a router that asks for user and password."""
+    password_file: FilePath | None = None
+    """Holds the user's password alone."""
+    users_file: FilePath | None = None
+    """Lines of `user:password`: only they may connect to this gateway. Use TLS too."""
+    readers: tuple[NotEmpty, ...] = ()
+    """Who of those that connect may read and ask: common names of certificates (`mutual`) or users (`users_file`).
+    Empty: all. Whoever it is, nothing that is sent to the gateway is passed on, and no key of its can be written."""
+
+    @model_validator(mode="after")
+    def _together(self) -> "Telemetry":
+        if (self.user is None) != (self.password_file is None):
+            raise ValueError("user and password_file go together: give both or neither")
+        return self
+
+    @property
+    def listening(self) -> tuple[EndpointParts, ...]:
+        """Where it listens; a client never does."""
+        return tuple(endpoint(text) for text in self.listen) if self.mode == "peer" else ()
+
+    @property
+    def connecting(self) -> tuple[EndpointParts, ...]:
+        """What it connects to."""
+        return tuple(endpoint(text) for text in self.connect)

@@ -1,0 +1,160 @@
+"""Checks of [telemetry]: what contradicts itself, and the files of certificates, keys and passwords."""
+
+from collections.abc import Callable, Generator, Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TypeVar
+
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
+
+from gateway.config.credentials import secret_cautions
+from gateway.config.problems import Problem
+from gateway.config.telemetry import Telemetry, TelemetryTls
+
+_SOON = timedelta(days=30)
+T = TypeVar("T")
+
+
+def telemetry_problems(telemetry: Telemetry) -> Iterator[Problem]:
+    """What contradicts itself; reads no file."""
+    if not telemetry.enabled:
+        return
+    tls = telemetry.tls
+    for place in telemetry.listening:
+        if place.encrypted and tls.certificate is None:
+            yield Problem("[telemetry] listen", f"'{place.text}' needs [telemetry.tls] certificate and key")
+        if not (place.encrypted or place.local or telemetry.allow_unencrypted):
+            yield Problem(
+                "[telemetry] listen",
+                f"'{place.text}' can be reached and read by everyone in that network: expected tls/… with"
+                " [telemetry.tls], or a loopback address, or allow_unencrypted = true to keep it as it is",
+            )
+    for place in telemetry.connecting:
+        if place.encrypted and tls.authority is None:
+            yield Problem("[telemetry] connect", f"'{place.text}' needs [telemetry.tls] authority")
+    if telemetry.readers and not (tls.mutual or telemetry.users_file):
+        yield Problem(
+            "[telemetry] readers",
+            "nobody who connects has a name: expected [telemetry.tls] mutual = true or users_file",
+        )
+    if telemetry.readers and telemetry.connect:
+        yield Problem(
+            "[telemetry] readers",
+            "has no effect on who reads from the router of `connect`; give the rules to that router",
+        )
+
+
+def credential_problems(telemetry: Telemetry, now: datetime) -> Iterator[Problem]:
+    """What is wrong with the files that [telemetry] names, at this time. A gateway that runs goes on without them as
+    long as it can, so that an expired certificate stops nothing but the telemetry."""
+    if not telemetry.enabled:
+        return
+    tls = telemetry.tls
+    certificates = yield from _read("[telemetry.tls] certificate", tls.certificate, _certificates)
+    if certificates:
+        yield from _dates("[telemetry.tls] certificate", tls.certificate, certificates[0], now)
+    yield from _key_problems(tls, certificates[0] if certificates else None)
+    for authority in (yield from _read("[telemetry.tls] authority", tls.authority, _certificates)) or ():
+        yield from _dates("[telemetry.tls] authority", tls.authority, authority, now)
+    password = yield from _read("[telemetry] password_file", telemetry.password_file, _text)
+    if password is not None and not password.strip():
+        yield Problem("[telemetry] password_file", f"'{telemetry.password_file}' is empty")
+    yield from _users_problems(telemetry)
+
+
+def telemetry_cautions(telemetry: Telemetry) -> Iterator[Problem]:
+    """What works now and may fail later, or is less safe than it could be. Reads files."""
+    if not telemetry.enabled:
+        return
+    for place in telemetry.connecting:
+        if not (place.encrypted or place.local):
+            yield Problem("[telemetry] connect", f"'{place.text}' is reached without encryption; use tls/…")
+    if telemetry.multicast:
+        yield Problem("[telemetry] multicast", "true: whoever answers in this network is connected to; use connect")
+    for place in telemetry.listening:
+        if telemetry.users_file and not (place.encrypted or place.local):
+            yield Problem("[telemetry] users_file", f"what users of '{place.text}' read is not encrypted; use tls/…")
+    for field, path in (
+        ("[telemetry.tls] key", telemetry.tls.key),
+        ("[telemetry] password_file", telemetry.password_file),
+        ("[telemetry] users_file", telemetry.users_file),
+    ):
+        if path is not None and path.is_file():
+            yield from (Problem(field, text) for text in secret_cautions(path))
+    yield from _ends_soon(telemetry.tls.certificate)
+
+
+def _ends_soon(certificate: Path | None) -> Iterator[Problem]:
+    try:
+        ends = None if certificate is None else _certificates(certificate)[0].not_valid_after_utc
+    except (OSError, ValueError):
+        return  # check says it
+    if ends is not None and timedelta() < ends - datetime.now(UTC) < _SOON:
+        yield Problem("[telemetry.tls] certificate", f"'{certificate}' ends on {ends:%Y-%m-%d}; make the next one")
+
+
+def _read(field: str, path: Path | None, reader: Callable[[Path], T]) -> Generator[Problem, None, T | None]:
+    """What a file holds; None, and why, if it cannot be read; None if the field is not set."""
+    if path is None:
+        return None
+    try:
+        return reader(path)
+    except OSError as error:
+        yield Problem(field, f"'{path}' cannot be read: {error.strerror}")
+    except ValueError as error:
+        yield Problem(field, f"'{path}': {error}")
+    return None
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def _certificates(path: Path) -> list[x509.Certificate]:
+    """Of a PEM file, at least one. Raises OSError, ValueError."""
+    try:
+        return x509.load_pem_x509_certificates(path.read_bytes())
+    except ValueError:
+        raise ValueError("expected certificates in PEM, beginning with -----BEGIN CERTIFICATE-----") from None
+
+
+def _public_key(path: Path) -> bytes:
+    """Of a private key in PEM. Raises OSError, ValueError."""
+    try:
+        key = load_pem_private_key(path.read_bytes(), None)
+    except (ValueError, TypeError):  # TypeError: it needs a password, which nobody gives when the gateway starts
+        raise ValueError("expected a private key in PEM without a password") from None
+    return key.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+
+
+def _dates(field: str, path: Path | None, certificate: x509.Certificate, now: datetime) -> Iterator[Problem]:
+    begins, ends = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+    if now > ends:
+        yield Problem(field, f"'{path}' has expired on {ends:%Y-%m-%d %H:%M} UTC; make a new one")
+    elif now < begins:
+        yield Problem(
+            field, f"'{path}' is not valid before {begins:%Y-%m-%d %H:%M} UTC; is this computer's clock right?"
+        )
+
+
+def _key_problems(tls: TelemetryTls, certificate: x509.Certificate | None) -> Iterator[Problem]:
+    public = yield from _read("[telemetry.tls] key", tls.key, _public_key)
+    if public is None or certificate is None:
+        return
+    if public != certificate.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo):
+        yield Problem("[telemetry.tls] key", f"'{tls.key}' does not belong to the certificate '{tls.certificate}'")
+
+
+def _users_problems(telemetry: Telemetry) -> Iterator[Problem]:
+    field, path = "[telemetry] users_file", telemetry.users_file
+    text = yield from _read(field, path, _text)
+    if text is None:
+        return
+    lines = [line for line in text.splitlines() if line.strip()]
+    if not lines:
+        yield Problem(field, f"'{path}' is empty: nobody could connect")
+    for number, line in enumerate(lines, start=1):
+        user, _, password = line.partition(":")
+        if not (user.strip() and password.strip()):
+            yield Problem(field, f"'{path}', line {number}: expected user:password")

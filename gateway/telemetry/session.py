@@ -1,0 +1,154 @@
+"""Zenoh's configuration of the gateway's own session and of a reader's, with TLS, passwords and access rules."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import zenoh
+
+from gateway.config import Telemetry as TelemetrySettings
+
+_LARGEST_QUERY = 1 << 20
+"""Bytes: Zenoh's own default is 1 GiB. What is larger is dropped piece by piece, before it is put together."""
+_SENDING = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
+"""What only the gateway itself does."""
+_READING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
+_TLS, _LOGIN = "transport/link/tls", "transport/auth/usrpwd"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Access:
+    """How a reader proves who it is, and whom it believes. PEM files."""
+
+    authority: Path | None = None
+    """Certificates of the authority that the other side's certificate must come from; needed for `tls/…`."""
+    certificate: Path | None = None
+    """Its own, for a gateway or router that asks for one."""
+    key: Path | None = None
+    """Private key of `certificate`."""
+    user: str | None = None
+    password: str | None = None
+
+
+def own_access(settings: TelemetrySettings) -> Access:
+    """What the gateway itself uses. Raises OSError if the password cannot be read."""
+    tls, password = settings.tls, None
+    if settings.password_file is not None:
+        password = settings.password_file.read_text(encoding="utf-8").strip()
+    return Access(
+        authority=tls.authority, certificate=tls.certificate, key=tls.key, user=settings.user, password=password
+    )
+
+
+def session_config(settings: TelemetrySettings) -> zenoh.Config:
+    """The gateway's: multicast only if configured; absent peers are retried without limit. Raises OSError."""
+    listening = [place.text for place in settings.listening]
+    values: dict[str, object] = {
+        "mode": settings.mode,
+        "listen/endpoints": listening,
+        "connect/endpoints": list(settings.connect),
+        "scouting/multicast/enabled": settings.multicast,
+        "scouting/gossip/enabled": False,
+        "timestamping/enabled": True,
+        "transport/link/rx/max_message_size": _LARGEST_QUERY,
+        "access_control": _rules(settings),
+        **_proof(own_access(settings)),
+    }
+    tls = settings.tls
+    if tls.certificate is not None and tls.key is not None:
+        values |= {f"{_TLS}/listen_certificate": str(tls.certificate), f"{_TLS}/listen_private_key": str(tls.key)}
+    if tls.mutual:
+        values[f"{_TLS}/enable_mtls"] = True
+    if settings.users_file is not None:
+        values[f"{_LOGIN}/dictionary_file"] = str(settings.users_file)
+    if settings.mode == "peer":
+        values["connect/exit_on_failure"] = False
+    return _config(values)
+
+
+def reader_config(connect: Sequence[str], access: Access) -> zenoh.Config:
+    """Of a program that only reads. Raises ValueError for endpoints that cannot be."""
+    values = {"mode": "client", "scouting/multicast/enabled": False, **_proof(access)}
+    try:
+        return _config({**values, "connect/endpoints": list(connect)})
+    except zenoh.ZError:
+        shown = ", ".join(connect)
+        raise ValueError(f"connect = {shown!r}: expected Zenoh endpoints such as tcp/192.168.1.5:7447") from None
+
+
+def page_config(settings: TelemetrySettings) -> zenoh.Config:
+    """Of a program that reads all gateways at `connect`, with what the section says of certificates and password, and
+    tries those that are absent again without end. It listens nowhere. Raises OSError."""
+    return _config(
+        {
+            "mode": "peer",
+            "listen/endpoints": [],
+            "connect/endpoints": list(settings.connect),
+            "connect/exit_on_failure": False,
+            "scouting/multicast/enabled": settings.multicast,
+            "scouting/gossip/enabled": False,
+            **_proof(own_access(settings)),
+        }
+    )
+
+
+def without_path(error: zenoh.ZError) -> str:
+    """What happened, without the place inside the library."""
+    return str(error).split(" at /")[0].strip()
+
+
+def _proof(access: Access) -> dict[str, object]:
+    values: dict[str, object] = {}
+    if access.authority is not None:
+        values[f"{_TLS}/root_ca_certificate"] = str(access.authority)
+    if access.certificate is not None and access.key is not None:
+        values[f"{_TLS}/connect_certificate"] = str(access.certificate)
+        values[f"{_TLS}/connect_private_key"] = str(access.key)
+        values[f"{_TLS}/enable_mtls"] = True
+    if values:
+        values[f"{_TLS}/close_link_on_expiration"] = True
+    if access.user is not None:
+        values |= {f"{_LOGIN}/user": access.user, f"{_LOGIN}/password": access.password or ""}
+    return values
+
+
+def _rules(settings: TelemetrySettings) -> dict[str, object]:
+    """Nothing that others send comes in or is passed on: a peer would hand a forged sample to its other clients. With
+    readers, only these read."""
+    every = {"id": "everyone"}
+    if not settings.readers:
+        rule = {"id": "send", "permission": "deny", "flows": ["ingress"], "messages": _SENDING, "key_exprs": ["**"]}
+        return _control("allow", [rule], [every])
+    keys = [f"{settings.prefix}/**"]
+    rules = [
+        {"id": "read", "permission": "allow", "flows": ["ingress"], "messages": _READING, "key_exprs": keys},
+        {"id": "hear", "permission": "allow", "flows": ["egress"], "messages": _SENDING, "key_exprs": keys},
+    ]
+    names = list(settings.readers)
+    subjects: list[dict[str, object]] = []
+    if settings.tls.mutual:
+        subjects.append({"id": "certificates", "cert_common_names": names})
+    if settings.users_file is not None:
+        subjects.append({"id": "users", "usernames": names})
+    return _control("deny", rules, subjects)
+
+
+def _control(
+    default: str, rules: Sequence[Mapping[str, object]], subjects: Sequence[Mapping[str, object]]
+) -> dict[str, object]:
+    policy = {"rules": [rule["id"] for rule in rules], "subjects": [subject["id"] for subject in subjects]}
+    return {
+        "enabled": True,
+        "default_permission": default,
+        "rules": rules,
+        "subjects": subjects,
+        "policies": [policy],
+    }
+
+
+def _config(values: Mapping[str, object]) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in values.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
