@@ -11,10 +11,10 @@ from gateway.rebuild import (
     Interrupted,
     RebuildProgress,
     Rebuilt,
-    controller_of,
     go_on,
     marks,
     rebuilt_from,
+    start_of,
     used,
 )
 from gateway.storage import History, Store, StoreError
@@ -122,7 +122,12 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
     Raises StoreError when the record was made with another grid step.
     """
     if history.config() is None:
-        return Past(controller_of(config))
+        return Past(
+            start_of(config, history.learnt()),
+            moment=history.moment(),
+            reference_mm=_reference_mm(history),
+            last_number=history.last_number(),
+        )
     before = stored_config(history)
     changed = before.talc.method != config.talc.method
     if before.grid != config.grid:
@@ -134,14 +139,13 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
     if not found.from_snapshot:  # all that is stored is read once, so that what is damaged is found
         history.measurements()
         history.events()
-    first = history.reference()
     return Past(
         found.controller,
         last_k=found.last_k,
         moment=history.moment(),
         pauses=tuple(history.pauses(uncovered=True)),
         pending=(found.job, found.measure),
-        reference_mm=None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3,
+        reference_mm=_reference_mm(history),
         last_number=history.last_number(),
         missing=found.missing,
         measured=tuple(found.measured),
@@ -151,6 +155,11 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
         other_prior=not changed and config.talc.method == "learner" and before.prior != config.prior,
         changes=(*_inputs_changed(before, config), *(() if changed else _settings_changed(before.talc, config.talc))),
     )
+
+
+def _reference_mm(history: History) -> FloatArray | None:
+    first = history.reference()
+    return None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3
 
 
 def _inputs_changed(before: GatewayConfig, after: GatewayConfig) -> Iterator[str]:

@@ -12,12 +12,13 @@ import numpy as np
 
 import talc
 from gateway.config import GatewayConfig
-from gateway.storage import History, Snapshot, SnapshotError, StoredStep, decode, marks_of
+from gateway.storage import History, Learnt, Snapshot, SnapshotError, StoredStep, decode, marks_of, parse_learnt
 from gateway.versions import versions
 from talc.control import Controller
 from talc.frame import Decision, Frame, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings, TrainingSettings
+from talc.transfer import transferred
 
 log = logging.getLogger(__name__)
 
@@ -30,6 +31,33 @@ def controller_of(config: GatewayConfig) -> Controller:
     """A fresh controller of a configuration."""
     prior = None if config.prior is None else config.prior.prior
     return Controller(config.input_names, config.talc, config.grid.step_s, prior)
+
+
+def start_of(config: GatewayConfig, learnt: str | None) -> Controller:
+    """The controller that the record of a configuration begins with: what was imported, as far as names match.
+
+    learnt: text of the imported file; None: a fresh controller
+    """
+    if learnt is None:
+        return controller_of(config)
+    try:
+        return continued(parse_learnt(learnt), config)
+    except ValueError as error:
+        log.warning("what was imported is not used: %s", error)
+        return controller_of(config)
+
+
+def continued(learnt: Learnt, config: GatewayConfig) -> Controller:
+    """A controller of the configuration that knows what was learnt. ValueError: it does not fit, and why."""
+    if learnt.method != config.talc.method:
+        raise ValueError(f"method = {learnt.method!r}: [talc] method is {config.talc.method!r} here")
+    if learnt.step_s != config.grid.step_s:
+        raise ValueError(f"step_s = {learnt.step_s:g}: [grid] step_s is {config.grid.step_s:g} here")
+    if not set(learnt.state.input_names) & set(config.input_names):
+        raise ValueError("inputs: none of them is named like one here; inputs are matched by name")
+    state = transferred(learnt.state, controller_of(config).state())
+    prior = None if config.prior is None else config.prior.prior
+    return Controller.restore(state, config.talc, config.grid.step_s, prior)
 
 
 def used(settings: TalcSettings) -> tuple[LearnerSettings | ControlSettings | TrainingSettings, ...]:
@@ -83,13 +111,12 @@ def go_on(_: Rebuilt) -> None:
 
 
 def rebuilt(
-    steps: Iterable[StoredStep], config: GatewayConfig, start: Rebuilt | None = None, progress: RebuildProgress = go_on
+    steps: Iterable[StoredStep], config: GatewayConfig, found: Rebuilt, progress: RebuildProgress = go_on
 ) -> Rebuilt:
-    """The controller of a configuration, after the stored frames and models. A learner takes only the frames.
+    """A controller of a configuration, after the stored frames and models. A learner takes only the frames.
 
-    start: continued from; None: a fresh controller
+    found: continued from
     """
-    found = Rebuilt(controller_of(config)) if start is None else start
     for step in steps:
         decision = found.controller.step(step.frame)
         found.follow(step.frame, decision)
@@ -103,8 +130,8 @@ def rebuilt(
 
 def rebuilt_from(history: History, config: GatewayConfig, progress: RebuildProgress = go_on) -> Rebuilt:
     """The controller after the whole record: from the latest snapshot of the same settings and program, if any."""
-    start = _restored(history, config)
-    after_k = -1 if start is None or start.last_k is None else start.last_k
+    start = _restored(history, config) or Rebuilt(start_of(config, history.learnt()))
+    after_k = -1 if start.last_k is None else start.last_k
     return rebuilt(history.steps(after_k, config.input_names), config, start, progress)
 
 

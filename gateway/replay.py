@@ -8,7 +8,7 @@ import numpy as np
 
 from gateway.control import has_failed
 from gateway.past import decide_alike, from_stored, stored_config
-from gateway.rebuild import controller_of, rebuilt
+from gateway.rebuild import Rebuilt, rebuilt, start_of
 from gateway.storage import History, StoredStep
 from talc.frame import Decision
 from talc.training import train
@@ -47,14 +47,16 @@ def replay(history: History, progress: Callable[[int], None] = lambda _: None) -
     """
     runs = [(k, from_stored(text, prior)) for k, text, prior in history.runs()] or [(0, stored_config(history))]
     _, config = runs.pop(0)
-    controller = controller_of(config)
+    learnt = history.learnt()
+    controller = start_of(config, learnt)
     result, job = ReplayResult(), None
     for step in history.steps():
         while runs and runs[0][0] <= step.frame.k:
             (first_k, after), before = runs.pop(0), config
             config = after
             if not decide_alike(before, after):
-                restarted = rebuilt(takewhile(_before(first_k), history.steps(names=after.input_names)), after)
+                earlier = takewhile(_before(first_k), history.steps(names=after.input_names))
+                restarted = rebuilt(earlier, after, Rebuilt(start_of(after, learnt)))
                 controller, job = restarted.controller, restarted.job
         decision = controller.step(step.frame)
         result.steps += 1

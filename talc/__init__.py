@@ -34,6 +34,7 @@ __all__ = [
     "snapshot",
     "steps",
     "training",
+    "transfer",
     "window",
 ]
 

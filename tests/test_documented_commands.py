@@ -24,6 +24,8 @@ RUN_BY = {
     "check": "tests/examples/test_examples.py",
     "db backup": "tests/gateway/cli/test_db.py",
     "db check": "tests/gateway/cli/test_db.py",
+    "db export-learnt": "tests/gateway/test_learnt.py",
+    "db import-learnt": "tests/gateway/test_learnt.py",
     "db export": "tests/gateway/cli/test_db.py",
     "db stats": "tests/gateway/cli/test_db.py",
     "demo": "tests/system/test_demo.py",

@@ -88,3 +88,32 @@ def backup(database: Path, output: Path) -> None:
         with suppress(OSError):
             part.unlink(missing_ok=True)
     click.echo(f"{output}: {output.stat().st_size / _MB:.1f} MB")
+
+
+@db.command("export-learnt")
+@Database
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="A JSON file.")
+def export_learnt(database: Path, output: Path) -> None:
+    """Write what the gateway of DATABASE has learnt, for `import-learnt`: weights, models and the reference.
+
+    The record is not in it. A prior for other machines of the kind comes from `talc-gateway prior make`.
+    """
+    from gateway.cli.learnt import export
+
+    click.echo(export(database, output))
+
+
+@db.command("import-learnt")
+@click.argument("config", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--replace", is_flag=True, help="Keep a database that has a record under another name, and begin anew.")
+def import_learnt(config: Path, file: Path, replace: bool) -> None:
+    """Begin the database of CONFIG with what `export-learnt` wrote to FILE; the next `run` continues from it.
+
+    Inputs are matched by name. The gateway must not run meanwhile.
+    """
+    from gateway.cli.learnt import take
+    from gateway.cli.main import read_config
+
+    for line in take(read_config(config), file, replace=replace):
+        click.echo(line)

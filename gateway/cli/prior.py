@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from gateway.past import stored_config
-from gateway.rebuild import rebuilt
+from gateway.rebuild import Rebuilt, rebuilt, start_of
 from gateway.storage import History, StoreError
 from talc.learner import LearnerState, make_prior
 from talc.names import THERMAL_ERRORS
@@ -63,7 +63,7 @@ def _learnt(database: Path) -> tuple[str, _Learnt]:
     with History(database) as history:
         config = stored_config(history).with_prior(None)
         config = config.model_copy(update={"talc": replace(config.talc, method="learner")})
-        controller = rebuilt(history.steps(), config).controller
+        controller = rebuilt(history.steps(), config, Rebuilt(start_of(config, history.learnt()))).controller
     state = controller.state()
     if state.course is None:
         raise RuntimeError("the learner has no state")

@@ -3,6 +3,8 @@
 from gateway.storage.damage import findings
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
+from gateway.storage.imported import import_learnt
+from gateway.storage.learnt import Learnt, Reference, learnt_text, parse_learnt
 from gateway.storage.pages import ReadingsPage, readings_page
 from gateway.storage.readings import Retention
 from gateway.storage.snapshot import Snapshot, SnapshotError, decode, encode, marks_of
@@ -11,7 +13,9 @@ from gateway.storage.stored import StoredCompensation, StoredMeasurement, Stored
 
 __all__ = [
     "History",
+    "Learnt",
     "ReadingsPage",
+    "Reference",
     "Retention",
     "Snapshot",
     "SnapshotError",
@@ -24,6 +28,9 @@ __all__ = [
     "decode",
     "encode",
     "findings",
+    "import_learnt",
+    "learnt_text",
     "marks_of",
+    "parse_learnt",
     "readings_page",
 ]

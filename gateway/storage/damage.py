@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 
 from gateway.storage import rows
+from gateway.storage.learnt import parse_learnt
 from gateway.storage.schema import NEW, UNREADABLE, connect
 from gateway.storage.snapshot import marks_of
 
 _NOT_COPIED = ("reading", "minute", "mark")
 """Raw readings stay in the file that is set aside: they are many, and nothing is learnt from them."""
 _LEARNT = ("frame", "decision", "measurement", "model")
-_ALSO_LEARNT = ("trust", "reasons")
+_ALSO_LEARNT = ("trust", "reasons", "learnt")
 _FARTHEST = 2**40
 _LARGEST = 1e9
 """Of any input, error or uncertainty."""
@@ -336,4 +337,5 @@ _CHECKS: Mapping[str, Callable[[RawRow], object]] = {
     "event": lambda row: rows.event_of(row[1:]),
     "compensation": _check_compensation,
     "moment": _check_moment,
+    "learnt": lambda row: parse_learnt(row[2]),
 }

@@ -177,14 +177,22 @@ class History:
     def moment(self) -> StepTime | None:
         """What the clocks said at the last frame; an earlier program's is taken for numbered by a clock that was right.
 
-        None: there is no frame.
+        None: there is neither a frame nor anything imported.
         """
         row = self._connection.execute("SELECT * FROM moment").fetchone() if self._has("moment") else None
         if row is not None:
             _, k, origin, monotonic_s, lead_s, known = row
             return StepTime(k, origin, monotonic_s, lead_s, bool(known))
         last_k = self.latest_k()
-        return None if last_k is None else StepTime(last_k, "", 0.0, 0.0, known=True)
+        if last_k is not None:
+            return StepTime(last_k, "", 0.0, 0.0, known=True)
+        # What another database had learnt is of an unknown time.
+        return None if self.learnt() is None else StepTime(-1, "", 0.0, 0.0, known=False)
+
+    def learnt(self) -> str | None:
+        """What was imported before the first step (`gateway.storage.learnt`); None: nothing was."""
+        row = self._connection.execute("SELECT content FROM learnt").fetchone() if self._has("learnt") else None
+        return None if row is None else str(row[0])
 
     def reasons(self) -> Reasons | None:
         """The latest ones; None: none were given."""

@@ -15,6 +15,7 @@ import numpy as np
 from gateway.ages import StepTime
 from gateway.nc import Write
 from gateway.probing import Outcome
+from gateway.storage.learnt import Reference
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 from talc.frame import (
     BoolArray,
@@ -86,6 +87,15 @@ def of_outcome(outcome: Outcome) -> Row:
         None if outcome.centres_mm is None else _blob(outcome.centres_mm), _blob(outcome.in_force_um),
         None if m is None else _blob(m.errors), None if m is None else _blob(m.sigma), outcome.residual_um,
         outcome.reason,
+    )  # fmt: skip
+
+
+def of_reference(first: Reference) -> Row:
+    """Row of `measurement`, without its id, of a first measurement that is known from elsewhere."""
+    ended = first.ended.isoformat()
+    return (
+        0, Why.CALIBRATION.value, ended, ended, _blob(first.centres_mm), _blob(first.in_force_um), _blob(first.errors),
+        None, None, "",
     )  # fmt: skip
 
 

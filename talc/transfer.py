@@ -1,0 +1,119 @@
+"""What a controller has learnt, placed on a controller with other inputs: by name."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from talc.control import ControllerState
+from talc.frame import FloatArray, IntArray
+from talc.learner import CourseState, LearnerState, MixtureState
+
+_NOT_HERE = -1
+_Value = TypeVar("_Value", bound=np.generic)
+
+
+def transferred(state: ControllerState, fresh: ControllerState) -> ControllerState:
+    """What `state` knows, for the controller that `fresh` is the state of, which has taken no step yet.
+
+    Of a learner the weights of inputs that are not here are left out of its normal distribution, and those of new
+    inputs begin as without any knowledge. A model whose inputs are not all here is left out. Grid indices are left out:
+    a measurement is wanted at once.
+
+    Raises ValueError: the two are of different methods, or were made with and without a prior.
+    """
+    if (state.course is None) != (fresh.course is None):
+        raise ValueError("it is of the other [talc] method")
+    names = fresh.input_names
+    whole = set(names)
+    return replace(
+        fresh,
+        phase=state.phase,
+        models=tuple(None if m is None or not set(m[0].inputs) <= whole else m for m in state.models),
+        held=state.held.copy(),
+        measured_in_phase=state.measured_in_phase,
+        static=None if state.static is None else tuple(_kept(inputs, whole) for inputs in state.static),
+        course=None if fresh.course is None else _course(state, fresh.course, names),
+    )
+
+
+def _kept(inputs: tuple[str, ...] | None, names: set[str]) -> tuple[str, ...] | None:
+    return None if inputs is None or not set(inputs) <= names else inputs
+
+
+def _course(state: ControllerState, fresh: CourseState, names: Sequence[str]) -> CourseState:
+    old = state.course
+    if old is None:
+        raise ValueError("it is of the other [talc] method")
+    return replace(
+        old,
+        learner=_learner(old.learner, fresh.learner, state.input_names, names),
+        last_k=None,
+        last_measured=None,
+        wanted=None,
+        substituted=frozenset(),
+    )
+
+
+def _learner(old: LearnerState, fresh: LearnerState, was: Sequence[str], names: Sequence[str]) -> LearnerState:
+    inputs = np.array([was.index(name) if name in was else _NOT_HERE for name in names], dtype=np.int64)
+    square = np.ix_(inputs, inputs)
+    both = (inputs[:, None] >= 0) & (inputs[None, :] >= 0)
+    return replace(
+        old,
+        mixture=_mixture(old.mixture, fresh.mixture, inputs, old.level.shape[1]),
+        level=_taken(old.level, fresh.level, inputs),
+        span=_taken(old.span, fresh.span, inputs),
+        wide=_taken(old.wide, fresh.wide, inputs),
+        reference=_taken(old.reference, fresh.reference, inputs),
+        known=_taken(old.known, fresh.known, inputs),
+        last=_taken(old.last, fresh.last, inputs),
+        away=_taken(old.away, fresh.away, inputs),
+        mean=_taken(old.mean, fresh.mean, inputs),
+        covariance=np.where(both, old.covariance[square], fresh.covariance),
+    )
+
+
+def _taken(old: NDArray[_Value], fresh: NDArray[_Value], at: IntArray) -> NDArray[_Value]:
+    """(n, ...) rows of `old` where it has them, else of `fresh`."""
+    there = (at >= 0).reshape(-1, *[1] * (old.ndim - 1))
+    return np.where(there, old[at], fresh)
+
+
+def _mixture(old: MixtureState, fresh: MixtureState, inputs: IntArray, lags: int) -> MixtureState:
+    if old.weight.shape != fresh.weight.shape:
+        raise ValueError("it was learnt with a prior and this gateway has none, or the other way round")
+    lagged = np.where(inputs[:, None] >= 0, inputs[:, None] * lags + np.arange(lags), _NOT_HERE).ravel()
+    at = np.append(lagged, old.mean.shape[2] - 1)  # the level comes last
+    prior = _weights(old.prior, at, fresh.prior)
+    measured = (old.count > 0)[:, None]
+    covariance = _triangle(old.covariance, at, np.where(measured[..., None], prior, 0.0))
+    known = np.where(measured, np.einsum("je,jen->jn", old.weight, prior), 0.0)
+    return replace(
+        old,
+        mean=_weights(old.mean, at, 0.0),
+        covariance=covariance,
+        prior=prior,
+        mixed=_triangle(old.mixed, at, known),
+        drift=_weights(old.drift, at, 0.0),
+        cursor=old.cursor % max(len(inputs), 1),
+    )
+
+
+def _weights(old: FloatArray, at: IntArray, fresh: FloatArray | float) -> FloatArray:
+    """(..., n') of (..., n); the kernel works in place, and for that on rows that lie in memory one after the other."""
+    return np.ascontiguousarray(np.where(at >= 0, old[..., at], fresh))
+
+
+def _triangle(old: FloatArray, at: IntArray, variance: FloatArray) -> FloatArray:
+    """(..., m') lower triangles of the rows and columns `at` of those in (..., m); new rows have only a variance."""
+    rows, columns = np.tril_indices(len(at))
+    one, other = at[rows], at[columns]
+    high, low = np.maximum(one, other), np.minimum(one, other)
+    there = low >= 0
+    new = _weights(old, np.where(there, high * (high + 1) // 2 + low, _NOT_HERE), 0.0)
+    own = (rows == columns) & ~there
+    new[..., own] = variance[..., rows[own]]
+    return new

@@ -1,0 +1,272 @@
+"""What was learnt leaves one database as JSON and goes on in another one, as far as names match."""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from gateway.ages import Ages
+from gateway.cli.main import main
+from gateway.config import GatewayConfig, load
+from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted
+from gateway.past import Past, past_of
+from gateway.probing import Outcome
+from gateway.replay import replay
+from gateway.storage import History, Store, learnt_text, parse_learnt
+from talc.control import Controller
+from talc.frame import Decision, Frame, Measurement, Why
+from talc.settings import TalcSettings
+from talc.training import train
+from talc.transfer import transferred
+from tests.benches.stepped_clock import EPOCH, SteppedClock
+
+NAMES = ("bed", "column", "ram")
+TEXT = """
+[machine]
+name = "mill"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "nowhere"
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+[device.channels]
+CHANNELS
+[talc]
+method = "METHOD"
+[talc.control]
+calibration_steps = 36
+measurement_interval_steps = 12
+[talc.training]
+max_na = 0
+max_nb = 0
+"""
+STEPS = 60
+CENTRES = np.arange(18.0).reshape(6, 3)
+
+
+def config_of(folder: Path, names: Sequence[str] = NAMES, method: str = "learner") -> GatewayConfig:
+    folder.mkdir(exist_ok=True)
+    channels = "\n".join(f"{name} = {i}" for i, name in enumerate(names))
+    text = TEXT.replace("CHANNELS", channels).replace("METHOD", method)
+    (folder / "gateway.toml").write_text(text, encoding="utf-8")
+    return load(folder / "gateway.toml")
+
+
+def frame(k: int, names: Sequence[str] = NAMES, *, measured: bool = True) -> Frame:
+    draw = np.random.default_rng(k)
+    all_of_them = 20.0 + np.array([np.sin(k / 40.0), np.sin(k / 70.0), k / 400.0]) + draw.normal(0, 0.02, 3)
+    x = np.array([all_of_them[NAMES.index(name)] if name in NAMES else 7.0 for name in names])
+    errors = 4.0 * (all_of_them[0] - 20.0) + np.arange(9.0) + draw.normal(0, 0.3, 9)
+    measurement = Measurement(errors, np.full(9, 0.3)) if measured and (k < 40 or k % 12 == 0) else None
+    return Frame(k, x, np.ones(len(names), np.bool_), measurement)
+
+
+def go_on(config: GatewayConfig, past: Past, boot: str, first: int, end: int) -> list[Decision]:
+    made = []
+    with Store(config.storage.path, boot, SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "")
+        for k in range(first, end):
+            one = replace(frame(k, config.input_names), pause_unknown=k == first and boot == "after")
+            if one.measurement is not None:
+                done = Outcome(k + 1, Why.INTERVAL, EPOCH, EPOCH, CENTRES + k, (1.0, 2.0, 3.0), one.measurement, 0.4)
+                store.record(MeasurementEnded(done))
+            decision = past.controller.step(one)
+            store.record(FrameMade(one))
+            store.record(DecisionMade(decision))
+            if decision.training is not None:
+                models = train(decision.training)
+                past.controller.adopt(models)
+                store.record(ModelsAdopted(models, k))
+            made.append(decision)
+    return made
+
+
+def past_in(config: GatewayConfig) -> Past:
+    with History(config.storage.path) as history:
+        return past_of(history, config)
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, ["db", *map(str, words)])
+
+
+@pytest.fixture(scope="module", params=["learner", "models"])
+def source(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> GatewayConfig:
+    config = config_of(tmp_path_factory.mktemp("source"), method=request.param)
+    go_on(config, Past(Controller(config.input_names, config.talc)), "before", 0, STEPS)
+    answer = run("export-learnt", config.storage.path, "-o", file_of(config))
+    assert answer.exit_code == 0, answer.output
+    return config
+
+
+def file_of(config: GatewayConfig) -> Path:
+    return config.storage.path.with_name("learnt.json")
+
+
+def test_a_controller_goes_on_in_another_database_and_predicts_the_same(source: GatewayConfig, tmp_path: Path) -> None:
+    here = config_of(tmp_path / "here", method=source.talc.method)
+    answer = run("import-learnt", tmp_path / "here" / "gateway.toml", file_of(source))
+    assert answer.exit_code == 0, answer.output
+    assert "taken from mill: 3 inputs" in answer.output
+    assert "reference of 2026-03-02 06:00 UTC" in answer.output
+    there, past = past_in(source), past_in(here)
+    for k in range(STEPS, STEPS + 5):
+        one = frame(k)
+        was, now = there.controller.step(one), past.controller.step(one)
+        for name in ("predicted", "corrected", "sigma", "limits", "trusted"):
+            assert getattr(was, name).tobytes() == getattr(now, name).tobytes(), (k, name)
+        assert now.phase == was.phase
+    assert there.reference_mm is not None
+    np.testing.assert_array_equal(past.reference_mm, there.reference_mm)
+
+
+def test_how_old_it_is_is_unknown_and_a_restart_and_a_replay_go_on_from_it(
+    source: GatewayConfig, tmp_path: Path
+) -> None:
+    here = config_of(tmp_path / "here", method=source.talc.method)
+    assert run("import-learnt", tmp_path / "here" / "gateway.toml", file_of(source)).exit_code == 0
+    past = past_in(here)
+    assert math.isinf(Ages(SteppedClock(), 300.0, past.moment, past.pauses).pause_s)
+    made = go_on(here, past, "after", 1000, 1030)
+    assert made[0].measure is not None, "it is measured at once"
+    again = past_in(here)
+    assert again.last_k == 1029
+    one = frame(1030, measured=False)
+    assert again.controller.step(one).predicted.tobytes() == past.controller.step(one).predicted.tobytes()
+    with History(here.storage.path) as history:
+        result = replay(history)
+        first = history.reference()
+    assert result.identical, result.first
+    assert first is not None
+    np.testing.assert_array_equal(first.centres_mm, CENTRES)
+
+
+def test_inputs_are_matched_by_name_and_what_is_not_taken_is_said(source: GatewayConfig, tmp_path: Path) -> None:
+    here = config_of(tmp_path / "here", ("spindle", "column", "bed"), source.talc.method)
+    answer = run("import-learnt", tmp_path / "here" / "gateway.toml", file_of(source))
+    assert answer.exit_code == 0, answer.output
+    assert "inputs not here, left out: ram" in answer.output
+    assert "inputs new here, nothing is known of them: spindle" in answer.output
+    decisions = go_on(here, past_in(here), "after", STEPS, STEPS + 40)
+    assert np.isfinite(decisions[-1].corrected).all()
+
+
+def test_a_database_with_a_record_is_only_replaced_when_told_and_kept(source: GatewayConfig, tmp_path: Path) -> None:
+    here = config_of(tmp_path / "here", method=source.talc.method)
+    file = tmp_path / "here" / "gateway.toml"
+    go_on(here, Past(Controller(here.input_names, here.talc)), "own", 0, 5)
+    refused = run("import-learnt", file, file_of(source))
+    assert (refused.exit_code, past_in(here).last_k) == (3, 4)
+    assert "has a record of its own" in refused.output
+    taken = run("import-learnt", file, file_of(source), "--replace")
+    assert taken.exit_code == 0, taken.output
+    (kept,) = here.storage.path.parent.glob("gateway.sqlite.before-import-*")
+    with History(kept) as history:
+        assert history.latest_k() == 4
+    assert past_in(here).last_k is None
+    assert run("import-learnt", file, file_of(source)).exit_code == 0, "again, as there is no record yet"
+    with Store(here.storage.path, "running", SteppedClock()):
+        assert run("import-learnt", file, file_of(source)).exit_code == 3
+
+
+def test_what_does_not_fit_is_refused(source: GatewayConfig, tmp_path: Path) -> None:
+    other = {"learner": "models", "models": "learner"}[source.talc.method]
+    for name, names, method, said in (
+        ("method", NAMES, other, f"method = '{source.talc.method}'"),
+        ("names", ("x", "y"), source.talc.method, "none of them is named like one here"),
+    ):
+        config_of(tmp_path / name, names, method)
+        answer = run("import-learnt", tmp_path / name / "gateway.toml", file_of(source))
+        assert answer.exit_code == 3
+        assert said in answer.output
+        assert not (tmp_path / name / "gateway.sqlite").exists()
+
+
+def signed(whole: dict[str, Any]) -> str:
+    """With the checksum of what it holds now."""
+    rest = {name: value for name, value in whole.items() if name != "sha256"}
+    return json.dumps({**rest, "sha256": hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()})
+
+
+def test_a_damaged_or_foreign_file_is_refused_by_field(source: GatewayConfig) -> None:
+    text = file_of(source).read_text(encoding="utf-8")
+    for spoilt, said in (
+        (text[:-200], "is not JSON"),
+        ("[]", "format = \\[\\]: expected"),
+        (json.dumps({"format": 1, "inputs": []}), "format = 1: expected 'talc-gateway learnt'"),
+        (text.replace('"version": 1', '"version": 2'), "version = 2: expected 1"),
+        (text.replace('"machine": "mill"', '"machine": "mall"'), "sha256 = '[0-9a-f]+.*: is not that of the rest"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            parse_learnt(spoilt)
+    for field, value, said in (
+        ("inputs", ["bed", "bed", "ram"], "inputs = "),
+        ("step_s", -300.0, "step_s = -300.0"),
+        ("method", 7, "method = 7"),
+        ("controller", {"format": 99}, "controller: "),
+        ("controller", None, "controller: "),
+        ("arrays", {"held": {"kind": "O", "shape": [9], "zlib": ""}}, "arrays.held: its kind"),
+        ("arrays", {"held": {"kind": "<f8", "shape": [2**40], "zlib": ""}}, "arrays.held: its shape"),
+        ("arrays", {}, "arrays.held: is missing"),
+        ("reference", {"ended": "yesterday"}, "reference: "),
+    ):
+        with pytest.raises(ValueError, match=said):
+            parse_learnt(signed(json.loads(text) | {field: value}))
+
+
+def test_an_array_of_another_shape_is_named(source: GatewayConfig) -> None:
+    if source.talc.method == "models":
+        return
+    whole = json.loads(file_of(source).read_text(encoding="utf-8"))
+    whole["arrays"]["mixture.mean"] = whole["arrays"]["mixture.drift"]
+    with pytest.raises(ValueError, match=r"arrays\.mixture\.mean: has 2 dimensions, expected 3"):
+        parse_learnt(signed(whole))
+
+
+def test_the_file_is_the_same_after_a_round_trip(source: GatewayConfig) -> None:
+    text = file_of(source).read_text(encoding="utf-8")
+    assert learnt_text(parse_learnt(text)) == text
+    assert datetime.fromisoformat(json.loads(text)["reference"]["ended"]) == EPOCH
+
+
+def test_another_order_of_the_inputs_changes_no_estimate() -> None:
+    settings = TalcSettings()
+    one = Controller(NAMES, settings)
+    for k in range(STEPS):
+        one.step(frame(k))
+    turned = ("ram", "bed", "column")
+    other = Controller.restore(transferred(one.state(), Controller(turned, settings).state()), settings)
+    for k in range(STEPS, STEPS + 30):
+        was, now = one.step(frame(k)), other.step(frame(k, turned))
+        np.testing.assert_allclose(now.corrected, was.corrected, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(now.sigma, was.sigma, rtol=1e-6)
+
+
+def test_an_input_that_is_left_out_takes_its_part_of_the_covariance_with_it() -> None:
+    """Marginals of a normal distribution: those of the other weights stay as they were."""
+    settings = TalcSettings()
+    one = Controller(NAMES, settings)
+    for k in range(STEPS):
+        one.step(frame(k))
+    before = one.weights()
+    here = ("ram", "bed", "spindle")
+    other = Controller.restore(transferred(one.state(), Controller(here, settings).state()), settings)
+    after = other.weights()
+    assert before is not None
+    assert after is not None
+    np.testing.assert_allclose(after.inputs[:, :2], before.inputs[:, [2, 0]])
+    np.testing.assert_allclose(after.inputs_sigma[:, :2], before.inputs_sigma[:, [2, 0]])
+    np.testing.assert_allclose(after.level_sigma, before.level_sigma)
+    assert (after.inputs[:, 2] == 0.0).all()
+    assert (after.inputs_sigma[:, 2, 0] > 0.0).all()
