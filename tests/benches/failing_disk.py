@@ -5,17 +5,14 @@ As a program it is that process: it takes a command a line and answers each with
 
 import ctypes
 import errno
-import hashlib
 import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,26 +20,13 @@ from drivers.base import Quality, SystemClock
 from gateway.acquisition import Sample
 from gateway.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.storage import Store, StoreError
+from tests.benches.preloads import preload
 from tests.benches.store_writer import step
 
 ROOT = Path(__file__).parents[2]
 _SOURCE = Path(__file__).with_suffix(".cc")
 HANGS = -1
 FAULTS = {"ok": 0, "ENOSPC": errno.ENOSPC, "EIO": errno.EIO, "EROFS": errno.EROFS, "hangs": HANGS}
-
-
-@cache
-def _library() -> Path:
-    """Compiled once for each user and version of the source. Raises subprocess.CalledProcessError."""
-    mark = hashlib.sha256(_SOURCE.read_bytes()).hexdigest()[:16]
-    path = Path(tempfile.gettempdir()) / f"talc-gateway-failing-disk-{os.getuid()}-{mark}.so"
-    if not path.exists():
-        with tempfile.TemporaryDirectory() as folder:
-            made = Path(folder) / path.name
-            compiler = ["g++", "-std=c++17", "-O1", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror"]
-            subprocess.run([*compiler, "-o", made, _SOURCE, "-ldl"], check=True)
-            made.replace(path)  # at once, as other workers may look
-    return path
 
 
 class StoreProcess:
@@ -80,7 +64,7 @@ def store_process(path: Path) -> Iterator[StoreProcess]:
         env={
             **os.environ,
             "OPENBLAS_NUM_THREADS": "1",
-            "LD_PRELOAD": str(_library()),
+            "LD_PRELOAD": str(preload(_SOURCE)),
             "FAILING_DISK": str(path.parent.resolve()),
         },
         stdin=subprocess.PIPE,
