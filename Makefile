@@ -23,6 +23,14 @@ pictures: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.method_figures
 	$(BIN)/talc-gateway demo --folder out/demo
 	cp out/demo/report.png docs/demo.png
+	$(PYTEST) tests/system/test_page_in_browser.py  # needs Debian's chromium, and npm
+	cp out/page/page-1400-light.png docs/page-1400-light.png
+	cp out/page/page-1400-dark.png docs/page-1400-dark.png
+	cp out/page/page-1024-light.png docs/page-1024-light.png
+	cp out/page/page-1024-dark.png docs/page-1024-dark.png
+	cp out/page/page-390-light.png docs/page-390-light.png
+	cp out/page/page-390-dark.png docs/page-390-dark.png
+	cp out/page/page-gone.png docs/page-gone.png
 
 # The documentation as a site, out/site; links and references that lead nowhere are errors.
 site: $(VENV)/.ready

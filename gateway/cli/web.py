@@ -106,6 +106,7 @@ def _listening(host: str, port: int) -> socket.socket:
         try:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             found.bind(address)
+            found.listen()  # a browser that follows the printed address at once waits
         except OSError:
             found.close()
             raise

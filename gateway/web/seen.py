@@ -134,7 +134,9 @@ class MachineSeen:
     """Of the latest message, by key."""
 
     def appear(self, now: datetime) -> None:
-        """The liveliness token is there."""
+        """The liveliness token is there. What was heard before it went does not hold until it is heard again."""
+        if self.gone is not None:
+            self._begin_anew(self.boot)
         self.alive, self.heard, self.gone = True, now, None
 
     def disappear(self, now: datetime) -> None:
@@ -162,7 +164,7 @@ class MachineSeen:
         self._take(message, at)
 
     def _begin_anew(self, boot: str) -> None:
-        """Another run of the gateway: nothing that the former one said holds for now. The past is kept."""
+        """The gateway is another one, or was away: nothing that was heard holds for now. The past is kept."""
         self.boot, self.latest = boot, None
         self.decision, self.compensation, self.status, self.probing = None, None, None, None
         self.reasons, self.sensors = None, None
@@ -191,7 +193,8 @@ class MachineSeen:
                 self.status = message
                 self.probing = self.probing if message.probing is None else message.probing
             case EventMessage():
-                self.events.append(message)
+                if not self.events or (self.events[-1].boot, self.events[-1].seq) != (message.boot, message.seq):
+                    self.events.append(message)
             case FrameMessage() | ModelMessage():
                 pass  # not shown
             case _:
@@ -202,6 +205,8 @@ class MachineSeen:
         if before is not None and message.k > before.k and (earlier := _instant(before.time)) is not None:
             self.step_s = (at - earlier).total_seconds() / (message.k - before.k)
         self.decision = message
+        if self.estimates and at <= self.estimates[-1].at:
+            return  # it is known from before the gateway was away
         self.past += 1
         self.estimates.append(Estimated(at, nine(message.corrected), nine(message.sigma), applied(self.compensation)))
         while self.estimates and self.estimates[0].at < at - KEPT:
@@ -214,8 +219,8 @@ class MachineSeen:
         if ended is None:
             return
         self.last_measurement = message
-        self.past += 1
-        if message.errors is not None:
+        if message.errors is not None and not (self.measurements and ended <= self.measurements[-1].at):
+            self.past += 1
             self.measurements.append(MeasuredErrors(ended, nine(message.errors), nine(message.sigma)))
 
     def clock(self, now_s: float) -> datetime | None:

@@ -18,7 +18,7 @@ _STEPS_MISSED = 3.0
 
 
 class Colour(StrEnum):
-    """Of the verdict; the page has a word beside each. In the order in which a list of machines shows them."""
+    """Of the verdict; the page has a word beside each."""
 
     RED = "red"
     GREY = "grey"
@@ -119,7 +119,7 @@ def _absent(seen: MachineSeen) -> Verdict:
     if seen.heard is None:
         return Verdict(Colour.GREY, "word.never", (Sentence("because.never"), Sentence("do.start")))
     said = Sentence("because.gone", {"at": at(seen.gone or seen.heard), "heard": at(seen.heard)})
-    return Verdict(Colour.GREY, "word.gone", (said, Sentence("do.start")), seen.gone)
+    return Verdict(Colour.GREY, "word.gone", (said, Sentence("do.start")))
 
 
 def _unknown(seen: MachineSeen, error: ToolError | None) -> tuple[Sentence, ...]:

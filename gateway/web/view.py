@@ -1,7 +1,7 @@
 """What a browser shows of one machine or of all: made from what has been heard, at a time that is given."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -10,7 +10,7 @@ from gateway.web import parts
 from gateway.web.at_tool import course, moved
 from gateway.web.seen import MachineSeen, applied
 from gateway.web.sentences import Amount, Name, SaidRow, Sentence, Word, at, um
-from gateway.web.verdict import Colour, Verdict, Viewpoint, judge, tool_now
+from gateway.web.verdict import Verdict, Viewpoint, judge, tool_now
 from talc.frame import FloatArray
 
 
@@ -104,7 +104,7 @@ def _axes(seen: MachineSeen, matrix: FloatArray, now_s: float) -> tuple[ShownAxi
         ShownAxis(
             axis,
             um(float(error.without[i]), sign=True),
-            um(float(error.left[i]), sign=True),
+            replace(um(float(error.left[i]), sign=True), u=""),
             um(float(error.half[i])),
             um(float(error.far[i])),
             um(in_force[i], sign=True),
@@ -172,7 +172,8 @@ class ListedMachine:
     heard: str | None
 
 
-_WORST_FIRST = tuple(Colour)
+_WORST_FIRST = ("word.not_ready", "word.gone", "word.never", "word.old", "word.no_data", "word.unknown", "word.unsure",
+                "word.probing", "word.no_tolerance", "word.ready")  # fmt: skip
 
 
 def listed(
@@ -180,7 +181,7 @@ def listed(
 ) -> list[ListedMachine]:
     """Every machine, the worst first. viewpoints: by machine."""
     judged = [(seen, judge(seen, viewpoints[name], now_s)) for name, seen in sorted(machines.items())]
-    judged.sort(key=lambda each: _WORST_FIRST.index(each[1].colour))
+    judged.sort(key=lambda each: _WORST_FIRST.index(each[1].word))
     return [
         ListedMachine(
             seen.machine,

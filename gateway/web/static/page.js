@@ -23,7 +23,7 @@
     const key = d + (sign ? "+" : "");
     if (!numbers.has(key)) numbers.set(key, new Intl.NumberFormat(undefined, {
       minimumFractionDigits: d, maximumFractionDigits: d, signDisplay: sign ? "exceptZero" : "auto" }));
-    return numbers.get(key).format(n) + (u ? "\u202f" + u : "");
+    return numbers.get(key).format(n).replace("-", "\u2212") + (u ? "\u202f" + u : "");
   };
   const atom = (a) => {
     if (a === undefined) return "–";

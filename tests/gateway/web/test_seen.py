@@ -40,6 +40,27 @@ def test_another_run_of_the_gateway_begins_without_what_the_former_one_said() ->
     assert len(seen.estimates) == 1
 
 
+def test_after_a_gateway_was_away_nothing_holds_until_it_is_heard_again() -> None:
+    """It may be a new run that has not said anything yet; or the network broke, and a query brings the last values."""
+    heard = HeardMachine()
+    heard.reading("bed")
+    heard.decision()
+    heard.measurement()
+    heard.event()
+    seen = heard.seen
+    last = [("decision", seen.decision), ("measurement", seen.last_measurement), ("event", seen.events[0])]
+    heard.passes(timedelta(seconds=20))
+    seen.disappear(heard.now)
+    assert list(seen.readings) == ["bed"], "the page shows it as it was last heard"
+    seen.appear(heard.now)
+    assert (seen.decision, list(seen.readings)) == (None, [])
+    for suffix, message in last:
+        assert message is not None
+        heard.hear(suffix, message)
+    assert seen.decision is not None
+    assert (len(seen.estimates), len(seen.measurements), len(seen.events)) == (1, 1, 1)
+
+
 def test_eight_hours_are_kept() -> None:
     heard = HeardMachine()
     for k in range(200):

@@ -8,9 +8,10 @@ import pytest
 from gateway.nc import Source
 from gateway.web.at_tool import WorkPoint, at_the_tool, half_width, moved
 from gateway.web.seen import Applied, applied
+from gateway.web.sentences import at
 from gateway.web.verdict import Colour, Viewpoint, judge
 from gateway.web.view import listed, shown_course, view
-from tests.benches.heard import STEP, HeardMachine
+from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 MATRIX = WorkPoint(150.0, 0.0, 80.0).matrix(0.15)
 ALL_POINTS = Viewpoint(MATRIX, 10.0)
@@ -83,7 +84,8 @@ def test_a_gateway_that_is_gone_is_gone_at_once_and_says_when_it_was_heard() -> 
     heard.passes(timedelta(seconds=3))
     heard.seen.disappear(heard.now)
     verdict = judge(heard.seen, within(10.0), heard.now_s)
-    assert (verdict.colour, verdict.word, verdict.since) == (Colour.GREY, "word.gone", heard.now)
+    assert (verdict.colour, verdict.word, verdict.because[0].say) == (Colour.GREY, "word.gone", "because.gone")
+    assert verdict.because[0].values == {"at": at(heard.now), "heard": at(BEGAN)}
     assert view(heard.seen, within(10.0), heard.now_s).axes == ()
 
 
@@ -190,9 +192,10 @@ def test_the_list_shows_the_worst_first() -> None:
         heard.compensation()
     red.decision(phase="no_good")
     green.decision()
-    machines = {"a-green": green.seen, "b-gone": gone.seen, "c-red": red.seen}
-    shown = listed(machines, dict.fromkeys(machines, within(10.0)), 0.0)
-    assert [machine.colour for machine in shown] == ["red", "grey", "green"]
+    machines = {"a": green.seen, "b": green.seen, "c": gone.seen, "d": red.seen}
+    viewpoints = dict.fromkeys(machines, within(10.0)) | {"a": within(None)}
+    shown = listed(machines, viewpoints, 0.0)
+    assert [machine.word for machine in shown] == ["word.not_ready", "word.never", "word.no_tolerance", "word.ready"]
 
 
 def test_the_course_has_the_estimates_and_the_measurements_at_the_chosen_point() -> None:

@@ -1,0 +1,127 @@
+"""The page for operators in Debian's chromium, beside gateways that can be killed."""
+
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+
+from tests.benches.free_port import free_port
+
+CHROMIUM = Path("/usr/bin/chromium")
+LIMIT_MS = 120_000.0
+"""For what takes a second; on a busy computer more."""
+
+
+class ChildProgram:
+    """A program of this tree that talks by lines.
+
+    Parameters
+    ----------
+    arguments: after `python -m`
+    """
+
+    def __init__(self, *arguments: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        )
+
+    def hear(self) -> str:
+        """Its next line."""
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        assert line, "the program ended"
+        return line.strip()
+
+    def say(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(line + "\n")
+
+    def kill(self) -> None:
+        """As a power cut does."""
+        self._process.kill()
+        self._process.communicate()
+
+
+class PageRig:
+    """One web process and its gateways.
+
+    Parameters
+    ----------
+    browser: that opens pages
+    stack: ends everything
+    """
+
+    def __init__(self, browser: Browser, stack: ExitStack) -> None:
+        self._browser, self._stack = browser, stack
+        self.address = ""
+        self.web: ChildProgram | None = None
+
+    def gateway(self, port: int, machine: str, what: str = "all") -> ChildProgram:
+        """Alive, and silent until a line is said to it."""
+        found = self._started("tests.benches.played_telemetry", str(port), machine, what)
+        assert found.hear() == "listening"
+        return found
+
+    def serve(self, ports: Sequence[int], settings: Path) -> None:
+        """Start the page's program."""
+        connect = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
+        settled = ["--settings", str(settings), "--listen", "127.0.0.1:0"]
+        self.web = self._started("gateway", "web", *connect, *settled)
+        self.address = self.web.hear()
+
+    def _started(self, *arguments: str) -> ChildProgram:
+        program = ChildProgram(*arguments)
+        self._stack.callback(program.kill)
+        return program
+
+    @contextmanager
+    def page(
+        self,
+        path: str,
+        width: int = 1400,
+        height: int = 900,
+        *,
+        dark: bool = False,
+        locale: str = "en-GB",
+        trusted: bool = False,
+    ) -> Iterator[Page]:
+        """An open page. Fails on any message in the browser's console, such as of the Content-Security-Policy.
+
+        trusted: the policy does not hold, for scripts of the test
+        """
+        context: BrowserContext = self._browser.new_context(
+            viewport={"width": width, "height": height},
+            color_scheme="dark" if dark else "light",
+            locale=locale,
+            timezone_id="Europe/Zurich",
+            bypass_csp=trusted,
+        )
+        context.set_default_timeout(LIMIT_MS)
+        page, said = context.new_page(), list[str]()
+        page.on("console", lambda message: said.append(message.text))
+        page.on("pageerror", lambda error: said.append(str(error)))
+        try:
+            page.goto(self.address.rstrip("/") + path)
+            yield page
+        finally:
+            context.close()
+        # When its server is gone, the browser says so.
+        assert [text for text in said if "net::ERR_" not in text] == []
+
+
+@contextmanager
+def page_rig() -> Iterator[PageRig]:
+    """With a browser that is running."""
+    assert CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
+    with sync_playwright() as playwright, ExitStack() as stack:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        stack.callback(browser.close)
+        yield PageRig(browser, stack)
+
+
+def ports(n: int) -> list[int]:
+    """Free ones."""
+    return [free_port() for _ in range(n)]

@@ -1,0 +1,90 @@
+"""A program that publishes what a gateway once published (demo_telemetry.jsonl), moved to the present.
+
+`python -m tests.benches.played_telemetry PORT MACHINE all|nothing` says `listening`, waits for a line, publishes, and
+says `published`. Then each line of standard input, a key and a JSON object of fields, publishes that key's last message
+again with these fields changed. It answers queries with the last values and holds the liveliness token, so that killing
+it is like killing a gateway.
+"""
+
+import json
+import sys
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from gateway.telemetry import keys
+
+SAMPLES = Path(__file__).with_name("demo_telemetry.jsonl")
+_TIMES = ("time", "source_time", "asked", "ended")
+
+
+class PlayedGateway:
+    """The publishing side of one gateway.
+
+    Parameters
+    ----------
+    session: where it publishes
+    machine: its name
+    boot: identifies its run
+    """
+
+    def __init__(self, session: zenoh.Session, machine: str, boot: str) -> None:
+        self._session, self._root, self._boot = session, keys.root("talc", machine), boot
+        self._last: dict[str, dict[str, Any]] = {}
+        self._sequence = 0
+        self._queryable = session.declare_queryable(f"{self._root}/**", self._answer)
+        self._token = session.liveliness().declare_token(f"{self._root}/{keys.ALIVE}")
+
+    def publish(self, suffix: str, message: dict[str, Any]) -> None:
+        """Under the next number of this run."""
+        self._sequence += 1
+        self._last[suffix] = message | {"boot": self._boot, "seq": self._sequence}
+        whole = json.dumps(self._last[suffix])
+        self._session.put(f"{self._root}/{suffix}", whole, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def again(self, suffix: str, changes: dict[str, Any]) -> None:
+        """The last message of a key, or that of another key of its kind, with other fields; its time is now."""
+        kind = keys.kind_of(suffix)
+        like = self._last.get(suffix) or next(m for key, m in self._last.items() if keys.kind_of(key) == kind)
+        self.publish(suffix, like | {"time": datetime.now(UTC).isoformat()} | changes)
+
+    def _answer(self, query: zenoh.Query) -> None:
+        for suffix, message in list(self._last.items()):
+            query.reply(f"{self._root}/{suffix}", json.dumps(message))
+
+
+def recorded() -> list[tuple[str, dict[str, Any]]]:
+    """Keys and messages in their order; the last is of now."""
+    lines = [json.loads(line) for line in SAMPLES.read_text(encoding="utf-8").splitlines()]
+    end = max(datetime.fromisoformat(line["message"]["time"]) for line in lines)
+    later = datetime.now(UTC) - end
+    return [(line["key"], _moved(line["message"], later)) for line in lines]
+
+
+def _moved(message: dict[str, Any], later: timedelta) -> dict[str, Any]:
+    times = {name: (datetime.fromisoformat(message[name]) + later).isoformat() for name in _TIMES if name in message}
+    return message | times
+
+
+def main(port: int, machine: str, what: str) -> None:
+    """Until standard input ends."""
+    config = zenoh.Config()
+    config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config) as session:
+        gateway = PlayedGateway(session, machine, f"boot-{datetime.now(UTC).timestamp()}")
+        print("listening", flush=True)
+        samples = recorded() if what == "all" else []
+        sys.stdin.readline()  # somebody has begun to listen
+        for suffix, message in samples:
+            gateway.publish(suffix, message)
+        print("published", flush=True)
+        for line in sys.stdin:
+            suffix, _, changes = line.strip().partition(" ")
+            gateway.again(suffix, json.loads(changes))
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), sys.argv[2], sys.argv[3])
