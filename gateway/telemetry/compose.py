@@ -93,6 +93,7 @@ class Composer:
         self._simulated = simulated
         self.clock_known: Callable[[], bool] = lambda: True
         """Whether the computer's clock is known to be right."""
+        self._version = version("talc-gateway")  # once: its files may be exchanged while the gateway runs
         self._sequence = 0
 
     def messages(self, event: GatewayEvent) -> list[Keyed]:  # noqa: C901 - one arm for each kind of event
@@ -153,7 +154,7 @@ class Composer:
             probing=None if outlook is None else _probing_state(outlook),
             storage=None if storage is None else _storage(storage),
             unarmed=unarmed,
-            version=version("talc-gateway"),
+            version=self._version,
             key_space=keys.VERSION,
         )
         return keys.STATUS, message if health is None else _with_health(message, health)
