@@ -15,6 +15,7 @@ _NEEDS_RESTART = (
     "grid",
     "storage",
     "telemetry",
+    "metrics",
     "states",
     "nc",
     "probing",

@@ -5,6 +5,7 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
+from importlib.metadata import version
 from pathlib import Path
 
 from gateway.clock import ServiceClock, clock_synchronised
@@ -78,6 +79,12 @@ async def serve(
                 history=_stored_in(config.storage.path),
             )
             sinks.append((await stack.enter_async_context(telemetry)).publish)
+        if config.metrics.listen is not None:
+            from gateway.metrics import GatewayFigures, MetricsServer  # loaded only where it is wanted
+
+            figures = GatewayFigures(config.machine.name, version("talc-gateway"))
+            stack.enter_context(MetricsServer(config.metrics, config.telemetry.tls, figures))
+            sinks.append(figures.take)
         sinks.append(SnapshotKeeper(past, store, config).take)
         if wire_log is not None:
             sinks.append(_reconfiguring(wire_log, packed_toml(config)))

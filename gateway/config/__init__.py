@@ -13,6 +13,7 @@ from gateway.config.consequences import unarmed
 from gateway.config.controls import LinuxCncNc, Nc, SinumerikNc
 from gateway.config.fields import Name
 from gateway.config.file import draft, load, parse, read, read_as
+from gateway.config.metrics import Metrics
 from gateway.config.model import Channel, GatewayConfig, validate
 from gateway.config.packed import packed_toml, unpacked
 from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
@@ -35,6 +36,7 @@ __all__ = [
     "GatewayConfig",
     "LinuxCncNc",
     "MeEthernetSection",
+    "Metrics",
     "ModbusRtuSection",
     "ModbusRtuTcpSection",
     "ModbusTcpSection",

@@ -13,6 +13,7 @@ from drivers.profiles import Profile, UserProfile
 from drivers.section import Section, strictly
 from gateway.config.buses import BusSection
 from gateway.config.controls import Nc
+from gateway.config.metrics import Metrics
 from gateway.config.prior import PriorFile
 from gateway.config.sections import (
     DEFAULT_DATABASE,
@@ -48,6 +49,7 @@ class GatewayConfig(Section):
     grid: Grid = Grid()
     storage: Storage = Storage()
     telemetry: Telemetry = Telemetry()
+    metrics: Metrics = Metrics()
     buses: tuple[BusSection, ...] = Field(default=(), alias="bus")
     devices: tuple[Device, ...] = Field(default=(), alias="device")
     states: tuple[State, ...] = Field(default=(), alias="state")

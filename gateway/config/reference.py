@@ -22,8 +22,8 @@ at the start and again after every reload that took effect; the database keeps e
 **Reload.** On SIGHUP `talc-gateway run` reads its file again. The whole file is checked first; then only the buses that
 changed (themselves, their devices, the files of your own profiles, or the limits of their channels) are closed and
 opened again, and the others keep their period. What the models and the NC rest on (`[machine]`, `[grid]`, `[storage]`,
-`[telemetry]`, `[[state]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]`, `[sensor_check]`, and the names and order
-of the channels) needs a restart. A file that cannot be applied changes nothing, and the log says why.
+`[telemetry]`, `[metrics]`, `[[state]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]`, `[sensor_check]`, and the
+names and order of the channels) needs a restart. A file that cannot be applied changes nothing, and the log says why.
 """
 
 

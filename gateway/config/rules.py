@@ -17,6 +17,7 @@ from gateway.config.buses import (
     MeRs485Section,
     ModbusRtuSection,
 )
+from gateway.config.metrics import metrics_problems
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
@@ -41,6 +42,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_devices(config),
         *_nc(config),
         *telemetry_problems(config.telemetry),
+        *metrics_problems(config.metrics, config.telemetry.tls),
     ]
 
 
