@@ -1,4 +1,4 @@
-"""GatewayFigures for Prometheus: their names and values as Prometheus reads them, where they are served, and the dashboard."""
+"""Figures for Prometheus: their names and values as Prometheus reads them, where they are served, and the dashboard."""
 
 import asyncio
 import json
