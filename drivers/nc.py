@@ -13,6 +13,8 @@ Triple = tuple[float, float, float]
 
 LINEAR_AXES = ("X", "Y", "Z")
 ROTARY_AXES = ("A", "C")
+ERRORS: Final = 9
+"""Number of thermal errors."""
 LARGEST_NUMBER: Final = 2**31 - 1
 """Largest request or owner number that a control stores exactly, both as an integer and as a floating-point number."""
 
@@ -92,6 +94,8 @@ class RequestStatus:
     """Why it was refused or failed."""
     spread_mm: float | None = None
     """When done: largest difference between repeated touches of one point; None: the control does not report it."""
+    in_force_um: Triple | None = None
+    """When done: the shift of X, Y, Z that stood still while it ran; None: what the gateway had written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +133,18 @@ class LinearOffsets:
             for k0, row in zip(self.k0_um, self.slope_um_per_mm, strict=True)
         )
         return x, y, z
+
+
+@dataclass(frozen=True, slots=True)
+class NineErrors:
+    """Thermal errors for a control that works out the offsets itself; see talc.kinematics."""
+
+    errors: tuple[float, ...]
+    """Nine in the order of THERMAL_ERRORS, µm and µm/m."""
+    radius_mm: float
+    """Radius at which ER0T is."""
+    bound_um: Triple
+    """Largest offset of X, Y, Z, wherever the tool is."""
 
 
 class NotSendable(ValueError):
@@ -220,10 +236,44 @@ class FollowsPosition(NumericalControl, Protocol):
         ...
 
 
+@runtime_checkable
+class FollowsErrors(NumericalControl, Protocol):
+    """A control that may work out the offsets from the nine errors and from where its tool is, in its own cycles."""
+
+    @property
+    def error_reach_mm(self) -> tuple[float, float] | None:
+        """Farthest that a tool's tip gets from where A and C meet, along X and across it.
+
+        Known once connected; None: this control takes shifts alone.
+        """
+        ...
+
+    async def write_errors(self, errors: NineErrors) -> None:
+        """Set what shall be in force, slewed by the control.
+
+        Raises NotSendable.
+        """
+        ...
+
+    async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
+        """The nine errors in force; ER0T at `radius_mm`."""
+        ...
+
+
 def check_number(number: int, what: str) -> None:
     """Raises ValueError for a request or an owner outside 1 .. 2**31 - 1."""
     if not 1 <= number <= LARGEST_NUMBER:
         raise ValueError(f"{what} = {number!r}: expected 1 to {LARGEST_NUMBER}")
+
+
+def check_errors(errors: NineErrors, largest_um: float) -> None:
+    """Before anything is sent: raises NotSendable for a number that is not finite or beyond `largest_um`."""
+    if len(errors.errors) != ERRORS or not all(
+        map(math.isfinite, (*errors.errors, errors.radius_mm, *errors.bound_um))
+    ):
+        raise NotSendable(f"{errors!r}: expected nine finite errors, a radius and three bounds; nothing was sent")
+    if any(abs(v) > largest_um for v in errors.errors):
+        raise NotSendable(f"errors = {errors.errors!r}: beyond largest_um = {largest_um:g}; nothing was sent")
 
 
 def check_offsets(offsets_um: Triple, largest_um: float) -> None:

@@ -40,10 +40,31 @@ def tcp_offsets(errors: FloatArray, positions: FloatArray, sphere_radius_m: floa
         raise ValueError("errors or positions hold a value that is not finite")
     if not sphere_radius_m > 0:
         raise ValueError(f"sphere_radius_m = {sphere_radius_m!r}: expected more than 0")
+    return np.asarray(offset_matrix(positions, sphere_radius_m) @ errors, dtype=np.float64)
+
+
+def offset_matrix(positions: FloatArray, sphere_radius_m: float) -> FloatArray:
+    """(3, 9) offset of X, Y, Z in µm per unit of each error at positions (5,); see `tcp_offsets`."""
     a = float(positions[3])
     point = rotation_x(-a) @ positions[:3] * _MM
     growth = np.array([point[0], point[1], 0.0]) / sphere_radius_m
-    return np.asarray(deviation_matrix(a, point, growth) @ errors, dtype=np.float64)
+    return deviation_matrix(a, point, growth)
+
+
+def largest_offsets(reach_m: tuple[float, float], sphere_radius_m: float) -> FloatArray:
+    """(3, 9) largest magnitude of each axis' offset per unit of each error, at any A and C and any point in reach.
+
+    reach_m: farthest point from where A and C meet, along X and across it.
+    """
+    along, across = reach_m
+    grown_x, grown = along / sphere_radius_m, across / sphere_radius_m
+    return np.array(
+        [
+            [0.0, 0.0, 1.0, 0.0, 0.0, grown_x, 0.0, across, across],
+            [1.0, 0.0, 0.0, 1.0, 1.0, grown, across, along, along],
+            [0.0, 1.0, 0.0, 1.0, 1.0, grown, across, along, along],
+        ]
+    )
 
 
 @dataclass(frozen=True, slots=True)

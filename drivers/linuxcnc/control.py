@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from typing import Any, Final
 
@@ -9,14 +10,17 @@ from drivers.base import BadAnswer, Clock, DriverError, Refused
 from drivers.linuxcnc.line import Json, LinuxCncLine
 from drivers.linuxcnc.settings import LinuxCncSettings
 from drivers.nc import (
+    ERRORS,
     LINEAR_AXES,
     ROTARY_AXES,
     NcSnapshot,
+    NineErrors,
     OperatingMode,
     ProbingState,
     ProgramState,
     RequestStatus,
     WatchdogTerms,
+    check_errors,
     check_number,
     check_offsets,
 )
@@ -39,12 +43,13 @@ class LinuxCnc:
         self._settings, self._clock = settings, clock
         self._line = LinuxCncLine(settings)
         self._owner = 0
+        self._reach: tuple[float, float] | None = None
 
     async def connect(self) -> None:
         """Log in and read everything once."""
         self._owner = 0
         try:
-            await self._line.connect()
+            self._reach = self._told_reach(await self._line.connect())
             await self.snapshot()
             await self.read_compensation()
         except BaseException:
@@ -99,6 +104,7 @@ class LinuxCnc:
             state,
             centres_mm=tuple(self._three(centre, "centre") for centre in centres),
             spread_mm=self._number(told.get("spread"), "spread"),
+            in_force_um=None if self._reach is None else self._three(told.get("in_force"), "offsets during the cycle"),
         )
 
     async def withdraw_probing(self, number: int) -> None:
@@ -113,14 +119,54 @@ class LinuxCnc:
         """
         check_offsets(offsets_um, self._settings.largest_um)
         await self._line.ask("write", owner=self._owner, um=[float(v) for v in offsets_um])
-        # The control slews. The next read-back must return what was written, unless something else is wrong.
+        await self._in_force(self.read_compensation, offsets_um)
+
+    async def _in_force(self, read: Callable[[], Awaitable[Sequence[float]]], wanted: Sequence[float]) -> None:
+        """The control slews. The next read-back must return what was written, unless something else is wrong."""
         with suppress(TimeoutError):
             async with asyncio.timeout(self._settings.timeout_s):
-                while not self._near(await self.read_compensation(), offsets_um):
+                while any(abs(a - b) >= _THERE_UM for a, b in zip(await read(), wanted, strict=True)):
                     await asyncio.sleep(_POLL_S)
 
-    def _near(self, in_force: tuple[float, float, float], wanted: tuple[float, float, float]) -> bool:
-        return all(abs(a - b) < _THERE_UM for a, b in zip(in_force, wanted, strict=True))
+    @property
+    def error_reach_mm(self) -> tuple[float, float] | None:
+        return self._reach
+
+    async def write_errors(self, errors: NineErrors) -> None:
+        """Returns when the errors are in force, or after timeout_s.
+
+        Raises NotSendable, before anything is sent, for a number that is not finite or an error beyond `largest_um`.
+        """
+        check_errors(errors, self._settings.largest_um)
+        await self._line.ask(
+            "write_errors",
+            owner=self._owner,
+            errors=[float(v) for v in errors.errors],
+            radius_mm=errors.radius_mm,
+            bound_um=[float(v) for v in errors.bound_um],
+        )
+        await self._in_force(lambda: self.read_errors(errors.radius_mm), errors.errors)
+
+    async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
+        told = await self._line.ask("errors", radius_mm=radius_mm)
+        if not isinstance(told, list) or len(told) != ERRORS:
+            raise self._bad(f"errors in force: expected {ERRORS} numbers")
+        return tuple(self._number(value, "errors in force") for value in told)
+
+    def _told_reach(self, greeting: Json) -> tuple[float, float] | None:
+        """Of an agent that takes the nine errors; earlier ones greet with a list of their commands."""
+        if not isinstance(greeting, dict):
+            return None
+        can = greeting.get("capabilities")
+        if not isinstance(can, list) or "errors" not in can:
+            return None
+        reach = greeting.get("reach_mm")
+        if not isinstance(reach, list) or len(reach) != 2:
+            raise self._bad(f"reach_mm = {reach!r}: expected two numbers")
+        along, across = (self._number(value, "reach_mm") for value in reach)
+        if min(along, across) <= 0:
+            raise self._bad(f"reach_mm = {reach!r}: expected more than 0")
+        return along, across
 
     async def read_compensation(self) -> tuple[float, float, float]:
         return self._three(await self._line.ask("read"), "offsets in force")

@@ -24,8 +24,11 @@ class LinuxCncLine:
         self._rest = b""
         self._count = 0
 
-    async def connect(self) -> None:
-        """Open the connection; each side proves that it holds the key. Raises ConnectError, NoAnswer, Refused."""
+    async def connect(self) -> Json:
+        """Open the connection; each side proves that it holds the key. Returns what the agent says of itself.
+
+        Raises ConnectError, NoAnswer, Refused.
+        """
         key = self._settings.key()
         async with self._lock:
             await self._stream.close()
@@ -37,7 +40,7 @@ class LinuxCncLine:
                     raise self._stranger()
                 nonce = secrets.token_hex(32)
                 self._session = hmac.digest(key, f"{challenge} {nonce}".encode(), "sha256")
-                await self._exchange({"nonce": nonce})
+                return await self._exchange({"nonce": nonce})
             except BaseException:
                 await self._stream.close()
                 raise

@@ -8,11 +8,14 @@ from typing import NoReturn, TypeVar
 
 from drivers.base import DriverError
 from drivers.nc import (
+    ERRORS,
     LINEAR_AXES,
     ROTARY_AXES,
+    FollowsErrors,
     FollowsPosition,
     LinearOffsets,
     NcSnapshot,
+    NineErrors,
     NotSendable,
     NumericalControl,
     ProbingState,
@@ -30,7 +33,9 @@ _AXES = LINEAR_AXES + ROTARY_AXES
 
 def contained(nc: NumericalControl) -> NumericalControl:
     """The control behind the boundary: it raises DriverError, and NotSendable where that is declared."""
-    return _ContainedSlopes(nc) if isinstance(nc, FollowsPosition) else _Contained(nc)
+    if isinstance(nc, FollowsPosition):
+        return _ContainedSlopes(nc)
+    return _ContainedErrors(nc) if isinstance(nc, FollowsErrors) else _Contained(nc)
 
 
 class _Contained:
@@ -133,6 +138,31 @@ class _ContainedSlopes(_Contained):
         if not isinstance(answer, LinearOffsets):
             self._unexpected("read_linear", TypeError(f"{answer!r}: expected LinearOffsets"))
         return answer
+
+
+class _ContainedErrors(_Contained):
+    """Implements FollowsErrors."""
+
+    def __init__(self, nc: FollowsErrors) -> None:
+        super().__init__(nc)
+        self._errors = nc
+
+    @property
+    def error_reach_mm(self) -> tuple[float, float] | None:
+        return self._errors.error_reach_mm
+
+    async def write_errors(self, errors: NineErrors) -> None:
+        await self._call("write_errors", self._errors.write_errors(errors))
+
+    async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
+        answer = await self._call("read_errors", self._errors.read_errors(radius_mm))
+        try:
+            told = tuple(float(value) for value in answer)
+        except (TypeError, ValueError) as error:
+            self._unexpected("read_errors", error)
+        if len(told) != ERRORS:
+            self._unexpected("read_errors", ValueError(f"{answer!r}: expected nine errors"))
+        return told
 
 
 def _check_numbers(values: Mapping[str, float], names: tuple[str, ...]) -> None:

@@ -57,8 +57,8 @@ class NcLink:
         self._when_stale = compensation.when_stale
         self._state = LinkState.AWAY
         nc = contained(nc)
-        self._form = form_of(nc)
         self._probe = probe_of(settings.probing)
+        self._form = form_of(nc, self._probe.radius_m, compensation.bound_um)
         self._session = Session(
             nc,
             clock,

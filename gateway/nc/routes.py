@@ -1,8 +1,10 @@
-"""The form in which offsets go to a control: a shift for the present position, or one that follows the position.
+"""The form in which offsets go to a control: a shift for the present position, one that follows the position, or the
+nine errors themselves.
 
 Each is a matrix of coefficients (3, n), µm, rows X, Y, Z. The first column is the shift at the reference; the others
-are the largest addition by each axis' position within its travel. So the sum of a row's magnitudes bounds the shift
-everywhere, and the sum of the magnitudes of a change bounds the change everywhere.
+are the largest addition by each axis' position within its travel; or each column is the largest shift by one error. So
+the sum of a row's magnitudes bounds the shift everywhere, and the sum of the magnitudes of a change bounds the change
+everywhere.
 """
 
 import math
@@ -10,7 +12,15 @@ from typing import Protocol
 
 import numpy as np
 
-from drivers.nc import FollowsPosition, LinearOffsets, NcSnapshot, NumericalControl, Triple
+from drivers.nc import (
+    FollowsErrors,
+    FollowsPosition,
+    LinearOffsets,
+    NcSnapshot,
+    NineErrors,
+    NumericalControl,
+    Triple,
+)
 from gateway.nc.slew import Offsets, as_offsets
 from gateway.probing import InForce
 from talc import kinematics
@@ -23,8 +33,13 @@ _SAME_UM = 0.05
 class Form(Protocol):
     """The form of offsets for one control."""
 
-    def basis(self, position_mm: FloatArray) -> FloatArray:
-        """(..., n) for positions (..., 3): coefficients times this is the shift there."""
+    @property
+    def together(self) -> bool:
+        """Whether the rows move in proportion only, and the control bounds the offsets itself; see Slew."""
+        ...
+
+    def basis(self, positions: FloatArray) -> FloatArray:
+        """(n,), or (3, n) for each row its own: coefficients times this, summed, is the shift at positions (5,)."""
         ...
 
     def wanted(self, errors: FloatArray, positions: FloatArray, radius_m: float) -> FloatArray:
@@ -44,9 +59,14 @@ class Form(Protocol):
         ...
 
 
-def form_of(nc: NumericalControl) -> Form:
-    """The best form that a control supports."""
-    return OverTravel(nc) if isinstance(nc, FollowsPosition) else HereAndNow(nc)
+def form_of(nc: NumericalControl, radius_m: float, bound_um: Triple) -> Form:
+    """The best form that a control supports.
+
+    radius_m: of the sphere, where ER0T is; bound_um: what a control that works out the offsets itself keeps to.
+    """
+    if isinstance(nc, FollowsPosition):
+        return OverTravel(nc)
+    return AsGreeted(nc, radius_m, bound_um) if isinstance(nc, FollowsErrors) else HereAndNow(nc)
 
 
 class HereAndNow:
@@ -55,8 +75,11 @@ class HereAndNow:
     def __init__(self, nc: NumericalControl) -> None:
         self._nc = nc
 
-    def basis(self, position_mm: FloatArray) -> FloatArray:
-        return np.ones((*position_mm.shape[:-1], 1))
+    together = False
+
+    def basis(self, positions: FloatArray) -> FloatArray:
+        del positions
+        return np.ones(1)
 
     def wanted(self, errors: FloatArray, positions: FloatArray, radius_m: float) -> FloatArray:
         return kinematics.tcp_offsets(errors, positions, radius_m)[:, None]
@@ -85,7 +108,13 @@ class OverTravel:
         for shifted, over in nc.pairs:
             self._can[shifted, over] = 1.0
 
-    def basis(self, position_mm: FloatArray) -> FloatArray:
+    together = False
+
+    def basis(self, positions: FloatArray) -> FloatArray:
+        return self._over(positions[:3])
+
+    def _over(self, position_mm: FloatArray) -> FloatArray:
+        """(..., n) for (..., 3)."""
         away = (position_mm - self._reference) / self._reach
         return np.concatenate([np.ones((*away.shape[:-1], 1)), away], axis=-1)
 
@@ -98,7 +127,7 @@ class OverTravel:
     def during(self, coefficients: FloatArray, centres_mm: FloatArray | None) -> InForce:
         if centres_mm is None:
             return as_offsets(coefficients[:, 0])
-        return tuple(as_offsets(row) for row in self.basis(centres_mm) @ coefficients.T)
+        return tuple(as_offsets(row) for row in self._over(centres_mm) @ coefficients.T)
 
     async def read(self) -> FloatArray:
         now = await self._nc.read_linear()
@@ -108,6 +137,74 @@ class OverTravel:
         rows: list[Triple] = [as_offsets(row) for row in coefficients[:, 1:] / self._reach]
         slopes = rows[0], rows[1], rows[2]
         await self._nc.write_linear(LinearOffsets(as_offsets(coefficients[:, 0]), slopes, as_offsets(self._reference)))
+
+
+class ByErrors:
+    """The nine errors, from which the control works out the shift wherever the tool is: n = 9, one column an error.
+
+    reach_mm: of the tool from where A and C meet, along X and across it
+    """
+
+    together = True
+
+    def __init__(self, nc: FollowsErrors, reach_mm: tuple[float, float], radius_m: float, bound_um: Triple) -> None:
+        self._nc, self._radius_m, self._bound_um = nc, radius_m, bound_um
+        self._largest = kinematics.largest_offsets((reach_mm[0] * 1e-3, reach_mm[1] * 1e-3), radius_m)
+
+    def basis(self, positions: FloatArray) -> FloatArray:
+        here = kinematics.offset_matrix(positions, self._radius_m)
+        share = np.divide(here, self._largest, out=np.zeros_like(here), where=self._largest > 0)
+        return np.asarray(share, dtype=np.float64)
+
+    def wanted(self, errors: FloatArray, positions: FloatArray, radius_m: float) -> FloatArray:
+        del positions, radius_m
+        return np.asarray(self._largest * errors, dtype=np.float64)
+
+    def during(self, coefficients: FloatArray, centres_mm: FloatArray | None) -> Offsets:
+        """At the origin: what stood still during a cycle the control reports itself, with the result."""
+        del centres_mm
+        return as_offsets((coefficients * self.basis(np.zeros(5))).sum(axis=1))
+
+    async def read(self) -> FloatArray:
+        return self._largest * np.array(await self._nc.read_errors(self._radius_m * 1e3), dtype=np.float64)
+
+    async def write(self, coefficients: FloatArray) -> None:
+        row = np.argmax(self._largest, axis=0)
+        each = np.arange(len(row))
+        errors = coefficients[row, each] / self._largest[row, each]
+        await self._nc.write_errors(NineErrors(tuple(errors.tolist()), self._radius_m * 1e3, self._bound_um))
+
+
+class AsGreeted:
+    """What the control takes shows when it is connected: the nine errors, or a shift alone."""
+
+    def __init__(self, nc: FollowsErrors, radius_m: float, bound_um: Triple) -> None:
+        self._nc, self._radius_m, self._bound_um = nc, radius_m, bound_um
+        self._shift = HereAndNow(nc)
+
+    @property
+    def _form(self) -> Form:
+        reach = self._nc.error_reach_mm
+        return self._shift if reach is None else ByErrors(self._nc, reach, self._radius_m, self._bound_um)
+
+    @property
+    def together(self) -> bool:
+        return self._form.together
+
+    def basis(self, positions: FloatArray) -> FloatArray:
+        return self._form.basis(positions)
+
+    def wanted(self, errors: FloatArray, positions: FloatArray, radius_m: float) -> FloatArray:
+        return self._form.wanted(errors, positions, radius_m)
+
+    def during(self, coefficients: FloatArray, centres_mm: FloatArray | None) -> InForce:
+        return self._form.during(coefficients, centres_mm)
+
+    async def read(self) -> FloatArray:
+        return await self._form.read()
+
+    async def write(self, coefficients: FloatArray) -> None:
+        await self._form.write(coefficients)
 
 
 def differ(found: FloatArray, wanted: FloatArray) -> bool:

@@ -73,6 +73,8 @@ class Slew:
     bound_um: largest magnitude per axis, µm, > 0
     slew_um_per_s: largest rate of change per axis, µm/s, > 0
     when_stale: `zero` ramps to zero, `hold` keeps the last offsets, when there is no usable prediction
+    together: whether the rows belong to one cause, as nine errors do: they move in proportion, and the bound is the
+        control's, which holds each axis within it wherever the tool is
     period_s: nominal time between steps; a longer pause counts as one period, so that no step is larger and a
         gateway that hung does not catch up in one step
     in_force_um: (3,) or (3, n), what the control reports at start
@@ -87,7 +89,10 @@ class Slew:
         period_s: float,
         in_force_um: FloatArray | Offsets,
         now_s: float,
+        *,
+        together: bool = False,
     ) -> None:
+        self._together = together
         self._bound = np.asarray(bound_um, dtype=float)
         self._rate = slew_um_per_s
         self._when_stale = when_stale
@@ -120,30 +125,43 @@ class Slew:
     ) -> Step:
         """One step towards `wanted_um`, or towards the configured value if it is None or not finite.
 
-        wanted_um: (3,) or (3, n); basis: (n,), for the machine's position; None: the reference.
+        wanted_um: (3,) or (3, n); basis: (n,) or (3, n), for the machine's position; None: the reference.
         """
         if wanted_um is None or not np.all(np.isfinite(wanted_um)):
             source = Source.NO_MODEL if source is Source.PREDICTION else source
             wanted = np.zeros_like(self._now) if self._when_stale == "zero" else self._now
         else:
             wanted = _matrix(wanted_um)
-        target = _within(wanted, self._bound)
+        target = wanted if self._together else _within(wanted, self._bound)
         reach = self._rate * min(max(0.0, now_s - self._time), self._period)
-        moved = self._now + _within(target - self._now, np.full(3, reach))
+        way = target - self._now
+        if self._together:
+            largest = float(np.abs(way).sum(axis=1).max())
+            moved = self._now + way * (reach / largest if largest > reach else 1.0)
+        else:
+            moved = self._now + _within(way, np.full(3, reach))
         # Rounding must not lead past the target, which may be the bound.
         self._now = np.clip(moved, np.minimum(self._now, target), np.maximum(self._now, target))
         self._time = now_s
-        return self._step(target, source, np.abs(wanted).sum(axis=1) > self._bound, basis)
+        size = np.abs(self._shift(wanted, basis)) if self._together else np.abs(wanted).sum(axis=1)
+        return self._step(target, source, size > self._bound, basis)
 
     def _step(self, target: FloatArray, source: Source, cut: np.ndarray, basis: FloatArray | None) -> Step:
-        here = np.eye(self._now.shape[1])[0] if basis is None else basis
         return Step(
-            as_offsets(target @ here),
-            as_offsets(self._now @ here),
+            as_offsets(self._at(target, basis)),
+            as_offsets(self._at(self._now, basis)),
             source,
             (bool(cut[0]), bool(cut[1]), bool(cut[2])),
             tuple(tuple(row) for row in self._now.tolist()),
         )
+
+    def _at(self, coefficients: FloatArray, basis: FloatArray | None) -> FloatArray:
+        shift = self._shift(coefficients, basis)
+        return np.clip(shift, -self._bound, self._bound) if self._together else shift
+
+    def _shift(self, coefficients: FloatArray, basis: FloatArray | None) -> FloatArray:
+        here = np.eye(self._now.shape[1])[0] if basis is None else basis
+        return np.asarray((coefficients * here).sum(axis=1), dtype=np.float64)
 
 
 def _matrix(values: FloatArray | Offsets) -> FloatArray:

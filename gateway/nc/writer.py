@@ -73,6 +73,7 @@ class OffsetWriter:
             self._period,
             in_force,
             self._clock.monotonic(),
+            together=self._form.together,
         )
         self._left = None
 
@@ -114,7 +115,7 @@ class OffsetWriter:
                 written = True  # even if there is no answer
                 written = await self._put(coefficients)
             if written:
-                read_back = as_offsets(await self._read_back(coefficients) @ self._here(snapshot))
+                read_back = as_offsets((await self._read_back(coefficients) * self._here(snapshot)).sum(axis=1))
         finally:
             self._record(step, snapshot, k, written=written, read_back=read_back)
 
@@ -155,7 +156,7 @@ class OffsetWriter:
         return True
 
     def _here(self, snapshot: NcSnapshot) -> FloatArray:
-        return self._form.basis(positions(snapshot)[:3])
+        return self._form.basis(positions(snapshot))
 
     def _record(
         self,

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 import numpy as np
 
 from drivers.base import DriverError, Refused
-from drivers.nc import NumericalControl
+from drivers.nc import NumericalControl, Triple
 from gateway.clock import ServiceClock
 from gateway.config import Probing
 from gateway.probing.checks import Expected, MeasurementChecks
@@ -78,9 +78,10 @@ class Prober:
             in_force = held.at(None)
             # Noise of the reference would stay in every later measurement, so it is a mean of several cycles.
             count = self._settings.reference_cycles if self._reference is None else 1
-            cycles = [await self._probed() for _ in range(count)]
+            results = [await self._probed() for _ in range(count)]
+            cycles = [cycle for cycle, _ in results]
             found = np.mean(cycles, axis=0)
-            in_force = held.at(found)
+            in_force = _in_force([shift for _, shift in results]) or held.at(found)
             await held.still()
             at_rest(cycles, self._settings.max_repeat_um)
             if self._reference is None:
@@ -119,7 +120,8 @@ class Prober:
             log.warning("probing request %s could not be withdrawn: %s", self._waiting_for, error)
             self._waiting_for = None
 
-    async def _probed(self) -> FloatArray:
+    async def _probed(self) -> tuple[FloatArray, Triple | None]:
+        """Centres, and the shift that the control says was in force."""
         await self.settle()
         number = self._number
         self._number += 1
@@ -135,7 +137,7 @@ class Prober:
         self._waiting_for = None
         found = centres(status, len(self._probe.poses_rad))
         self._checks.repeats(None if status.spread_mm is None else status.spread_mm * 1e3)
-        return found
+        return found, status.in_force_um
 
     def _expected(self, decision: Decision | None) -> Expected:
         nothing = np.full(9, np.nan)
@@ -146,3 +148,12 @@ class Prober:
             return Expected(last, nothing, nothing)
         modelled = np.isfinite(decision.sigma)
         return Expected(np.where(modelled, decision.corrected, last), decision.sigma, decision.limits)
+
+
+def _in_force(shifts: list[Triple | None]) -> Triple | None:
+    """The mean of the cycles; None when the control did not report it."""
+    told = [shift for shift in shifts if shift is not None]
+    if len(told) < len(shifts):
+        return None
+    x, y, z = (sum(axis) / len(told) for axis in zip(*told, strict=True))
+    return x, y, z

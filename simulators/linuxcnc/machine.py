@@ -15,10 +15,12 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+from simulators.linuxcnc.component import MODULES, modules
+
 _ROOT = Path(__file__).parents[2]
 FILES = _ROOT / "deploy" / "nc" / "linuxcnc"
 _HERE = Path(__file__).parent
-APT_LINE = "apt-get install linuxcnc-uspace"
+APT_LINE = "apt-get install linuxcnc-uspace linuxcnc-uspace-dev"
 
 HURRY: Mapping[str, object] = {
     "MAX_VELOCITY": 2000,
@@ -37,7 +39,10 @@ HURRY: Mapping[str, object] = {
 _NAMESPACES = ("--ipc", "--pid", "--mount", "--net", "--fork", "--mount-proc", "--kill-child")
 _AS_ORDINARY_USER = ("--user", "--map-current-user", "--keep-caps")
 """Where the kernel lets unprivileged users create namespaces."""
-_START = 'ip link set lo up 2>/dev/null; mount --bind "$1" /tmp && cd /tmp/nc && exec linuxcnc -r /tmp/nc/talc.ini'
+_START = (
+    f'ip link set lo up 2>/dev/null; mount --bind "$1/modules" {MODULES} && mount --bind "$1" /tmp && cd /tmp/nc '
+    "&& exec linuxcnc -r /tmp/nc/talc.ini"
+)
 _REAL_TIME_USER = 65534
 """LinuxCNC's real-time part refuses root unless it is told which user it works for: `nobody`."""
 _BOOT_S, _ANSWER_S, _STOP_S = 60.0, 60.0, 30.0
@@ -83,8 +88,9 @@ def missing() -> str | None:
     """Why LinuxCNC cannot run here, and what to do; None if it can."""
     if not FILES.is_dir():
         return f"{FILES} is missing: run this from the source tree"
-    if shutil.which("linuxcnc") is None:
-        return f"LinuxCNC is not installed here. Debian 12 or later has it: {APT_LINE}"
+    for program in ("linuxcnc", "halcompile"):
+        if shutil.which(program) is None:
+            return f"LinuxCNC's {program} is not installed here. Debian 12 or later has it: {APT_LINE}"
     return None
 
 
@@ -113,6 +119,7 @@ async def machine(
     if root:
         os.chown(folder, _REAL_TIME_USER, -1)
     nc = folder / "nc"
+    modules(folder / "modules", FILES)
     shutil.copytree(FILES, nc, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(_HERE / "screen.py", nc)
     (nc / "screen.py").chmod(0o755)

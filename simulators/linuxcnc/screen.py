@@ -47,8 +47,18 @@ class ControlScreen:
     def home(self) -> None:
         self.command.mode(linuxcnc.MODE_MANUAL)
         self.until("manual mode", lambda s: s.task_mode == linuxcnc.MODE_MANUAL)
+        self.command.teleop_enable(0)
+        self.until("joint mode", lambda s: s.motion_mode == linuxcnc.TRAJ_MODE_FREE)
         self.command.home(-1)
         self.until("all joints homed", lambda s: all(s.homed[: s.joints]))
+
+    def unhome(self) -> None:
+        self.command.mode(linuxcnc.MODE_MANUAL)
+        self.until("manual mode", lambda s: s.task_mode == linuxcnc.MODE_MANUAL)
+        self.command.teleop_enable(0)
+        self.until("joint mode", lambda s: s.motion_mode == linuxcnc.TRAJ_MODE_FREE)
+        self.command.unhome(-1)
+        self.until("no joint homed", lambda s: not any(s.homed[: s.joints]))
 
     def mdi(self, block: str) -> None:
         self.command.mode(linuxcnc.MODE_MDI)
@@ -178,6 +188,7 @@ def _sphere() -> Any:
 VERBS = (
     "switch_on",
     "home",
+    "unhome",
     "mdi",
     "run",
     "abort",

@@ -1,28 +1,37 @@
 # The compensation: added to the command behind the interpolator, taken out of the feedback, so that the control's own
 # positions, soft limits and following error do not see it, and an emergency stop leaves it as it is.
-# limit2 bounds and slews it here too, whatever is written to talc-x, talc-y, talc-z (LINEAR_UNITS of the INI file).
+# The component talc_errors works it out from the nine errors and from where the tool is, bounds and slews it, whatever is
+# wanted. By hand, without the agent: halcmd setp talc-errors.ex0c 5 moves the tool 5 um in plus X.
 # axis.*.eoffset is not used: emergency stop and power-off set it to zero in one step.
 # Which joints an axis has is in the INI file: a gantry gets the offset on both. An INI file that talc_joints.py does
 # not understand ends LinuxCNC here, with a message.
 set rows [split [exec /usr/bin/python3 ./talc_joints.py] "\n"]
-loadrt limit2 names=talc-limit-x,talc-limit-y,talc-limit-z
-foreach axis {x y z} {
-    setp talc-limit-$axis.min $::TALC(LOWER)
-    setp talc-limit-$axis.max $::TALC(BOUND)
-    setp talc-limit-$axis.maxv $::TALC(SLEW)
-    addf talc-limit-$axis servo-thread
-    newsig talc-$axis float
-    net talc-$axis => talc-limit-$axis.in
-    net talc-$axis-in-force talc-limit-$axis.out
+loadrt talc_errors
+foreach row [split [exec /usr/bin/python3 ./talc_joints.py values] "\n"] {
+    lassign $row name value
+    setp talc-errors.$name $value
 }
+addf talc-errors servo-thread
+setp talc-errors.by-hand 1
+net talc-homed motion.is-all-homed => talc-errors.is-homed
+# Homing takes what is in force for zero: LinuxCNC refuses to home until it is gone. talc-errors.aside takes it back.
+net talc-homing-inhibit talc-errors.homing-inhibit => motion.homing-inhibit
 set sums {}
 foreach row $rows {
     lassign $row name axis joint
-    if {$axis ni {A C}} {
+    set letter [string tolower $axis]
+    if {$axis in {X Y Z}} {
         lappend sums talc-cmd-$name talc-fb-$name
+    }
+    if {$name eq $letter && $axis ne "C"} {
+        net talc-$name-cmd joint.$joint.pos-cmd => talc-errors.$name-cmd
     }
 }
 loadrt sum2 names=[join $sums ,]
+foreach axis {x y z} {
+    net talc-tool-$axis motion.tooloffset.$axis => talc-errors.tool-$axis
+    net talc-$axis-in-force talc-errors.$axis-offset
+}
 foreach row $rows {
     lassign $row name axis joint
     # To the drive goes x-drive (x2-drive: the second joint of a gantry), see drives.tcl.

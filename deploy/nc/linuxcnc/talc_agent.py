@@ -2,7 +2,7 @@
 """The gateway's agent on LinuxCNC: reports the control's state, requests probing cycles, passes offsets to HAL.
 
 A HAL component named talc, started by talc_agent.hal under the system's Python. The watchdog over the gateway's
-heartbeat is not here but in real time, in that file: a killed agent sends no more beats.
+heartbeat is not here but in real time, in talc_errors.comp: a killed agent sends no more beats.
 """
 
 import math
@@ -21,6 +21,10 @@ from talc_joints import MachineJoints, Unfit, machine_of
 from talc_server import Refusal, Server, read_key
 
 AXES = "xyz"
+ERRORS = ("ey0a", "ez0a", "ex0c", "ey0c", "ez0t", "er0t", "ea0c", "eb0c", "ec0c")
+"""Of the gateway's nine, in its order."""
+COUNTS = {3: "three", 9: "nine"}
+VERSION, CAPABILITIES = 2, ("probe", "shift", "errors")
 MODES = {linuxcnc.MODE_MANUAL: "jog", linuxcnc.MODE_AUTO: "auto", linuxcnc.MODE_MDI: "mda"}
 SECONDS, FROZEN_S = 42, 2.0
 """Analog input with the seconds of real time, see talc_agent.hal; unchanged for this long, it is stale."""
@@ -37,8 +41,6 @@ class Settings:
 
     def __init__(self, machine: MachineJoints, folder: Path) -> None:
         self.machine = machine
-        self.pivot = [machine.number(f"PIVOT_{axis}", 0.0) for axis in "XYZ"]
-        """mm, as all of the probing program."""
         self.probe_tool = round(machine.number("PROBE_TOOL", 99))
         self.host, self.port = machine.text("ADDRESS", "127.0.0.1"), round(machine.number("PORT", 7621))
         self.key = folder / machine.text("KEY", "talc.key")
@@ -53,7 +55,14 @@ class Settings:
     def greeting(self) -> dict[str, Any]:
         """The machine, in the answer to a client that has logged in."""
         machine = self.machine
-        return {"units": machine.unit, "joints": machine.joints, "bound_um": machine.bound_um}
+        return {
+            "version": VERSION,
+            "capabilities": CAPABILITIES,
+            "units": machine.unit,
+            "joints": machine.joints,
+            "bound_um": machine.bound_um,
+            "reach_mm": machine.reach,
+        }
 
     def positions(self, nc: Any) -> tuple[float, ...]:
         """Of ALL_AXES in the machine's coordinates: mm and degrees. A gantry is where its first joint is."""
@@ -63,7 +72,7 @@ class Settings:
     def tip(self, nc: Any) -> dict[str, float]:
         """The tool's tip from where A and C meet, mm; A, C in degrees."""
         tool = [v * self.machine.mm for v in nc.tool_offset[:3]]
-        zero = [*(p + t for p, t in zip(self.pivot, tool, strict=True)), 0.0, 0.0]
+        zero = [*(p + t for p, t in zip(self.machine.pivot, tool, strict=True)), 0.0, 0.0]
         return {axis: p - z for axis, p, z in zip(ALL_AXES, self.positions(nc), zero, strict=True)}
 
 
@@ -101,10 +110,15 @@ class Control:
         """µm in one of LinuxCNC's linear units, in which the pins are."""
         self._owner, self._nc, self._command = 0, None, None
         self._seconds, self._moved_s = -1.0, 0.0
+        self._held = [0.0, 0.0, 0.0]
+        """In force during the latest cycle: nothing moves until it has ended."""
         self._cycle, self._travel = Cycle(pins, settings.probe_tool, settings.cannot_probe), Travel()
         self.verbs = {
             name: getattr(self, name)
-            for name in ("status", "read", "write", "claim", "heartbeat", "release", "probe", "probing", "withdraw")
+            for name in (
+                *("status", "read", "write", "errors", "write_errors", "claim", "heartbeat", "release"),
+                *("probe", "probing", "withdraw"),
+            )
         }
 
     def step(self) -> None:
@@ -113,6 +127,9 @@ class Control:
         if nc is not None:
             self._travel.add(now, self._settings.positions(nc))
         self._cycle.step(now, nc, self._command)
+        self._pins["hold"] = self._cycle.under_way
+        if self._cycle.under_way:
+            self._held = self.read()
 
     def status(self, _: dict[str, Any]) -> dict[str, Any]:
         """Positions: the tool's tip from where A and C meet, mm; A, C in degrees."""
@@ -138,19 +155,39 @@ class Control:
         }
 
     def read(self, _: dict[str, Any] | None = None) -> list[float]:
-        """The offsets in force, µm: after the bound and the slew of talc.tcl."""
+        """The offsets in force, µm: after the bound and the slew of talc_errors.comp, where the tool is."""
         return [self._pins[f"{axis}-in-force"] * self._um for axis in AXES]
 
     def write(self, command: dict[str, Any]) -> None:
-        um = command.get("um")
-        if not isinstance(um, list) or len(um) != len(AXES):
-            raise Refusal("um: expected a list of three numbers")
-        um = [number(v, "um") for v in um]
-        if any(abs(v) > self._settings.machine.bound_um for v in um):
-            raise Refusal(f"um = {um}: beyond [TALC] BOUND, {self._settings.machine.bound_um:g} µm")
+        """A shift, the same wherever the tool is: three of the nine errors are one."""
+        x, y, z = numbers(command, "um", len(AXES))
+        most = self._settings.machine.bound_um
+        if max(abs(x), abs(y), abs(z)) > most:
+            raise Refusal(f"um = {[x, y, z]}: beyond [TALC] BOUND, {most:g} µm")
+        self._check_watched(command)
+        self._want([y, z, x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [most] * 3)
+
+    def errors(self, command: dict[str, Any]) -> list[float]:
+        """The nine errors in force, µm and µm/m, after the slew; ER0T at `radius_mm`."""
+        radius = positive(command, "radius_mm")
+        return [self._pins[f"{name}-in-force"] * self._share(name, radius) for name in ERRORS]
+
+    def write_errors(self, command: dict[str, Any]) -> None:
+        """The nine errors, from which the component works out the offsets where the tool is."""
+        radius, bound = positive(command, "radius_mm"), numbers(command, "bound_um", len(AXES))
+        wanted = [v / self._share(name, radius) for name, v in zip(ERRORS, numbers(command, "errors", 9), strict=True)]
+        if min(bound) < 0:
+            raise Refusal(f"bound_um = {bound}: expected 0 or more")
+        self._check_watched(command)
+        self._want(wanted, bound)
+
+    def _share(self, name: str, radius_mm: float) -> float:
+        """Of the component's error at this radius: ER0T grows with it."""
+        return radius_mm / self._settings.machine.radius if name == "er0t" else 1.0
+
+    def _check_watched(self, command: dict[str, Any]) -> None:
         if not self._owner or command.get("owner") != self._owner or not self._pins["watching"]:
             raise Refusal("no heartbeat: claim the control and keep it alive before writing")
-        self._want(um)
 
     def claim(self, command: dict[str, Any]) -> None:
         who = owner(command)
@@ -161,8 +198,6 @@ class Control:
         if not (0.05 <= silence <= 86400.0 and 0.0 <= ramp <= 1000.0):
             raise Refusal("expected silence_s 0.05 to 86400 and ramp_um_per_s 0 to 1000")
         self._owner = who
-        # On silence limit2 moves at talc.ramp in SLEW's place: nobody agrees on more than that.
-        ramp = min(ramp / self._um, self._settings.machine.slew)
         self._pins["silence"], self._pins["ramp"], self._pins["free"] = silence, ramp, False
         self._beat()
 
@@ -183,20 +218,26 @@ class Control:
         self._cycle.request(time.monotonic(), whole(command, "number"), valid_for)
 
     def probing(self, command: dict[str, Any]) -> dict[str, Any]:
-        return self._cycle.status(whole(command, "number"))
+        """As Cycle.status; when done, also the offsets in force while it ran, µm."""
+        status = self._cycle.status(whole(command, "number"))
+        return {**status, "in_force": self._held if status["state"] == "done" else None}
 
     def withdraw(self, command: dict[str, Any]) -> None:
         self._cycle.withdraw(whole(command, "number"))
 
     def _beat(self) -> None:
         if not self._pins["watching"]:
-            self._want(self.read())  # a ramp has begun: it ends here, and does not go back to where it came from
+            self._want(
+                [self._pins[f"{name}-in-force"] for name in ERRORS]
+            )  # a ramp has begun: it ends here, and does not go back to where it came from
         if self._pins["beat"] == self._pins["beat-seen"]:  # two turns between two looks of real time would be none
             self._pins["beat"] = not self._pins["beat"]
 
-    def _want(self, um: list[float]) -> None:
-        for axis, v in zip(AXES, um, strict=True):
-            self._pins[axis] = v / self._um
+    def _want(self, errors: list[float], bound_um: list[float] | None = None) -> None:
+        for name, v in zip(ERRORS, errors, strict=True):
+            self._pins[name] = v
+        for axis, v in zip(AXES, bound_um or (), strict=bool(bound_um)):
+            self._pins[f"{axis}-bound"] = v
 
     def _poll(self) -> Any:
         """LinuxCNC's state, or None before it runs, after it has ended, or while it stands still."""
@@ -221,6 +262,20 @@ def number(value: object, name: str) -> float:
     raise Refusal(f"{name} = {value!r}: expected a finite number")
 
 
+def numbers(command: dict[str, Any], name: str, count: int) -> list[float]:
+    values = command.get(name)
+    if not isinstance(values, list) or len(values) != count:
+        raise Refusal(f"{name}: expected a list of {COUNTS[count]} numbers")
+    return [number(v, name) for v in values]
+
+
+def positive(command: dict[str, Any], name: str) -> float:
+    value = number(command.get(name), name)
+    if not value > 0:
+        raise Refusal(f"{name} = {value:g}: expected more than 0")
+    return value
+
+
 def whole(command: dict[str, Any], name: str) -> int:
     value = command.get(name)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 < value < 2**31:
@@ -235,16 +290,20 @@ def owner(command: dict[str, Any]) -> int:
 def component() -> Any:
     """The pins that talc_agent.hal connects."""
     it = hal.component("talc")
-    for name in (*AXES, "silence", "ramp", "request", "withdrawn"):
+    bounds = [f"{axis}-bound" for axis in AXES]
+    for name in (*ERRORS, *bounds, "silence", "ramp", "request", "withdrawn"):
         it.newpin(name, hal.HAL_FLOAT, hal.HAL_OUT)
     centres = (f"centre-{pose}-{axis}" for pose in range(POSES) for axis in AXES)
-    for name in (*(f"{axis}-in-force" for axis in AXES), "answers", "state", "reason", "result-of", "spread", *centres):
+    in_force = (f"{name}-in-force" for name in (*AXES, *ERRORS))
+    for name in (*in_force, "answers", "state", "reason", "result-of", "spread", *centres):
         it.newpin(name, hal.HAL_FLOAT, hal.HAL_IN)
-    for name in ("beat", "free"):
+    for name in ("beat", "free", "hold"):
         it.newpin(name, hal.HAL_BIT, hal.HAL_OUT)
     for name in ("watching", "beat-seen", "may-start"):
         it.newpin(name, hal.HAL_BIT, hal.HAL_IN)
     it["free"] = True
+    for name in bounds:
+        it[name] = math.inf
     return it
 
 

@@ -1,10 +1,12 @@
 #!/usr/bin/python3
 """Units and joints of the machine, from LinuxCNC's INI file: which joints move which axis, in which unit.
 
-As a program, for talc.tcl and drives.tcl: prints one line a joint, the name of its signals, its axis and its number. A
-machine that the compensation does not understand ends it with a message, and LinuxCNC does not start.
+As a program, for talc.tcl and drives.tcl: prints one line a joint, the name of its signals, its axis and its number;
+with the argument `values` the component's parameters. A machine that the compensation does not understand ends it with
+a message, and LinuxCNC does not start.
 """
 
+import math
 import os
 import re
 import sys
@@ -47,11 +49,32 @@ class MachineJoints:
         self.lower, self.bound, self.slew = self._length("LOWER", -0.2), self._length("BOUND", 0.2), self._slew()
         if not self.lower < 0 < self.bound:
             raise Unfit(f"{where}, [TALC] LOWER = {self.lower:g}, BOUND = {self.bound:g}: expected LOWER < 0 < BOUND")
+        self.pivot = tuple(self.number(f"PIVOT_{axis}", 0.0) for axis in "XYZ")
+        """Machine coordinates of the spindle's gauge point at the crossing of A and C, mm, as the probing program's."""
+        self.radius = self.number("SPHERE_RADIUS", 120.0)
+        """Of the sphere on the table, mm: where ER0T is measured."""
+        if not 0 < self.radius < math.inf:
+            raise self._unfit("TALC", "SPHERE_RADIUS", "expected more than 0, in mm")
+        x, y, z = (self._reach(axis, zero) for axis, zero in zip("XYZ", self.pivot, strict=True))
+        self.reach = x, math.hypot(y, z)
+        """Farthest point of the travel from where A and C meet: along X, and across it; mm."""
 
     @property
     def bound_um(self) -> float:
         """The largest offset either way, µm."""
         return min(self.bound, -self.lower) * self.mm * 1e3
+
+    def values(self) -> dict[str, float]:
+        """The parameters of the component talc-errors."""
+        return {
+            "bound-um": self.bound_um,
+            "slew-um-per-s": self.slew * self.mm * 1e3,
+            "unit-mm": self.mm,
+            **{f"pivot-{axis}": zero for axis, zero in zip("xyz", self.pivot, strict=True)},
+            "sphere-radius": self.radius,
+            "reach-x": self.reach[0],
+            "reach-yz": self.reach[1],
+        }
 
     def named(self) -> list[tuple[str, str, int]]:
         """Name of the joint's signals, axis, number: x for the first joint of X, x2 for the second of a gantry."""
@@ -103,6 +126,17 @@ class MachineJoints:
             if self._text(section, "UNITS"):
                 raise self._unfit(section, "UNITS", "remove it: joints are in the units of [TRAJ]")
 
+    def _reach(self, axis: str, zero: float) -> float:
+        """Of the tip of any tool, mm."""
+        section, tool = f"AXIS_{axis}", self.number("LONGEST_TOOL", 200.0) if axis == "Z" else 0.0
+        ends = []
+        for name in ("MIN_LIMIT", "MAX_LIMIT"):
+            try:
+                ends.append(float(self._text(section, name)) * self.mm - zero)
+            except ValueError:
+                raise self._unfit(section, name, "expected the end of the travel") from None
+        return max(abs(ends[0] - tool), abs(ends[0]), abs(ends[1]), abs(ends[1] - tool))
+
     def _length(self, name: str, default_mm: float) -> float:
         value = self.number(name, default_mm / self.mm)
         if not abs(value) * self.mm <= MOST_MM:
@@ -112,7 +146,7 @@ class MachineJoints:
 
     def _slew(self) -> float:
         value = self.number("SLEW", 0.01 / self.mm)
-        if not 0 < value < float("inf"):
+        if not 0 < value < math.inf:
             raise self._unfit("TALC", "SLEW", f"expected more than 0, in {self.unit}/s")
         return value
 
@@ -132,7 +166,8 @@ def machine_of(path: str) -> MachineJoints:
 
 if __name__ == "__main__":
     try:
-        for row in machine_of(os.environ["INI_FILE_NAME"]).named():
+        machine = machine_of(os.environ["INI_FILE_NAME"])
+        for row in machine.values().items() if sys.argv[1:] == ["values"] else machine.named():
             print(*row)
     except Unfit as unfit:
         sys.exit(f"talc: {unfit}")

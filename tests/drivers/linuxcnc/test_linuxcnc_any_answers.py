@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.base import DriverError, NoAnswer, SystemClock
+from drivers.base import BadAnswer, DriverError, NoAnswer, SystemClock
 from drivers.linuxcnc import LinuxCnc
-from drivers.nc import WatchdogTerms
+from drivers.nc import NineErrors, NotSendable, WatchdogTerms
 from tests.benches.cut_line import line_to
-from tests.benches.linuxcnc_fake_agent import Agent, serving
+from tests.benches.linuxcnc_fake_agent import Agent, agent_and_driver, serving
 
 pytestmark = pytest.mark.simulated_time
 
@@ -42,7 +42,8 @@ async def ask_everything(nc: LinuxCnc) -> None:
         lambda: nc.snapshot(), lambda: nc.read_compensation(), lambda: nc.probing_status(7),
         lambda: nc.request_probing(8), lambda: nc.withdraw_probing(8), lambda: nc.heartbeat(1),
         lambda: nc.claim(1, WatchdogTerms(5.0, 1.0)), lambda: nc.release(1),
-        lambda: nc.write_compensation((0.0, 0.0, 0.0)),
+        lambda: nc.write_compensation((0.0, 0.0, 0.0)), lambda: nc.read_errors(120.0),
+        lambda: nc.write_errors(NineErrors((0.0,) * 9, 120.0, (50.0, 50.0, 50.0))),
     ):  # fmt: skip
         with suppress(DriverError):
             await ask()
@@ -57,7 +58,9 @@ def test_any_signed_values_raise_nothing_but_driver_errors(tmp_path: Path) -> No
             async with serving(agent, tmp_path, timeout_s=0.02) as to:
                 nc = LinuxCnc(to, SystemClock())
                 await connected(nc)
-                agent.answers = {"status": status, "read": offsets, "probing": probing, "heartbeat": heard}
+                agent.answers = {
+                    "status": status, "read": offsets, "errors": offsets, "probing": probing, "heartbeat": heard
+                }  # fmt: skip
                 await ask_everything(nc)
                 await nc.close()
 
@@ -99,3 +102,58 @@ async def test_damaged_bytes_raise_nothing_but_driver_errors(tmp_path: Path) -> 
             with suppress(DriverError):
                 await nc.connect()
         await nc.close()
+
+
+GREETINGS = [
+    (["read", "status"], None),  # earlier agents named their commands
+    ({"capabilities": ["probe", "shift"]}, None),
+    ({"capabilities": ["shift", "errors"], "reach_mm": [300, 400.5]}, (300.0, 400.5)),
+]
+
+
+@pytest.mark.parametrize(("greeting", "reach"), GREETINGS)
+async def test_an_agent_that_takes_the_nine_errors_says_so(
+    greeting: object, reach: tuple[float, float] | None, tmp_path: Path
+) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        assert nc.error_reach_mm is None
+        agent.answers[""] = greeting
+        await nc.connect()
+        assert nc.error_reach_mm == reach
+
+
+@pytest.mark.parametrize("reach", [None, [300.0], [300.0, 0.0], [300.0, "far"], [300.0, -4.0], "far"])
+async def test_an_agent_that_takes_the_nine_errors_says_how_far_its_tools_reach(reach: object, tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers[""] = {"capabilities": ["errors"], "reach_mm": reach}
+        with pytest.raises(BadAnswer, match="reach_mm"):
+            await nc.connect()
+
+
+async def test_a_cycle_of_such_an_agent_is_done_with_what_was_in_force(tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        done = {"state": "done", "centres": [[0.0, 0.0, 0.0]] * 6, "spread": 0.0}
+        agent.answers |= {"": {"capabilities": ["errors"], "reach_mm": [300.0, 400.0]}, "probing": done}
+        await nc.connect()
+        with pytest.raises(BadAnswer, match="offsets during the cycle"):
+            await nc.probing_status(7)
+        agent.answers["probing"] = {**done, "in_force": [1.0, -2.0, 3.0]}
+        assert (await nc.probing_status(7)).in_force_um == (1.0, -2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        NineErrors((0.0,) * 8, 120.0, (50.0, 50.0, 50.0)),
+        NineErrors((0.0,) * 8 + (float("nan"),), 120.0, (50.0, 50.0, 50.0)),
+        NineErrors((0.0,) * 8 + (501.0,), 120.0, (50.0, 50.0, 50.0)),
+        NineErrors((0.0,) * 9, float("inf"), (50.0, 50.0, 50.0)),
+        NineErrors((0.0,) * 9, 120.0, (50.0, 50.0, float("nan"))),
+    ],
+)
+async def test_errors_that_are_no_numbers_or_too_large_are_never_sent(errors: NineErrors, tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        heard = len(agent.heard)
+        with pytest.raises(NotSendable, match="nothing was sent"):
+            await nc.write_errors(errors)
+        assert len(agent.heard) == heard

@@ -6,13 +6,18 @@ import importlib.util
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from drivers.nc import WatchdogTerms
+from drivers.nc import NineErrors, WatchdogTerms
+from gateway.nc.routes import positions
 from simulators.linuxcnc.machine import FILES, machine
+from talc import kinematics
 from tests.benches.linuxcnc_bench import claimed, running
 
 INCH_MM = 25.4
+WARM, RADIUS_MM = np.array([3.0, -48.8, 10.0, 4.0, 20.0, 12.6, 30.0, -25.0, 15.0]), 200.0
+"""The radius is not the INI file's 120 mm: ER0T is converted."""
 
 
 @pytest.fixture
@@ -26,6 +31,9 @@ def talc_joints() -> Any:
     return module
 
 
+LIMITS = {"MIN_LIMIT": "-300", "MAX_LIMIT": "250"}
+
+
 def ini(coordinates: str = "XYZAC", **changed: str) -> dict[str, str]:
     """The fields that count, as SECTION__NAME."""
     fields = {
@@ -36,6 +44,7 @@ def ini(coordinates: str = "XYZAC", **changed: str) -> dict[str, str]:
         "TALC__LOWER": "-0.2",
         "TALC__BOUND": "0.2",
         "TALC__SLEW": "0.01",
+        **{f"AXIS_{axis}__{end}": value for axis in "XYZ" for end, value in LIMITS.items()},
     }
     for n, axis in enumerate(coordinates):
         fields[f"JOINT_{n}__TYPE"] = "ANGULAR" if axis in "AC" else "LINEAR"
@@ -77,6 +86,15 @@ def test_the_second_joint_of_a_gantry_has_a_name_of_its_own(talc_joints: Any) ->
     assert rows == [("x", "X", 0), ("y", "Y", 1), ("y2", "Y", 2), ("z", "Z", 3), ("a", "A", 4), ("c", "C", 5)]
 
 
+def test_the_reach_is_that_of_the_longest_tool_s_tip_from_where_a_and_c_meet(talc_joints: Any) -> None:
+    fields = ini(TALC__PIVOT_X="20", TALC__PIVOT_Z="-50", TALC__LONGEST_TOOL="150")
+    along, across = machine_of(talc_joints, fields).reach
+    assert along == 320.0
+    assert across == pytest.approx(np.hypot(300.0, max(300 - 50 + 150, 250 + 50)))
+    inches = ini(TRAJ__LINEAR_UNITS="inch", TALC__LOWER="-0.01", TALC__BOUND="0.01")
+    assert machine_of(talc_joints, inches).reach[0] == pytest.approx(300 * INCH_MM)
+
+
 @pytest.mark.parametrize(
     ("fields", "says"),
     [
@@ -100,6 +118,8 @@ def test_the_second_joint_of_a_gantry_has_a_name_of_its_own(talc_joints: Any) ->
         (ini(TALC__BOUND="much"), r"\[TALC\] BOUND = much: expected a number"),
         (ini(TALC__SLEW="0"), r"\[TALC\] SLEW = 0: expected more than 0, in mm/s"),
         (ini(TALC__SLEW="inf"), r"\[TALC\] SLEW = inf: "),
+        (ini(TALC__SPHERE_RADIUS="0"), r"\[TALC\] SPHERE_RADIUS = 0: expected more than 0, in mm"),
+        (ini(AXIS_Y__MAX_LIMIT=""), r"\[AXIS_Y\] MAX_LIMIT = : expected the end of the travel"),
     ],
 )
 def test_what_it_cannot_compensate_is_refused_by_name(fields: dict[str, str], says: str, talc_joints: Any) -> None:
@@ -126,7 +146,7 @@ async def test_every_machine_reports_its_axes_and_moves_their_joints(
         at = (await bench.nc.snapshot()).positions
         expected = {"X": 11.0, "Y": -12.0, "Z": 13.0 - 4.0 * unit_mm, "A": -60.0, "C": 90.0}
         assert at == pytest.approx(expected, abs=1e-6)
-        await claimed(bench, WatchdogTerms(60.0, 1.0))
+        await claimed(bench, WatchdogTerms(600.0, 1.0))
         wanted = {"X": 11.0, "Y": -20.0, "Z": 41.6}
         await bench.nc.write_compensation((wanted["X"], wanted["Y"], wanted["Z"]))
         assert await bench.nc.read_compensation() == pytest.approx(tuple(wanted.values()), abs=1e-3)
@@ -139,6 +159,13 @@ async def test_every_machine_reports_its_axes_and_moves_their_joints(
                 driven = await bench.pin(f"{name}-drive")
             moved_um = (driven - asked) * unit_mm * 1e3
             assert moved_um == pytest.approx(wanted.get(axis, 0.0), abs=0.01), f"joint {n}"
+        await bench.nc.write_errors(NineErrors(tuple(WARM), RADIUS_MM, (150.0, 150.0, 150.0)))
+        assert await bench.nc.read_errors(RADIUS_MM) == pytest.approx(tuple(WARM), abs=1e-3)
+        for block in ("X100 Y-20 Z40 A30 C0", "X-80 Y50 Z-30 A-60 C77", "X0 Y0 Z0 A0 C0"):
+            await bench.operator.ask("mdi", f"G53 G0 {block}")
+            tip = positions(await bench.nc.snapshot())
+            there = kinematics.tcp_offsets(WARM, tip, RADIUS_MM * 1e-3)
+            assert await bench.nc.read_compensation() == pytest.approx(tuple(there), abs=0.01), block
 
 
 @pytest.mark.peer

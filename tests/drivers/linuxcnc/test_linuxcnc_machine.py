@@ -47,7 +47,7 @@ async def test_homed_control_turns_the_table_and_ends_by_itself(tmp_path: Path) 
 async def test_compensation_moves_the_drive_slowly_and_the_control_does_not_see_it(nc: LinuxCncMachine) -> None:
     await nc.ask("mdi", "G53 G0 X5")
     began = time.monotonic()
-    await nc.ask("hal", "sets", "talc-x", "0.03")
+    await nc.ask("hal", "setp", "talc-errors.ex0c", "30")
     half_way = await nc.number("gets", "talc-x-in-force")
     assert half_way <= SLEW_MM_PER_S * (time.monotonic() - began)
     await reaches(nc, "talc-x-in-force", 0.03)
@@ -58,24 +58,49 @@ async def test_compensation_moves_the_drive_slowly_and_the_control_does_not_see_
 
 
 async def test_compensation_beyond_the_bound_stops_at_the_bound(nc: LinuxCncMachine) -> None:
-    await nc.ask("hal", "setp", "talc-limit-z.maxv", "1")  # not to wait 20 s
-    await nc.ask("hal", "sets", "talc-z", "-5")
+    await nc.ask("hal", "setp", "talc-errors.slew-um-per-s", "1000")  # not to wait 20 s
+    await nc.ask("hal", "setp", "talc-errors.ez0a", "-5000")
     await reaches(nc, "talc-z-in-force", -0.2)
     await nc.ask("mdi", "G53 G0 Z10")
     assert await nc.number("gets", "z-drive") == pytest.approx(9.8, abs=1e-6)
 
 
-async def test_emergency_stop_and_homing_again_leave_the_compensation_where_it_is(nc: LinuxCncMachine) -> None:
-    await nc.ask("hal", "sets", "talc-y", "0.002")
+async def test_an_emergency_stop_leaves_the_compensation_where_it_is(nc: LinuxCncMachine) -> None:
+    await nc.ask("hal", "setp", "talc-errors.ey0a", "2")
     await reaches(nc, "talc-y-in-force", 0.002)
     await nc.ask("estop")
     assert not (await nc.ask("state"))["on"]
-    assert await nc.number("gets", "talc-y-in-force") == 0.002
+    assert await nc.number("gets", "talc-y-in-force") == pytest.approx(0.002, abs=1e-9)
     assert await nc.number("gets", "y-drive") == pytest.approx(0.002, abs=1e-9)
-    await nc.ask("switch_on")
+
+
+async def test_homing_again_waits_until_the_compensation_is_taken_back(nc: LinuxCncMachine) -> None:
+    await nc.ask("hal", "setp", "talc-errors.ey0a", "2")
+    await reaches(nc, "talc-y-in-force", 0.002)
+    assert await nc.ask("messages") == []
     await nc.ask("home")
+    async with asyncio.timeout(60.0):
+        while not (said := await nc.ask("messages")):
+            await asyncio.sleep(0.01)
+    assert "Homing denied by motion.homing-inhibit" in said[0], "it would swallow what is in force"
     assert await nc.number("gets", "y-drive") == pytest.approx(0.002, abs=1e-9)
+    await nc.ask("hal", "setp", "talc-errors.aside", "1")
+    await reaches(nc, "talc-y-in-force", 0.0)
+    await nc.ask("messages")
+    await nc.ask("home")
+    assert await nc.ask("messages") == []
+    await nc.ask("hal", "setp", "talc-errors.aside", "0")
+    await reaches(nc, "talc-y-in-force", 0.002)
     assert (await nc.ask("state"))["position"][1] == pytest.approx(0.0, abs=1e-9)
+
+
+async def test_without_homing_nothing_is_in_force(nc: LinuxCncMachine) -> None:
+    await nc.ask("hal", "setp", "talc-errors.ey0a", "2")
+    await reaches(nc, "talc-y-in-force", 0.002)
+    await nc.ask("unhome")
+    await reaches(nc, "talc-y-in-force", 0.0)
+    await nc.ask("home")
+    await reaches(nc, "talc-y-in-force", 0.002)
 
 
 async def test_two_machines_run_beside_each_other(

@@ -15,6 +15,6 @@ def test_without_linuxcnc_the_demo_names_the_package(tmp_path: Path) -> None:
         env={"PATH": str(tmp_path)},
     )
     assert done.returncode == 3
-    assert "LinuxCNC is not installed here" in done.stderr
+    assert "LinuxCNC's linuxcnc is not installed here" in done.stderr
     assert "apt-get install linuxcnc-uspace" in done.stderr
     assert "Traceback" not in done.stderr

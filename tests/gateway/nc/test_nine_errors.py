@@ -1,0 +1,138 @@
+"""The nine errors go to a control that works out the offsets itself: their form, their slew, and the link that sends
+them.
+"""
+
+import asyncio
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from drivers.nc import NineErrors, ProbingState, RequestStatus
+from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Write
+from gateway.nc.routes import AsGreeted, ByErrors, differ
+from gateway.nc.slew import Slew
+from gateway.probing import End
+from talc import kinematics
+from talc.frame import Why
+from tests.benches.nc_link_bench import ScriptedControl, config, decision
+from tests.benches.stepped_clock import SteppedClock
+
+REACH_MM, RADIUS_M, BOUND_UM = (300.0, 400.0), 0.12, (50.0, 50.0, 60.0)
+WARM = np.array([3.0, -48.8, 10.0, 4.0, 20.0, 12.6, 30.0, -25.0, 15.0])
+NOTHING = NineErrors((0.0,) * 9, 120.0, (0.0, 0.0, 0.0))
+AT = np.array([150.0, -80.0, 120.0, 0.5, 1.0])
+
+
+@dataclass
+class Following(ScriptedControl):
+    """Works out the offsets itself once it has greeted with its reach; its slew is fast."""
+
+    error_reach_mm: tuple[float, float] | None = REACH_MM
+    errors: NineErrors = NOTHING
+
+    async def write_errors(self, errors: NineErrors) -> None:
+        self.errors = errors
+
+    async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
+        assert radius_mm == self.errors.radius_mm
+        return self.errors.errors
+
+
+def form(control: Following) -> ByErrors:
+    return ByErrors(control, REACH_MM, RADIUS_M, BOUND_UM)
+
+
+async def test_the_errors_arrive_as_they_were_predicted_and_are_read_back_the_same() -> None:
+    control = Following(SteppedClock())
+    wanted = form(control).wanted(WARM, AT, RADIUS_M)
+    await form(control).write(wanted)
+    assert control.errors.errors == pytest.approx(tuple(WARM))
+    assert (control.errors.radius_mm, control.errors.bound_um) == (120.0, BOUND_UM)
+    found = await form(control).read()
+    assert not differ(found, wanted)
+    assert differ(found, form(control).wanted(WARM + np.eye(9)[6], AT, RADIUS_M)), "one µm/m of tilt"
+    shift = (found * form(control).basis(AT)).sum(axis=1)
+    assert shift == pytest.approx(kinematics.tcp_offsets(WARM, AT, RADIUS_M))
+
+
+def test_no_point_of_the_travel_moves_faster_than_the_slew_and_the_nine_keep_their_proportion() -> None:
+    of = form(Following(SteppedClock()))
+    it = Slew(BOUND_UM, 1.0, "zero", 1.0, np.zeros((3, 9)), 0.0, together=True)
+    wanted, rng = of.wanted(WARM, AT, RADIUS_M), np.random.default_rng(1)
+    poses = rng.uniform((-300, -280, -280, -2, -6), (300, 280, 280, 2, 6), (200, 5))
+    bases = np.array([of.basis(pose) for pose in poses])
+    before, steps = np.zeros((3, 9)), 0
+    while differ(before, wanted):
+        steps += 1
+        now = np.array(it.follow(float(steps), wanted, basis=of.basis(AT)).coefficients_um)
+        assert np.abs(((now - before) * bases).sum(axis=2)).max() <= 1.0 + 1e-9
+        share = now[wanted != 0] / wanted[wanted != 0]
+        assert np.ptp(share) < 1e-9, "still nine errors, and not three rows"
+        before = now
+    assert steps == pytest.approx(np.abs(wanted).sum(axis=1).max(), abs=1.0)
+
+
+def test_the_step_tells_what_the_control_bounds_where_the_tool_is() -> None:
+    of = form(Following(SteppedClock()))
+    high = np.array([0.0, 80.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    it = Slew(BOUND_UM, 1.0, "zero", 1000.0, np.zeros((3, 9)), 0.0, together=True)
+    step = it.follow(1000.0, of.wanted(high, AT, RADIUS_M), basis=of.basis(AT))
+    assert step.offsets_um == pytest.approx((0.0, 0.0, 60.0))
+    assert step.bounded == (False, False, True)
+    assert sum(step.coefficients_um[2]) == pytest.approx(80.0), "the error itself is what it is"
+
+
+async def test_a_control_that_does_not_greet_with_its_reach_gets_shifts() -> None:
+    control = Following(SteppedClock(), error_reach_mm=None)
+    it = AsGreeted(control, RADIUS_M, BOUND_UM)
+    assert not it.together
+    await it.write(it.wanted(WARM, AT, RADIUS_M))
+    assert control.writes[0][1] == pytest.approx(tuple(kinematics.tcp_offsets(WARM, AT, RADIUS_M)))
+    control.error_reach_mm = REACH_MM  # its agent was replaced
+    assert it.together
+
+
+def link_of(control: Following, steps: list[Write]) -> NcLink:
+    settings = LinkSettings.of(config("compensate"), Identity())
+    return NcLink(control, control.clock, settings, Earlier(first_number=41), Listeners(written=steps.append))
+
+
+async def test_the_link_sends_nine_errors_and_takes_them_back_when_it_stops() -> None:
+    clock = SteppedClock()
+    control, steps = Following(clock), list[Write]()
+    link = link_of(control, steps)
+    link.follow(decision(5.0))
+    task = asyncio.create_task(link.run())
+    before = 0.0
+    for second in range(8):
+        await clock.run_until(float(second))
+        now = control.errors.errors[1]
+        assert now - before <= 1.0 + 1e-9
+        before = now
+    assert control.errors.errors == pytest.approx((0.0, 5.0) + (0.0,) * 7)
+    assert control.writes == [], "and no shift"
+    assert steps[-1].read_back_um == pytest.approx((0.0, 0.0, 5.0))
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    stopping = asyncio.create_task(link.stop())
+    await clock.run_until(30.0)
+    await stopping
+    assert control.errors.errors == pytest.approx((0.0,) * 9)
+
+
+async def test_a_cycle_is_judged_with_the_shift_that_the_control_reports() -> None:
+    clock = SteppedClock()
+    control, steps = Following(clock), list[Write]()
+    link = link_of(control, steps)
+    task = asyncio.create_task(link.run())
+    await clock.run_until(2.0)
+    centres = tuple((0.0, 0.0, 0.1 * pose) for pose in range(6))
+    control.answer = RequestStatus(41, ProbingState.DONE, centres, in_force_um=(1.0, 2.0, 3.0))
+    asked = asyncio.create_task(link.measure(Why.CALIBRATION))
+    await clock.run_until(40.0)
+    outcome = await asked
+    assert outcome.in_force_um == pytest.approx((1.0, 2.0, 3.0))
+    assert outcome.end is End.MEASURED
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
