@@ -15,6 +15,7 @@ from gateway.web import (
     SiteSeen,
     SiteSubscription,
     build_app,
+    check_certificate,
     check_listening,
     listened_to,
     load_settings,
@@ -48,6 +49,8 @@ def serve_pages(command: WebCommand) -> None:
     """Serve until SIGINT or SIGTERM. Raises ConfigError, SetupError, TelemetryError, OSError."""
     settings = load_settings(command.settings)
     check_listening(command.host, settings)
+    if settings.tls is not None:
+        check_certificate(settings.tls)
     telemetry = _telemetry(command)
     expected: Sequence[str] = tuple(settings.machines)
     uses: dict[str, MachineUse] = {}

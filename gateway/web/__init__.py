@@ -1,6 +1,6 @@
 """The page for operators: a read-only subscriber that shows in a browser how the machines are."""
 
-from gateway.web.access import check_listening
+from gateway.web.access import check_certificate, check_listening
 from gateway.web.app import build_app
 from gateway.web.passwords import make_hash
 from gateway.web.settings import MachineUse, WebSettings, load_settings
@@ -12,6 +12,7 @@ __all__ = [
     "SiteSubscription",
     "WebSettings",
     "build_app",
+    "check_certificate",
     "check_listening",
     "listened_to",
     "load_settings",

@@ -5,6 +5,7 @@ import hashlib
 import hmac
 import ipaddress
 import os
+import ssl
 from base64 import b64decode
 from binascii import Error as NotBase64
 from collections import OrderedDict
@@ -16,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivers.base import SetupError
 from gateway.web.passwords import matches
-from gateway.web.settings import WebSettings
+from gateway.web.settings import Tls, WebSettings
 
 HEADERS: Final = {
     "content-security-policy": (
@@ -58,6 +59,19 @@ def check_listening(host: str, settings: WebSettings) -> None:
             f"--listen {host}: others could reach this address, so the file of --settings must have "
             f"{' and '.join(missing)}; or listen on 127.0.0.1"
         )
+
+
+def check_certificate(tls: Tls) -> None:
+    """Raises SetupError for files that cannot be used."""
+    try:
+        ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(
+            tls.certificate, tls.key, password=str
+        )  # never asks
+    except OSError as error:  # SSLError is one
+        raise SetupError(
+            f"[tls] certificate {tls.certificate}, key {tls.key}: {error.strerror or error}; expected PEM files "
+            "that belong together, the key without a password"
+        ) from None
 
 
 class Guard:

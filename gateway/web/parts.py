@@ -15,6 +15,17 @@ _LEAST_SHOWN = 0.05
 """Smaller influences, in µm or µm/m, would be written as zero."""
 _MOST_MOVERS = 4
 _CELSIUS = "°C"
+_BODIES = {
+    "spindle": {"spindle", "head"},
+    "column": {"column", "frame"},
+    "bed": {"bed", "base"},
+    "cradle": {"a", "cradle"},
+    "table": {"c", "table"},
+    "slides": {"x", "y", "z"},
+    "fluids": {"coolant", "fluid", "oil"},
+    "ambient": {"ambient", "space", "air", "room"},
+}
+"""Part of the sketch to words in the names of its channels; the first that fits."""
 _BAD = frozenset({EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.MODEL_REJECTED})
 _NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LIMIT_EXCEEDED})
 
@@ -68,6 +79,8 @@ class ShownChannel:
     """Key of the catalogue."""
     good: bool
     detail: str
+    body: str
+    """Part of the machine in the sketch, by its name; empty: none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +103,17 @@ def channels(seen: MachineSeen) -> Iterator[ShownChannel]:
             f"quality.{r.quality}",
             r.quality == Quality.GOOD,
             r.detail,
+            _body(r.channel),
         )
         for r in seen.readings.values()
     ]
     yield from sorted(shown, key=lambda c: (c.good, c.value is None or c.value.u != _CELSIUS, c.channel))
+
+
+def _body(channel: str) -> str:
+    """The part of the machine that a channel's name tells, as `bed_front_left` does."""
+    words = channel.lower().replace("-", "_").split("_")
+    return next((body for body, told in _BODIES.items() if told & set(words)), "")
 
 
 def driven(seen: MachineSeen) -> Iterator[DrivenError]:

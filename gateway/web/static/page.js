@@ -124,6 +124,7 @@
       if (c.detail) item.title = c.detail;
       return item;
     }));
+    showSketch(v.channels.filter((c) => c.body));
     $("drives-empty").hidden = v.driven.length > 0;
     $("drives").hidden = !v.driven.length;
     const body = $("drives").tBodies[0];
@@ -137,6 +138,20 @@
       row.append(name, make("td", amount(e.estimate), "right"), make("td", by));
       return row;
     }));
+  };
+
+  // The mean of each part; nothing where no name tells of one.
+  const showSketch = (channels) => {
+    const sketch = $("sketch");
+    sketch.toggleAttribute("hidden", !channels.length);
+    for (const part of sketch.querySelectorAll("[data-body]")) {
+      const own = channels.filter((c) => c.body === part.dataset.body && (!c.value || c.value.u === "°C"));
+      const good = own.filter((c) => c.good && c.value);
+      const mean = good.length ? good.reduce((sum, c) => sum + c.value.n, 0) / good.length : null;
+      put(part.querySelector(".number"), amount({ n: mean, u: "°C", d: 1 }) + (good.length < own.length ? " !" : ""));
+      part.classList.toggle("doubtful", good.length < own.length);
+      part.classList.toggle("nothing", !own.length);
+    }
   };
 
   let events = [];

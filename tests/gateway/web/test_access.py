@@ -10,11 +10,12 @@ from starlette.testclient import TestClient
 from drivers.base import SetupError
 from gateway.cli import main
 from gateway.config import ConfigError
-from gateway.web import SiteSeen, WebSettings, build_app, check_listening, load_settings, make_hash
+from gateway.web import SiteSeen, WebSettings, build_app, check_certificate, check_listening, load_settings, make_hash
 from gateway.web.passwords import is_hash, matches
 from gateway.web.settings import Proxy, Tls
 from tests.benches.heard import BEGAN
 
+ROOT = Path(__file__).parents[3]
 TLS = Tls(certificate=Path("page.pem"), key=Path("page.key"))
 USERS = {"anna": make_hash("grüezi")}
 PROXY = Proxy(header="X-Forwarded-User", addresses=("10.0.0.2",))
@@ -60,6 +61,23 @@ def test_the_command_refuses_before_it_listens() -> None:
     answer = CliRunner().invoke(main, arguments, catch_exceptions=False)
     assert answer.exit_code == 2
     assert "others could reach this address" in answer.output
+
+
+def test_a_certificate_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    junk = tmp_path / "page.pem"
+    junk.write_text("no certificate", encoding="ascii")
+    for certificate in (junk, tmp_path / "absent.pem"):
+        with pytest.raises(SetupError, match=rf"\[tls\] certificate {certificate}, key .*expected PEM files"):
+            check_certificate(Tls(certificate=certificate, key=junk))
+
+
+def test_a_gateway_that_publishes_nothing_has_no_page(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    text = (ROOT / "examples" / "sensors-only.toml").read_text("utf-8")
+    file.write_text(text.replace("[telemetry]", "[telemetry]\nenabled = false"), encoding="utf-8")
+    answer = CliRunner().invoke(main, ["web", str(file)], catch_exceptions=False)
+    assert answer.exit_code == 2
+    assert "this gateway publishes nothing" in answer.output
 
 
 @pytest.mark.parametrize("text", ["8080", "localhost:", "host:99999", "::1:8080", "host:x"])

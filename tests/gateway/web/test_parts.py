@@ -1,0 +1,88 @@
+"""What it waits for, heat, health: samples in, sentences out."""
+
+import pytest
+
+from gateway.web import parts
+from gateway.web.sentences import Name, SaidRow, Sentence
+from tests.benches.heard import STEP, HeardMachine
+
+
+def keys(rows: object) -> list[tuple[str, str, str]]:
+    """Label, sentence and mark of each row."""
+    assert isinstance(rows, list)
+    return [(row.label, row.said.say, row.mark) for row in rows if isinstance(row, SaidRow)]
+
+
+def test_what_blocks_a_measurement_and_what_the_operator_should_do_stand_there() -> None:
+    heard = HeardMachine()
+    heard.decision()
+    heard.probing("blocked", "interval", "alarm 21612", "clean the sphere")
+    found = {row.label: row for row in parts.waits(heard.seen)}
+    assert found["label.waits_for"].said == Sentence("sentence.text", {"text": Name("alarm 21612")})
+    assert found["label.operator"].said == Sentence("sentence.text", {"text": Name("clean the sphere")})
+    assert found["label.probing"].mark == "notice"
+
+
+def test_before_anything_is_heard_it_says_so() -> None:
+    seen = HeardMachine().seen
+    assert keys(list(parts.waits(seen))) == [
+        ("label.probing", "probing.nothing_heard", ""),
+        ("label.last", "last.none", ""),
+    ]
+    assert ("label.channels", "channels.none", "notice") in keys(list(parts.health(seen)))
+    assert (list(parts.channels(seen)), list(parts.driven(seen)), list(parts.doubts(seen))) == ([], [], [])
+
+
+def test_a_measurement_that_was_not_used_says_why() -> None:
+    heard = HeardMachine()
+    heard.measurement(1, None, reason="refused: alarm 21612")
+    assert ("label.last", "last.failed", "bad") in keys(list(parts.waits(heard.seen)))
+    heard.passes(STEP)
+    heard.measurement(2)
+    assert ("label.last", "last.used", "good") in keys(list(parts.waits(heard.seen)))
+
+
+def test_channels_that_are_not_good_come_first_and_temperatures_before_others() -> None:
+    heard = HeardMachine()
+    heard.reading("growth", 250.0, unit="um")
+    heard.reading("bed_rear")
+    heard.reading("a_drive")
+    heard.reading("z_nut", None, "sensor_fault")
+    shown = list(parts.channels(heard.seen))
+    assert [c.channel for c in shown] == ["z_nut", "a_drive", "bed_rear", "growth"]
+    assert [c.value and c.value.u for c in shown] == [None, "°C", "°C", "µm"]
+    assert [said.say for said in parts.doubts(heard.seen)] == ["doubt.failed"]
+    assert ("label.channels", "channels.good", "bad") in keys(list(parts.health(heard.seen)))
+
+
+@pytest.mark.parametrize(
+    ("channel", "body"),
+    [
+        ("bed_front_left", "bed"),
+        ("spindle_rear", "spindle"),
+        ("a_cradle_left", "cradle"),
+        ("c_table", "table"),
+        ("y_nut", "slides"),
+        ("coolant_in", "fluids"),
+        ("cutting_fluid", "fluids"),
+        ("Ambient-High", "ambient"),
+        ("t17", ""),
+    ],
+)
+def test_a_channels_name_tells_its_part_of_the_machine(channel: str, body: str) -> None:
+    heard = HeardMachine()
+    heard.reading(channel)
+    (shown,) = parts.channels(heard.seen)
+    assert shown.body == body
+
+
+def test_an_event_says_how_much_it_matters_and_the_newest_comes_first() -> None:
+    heard = HeardMachine()
+    for kind in ("state_update", "operator", "problem", "of_a_later_version"):
+        heard.event(kind)
+    assert [(e.kind, e.mark) for e in parts.events(heard.seen)] == [
+        ("event.of_a_later_version", ""),
+        ("event.problem", "bad"),
+        ("event.operator", "notice"),
+        ("event.state_update", ""),
+    ]
