@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import combinations
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from gateway.cli.terminal import terminal
 from gateway.clock import clock_synchronised
-from gateway.config import CanOpenSection, CanSection, GatewayConfig, ModbusRtuSection, cautions
+from gateway.config import CanOpenSection, CanSection, GatewayConfig, ModbusRtuSection, cautions, credential_problems
 from gateway.storage import History
 from talc.frame import FloatArray
 
@@ -74,6 +75,8 @@ def findings(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterat
         yield Ailment(
             str(caution), "it works now and may fail later", "change it in the configuration, or renew the file"
         )
+    for problem in credential_problems(config.telemetry, datetime.now(UTC)):
+        yield Ailment(str(problem), "nobody on another computer can hear the gateway", "renew the file")
     if config.storage.path.is_file():
         with History(config.storage.path) as history:
             yield from _scatter(history.residuals_um())

@@ -187,7 +187,10 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.cli.run import run_service
 
-    run_service(read_config(config), config, wires, record_mb)
+    checked = read_config(config)
+    for problem in credential_problems(checked.telemetry, datetime.now(UTC)):  # no reason not to run the machine
+        click.echo(f"warning: {config}: {problem}", err=True)
+    run_service(checked, config, wires, record_mb)
 
 
 @main.command()

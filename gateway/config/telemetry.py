@@ -77,15 +77,16 @@ class TelemetryTls(Section):
     `deploy/zenoh/certificates.sh` makes them."""
 
     certificate: FilePath | None = None
-    """Certificate of this gateway, needed to listen on `tls/…`, and shown to a router that asks for one. It must name
-    the host or address by which others connect."""
+    """Certificate of this gateway, needed to listen on `tls/…`, and shown to a router that asks for one; see `mutual`.
+    It must name the host or address by which others connect."""
     key: FilePath | None = None
     """Private key of `certificate`, readable by the gateway alone."""
     authority: FilePath | None = None
     """Certificates of the authorities from which others' certificates must come; needed to connect to `tls/…` and for
     `mutual`."""
     mutual: bool = False
-    """Whoever connects must show a certificate of `authority`."""
+    """Whoever connects must show a certificate of `authority`. A gateway that listens on `tls/…` shows its own to a
+    router only if this is true; one that only connects always does."""
 
     @model_validator(mode="after")
     def _together(self) -> "TelemetryTls":

@@ -58,8 +58,8 @@ def session_config(settings: TelemetrySettings) -> zenoh.Config:
     tls = settings.tls
     if tls.certificate is not None and tls.key is not None:
         values |= {f"{_TLS}/listen_certificate": str(tls.certificate), f"{_TLS}/listen_private_key": str(tls.key)}
-    if tls.mutual:
-        values[f"{_TLS}/enable_mtls"] = True
+    if any(place.encrypted for place in settings.listening):
+        values[f"{_TLS}/enable_mtls"] = tls.mutual  # one switch of Zenoh's for who connects and for where it connects
     if settings.users_file is not None:
         values[f"{_LOGIN}/dictionary_file"] = str(settings.users_file)
     if settings.mode == "peer":
@@ -105,7 +105,7 @@ def _proof(access: Access) -> dict[str, object]:
     if access.certificate is not None and access.key is not None:
         values[f"{_TLS}/connect_certificate"] = str(access.certificate)
         values[f"{_TLS}/connect_private_key"] = str(access.key)
-        values[f"{_TLS}/enable_mtls"] = True
+        values[f"{_TLS}/enable_mtls"] = access.authority is not None
     if values:
         values[f"{_TLS}/close_link_on_expiration"] = True
     if access.user is not None:

@@ -13,6 +13,7 @@ from gateway.config import GatewayConfig, load
 from gateway.events import FrameMade, MeasurementEnded
 from gateway.storage import Store
 from talc.frame import Frame
+from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import OUTCOME
 
@@ -100,6 +101,14 @@ def test_a_second_program_on_a_serial_line_is_found(config: GatewayConfig, root:
         (root / "proc" / process / "fd").mkdir(parents=True)
         (root / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line")
     assert found(config, root) == [f"bus 'rtu1': {tmp_path}/line is open in 2 processes: 17, 23"]
+
+
+def test_a_certificate_of_the_telemetry_that_has_expired_is_found(tmp_path: Path, root: Path) -> None:
+    certificate, key = PlantAuthority(tmp_path / "plant").issue("mill", -DAY)
+    tls = f'[telemetry.tls]\ncertificate = "{certificate}"\nkey = "{key}"\n'
+    write(tmp_path / "gateway.toml", TEXT + tls)
+    (what,) = found(load(tmp_path / "gateway.toml"), root)
+    assert f"[telemetry.tls] certificate: '{certificate}' has expired on" in what
 
 
 def test_two_names_that_were_the_same_all_day_are_found_and_neighbours_are_not(

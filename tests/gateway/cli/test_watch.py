@@ -17,7 +17,7 @@ from gateway.telemetry import ReadingMessage, TelemetryPublisher
 from talc.frame import Event, EventKind
 from tests.benches.command import LIMIT_S, talc_gateway
 from tests.benches.free_port import free_port
-from tests.benches.plant_authority import PlantAuthority
+from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.service_file import TEXT
 from tests.benches.telemetry_peer import reading
 
@@ -113,6 +113,30 @@ mutual = true
                 assert line, "it has ended"
     async with asyncio.timeout(LIMIT_S):
         await process.communicate()
+    assert process.returncode == 0
+
+
+@pytest.mark.slow
+async def test_a_gateway_runs_on_with_a_certificate_that_has_expired_and_says_so(tmp_path: Path) -> None:
+    port, file = free_port(), tmp_path / "gateway.toml"
+    certificate, key = PlantAuthority(tmp_path / "plant").issue("mill", -DAY)
+    tls = f'[telemetry.tls]\ncertificate = "{certificate}"\nkey = "{key}"\n'
+    file.write_text(f'{TEXT}[telemetry]\nlisten = ["tls/127.0.0.1:{port}"]\n{tls}', encoding="utf-8")
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "gateway", "-v", "run", str(file)), stderr=asyncio.subprocess.PIPE
+    )
+    assert process.stderr is not None
+    said = b""
+    try:
+        async with asyncio.timeout(LIMIT_S):
+            while b"listening on tls/" not in said:
+                said += (line := await process.stderr.readline())
+                assert line, said.decode()
+    finally:
+        process.terminate()
+        async with asyncio.timeout(LIMIT_S):
+            await process.communicate()
+    assert f"[telemetry.tls] certificate: '{certificate}' has expired on" in said.decode()
     assert process.returncode == 0
 
 

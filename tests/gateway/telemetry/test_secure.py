@@ -88,6 +88,18 @@ async def test_by_mutual_tls_a_reader_of_the_plant_gets_in_and_no_other(tmp_path
         assert "no answer" in refused(f"tcp/127.0.0.1:{site.port}", Access())
 
 
+async def test_by_tls_alone_who_believes_the_authority_gets_in(tmp_path: Path) -> None:
+    site, other = Site(tmp_path), PlantAuthority(tmp_path / "other")
+    tls = TelemetryTls(certificate=site.tls.certificate, key=site.tls.key)
+    async with publisher(Telemetry(listen=(site.here,), tls=tls)):
+        with Machine(connect=site.here, access=Access(authority=site.authority.path)) as machine:
+            assert machine.name == "mill"
+        with Machine(connect=site.here, access=site.access("alice")) as machine:
+            assert machine.name == "mill"
+        for access in (Access(), Access(authority=other.path)):
+            assert "no answer" in refused(site.here, access)
+
+
 async def test_of_those_that_connect_only_the_readers_read(tmp_path: Path) -> None:
     site = Site(tmp_path)
     async with publisher(site.settings("alice")) as gateway:
