@@ -145,7 +145,7 @@ class NoAnswer(DriverError):
 
     heard: it is not silent, as late answers of it have arrived
     hurried: the device was given less than the bus's timeout because it usually answers quickly; next time it is given
-    the full timeout, and it need not be checked again
+    more
     """
 
     def __init__(self, what: str, *, hurried: bool = False, heard: bool = False, **where: str) -> None:

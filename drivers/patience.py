@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable
 from dataclasses import dataclass
+from math import inf, isfinite
 
 _SHORTEST_S = 0.05
 """A USB adapter's latency, a garbage collection or a busy core delays any answer by tens of milliseconds."""
@@ -12,6 +13,10 @@ _MEAN, _DEVIATION, _DEVIATIONS = 1 / 8, 1 / 4, 4
 _LATENESS, _MOST_LATENESS_S, _FORGETS = 2, 0.05, 0.98
 """How often the lateness of the computer or the line is added, the most of it that counts, and what remains of it after
 each answer."""
+_SLOW = 1.25
+"""How much longer than its mean a request is waited for at least, where a late answer can be had later."""
+_MOST_MISSES = 10
+"""More are not counted: the longest wait is reached before."""
 
 
 @dataclass(slots=True)
@@ -19,7 +24,8 @@ class _Usual:
     mean_s: float
     deviation_s: float
     count: int = 1
-    missed: bool = False
+    misses: int = 0
+    """How often the unit has missed since this request was answered."""
 
     def add(self, took_s: float) -> None:
         self.deviation_s += _DEVIATION * (abs(took_s - self.mean_s) - self.deviation_s)
@@ -30,27 +36,35 @@ class _Usual:
 class Patience:
     """Learns how long each request to each unit takes (RFC 6298, as TCP does).
 
-    The longest wait applies until a request has been answered a few times, and again after its unit misses until that
-    unit answers. So a unit that is late once is waited for, and one that falls silent costs its neighbours little.
-    When answers of other units were recently late, the computer may be busy, and every unit gets more time.
+    The longest wait applies until a request has been answered a few times. After its unit misses, a request is waited
+    for longer, until it is answered. So a unit that is late once is waited for, and one that falls silent costs its
+    neighbours little. When answers of other units were recently late, the computer may be busy, and every unit gets
+    more time.
 
     Parameters
     ----------
     longest_s: upper limit of every wait, s, > 0
+    growth: factor of the wait after each miss, where a request is soon repeated and a late answer is as good. Then one
+        answer is enough to know the unit, and the first wait is at most half of the longest, unless the unit is always
+        slow. Infinite: after one miss the longest wait applies
     """
 
-    def __init__(self, longest_s: float) -> None:
-        self._longest_s = longest_s
+    def __init__(self, longest_s: float, growth: float = inf) -> None:
+        self._longest_s, self._growth = longest_s, growth
+        self._learnt = 1 if isfinite(growth) else _LEARNT
         self._usual: dict[int, dict[Hashable, _Usual]] = {}
         self._lateness_s = 0.0
 
     def wait_s(self, unit: int, request: Hashable) -> float:
         """How long the answer of this unit to this request may take."""
         usual = self._usual.get(unit, {}).get(request)
-        if usual is None or usual.missed or usual.count < _LEARNT:
+        if usual is None or usual.count < self._learnt:
             return self._longest_s
         more_s = max(_DEVIATIONS * usual.deviation_s, _LATENESS * self._lateness_s)
-        return min(self._longest_s, max(_SHORTEST_S, usual.mean_s + more_s))
+        wait_s = max(_SHORTEST_S, usual.mean_s + more_s)
+        if isfinite(self._growth):
+            wait_s = min(wait_s, max(self._longest_s / 2, _SLOW * usual.mean_s))
+        return min(self._longest_s, wait_s * self._growth**usual.misses)
 
     def answered(self, unit: int, request: Hashable, took_s: float) -> None:
         """Record an answer that certainly belongs to this request."""
@@ -62,9 +76,13 @@ class Patience:
             late_s = min(took_s - usual.mean_s, _MOST_LATENESS_S)
             self._lateness_s = max(late_s, _FORGETS * self._lateness_s)
             usual.add(took_s)
-            usual.missed = False
+            usual.misses = 0
 
-    def missed(self, unit: int) -> None:
-        """Record that a unit did not answer in time."""
-        for usual in self._usual.get(unit, {}).values():
-            usual.missed = True
+    def missed(self, unit: int, request: Hashable = None) -> None:
+        """Record that a unit did not answer in time.
+
+        request: the only one that is waited for longer; None: all are
+        """
+        for known, usual in self._usual.get(unit, {}).items():
+            if request in (None, known):
+                usual.misses = min(usual.misses + 1, _MOST_MISSES)

@@ -36,9 +36,9 @@ class ModbusBus(StreamBus, ABC):
     """Whether a connection that the other side closed is opened anew for the next request, and once more when it is
     closed while that is under way: some hosts close it after each answer, or when nobody asks for a while."""
 
-    def __init__(self, name: str, stream: ByteStream, timeout_s: float) -> None:
+    def __init__(self, name: str, stream: ByteStream, patience: Patience, timeout_s: float) -> None:
         super().__init__(name, stream, timeout_s)
-        self._patience = Patience(timeout_s)
+        self._patience = patience
         self._wanted = False
         """Whether the connection is to be open: `connect` succeeded and nobody has called `close`."""
 
@@ -107,7 +107,8 @@ class ModbusTcpBus(ModbusBus):
     reopens = True
 
     def __init__(self, name: str, settings: ModbusTcpSettings, tap: Tap | None = None) -> None:
-        super().__init__(name, TcpStream(name, settings.host, settings.port, tap), settings.timeout_s)
+        stream = TcpStream(name, settings.host, settings.port, tap)
+        super().__init__(name, stream, Patience(settings.timeout_s), settings.timeout_s)
         self._number = 0
         self._perhaps_busy_until, self._mute = 0.0, False
         self._sent: dict[tuple[int, Block], dict[int, float]] = {}

@@ -96,7 +96,7 @@ class ModbusDevice:
         """The same for the faults."""
         self._refused_since_s = 0.0
         self._was_silent = False
-        """Whether it missed the last read: another unit may answer the next one, though not a repeated one."""
+        """Whether it missed the last read and its repetitions: another unit may answer the next one."""
 
     @property
     def device(self) -> str:
@@ -174,7 +174,8 @@ class ModbusDevice:
         try:
             words, later = await self._read_words(again)
         except DriverError as error:
-            self._was_silent |= not (error.hurried or error.heard)
+            error.heard |= bool(self._answers)  # it has answered a part of it
+            self._was_silent = not error.heard
             raise
         self._was_silent = False
         values = {name: self._value(name, words) for name in self._channels}
@@ -207,11 +208,13 @@ class ModbusDevice:
             request = plan.requests[len(answers)]
             try:
                 answers.append(await self._ask(request, again=again))
+                plan.answered(request)
             except Refused as error:
                 if not error.absent:
                     raise
-                plan.divide(request, error)
-                self._refused_since_s = self._clock.monotonic()
+                if plan.is_certain(request):
+                    plan.divide(request, error)
+                    self._refused_since_s = self._clock.monotonic()
 
     async def _fetch(self, plan: ReadPlan) -> _Words:
         answers: list[tuple[int, ...]] = []

@@ -1,5 +1,6 @@
 """The read requests for a device's registers and bits, also when the device refuses some of them."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 
@@ -7,6 +8,8 @@ from drivers.base import Refused
 from drivers.modbus.numbers import BIT_FUNCTIONS, AddressRange, Block
 
 _MOST_BITS = 2000
+_SURE, _SURE_AFTER_ANSWERS = 2, 4
+"""How many refusals in a row are believed; of a request that has been answered before."""
 
 
 class ReadPlan:
@@ -34,6 +37,9 @@ class ReadPlan:
         self._error: Refused | None = None
         self._divided: set[AddressRange] = set()
         self._joined = False
+        self._answered: set[Block] = set()
+        self._refusals: Counter[Block] = Counter()
+        """How often each request was refused in a row."""
 
     @property
     def is_refused(self) -> bool:
@@ -51,6 +57,20 @@ class ReadPlan:
         if self._error is None:
             raise ValueError("nothing was refused")
         return self._error
+
+    def answered(self, request: Block) -> None:
+        """The unit has answered the request."""
+        if request not in self._answered or self._refusals:
+            self._answered.add(request)
+            del self._refusals[request]
+
+    def is_certain(self, request: Block) -> bool:
+        """The unit has refused the request: whether that need not be asked again.
+
+        On a serial line it may have been the late refusal of another request: refusals do not say what they refuse.
+        """
+        self._refusals[request] += 1
+        return self._refusals[request] >= (_SURE_AFTER_ANSWERS if request in self._answered else _SURE)
 
     def divide(self, request: Block, error: Refused) -> None:
         """The unit refuses this one of the requests: ask for its parts instead, unless it is a single place."""

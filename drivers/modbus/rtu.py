@@ -15,10 +15,14 @@ from drivers.modbus.frames import find_rtu_answer, is_damaged, plausibly_of, rtu
 from drivers.modbus.numbers import Block
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
 from drivers.modbus.unanswered import Unanswered
+from drivers.patience import Patience
 from drivers.tap import Tap
 
 _MOST_SENT = 2
 """How often a silent unit is sent one question before its late answer is waited for: more would slow it down."""
+_GROWTH = 2.0
+"""Factor of the wait, each time a question is repeated. A wait that was too short costs one more request and no value,
+as the late answer is as good."""
 _FOLLOWS_S = 0.05
 """How soon the answer to a repeated request follows the answer to the first one."""
 _SERVER_GAP_S = 3.5 * 11 / 9600
@@ -42,7 +46,7 @@ class RtuFramedBus(ModbusBus):
     def __init__(
         self, name: str, stream: ByteStream, timeout_s: float, *, local_echo: bool | None, gap_s: float, pause_s: float
     ) -> None:
-        super().__init__(name, stream, timeout_s)
+        super().__init__(name, stream, Patience(timeout_s, _GROWTH), timeout_s)
         self._gap_s, self._pause_s, self._echo = gap_s, pause_s, local_echo
         self._quiet_since = 0.0
         self._owing_until: float | None = None
@@ -62,11 +66,12 @@ class RtuFramedBus(ModbusBus):
             # The request would be its own answer: learn from another one whether requests come back.
             separator = self._unanswered.another(unit, block)
         if separator is not None:
-            await self._request(device, unit, separator)
+            await self._request(device, unit, separator, block)
             self._unanswered.separated(unit)
-        return await self._request(device, unit, block)
+        return await self._request(device, unit, block, block)
 
-    async def _request(self, device: str, unit: int, block: Block) -> ModbusPDU:
+    async def _request(self, device: str, unit: int, block: Block, like: Block) -> ModbusPDU:
+        """Send the request and wait about as long as the unit usually takes for the one that it is like."""
         loop = asyncio.get_running_loop()
         await asyncio.sleep(self._quiet_since + self._gap_s - loop.time())
         self._unanswered.note(self._stream.discard())
@@ -75,29 +80,32 @@ class RtuFramedBus(ModbusBus):
         self._owing_until = began + self._timeout_s
         heard = bytearray()
         message: bytes | None = None
-        wait_s = self._timeout_s
+        wait_s = self._patience.wait_s(unit, like)
         try:
             if asked.sent >= _MOST_SENT:
                 with suppress(TimeoutError):
-                    message = await self._hear(heard, unit, block, began + self._timeout_s / 2, wait_s)
+                    message = await self._hear(heard, unit, block, began + wait_s / 2, wait_s)
             if message is None:
                 self._stream.write(rtu_request(unit, block))
                 asked.sent += 1
+                asked.last_s = loop.time()
                 if asked.sent == 1:
-                    asked.since_s, wait_s = began, self._patience.wait_s(unit, block)
+                    asked.since_s = asked.last_s
                 message = await self._hear(heard, unit, block, began + self._timeout_s, wait_s)
         except TimeoutError:
             self._owing_until = None
-            self._missed(unit, block, heard)
+            self._missed(unit, block, like, heard)
             raise self._nothing_valid(device, unit, block, heard, wait_s) from None
         except asyncio.CancelledError:
             asked.over = True
             raise
         finally:
             self._quiet_since = loop.time()
-        # Of several equal requests the first may have been answered: it is slow rather than lost.
-        self._patience.answered(unit, block, min(self._timeout_s, loop.time() - asked.since_s))
-        await self._settle(unit, block, heard)
+        answered_s = loop.time()
+        all_came = await self._settle(unit, block, heard)
+        # If each of several equal requests was answered, the unit is slow; otherwise an answer was lost.
+        took_s = answered_s - (asked.since_s if all_came else asked.last_s)
+        self._patience.answered(unit, like, min(self._timeout_s, took_s))
         self._owing_until = None
         return decode(message, self._name, device)
 
@@ -127,8 +135,11 @@ class RtuFramedBus(ModbusBus):
             self._echo = True
             del heard[: len(request)]
 
-    async def _settle(self, unit: int, block: Block, heard: bytearray) -> None:
-        """The block is answered: let the answers to the other requests for it pass, which follow at once."""
+    async def _settle(self, unit: int, block: Block, heard: bytearray) -> bool:
+        """The block is answered: let the answers to the other requests for it pass, which follow at once.
+
+        Returns whether all of them came.
+        """
         asked = self._unanswered.asked(unit, block)
         found = sum(1 for _ in rtu_answers(heard, unit, block))
         with suppress(TimeoutError):
@@ -138,15 +149,16 @@ class RtuFramedBus(ModbusBus):
         asked.sent -= found
         self._unanswered.settle(unit, block)
         self._unanswered.note(heard, unit, block)
+        return asked.sent <= 0
 
-    def _missed(self, unit: int, block: Block, heard: bytearray) -> None:
+    def _missed(self, unit: int, block: Block, like: Block, heard: bytearray) -> None:
         asked = self._unanswered.asked(unit, block)
         if is_damaged(heard, block):  # it has come: nothing is due
             asked.sent -= 1
             if not asked.sent:
                 self._unanswered.settle(unit, block)
         else:
-            self._patience.missed(unit)
+            self._patience.missed(unit, like)
         self._unanswered.note(heard, unit, block)
 
     async def _wait_for_owed_answer(self) -> None:

@@ -17,6 +17,8 @@ class Asked:
     """How many requests may still be answered."""
     since_s: float = 0.0
     """When the first of them was sent."""
+    last_s: float = 0.0
+    """When the last of them was sent."""
     over: bool = False
     """Whether the question is settled or given up: what still comes is old."""
 

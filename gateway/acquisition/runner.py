@@ -21,7 +21,7 @@ Publish = Callable[[Sequence[Sample]], None]
 """Receives the readings of one device; must return at once."""
 
 
-_MOST_SILENT, _SILENT_OFTEN = 3, 3
+_MOST_SILENT, _SILENT_OFTEN = 4, 3
 """How often a device is asked in one period while it stays silent, and in how many such periods before it is asked once
 only."""
 _MOST_HEARD, _FEW, _LOST_OFTEN = 8, 2, 3
@@ -156,7 +156,7 @@ class BusRunner:
             unsure = self._unsure.popleft()
             fits = self._may_cost_s(unsure.device) <= self._left_s(due)
             if self._bus.is_open and (fits or (unsure.asks == 1 and (late or (first and unsure.steady)))):
-                late |= await self._ask_once_more(unsure, due)
+                late |= await self._ask_once_more(unsure, due) or unsure.device.heard
                 first = False
             else:
                 await self._failed(unsure.device, due, unsure.error)
@@ -178,9 +178,9 @@ class BusRunner:
 
     def _may_cost_s(self, device: PolledDevice) -> float:
         """Time that must remain in the period to ask a device. A possibly silent one may cost the timeout, or half of
-        the period if that is long; one that was heard costs as much as the last time."""
+        the period if that is long; one that was heard costs twice as much as the last time."""
         longest_s = min(self.line.bus.timeout_s, self.line.period_s / 2)
-        return min(device.cost_s, longest_s) if device.heard else longest_s
+        return min(2 * device.cost_s, longest_s) if device.heard else longest_s
 
     async def _open_bus(self, due: float) -> bool:
         if not self._bus.breaker.allows(due):

@@ -62,6 +62,38 @@ def test_after_a_miss_every_request_to_that_unit_gets_all_the_time_until_it_is_a
     assert patience.wait_s(1, "type") == LONGEST_S
 
 
+def repeating(took_s: float, count: int = 20) -> Patience:
+    """One that is asked again soon."""
+    patience = Patience(LONGEST_S, 2.0)
+    for request in ("values", "type"):
+        for _ in range(count):
+            patience.answered(1, request, took_s)
+    return patience
+
+
+def test_where_a_request_is_repeated_the_wait_grows_with_each_miss_of_it_until_it_is_answered() -> None:
+    patience = repeating(0.01)
+    waits_s = []
+    for _ in range(6):
+        waits_s.append(patience.wait_s(1, "values"))
+        patience.missed(1, "values")
+    assert waits_s == [0.05, 0.1, 0.2, 0.4, LONGEST_S, LONGEST_S]
+    assert patience.wait_s(1, "type") == 0.05
+    patience.answered(1, "type", 0.01)
+    assert patience.wait_s(1, "values") == LONGEST_S, "or a unit that is slow in one request would never answer it"
+    patience.answered(1, "values", 0.01)
+    assert patience.wait_s(1, "values") == 0.05
+
+
+def test_where_a_request_is_repeated_one_answer_is_enough_and_an_outlier_costs_half_the_time_at_most() -> None:
+    assert repeating(0.01, 1).wait_s(1, "values") == 0.05
+    assert repeating(0.1, 1).wait_s(1, "values") == LONGEST_S / 2
+    assert repeating(0.4).wait_s(1, "values") == pytest.approx(0.4, abs=0.1), "but one that is always slow has its time"
+    patience = repeating(0.01)
+    patience.answered(1, "values", LONGEST_S)
+    assert patience.wait_s(1, "values") == LONGEST_S / 2
+
+
 def test_who_has_turned_slow_is_given_the_time_after_one_answer() -> None:
     patience = learnt(0.01)
     patience.missed(1)
@@ -115,7 +147,7 @@ async def test_modbus_rtu_waits_shortly_for_a_quick_unit_and_takes_no_late_answe
         late = [registers(1, 7, 7)]
 
         def later(request: bytes) -> bytes:
-            asyncio.get_running_loop().call_later(0.15, peer.port.write, honest(request))
+            asyncio.get_running_loop().call_later(0.07, peer.port.write, honest(request))
             return late.pop() if late else b""
 
         peer.reply = later

@@ -83,9 +83,9 @@ async def comes_and_goes(name: str, folder: Path) -> None:
         begun = time.monotonic()
         for _ in range(FAULT_PERIODS):
             silent(plant)
-            await asyncio.sleep(1.1 * PERIOD_S)
+            await asyncio.sleep(1.6 * PERIOD_S)
             talking(plant)
-            await asyncio.sleep(1.7 * PERIOD_S)
+            await asyncio.sleep(1.2 * PERIOD_S)
         ended = time.monotonic()
         await heard.until("victim", Quality.GOOD, ended, 5.0)
     for channel in ("neighbour", "other"):
