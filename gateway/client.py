@@ -2,13 +2,14 @@
 
 import queue
 import re
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from drivers.base import Quality
 from gateway.telemetry import (
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 ANSWER_LIMIT_S = 10.0
 _MOST_WAITING = 20_000
 _GOOD = Quality.GOOD.value
+_Array = NDArray[np.float64]
+_Places = NDArray[np.int64]
 _NAME = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
 """Of a prefix or a machine: no wildcard, and nothing that a key may not contain."""
 _ANYONE = Access()
@@ -189,10 +192,15 @@ class Machine:
                 return
             asked["after"] = page.next
 
-    def history(self, begin: datetime, end: datetime, channels: Sequence[str] | None = None) -> "pandas.DataFrame":
-        """Stored readings as a table: a column per channel, a row per time at which one was read, UTC. Needs pandas.
+    def history(
+        self, begin: datetime, end: datetime, channels: Sequence[str] | None = None, *, every_s: float | None = None
+    ) -> "pandas.DataFrame":
+        """Good readings as a table: a column per channel, a row per time at which one was read, UTC. Needs pandas.
 
-        What was not good is NaN, as is what was not read at that very time; `pages` has the quality.
+        What was not read at that very time, or was not good, is NaN; `pages` has the quality.
+
+        every_s: rather a row for each so many seconds from `begin` on, with the mean of what was read meanwhile; it
+            takes little memory, where a table of single readings may take a gigabyte a day
 
         Raises as `pages`.
         """
@@ -200,27 +208,25 @@ class Machine:
             import pandas as pd
         except ImportError:
             raise ImportError("Machine.history needs pandas: install talc-gateway with the extra `pandas`") from None
-        names: dict[str, int] = {} if channels is None else {name: at for at, name in enumerate(channels)}
-        seconds, columns, values = [np.empty(0)], [np.empty(0, np.int64)], [np.empty(0)]
-        for page in self.pages(begin, end, channels):
-            if channels is None:
-                for name in page.names:
-                    names.setdefault(name, len(names))
-            column_of = np.array([names.get(name, -1) for name in page.names], np.int64)
-            seconds.append(np.array(page.time, np.float64))
-            columns.append(column_of[np.array(page.channel, np.int64)])
-            good = np.array([quality == _GOOD for quality in page.quality], np.bool_)
-            values.append(np.where(good, np.array(page.value, np.float64), np.nan))
-        times, row = np.unique(np.concatenate(seconds), return_inverse=True)
-        table = np.full((len(times), len(names)), np.nan)
-        table[row, np.concatenate(columns)] = np.concatenate(values)
+        pages = self.pages(begin, end, channels)
+        if every_s is None:
+            times, table, names = _as_read(pages, channels)
+        else:
+            times, table, names = _means(pages, channels, begin.timestamp(), end.timestamp(), every_s)
         index = pd.to_datetime(np.round(times * 1e6).astype(np.int64), unit="us", utc=True)
-        return pd.DataFrame(table, index=index.rename("time"), columns=list(names))
+        return pd.DataFrame(table, index=index.rename("time"), columns=names)
 
-    def day(self, day: date, channels: Sequence[str] | None = None, zone: tzinfo = UTC) -> "pandas.DataFrame":
+    def day(
+        self,
+        day: date,
+        channels: Sequence[str] | None = None,
+        *,
+        zone: tzinfo = UTC,
+        every_s: float | None = None,
+    ) -> "pandas.DataFrame":
         """The readings of one calendar day; see `history`."""
-        begin = datetime.combine(day, time(), zone)
-        return self.history(begin, datetime.combine(day + timedelta(days=1), time(), zone), channels)
+        begin, end = (datetime.combine(at, time(), zone) for at in (day, day + timedelta(days=1)))
+        return self.history(begin, end, channels, every_s=every_s)
 
     def _page(self, asked: dict[str, str]) -> HistoryPage:
         selector = f"{self.root}/{keys.HISTORY}?" + ";".join(f"{name}={value}" for name, value in asked.items())
@@ -261,3 +267,54 @@ class Machine:
 
     def _message(self, sample: zenoh.Sample) -> Published | None:
         return decode(self._suffix(sample), sample.payload.to_bytes())
+
+
+class _Columns:
+    """The column of each channel: those that were asked for, or all in the order in which they appear."""
+
+    def __init__(self, channels: Sequence[str] | None) -> None:
+        self._fixed = channels is not None
+        self._of = {name: at for at, name in enumerate(channels or ())}
+
+    @property
+    def names(self) -> list[str]:
+        return list(self._of)
+
+    def good(self, page: HistoryPage) -> tuple[_Array, _Places, _Array]:
+        """Time, column and value of the good readings of a page."""
+        if not self._fixed:
+            for name in page.names:
+                self._of.setdefault(name, len(self._of))
+        column_of = np.array([self._of.get(name, -1) for name in page.names], np.int64)
+        good = np.array([quality == _GOOD for quality in page.quality], np.bool_)
+        at = column_of[np.array(page.channel, np.int64)]
+        return np.array(page.time, np.float64)[good], at[good], np.array(page.value, np.float64)[good]
+
+
+def _as_read(pages: Iterable[HistoryPage], channels: Sequence[str] | None) -> tuple[_Array, _Array, list[str]]:
+    """Times, a row for each, and the columns' names."""
+    columns = _Columns(channels)
+    parts = [columns.good(page) for page in pages]
+    times, row = np.unique(np.concatenate([part[0] for part in parts]), return_inverse=True)
+    table = np.full((len(times), len(columns.names)), np.nan)
+    table[row, np.concatenate([part[1] for part in parts])] = np.concatenate([part[2] for part in parts])
+    return times, table, columns.names
+
+
+def _means(
+    pages: Iterable[HistoryPage], channels: Sequence[str] | None, begin_s: float, end_s: float, every_s: float
+) -> tuple[_Array, _Array, list[str]]:
+    """The same for intervals; holds one page at a time."""
+    if not every_s > 0:
+        raise ValueError(f"every_s = {every_s!r}: expected more than 0")
+    times = np.arange(begin_s, end_s, every_s)
+    columns = _Columns(channels)
+    sums, counts = np.zeros((len(times), 0)), np.zeros((len(times), 0))
+    for page in pages:
+        at_s, column, value = columns.good(page)
+        wider = ((0, 0), (0, len(columns.names) - sums.shape[1]))
+        sums, counts = np.pad(sums, wider), np.pad(counts, wider)
+        row = np.minimum(((at_s - begin_s) // every_s).astype(np.int64), len(times) - 1)
+        np.add.at(sums, (row, column), value)
+        np.add.at(counts, (row, column), 1.0)
+    return times, np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0), columns.names

@@ -119,16 +119,17 @@ def test_what_cannot_be_is_refused_at_once(name: str | None, connect: str, said:
 
 
 def stored(asked: HistoryRequest) -> HistoryPage:
-    """Two pages; the channel b appears in the second, and has one value that is not good."""
+    """Two pages; the channel b appears in the second, and has one value that is not good, at a time of its own."""
     if asked.channels == ("bed",):
         raise ValueError("channels: 'bed' was never stored")
     first = asked.begin.timestamp()
     if asked.after is None:
         return HistoryPage(60.0, ("a",), ("degC",), [first], [0], [20.0], ["good"], "r1")
     assert asked.after == "r1"
-    times = [first + 60.125, first + 60.125, first + 61.0]
-    values: list[float | None] = [21.0, -1.5, 30.0]
-    return HistoryPage(0.0, ("a", "b"), ("degC", "um"), times, [0, 1, 1], values, ["good", "good", "stale"], None)
+    times = [first + 60.125, first + 60.125, first + 61.0, first + 62.0]
+    values: list[float | None] = [21.0, -1.5, 23.0, 30.0]
+    quality = ["good", "good", "good", "stale"]
+    return HistoryPage(0.0, ("a", "b"), ("degC", "um"), times, [0, 1, 0, 1], values, quality, None)
 
 
 async def test_a_day_is_a_table_of_its_good_values_by_channel() -> None:
@@ -142,17 +143,23 @@ async def test_a_day_is_a_table_of_its_good_values_by_channel() -> None:
     async with TelemetryPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=find):
         with Machine(connect=here(port)) as machine:
             day = machine.day(date(2026, 3, 2))
-            only = machine.day(date(2026, 3, 2), ["b", "a"], timezone(timedelta(hours=1)))
+            only = machine.day(date(2026, 3, 2), ["b", "a"], zone=timezone(timedelta(hours=1)))
+            minutes = machine.history(BEGIN, BEGIN + timedelta(minutes=3), every_s=60.0)
             with pytest.raises(MachineError, match="mill: history: channels: 'bed' was never stored"):
                 machine.day(date(2026, 3, 2), ["bed"])
             with pytest.raises(ValueError, match="expected times with a time zone"):
                 machine.history(datetime(2026, 3, 2), BEGIN)  # noqa: DTZ001
     at = [BEGIN, BEGIN + timedelta(seconds=60.125), BEGIN + timedelta(seconds=61)]
     expected = pd.DataFrame(
-        {"a": [20.0, 21.0, np.nan], "b": [np.nan, -1.5, np.nan]}, index=pd.DatetimeIndex(at, name="time")
+        {"a": [20.0, 21.0, 23.0], "b": [np.nan, -1.5, np.nan]}, index=pd.DatetimeIndex(at, name="time")
     )
     pd.testing.assert_frame_equal(day, expected, check_index_type=False)
     assert list(only.columns) == ["b", "a"]
+    means = pd.DataFrame(
+        {"a": [20.0, 22.0, np.nan], "b": [np.nan, -1.5, np.nan]},
+        index=pd.DatetimeIndex([BEGIN + timedelta(minutes=n) for n in range(3)], name="time"),
+    )
+    pd.testing.assert_frame_equal(minutes, means, check_index_type=False)
     assert (asked[0].begin, asked[0].end) == (BEGIN, BEGIN + timedelta(days=1))
     assert (asked[2].begin, asked[2].end) == (BEGIN - timedelta(hours=1), BEGIN + timedelta(hours=23))
 
