@@ -96,9 +96,9 @@ class _Pages:
         return self._page(request, "list.html", "")
 
     async def machine(self, request: Request) -> Response:
-        """The page of one machine."""
+        """The page of one machine, also of one that is heard of later: a panel starts before its gateway does."""
         name = request.path_params["name"]
-        return self._page(request, "machine.html", name) if self._knows(name) else _no_machine()
+        return self._page(request, "machine.html", name) if self._site.may_be(name) else _no_machine()
 
     async def file(self, request: Request) -> Response:
         """A file of the pages."""
@@ -111,7 +111,7 @@ class _Pages:
     async def stream(self, request: Request) -> Response:
         """Server-sent events of one machine, or of the list."""
         name = request.path_params.get("name")
-        if name is not None and not self._knows(name):
+        if name is not None and not self._site.may_be(name):
             return _no_machine()
         if self.streams.full:
             return PlainTextResponse("The page is open too often.", 503)
@@ -120,10 +120,6 @@ class _Pages:
         except SetupError as error:
             return PlainTextResponse(str(error), 400)
         return StreamingResponse(self.streams.messages(Browser(name, viewpoint)), media_type="text/event-stream")
-
-    def _knows(self, name: str) -> bool:
-        with self._site.machines() as machines:
-            return name in machines
 
     def _page(self, request: Request, template: str, machine: str) -> HTMLResponse:
         language = chosen_language(request.query_params.get("lang"), request.headers.get("accept-language", ""))
@@ -139,7 +135,7 @@ class _Pages:
 
 
 def _no_machine() -> Response:
-    return PlainTextResponse("No machine of this name is known.", 404)
+    return PlainTextResponse("No machine can have this name.", 404)
 
 
 def _viewpoint_of(request: Request, known: Mapping[str, MachineUse]) -> Callable[[str], Viewpoint]:

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import assert_never
 
@@ -132,6 +132,8 @@ class MachineSeen:
     """Changes with what the charts show."""
     _sequence: dict[str, int] = field(default_factory=dict)
     """Of the latest message, by key."""
+    _newest: int = -1
+    """The highest of all of this run."""
 
     def appear(self, now: datetime) -> None:
         """The liveliness token is there. What was heard before it went does not hold until it is heard again."""
@@ -158,14 +160,14 @@ class MachineSeen:
         if message.seq <= self._sequence.get(suffix, -1):
             return
         self._sequence[suffix] = message.seq
-        if self.latest is None or at >= self.latest:
-            self.latest, self.latest_s = at, now_s
+        if self.latest is None or message.seq > self._newest:  # its clock may have been set back meanwhile
+            self._newest, self.latest, self.latest_s = message.seq, at, now_s
         self.simulated = message.clock == "simulated"
         self._take(message, at)
 
     def _begin_anew(self, boot: str) -> None:
         """The gateway is another one, or was away: nothing that was heard holds for now. The past is kept."""
-        self.boot, self.latest = boot, None
+        self.boot, self.latest, self._newest = boot, None, -1
         self.decision, self.compensation, self.status, self.probing = None, None, None, None
         self.reasons, self.sensors = None, None
         self.readings.clear()
@@ -178,7 +180,7 @@ class MachineSeen:
             case DecisionMessage():
                 self._decided(message, at)
             case CompensationMessage():
-                self.compensation = message
+                self._stepped(message)
             case MeasurementMessage():
                 self._measured(message)
             case ProbingMessage():
@@ -205,7 +207,9 @@ class MachineSeen:
         if before is not None and message.k > before.k and (earlier := _instant(before.time)) is not None:
             self.step_s = (at - earlier).total_seconds() / (message.k - before.k)
         self.decision = message
-        if self.estimates and at <= self.estimates[-1].at:
+        while self.estimates and self.estimates[-1].at > at:
+            self.estimates.pop()  # the gateway's clock was set back
+        if self.estimates and self.estimates[-1].at == at:
             return  # it is known from before the gateway was away
         self.past += 1
         self.estimates.append(Estimated(at, nine(message.corrected), nine(message.sigma), applied(self.compensation)))
@@ -213,6 +217,14 @@ class MachineSeen:
             self.estimates.popleft()
         while self.measurements and self.measurements[0].at < at - KEPT:
             self.measurements.popleft()
+
+    def _stepped(self, message: CompensationMessage) -> None:
+        """What is in force now is what became of the latest decision."""
+        self.compensation = message
+        if self.estimates and self.decision is not None and message.k == self.decision.k:
+            before, now = self.estimates[-1], applied(message)
+            self.estimates[-1] = replace(before, applied=now)
+            self.past += before.applied.following != now.following
 
     def _measured(self, message: MeasurementMessage) -> None:
         ended = _instant(message.ended)

@@ -17,7 +17,7 @@ from gateway.web.seen import MachineSeen
 
 log = logging.getLogger(__name__)
 
-_MACHINE = re.compile(r"[A-Za-z0-9_-]+")
+_MACHINE = re.compile(r"[A-Za-z0-9_-]{1,100}")
 _MOST_MACHINES = 100
 _ANSWER_LIMIT_S = 5.0
 
@@ -56,6 +56,10 @@ class SiteSeen:
         """By name; nothing changes meanwhile."""
         with self._lock:
             yield self._machines
+
+    def may_be(self, machine: str) -> bool:
+        """Whether there is a machine of this name, or one could be heard of later."""
+        return machine in self._machines or _MACHINE.fullmatch(machine) is not None
 
     def take(self, key: str, payload: bytes) -> None:
         """One published message; an invalid one is only logged."""

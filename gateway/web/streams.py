@@ -10,6 +10,7 @@ from typing import Final
 import msgspec
 
 from gateway.web.parts import events
+from gateway.web.seen import MachineSeen
 from gateway.web.site import SiteSeen
 from gateway.web.verdict import Viewpoint
 from gateway.web.view import listed, shown_course, view
@@ -114,9 +115,7 @@ class Streams:
                 shown = listed(machines, {name: browser.viewpoint(name) for name in machines}, now_s)
                 browser.send("list", shown)
                 return
-            seen = machines.get(browser.machine)
-            if seen is None:
-                return
+            seen = machines.get(browser.machine) or MachineSeen(browser.machine)
             viewpoint = browser.viewpoint(browser.machine)
             browser.send("view", view(seen, viewpoint, now_s))
             browser.send("events", tuple(events(seen)))

@@ -69,6 +69,7 @@ class HeardMachine:
         source: str = "prediction",
         mode: str = "compensate",
         *,
+        k: int | None = 0,
         bounded: tuple[bool, bool, bool] = (False, False, False),
         written: bool = True,
     ) -> None:
@@ -76,7 +77,7 @@ class HeardMachine:
         self.hear(
             "compensation",
             CompensationMessage(
-                *self.stamp(), 0, mode, source, target, offsets_um, (), bounded, {}, written, offsets_um
+                *self.stamp(), k, mode, source, target, offsets_um, (), bounded, {}, written, offsets_um
             ),
         )
 

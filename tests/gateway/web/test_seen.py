@@ -61,6 +61,28 @@ def test_after_a_gateway_was_away_nothing_holds_until_it_is_heard_again() -> Non
     assert (len(seen.estimates), len(seen.measurements), len(seen.events)) == (1, 1, 1)
 
 
+def test_a_clock_that_is_set_back_makes_nothing_old() -> None:
+    """A computer without a clock of its own starts in the future, until a time server sets it."""
+    heard = HeardMachine()
+    heard.passes(timedelta(hours=3))
+    heard.decision(36)
+    heard.now -= timedelta(hours=2)
+    heard.decision(13)
+    assert heard.seen.age_s(heard.now.isoformat(), heard.now_s) == 0.0
+    assert [e.at for e in heard.seen.estimates] == [heard.now], "what would be later than now is not shown"
+
+
+def test_what_the_control_did_with_a_decision_counts_even_when_it_is_heard_later() -> None:
+    """A query brings the last values in any order."""
+    heard = HeardMachine()
+    heard.decision(7, {"EZ0A": 30.0})
+    following = [heard.seen.estimates[-1].applied.following]
+    for source, k in (("prediction", 7), ("stale", None)):
+        heard.compensation((0.0, 0.0, 30.0), source=source, k=k)
+        following.append(heard.seen.estimates[-1].applied.following)
+    assert following == [False, True, True], "a step that uses no decision says nothing of one"
+
+
 def test_eight_hours_are_kept() -> None:
     heard = HeardMachine()
     for k in range(200):

@@ -69,6 +69,17 @@ async def test_an_open_page_gets_the_whole_state_and_then_each_change() -> None:
     assert shown["text"] == "</script>\n\ndata: forged"
 
 
+async def test_a_machine_that_is_not_heard_of_yet_has_a_page_that_says_so() -> None:
+    """A panel starts before its gateway does."""
+    async with (
+        asyncio.timeout(LIMIT_S),
+        aclosing(Streams(site()).messages(Browser("lathe", lambda _: LOOKING))) as sent,
+    ):
+        await anext(sent)
+        shown = json.loads((await anext(sent)).partition(b"data: ")[2])
+    assert (shown["machine"], shown["verdict"]["word"]) == ("lathe", "word.never")
+
+
 async def test_a_page_that_was_closed_is_no_longer_served() -> None:
     streams = Streams(site())
     open_pages = []
