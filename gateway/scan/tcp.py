@@ -14,9 +14,10 @@ from gateway.scan.serial import ANY_REGISTER
 
 _MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
 _UNUSUAL_UNITS = (113, 114, 115)
-"""Unit ids that are never used: a host that answers to one of them ignores the id."""
+"""Unit ids that are never used: a host that answers to one of them ignores the id, or refuses every unknown one."""
 _MOST_ODD = 3
 """Units with invalid answers before the scan leaves the host."""
+_VALUE = "a value"
 _ONE_DEVICE = "answers to every unit id: one device"
 
 
@@ -70,19 +71,24 @@ async def _modbus(
     odd: list[str] = []
     try:
         async with opened(bus):
-            blind = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]), [])
+            unknown = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]), [])
+            alike: list[int] = []
             for unit in scan.units:
-                if stopped() or (len(odd) >= _MOST_ODD and not found):
+                ignores = alike and unknown == _VALUE
+                if ignores or stopped() or (len(odd) >= _MOST_ODD and not found):
                     break
                 progress(report.asked, f"{host}:{port} unit {unit}")
                 report.asked += 1
                 await contained(bus.connect(), "connect")  # some hosts close the connection on an unknown unit
-                if not await _answers(bus, unit, odd):
+                if (answer := await _answers(bus, unit, odd)) is None:
                     continue
-                found.append(await _look(bus, unit))
-                if blind:
-                    report.remarks.append(f"{host}:{port} {_ONE_DEVICE}, shown as unit {unit}")
-                    break
+                if answer == unknown:
+                    alike.append(unit)
+                else:
+                    found.append(await _look(bus, unit))
+            if alike and not found and not stopped():
+                found.append(await _look(bus, alike[0]))
+                report.remarks.append(f"{host}:{port} {_ONE_DEVICE}, shown as unit {alike[0]}")
             if not found and not stopped():
                 nobody = f"{host}:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
                 report.remarks.append(f"Modbus: {odd[0]}" if odd else nobody)
@@ -92,18 +98,18 @@ async def _modbus(
         report.places.append(Place(bus.kind, {"host": host, "port": port}, tuple(found)))
 
 
-async def _answers(bus: ModbusBus, unit: int, odd: list[str]) -> bool:
-    """Whether the unit exists. Invalid answers go to `odd`."""
+async def _answers(bus: ModbusBus, unit: int, odd: list[str]) -> str | None:
+    """How the unit answers, `_VALUE` or its refusal; None: it does not. Invalid answers go to `odd`."""
     try:
         await contained(bus.read("", unit, ANY_REGISTER), f"the request to unit {unit}")
     except NoAnswer:
-        return False
+        return None
     except (BadAnswer, ConnectError, UnexpectedError) as error:
         odd.append(_said(error))
-        return False
-    except Refused:
-        return True
-    return True
+        return None
+    except Refused as error:
+        return error.what.partition(" with ")[2]
+    return _VALUE
 
 
 async def _look(bus: ModbusBus, unit: int) -> Found:

@@ -6,6 +6,8 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
 
 from gateway.config import load
 from gateway.scan.found import ScanReport
@@ -17,6 +19,7 @@ from simulators.devices.modbus_unit import ModbusUnit, answer
 from simulators.devices.wago464 import Wago464
 from simulators.devices.wago_coupler import WagoCoupler
 from tests.benches.buggy_library import BuggyDecoder
+from tests.benches.free_port import free_port
 
 pytestmark = pytest.mark.simulated_time
 
@@ -72,6 +75,22 @@ async def test_host_that_ignores_the_unit_id_is_one_device() -> None:
         report = await scan(port)
     assert [device.unit for device in report.found] == [1]
     assert report.remarks == [f"127.0.0.1:{port} answers to every unit id: one device, shown as unit 1"]
+
+
+@pytest.mark.parametrize("refuses_itself", [False, True])
+async def test_host_that_refuses_unknown_units_is_asked_for_all(refuses_itself: bool) -> None:
+    """As pymodbus' server does, with exception 4. A unit that refuses what is asked for does so in another way."""
+    first = 100 if refuses_itself else 0
+    device = SimDevice(247, SimData(first, count=8, values=230, datatype=DataType.UINT16))
+    port = free_port()
+    server = ModbusTcpServer(device, address=("127.0.0.1", port))
+    await server.serve_forever(background=True)
+    try:
+        report = await scan(port, units=range(1, 248))
+    finally:
+        await server.shutdown()  # type: ignore[no-untyped-call]
+    assert [device.unit for device in report.found] == [247]
+    assert report.remarks == []
 
 
 async def test_controller_that_streams_is_distinguished_from_modbus() -> None:
