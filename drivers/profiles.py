@@ -99,7 +99,7 @@ def _decoded(name: str, content: bytes) -> str:
 def _parse(name: str, text: str, *, file: str) -> Profile:
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # of too many digits, or brackets within brackets, too
         raise SetupError(f"{file}: invalid TOML: {error}") from error
     protocol = data.get("protocol", "")
     if not isinstance(protocol, str) or protocol not in _PROTOCOLS:

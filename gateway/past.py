@@ -58,11 +58,23 @@ class Past:
 
 
 def stored_config(history: History) -> GatewayConfig:
-    """The configuration of the latest run. Raises StoreError if the database is empty."""
-    found = history.config()
-    if found is None:
+    """The configuration of the latest run, from the first copy of it that is valid.
+
+    Raises StoreError if the database is empty, or if every copy is damaged.
+    """
+    texts = history.configs()
+    if not texts:
         raise StoreError("the database holds no run yet")
-    return from_stored(found[0], history.prior())
+    wrong = ""
+    for text in texts:
+        try:
+            return from_stored(text, history.prior())
+        except (ValueError, KeyError, TypeError, AttributeError) as error:  # pydantic's are ValueErrors
+            wrong = wrong or " ".join(str(error).split())
+    raise StoreError(
+        f"the configuration that is stored of the latest run is invalid or damaged: {wrong}; give [storage] another"
+        " path to start again"
+    )
 
 
 def from_stored(text: str, prior: str | None = None) -> GatewayConfig:

@@ -37,11 +37,14 @@ def start_of(config: GatewayConfig, learnt: str | None) -> Controller:
     """The controller that the record of a configuration begins with: what was imported, as far as names match.
 
     learnt: text of the imported file; None: a fresh controller
+
+    Raises ValueError if the text is damaged.
     """
     if learnt is None:
         return controller_of(config)
+    found = parse_learnt(learnt)
     try:
-        return continued(parse_learnt(learnt), config)
+        return continued(found, config)
     except ValueError as error:
         log.warning("what was imported is not used: %s", error)
         return controller_of(config)

@@ -86,7 +86,7 @@ def data_of(text: str, path: Path) -> dict[str, object]:
     """The data of the text, with those of the `[talc]` preset added; not checked yet. Raises ConfigError."""
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # of too many digits, or brackets within brackets, too
         raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
     talc = data.get("talc")
     return {**data, "talc": completed(talc)} if isinstance(talc, dict) else data

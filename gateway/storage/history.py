@@ -63,6 +63,12 @@ class History:
         config, fingerprint = latest[0] if latest else (config, fingerprint)
         return str(config), str(fingerprint), str(versions)
 
+    def configs(self) -> list[str]:
+        """Copies of the canonical configuration of the latest run, after its reloads the present one first."""
+        latest = self.config()
+        starts = self._connection.execute("SELECT config FROM boot ORDER BY number DESC LIMIT 1").fetchall()
+        return [] if latest is None else list(dict.fromkeys([latest[0], *(str(text) for (text,) in starts)]))
+
     def runs(self) -> list[tuple[int, str, str | None]]:
         """First grid index, canonical configuration and prior of each run that made a frame, oldest first."""
         found = self._connection.execute(

@@ -2,7 +2,9 @@
 
 import os
 import sqlite3
+from collections.abc import Mapping
 from contextlib import closing
+from functools import cache
 from pathlib import Path
 
 from gateway.storage.faults import DamagedError, StoreError
@@ -105,6 +107,27 @@ def looks_like_a_database(path: Path) -> bool:
     return size > 0 and size % _PAGE == 0
 
 
+def _columns_of(connection: sqlite3.Connection, table: str) -> set[str]:
+    return {str(name) for _, name, *_ in connection.execute(f"PRAGMA table_info({table})")}
+
+
+@cache
+def _expected_columns() -> Mapping[str, set[str]]:
+    """Of each table."""
+    with closing(sqlite3.connect(":memory:")) as connection:
+        connection.executescript(NEW)
+        tables = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+        return {table: _columns_of(connection, table) for (table,) in tables}
+
+
+def _check_columns(path: Path, connection: sqlite3.Connection) -> None:
+    """A bit may flip in the name of a column, too."""
+    for table, names in _expected_columns().items():
+        if (found := _columns_of(connection, table)) != names:
+            other = ", ".join(sorted(found ^ names))
+            raise DamagedError(f"{path}: table {table} has other columns than this program made: {other}")
+
+
 def make_schema(path: Path) -> Path | None:
     """Make the tables in a new file; bring those of an earlier version to this one.
 
@@ -122,6 +145,7 @@ def make_schema(path: Path) -> Path | None:
                 version = SCHEMA_VERSION
             if version == SCHEMA_VERSION:
                 connection.executescript(ADDED)
+                _check_columns(path, connection)
     except UNREADABLE as error:
         if is_damage(error) and looks_like_a_database(path):
             raise DamagedError(f"{path}: is not a database of this gateway: {error}") from error

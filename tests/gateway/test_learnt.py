@@ -1,13 +1,11 @@
 """What was learnt leaves one database as JSON and goes on in another one, as far as names match."""
 
-import hashlib
 import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,22 +24,12 @@ from talc.frame import Decision, Frame, Measurement, Why
 from talc.settings import TalcSettings
 from talc.training import train
 from talc.transfer import transferred
+from tests.benches.fuzzed_files import signed
+from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 NAMES = ("bed", "column", "ram")
-TEXT = """
-[machine]
-name = "mill"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "nowhere"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-CHANNELS
+MORE = """
 [talc]
 method = "METHOD"
 [talc.control]
@@ -57,8 +45,8 @@ CENTRES = np.arange(18.0).reshape(6, 3)
 
 def config_of(folder: Path, names: Sequence[str] = NAMES, method: str = "learner") -> GatewayConfig:
     folder.mkdir(exist_ok=True)
-    channels = "\n".join(f"{name} = {i}" for i, name in enumerate(names))
-    text = TEXT.replace("CHANNELS", channels).replace("METHOD", method)
+    channels = ", ".join(f"{name} = {i}" for i, name in enumerate(names))
+    text = MACHINE + adam6015(channels) + MORE.replace("METHOD", method)
     (folder / "gateway.toml").write_text(text, encoding="utf-8")
     return load(folder / "gateway.toml")
 
@@ -191,12 +179,6 @@ def test_what_does_not_fit_is_refused(source: GatewayConfig, tmp_path: Path) -> 
         assert answer.exit_code == 3
         assert said in answer.output
         assert not (tmp_path / name / "gateway.sqlite").exists()
-
-
-def signed(whole: dict[str, Any]) -> str:
-    """With the checksum of what it holds now."""
-    rest = {name: value for name, value in whole.items() if name != "sha256"}
-    return json.dumps({**rest, "sha256": hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()})
 
 
 def test_a_damaged_or_foreign_file_is_refused_by_field(source: GatewayConfig) -> None:

@@ -2,51 +2,24 @@
 
 import asyncio
 import random
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.base import BadAnswer, DriverError, NoAnswer, SystemClock
+from drivers.base import BadAnswer, SystemClock
 from drivers.linuxcnc import LinuxCnc
-from drivers.nc import NineErrors, NotSendable, WatchdogTerms
-from tests.benches.cut_line import line_to
+from drivers.nc import NineErrors, NotSendable
 from tests.benches.linuxcnc_fake_agent import Agent, agent_and_driver, serving
+from tests.benches.spoilt_agent import STATUS, ask_everything, ask_spoilt_agent, connected
 
 pytestmark = pytest.mark.simulated_time
 
-STATUS = {
-    "positions": dict.fromkeys("XYZAC", 1.0), "states": {}, "mode": "auto", "program": "running", "tool": 1,
-    "probe": False, "estop": False, "on": True, "homed": True, "probing": False, "cannot_probe": "",
-}  # fmt: skip
-ANSWERS = {"status": STATUS, "read": [0.0, 0.0, 0.0], "probing": {"state": "idle"}, "heartbeat": True}
 LEAF = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
 ANY = st.recursive(LEAF, lambda inner: st.lists(inner, max_size=7) | st.dictionaries(st.text(max_size=5), inner))
 CHANGED = st.builds(lambda name, value: STATUS | {name: value}, st.sampled_from(sorted(STATUS)), ANY)
 DONE = st.builds(lambda centres, spread: {"state": "done", "centres": centres, "spread": spread}, ANY, ANY)
-
-
-async def connected(nc: LinuxCnc) -> None:
-    """The timeouts here are so short that a busy computer misses one now and then."""
-    for _ in range(500):
-        with suppress(NoAnswer):
-            await nc.connect()
-            return
-    raise AssertionError("the agent does not answer")
-
-
-async def ask_everything(nc: LinuxCnc) -> None:
-    for ask in (
-        lambda: nc.snapshot(), lambda: nc.read_compensation(), lambda: nc.probing_status(7),
-        lambda: nc.request_probing(8), lambda: nc.withdraw_probing(8), lambda: nc.heartbeat(1),
-        lambda: nc.claim(1, WatchdogTerms(5.0, 1.0)), lambda: nc.release(1),
-        lambda: nc.write_compensation((0.0, 0.0, 0.0)), lambda: nc.read_errors(120.0),
-        lambda: nc.write_errors(NineErrors((0.0,) * 9, 120.0, (50.0, 50.0, 50.0))),
-    ):  # fmt: skip
-        with suppress(DriverError):
-            await ask()
 
 
 def test_any_signed_values_raise_nothing_but_driver_errors(tmp_path: Path) -> None:
@@ -73,35 +46,7 @@ def test_any_signed_values_raise_nothing_but_driver_errors(tmp_path: Path) -> No
 
 
 async def test_damaged_bytes_raise_nothing_but_driver_errors(tmp_path: Path) -> None:
-    agent, draw = Agent(), random.Random(1)
-    agent.answers = dict(ANSWERS)
-
-    def spoil(data: bytes) -> bytes:
-        spoilt = bytearray(data)
-        match draw.randrange(5):
-            case 0:
-                spoilt[draw.randrange(len(data))] = draw.randrange(256)
-            case 1:
-                del spoilt[draw.randrange(len(data)) :]
-            case 2:
-                spoilt += data
-            case 3:
-                at = draw.randrange(len(data))
-                spoilt[at:at] = draw.randbytes(20)
-            case _:
-                pass
-        return bytes(spoilt)
-
-    async with serving(agent, tmp_path) as to, line_to(f"tcp:{to.port}") as (line, joined):
-        nc = LinuxCnc(to.model_copy(update={"port": int(joined.rsplit(":", 1)[1]), "timeout_s": 0.1}), SystemClock())
-        for _ in range(25):
-            line.spoil = None
-            await connected(nc)
-            line.spoil = spoil
-            await ask_everything(nc)
-            with suppress(DriverError):
-                await nc.connect()
-        await nc.close()
+    await ask_spoilt_agent(tmp_path, random.Random(1), 25)
 
 
 GREETINGS = [

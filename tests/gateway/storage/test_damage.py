@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.past import past_in
-from gateway.storage import History, Store
+from gateway.storage import History, Store, StoreError
 from tests.benches.service_file import two_temperatures
 from tests.benches.spoilt_stores import (
     DAMAGES,
@@ -137,3 +137,30 @@ def test_a_whole_database_is_never_set_aside(whole: Path, tmp_path: Path) -> Non
     with Store(path, "second", SteppedClock()) as store, pytest.raises(ZeroDivisionError):
         store.repair(ZeroDivisionError("a mistake in the program"), 0)
     assert not list(tmp_path.glob("*damaged*"))
+
+
+def test_a_flipped_bit_in_the_name_of_a_column_is_damage(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    path.write_bytes(whole.read_bytes().replace(b"reason TEXT NOT NULL", b"reasoo TEXT NOT NULL"))
+    assert check_start(path)
+
+
+def test_a_flipped_bit_in_one_copy_of_the_configuration_costs_nothing(whole: Path, tmp_path: Path) -> None:
+    for table in ("running", "boot"):
+        path = tmp_path / f"{table}.sqlite"
+        shutil.copy(whole, path)
+        with closing(sqlite3.connect(path)) as connection, connection:
+            (text,) = connection.execute("SELECT config FROM boot").fetchone()
+            connection.execute("INSERT INTO running SELECT NULL, number, began, config, fingerprint FROM boot")
+            connection.execute(f"UPDATE {table} SET config = ?", (text.replace('"telemetry":', '"telemetrx":'),))
+        past, mended = restarted(path, "second")
+        assert (past.last_k, mended) == (STEPS - 1, "")
+
+
+def test_a_configuration_that_cannot_be_read_is_told_and_not_a_traceback(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE boot SET config = replace(config, '\"telemetry\":', '\"telemetrx\":')")
+    with pytest.raises(StoreError, match=r"is invalid or damaged: .*telemetrx"):
+        restarted(path, "second")

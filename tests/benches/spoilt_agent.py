@@ -1,0 +1,78 @@
+"""Changes what LinuxCNC's agent answers, by a seed, and asks it everything all the same."""
+
+import random
+from contextlib import suppress
+from pathlib import Path
+
+from drivers.base import DriverError, NoAnswer, SystemClock
+from drivers.linuxcnc import LinuxCnc
+from drivers.nc import NineErrors, WatchdogTerms
+from tests.benches.cut_line import line_to
+from tests.benches.linuxcnc_fake_agent import Agent, serving
+
+STATUS = {
+    "positions": dict.fromkeys("XYZAC", 1.0), "states": {}, "mode": "auto", "program": "running", "tool": 1,
+    "probe": False, "estop": False, "on": True, "homed": True, "probing": False, "cannot_probe": "",
+}  # fmt: skip
+ANSWERS = {"status": STATUS, "read": [0.0, 0.0, 0.0], "probing": {"state": "idle"}, "heartbeat": True}
+
+
+async def connected(nc: LinuxCnc) -> None:
+    """The timeouts here are so short that a busy computer misses one now and then."""
+    for _ in range(500):
+        with suppress(NoAnswer):
+            await nc.connect()
+            return
+    raise AssertionError("the agent does not answer")
+
+
+async def ask_everything(nc: LinuxCnc) -> None:
+    for ask in (
+        lambda: nc.snapshot(), lambda: nc.read_compensation(), lambda: nc.probing_status(7),
+        lambda: nc.request_probing(8), lambda: nc.withdraw_probing(8), lambda: nc.heartbeat(1),
+        lambda: nc.claim(1, WatchdogTerms(5.0, 1.0)), lambda: nc.release(1),
+        lambda: nc.write_compensation((0.0, 0.0, 0.0)), lambda: nc.read_errors(120.0),
+        lambda: nc.write_errors(NineErrors((0.0,) * 9, 120.0, (50.0, 50.0, 50.0))),
+    ):  # fmt: skip
+        with suppress(DriverError):
+            await ask()
+
+
+async def ask_spoilt_agent(folder: Path, draw: random.Random, rounds: int) -> None:
+    """So many rounds of every question, all answers spoilt. Raises whatever is no DriverError."""
+    agent = Agent()
+    agent.answers = dict(ANSWERS)
+
+    def spoil(data: bytes) -> bytes:
+        spoilt = bytearray(data)
+        match draw.randrange(5):
+            case 0:
+                spoilt[draw.randrange(len(data))] = draw.randrange(256)
+            case 1:
+                del spoilt[draw.randrange(len(data)) :]
+            case 2:
+                spoilt += data
+            case 3:
+                at = draw.randrange(len(data))
+                spoilt[at:at] = draw.randbytes(20)
+            case _:
+                pass
+        return bytes(spoilt)
+
+    async with serving(agent, folder) as to, line_to(f"tcp:{to.port}") as (line, joined):
+        nc = LinuxCnc(to.model_copy(update={"port": int(joined.rsplit(":", 1)[1]), "timeout_s": 0.1}), SystemClock())
+        for _ in range(rounds):
+            line.spoil = None
+            await connected(nc)
+            line.spoil = spoil
+            await ask_everything(nc)
+            with suppress(DriverError):
+                await nc.connect()
+        await nc.close()
+
+
+GREETINGS = [
+    (["read", "status"], None),  # earlier agents named their commands
+    ({"capabilities": ["probe", "shift"]}, None),
+    ({"capabilities": ["shift", "errors"], "reach_mm": [300, 400.5]}, (300.0, 400.5)),
+]
