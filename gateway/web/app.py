@@ -1,6 +1,7 @@
 """The pages and their streams, as an ASGI application."""
 
 import asyncio
+import logging
 import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import ExitStack, asynccontextmanager, suppress
@@ -22,6 +23,8 @@ from gateway.web.settings import MachineUse, WebSettings
 from gateway.web.site import SiteSeen, SiteSubscription
 from gateway.web.streams import Browser, Streams
 from gateway.web.verdict import Viewpoint
+
+log = logging.getLogger(__name__)
 
 _FILES: Final[Mapping[str, tuple[str, str]]] = {
     "page.css": ("web/static/page.css", "text/css"),
@@ -61,6 +64,7 @@ def build_app(
             if subscription is not None:
                 await asyncio.to_thread(stack.enter_context, subscription)
             sending = asyncio.create_task(pages.streams.run(), name="streams")
+            sending.add_done_callback(_report)
             try:
                 yield
             finally:
@@ -132,6 +136,11 @@ class _Pages:
             declared=machine in self._uses,
         )
         return HTMLResponse(html)
+
+
+def _report(ended: asyncio.Task[None]) -> None:
+    if not ended.cancelled() and (error := ended.exception()) is not None:
+        log.error("the pages are no longer sent anything; start the program again", exc_info=error)
 
 
 def _no_machine() -> Response:

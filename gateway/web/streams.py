@@ -21,6 +21,8 @@ _FASTEST_S, _SLOWEST_S = 0.25, 2.0
 rounds says so."""
 MOST_BROWSERS: Final = 64
 _MOST_WAITING = 8
+_END = b""
+"""Wakes a stream that has nothing more to send."""
 
 
 class BrowserQueue:
@@ -84,6 +86,7 @@ class Streams:
     def __init__(self, site: SiteSeen) -> None:
         self._site, self._browsers = site, set[Browser]()
         self._changed = asyncio.Event()
+        self._ended = False
 
     async def run(self) -> None:
         """Until it is cancelled."""
@@ -107,6 +110,9 @@ class Streams:
                 await asyncio.sleep(_FASTEST_S)
         finally:
             self._site.changed = lambda: None
+            self._ended = True  # an open page must not take its last state for that of now
+            for browser in self._browsers:
+                browser.queue.put(_END)
 
     def _refresh(self, browser: Browser) -> None:
         now_s = self._site.now_s()
@@ -129,15 +135,17 @@ class Streams:
         return len(self._browsers) >= MOST_BROWSERS
 
     async def messages(self, browser: Browser) -> AsyncGenerator[bytes, None]:
-        """What this browser is sent, until it closes the page."""
+        """What this browser is sent, until it closes the page or `run` ends."""
         self._browsers.add(browser)
         try:
             yield b"retry: 2000\n\n"
             self._refresh(browser)
-            while True:
+            while not self._ended:
                 try:
-                    yield await asyncio.wait_for(browser.queue.take(), _SLOWEST_S)
+                    message = await asyncio.wait_for(browser.queue.take(), _SLOWEST_S)
                 except TimeoutError:
-                    yield b"event: tick\ndata: 0\n\n"
+                    message = b"event: tick\ndata: 0\n\n"
+                if message != _END:
+                    yield message
         finally:
             self._browsers.discard(browser)

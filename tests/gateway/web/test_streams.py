@@ -69,6 +69,24 @@ async def test_an_open_page_gets_the_whole_state_and_then_each_change() -> None:
     assert shown["text"] == "</script>\n\ndata: forged"
 
 
+async def test_when_nothing_more_can_be_sent_open_pages_lose_their_connection() -> None:
+    """Otherwise they would show the last state for ever as that of now."""
+    times = [0.0]
+
+    def now_s() -> float:
+        return times.pop()
+
+    heard = SiteSeen("talc", ("mill",), lambda: BEGAN, now_s)
+    streams = Streams(heard)
+    sending = asyncio.create_task(streams.run())
+    async with asyncio.timeout(LIMIT_S), aclosing(streams.messages(Browser("mill", lambda _: LOOKING))) as messages:
+        async for message in messages:
+            if message.startswith(b"event: view"):
+                heard.life("talc/mill/alive", alive=True)
+    (error,) = await asyncio.gather(sending, return_exceptions=True)
+    assert isinstance(error, IndexError)
+
+
 async def test_a_machine_that_is_not_heard_of_yet_has_a_page_that_says_so() -> None:
     """A panel starts before its gateway does."""
     async with (
