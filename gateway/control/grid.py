@@ -70,8 +70,10 @@ class Schedule:
         anchor = wanted if self._anchor_s is None or anew else self._anchor_s
         self._seen_s, self._known = offset, known
         k = math.floor((monotonic_s + anchor) / self._step) + 1
-        if self._last_k is not None and (k <= self._last_k or (anew and not known and self._absurd(k))):
-            if anew:  # number on from the last frame, on the same instants
+        absurd = anew and not known and self._absurd(k)
+        if self._last_k is not None and (k <= self._last_k or absurd):
+            behind_s = self._last_k * self._step - monotonic_s - anchor
+            if absurd or (anew and behind_s > self._step / 2):  # number on from the last frame, on the same instants
                 anchor += (self._last_k + 1 - k) * self._step
                 self._lead_s = anchor - offset if known else self._lead_s
             k = self._last_k + 1

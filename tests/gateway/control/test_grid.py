@@ -124,3 +124,20 @@ def test_a_clock_behind_the_store_numbers_on() -> None:
         K_0 + 102,
         K_0 + 103,
     ]
+
+
+def test_a_restart_within_a_moment_of_a_step_gives_the_numbering_no_lead() -> None:
+    """The clock was slewed back by a second since the last step."""
+    first = Schedule(300.0, K_0 + 1).next(UTC_0 + timedelta(seconds=169.0), 0.0)
+    assert (first.k, first.lead_s) == (K_0 + 2, 0.0)
+    assert first.monotonic_s == pytest.approx(301.0)
+
+
+def test_a_clock_that_is_set_back_gives_the_numbering_a_lead_that_a_restart_keeps() -> None:
+    schedule = Schedule(300.0)
+    before = schedule.next(UTC_0, 0.0)
+    back = UTC_0 - timedelta(days=8)
+    after = schedule.next(back + timedelta(seconds=200.0), 200.0)
+    assert (after.k, after.lead_s) == (before.k + 1, 8 * 86400.0)
+    restarted = Schedule(300.0, after.k, after.lead_s).next(back + timedelta(seconds=3600.0), 7.0)
+    assert restarted.k == before.k + 12
