@@ -2,6 +2,8 @@
 
 import asyncio
 import logging
+import socket
+import struct
 from collections.abc import AsyncIterator, Awaitable, Mapping
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -172,7 +174,7 @@ class OpcUaSession:
         data = [DataValue(Variant(float(v), VariantType.Double)) for v in values.values()]
         request = client.uaclient.write_attributes(self._ids(paths), data, AttributeIds.Value)
         async with self._malformed_is_bad("writes"):
-            answer = await self._ask(request, "writes")
+            answer = await self._ask(request, "writes", reset=True)
             self._expect(len(paths), answer, "statuses")
             for path, status in zip(paths, answer, strict=True):
                 if not status.is_good():
@@ -208,10 +210,13 @@ class OpcUaSession:
             found = len(answer) if isinstance(answer, list) else "no"
             raise BadAnswer(f"{found} {of} for {count} nodes", device=self._device)
 
-    async def _ask(self, request: Awaitable[T], what: str) -> T:
+    async def _ask(self, request: Awaitable[T], what: str, *, reset: bool = False) -> T:
+        """reset: a request without an answer shall not arrive later, as far as this computer can prevent it."""
         try:
             return await request
         except (UaError, OSError, TimeoutError) as error:
+            if reset and isinstance(error, TimeoutError) and self._client is not None:
+                _reset(self._client)
             if not isinstance(error, UaStatusCodeError) or error.code in LOST:
                 await self.close()
             raise self._translated(error, what) from error
@@ -327,6 +332,17 @@ async def _drop(client: Client) -> None:
     if client.uaclient.has_transport:
         client.disconnect_socket()
         await asyncio.sleep(0)  # the transport closes in the loop's next round
+
+
+def _reset(client: Client) -> None:
+    """Close the socket by a reset: what it has not sent yet is discarded, and the server drops what it has not read."""
+    protocol = client.uaclient.protocol
+    if protocol is None or protocol.transport is None:
+        return
+    sock = protocol.transport.get_extra_info("socket")
+    if sock is not None:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    protocol.transport.abort()
 
 
 def _name(error: UaStatusCodeError) -> str:

@@ -17,12 +17,15 @@ from gateway.config.buses import (
     MeRs485Section,
     ModbusRtuSection,
 )
+from gateway.config.controls import SinumerikNc
 from gateway.config.metrics import metrics_problems
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
 from talc.probing import check_poses
 
+_SLOPE_UM_PER_MM = 0.1
+"""Of a table that has grown by 12 µm at 120 mm, or an axis tilted by 100 µm/m: usual on a warm machine."""
 _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
 
 
@@ -72,7 +75,23 @@ def cautions(config: GatewayConfig) -> list[Problem]:
         found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
     if config.nc is not None:
         found += [Problem(f"[nc] {field}", text) for field, text in config.nc.cautions()]
+    found += _following(config)
     return [*found, *telemetry_cautions(config.telemetry)]
+
+
+def _following(config: GatewayConfig) -> Iterator[Problem]:
+    """A shift for the present position is held back by the slew, which is meant for heat."""
+    nc, slew = config.nc, config.compensation.slew_um_per_s
+    if config.compensation.mode != "compensate" or not isinstance(nc, SinumerikNc):
+        return
+    if nc.compensation.route != "k0_slope":
+        yield Problem(
+            "[nc.compensation] route",
+            f"'{nc.compensation.route}': the offsets follow the axes once per [nc] period_s = {nc.period_s:g} and no "
+            f"faster than [compensation] slew_um_per_s = {slew:g}. Where they change by {_SLOPE_UM_PER_MM:g} µm per "
+            f"mm, an axis faster than {slew / _SLOPE_UM_PER_MM * 60.0:.0f} mm/min outruns them, and following may be "
+            "worse than one constant offset; use 'k0_slope'",
+        )
 
 
 def _serial_port(bus: BusSection) -> tuple[str, str | None]:

@@ -80,6 +80,11 @@ class Lease:
         if self._clock.monotonic() - self._beat_s > self._terms.silence_s / 2:
             raise NoAnswer(f"more than {self._terms.silence_s / 2:g} s since the heartbeat", device="nc")
 
+    def tell(self, text: str) -> None:
+        """Report what happened to the offsets; this gateway still writes."""
+        log.warning("%s", text)
+        self._notify(Notice("late write to NC", text))
+
     def disarm(self, text: str) -> None:
         """Stop writing and sending heartbeats: the control's watchdog brings the offsets to their configured state."""
         self._right = after(RIGHTS, self._right, Reply.DISARM)

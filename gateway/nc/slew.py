@@ -26,6 +26,8 @@ class Source(StrEnum):
     NOT_READY = "not_ready"
     """Emergency stop, drives off, axes not referenced."""
     STOPPED = "stopped"
+    UNANSWERED = "unanswered"
+    """A write without an answer may still arrive."""
     NOT_STORED = "not_stored"
     """Nothing could be stored for too long."""
 

@@ -1,10 +1,11 @@
 """Writes offsets to one control, step by step, only on top of its own last write, and reads each back."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 
-from drivers.base import BadAnswer
+from drivers.base import BadAnswer, ConnectError, NoAnswer
 from drivers.nc import NcSnapshot, NotSendable
 from gateway.clock import ServiceClock
 from gateway.config import Compensation
@@ -12,6 +13,10 @@ from gateway.nc.lease import Lease
 from gateway.nc.routes import Form, differ, offsets_text, positions
 from gateway.nc.slew import Offsets, Slew, Source, Step, Write, as_offsets
 from talc.frame import FloatArray
+
+_LATE_S = 10.0
+"""For so long after a write without an answer it may still arrive: the offsets stand where it would find them, so that
+it is a step of one period's slew at most."""
 
 
 class OffsetWriter:
@@ -39,6 +44,10 @@ class OffsetWriter:
         self._settings, self._period, self._store = settings, period_s, store
         self._slew: Slew | None = None
         self._left: FloatArray | None = None
+        self._unanswered: FloatArray | None = None
+        """The last write that got no answer, until it is seen in force."""
+        self._sent_s = -math.inf
+        """When it was sent."""
         self._last_step: Step | None = None
 
     @property
@@ -62,7 +71,11 @@ class OffsetWriter:
 
         Raises DriverError; BadAnswer for an offset that is not a finite number.
         """
-        in_force = await self._form.read()
+        self._continue_from(await self._form.read())
+        self._left = None
+
+    def _continue_from(self, in_force: FloatArray) -> None:
+        """The next step begins there. Raises BadAnswer."""
         if not np.all(np.isfinite(in_force)):
             raise BadAnswer(f"offsets {offsets_text(in_force)} µm are in force: expected finite numbers", device="nc")
         settings = self._settings
@@ -75,7 +88,7 @@ class OffsetWriter:
             self._clock.monotonic(),
             together=self._form.together,
         )
-        self._left = None
+        self._left = in_force
 
     def forget(self) -> None:
         """From now on the offsets in force may change without a write by this gateway."""
@@ -100,6 +113,9 @@ class OffsetWriter:
         send: whether it goes to the control; it is stored in either case, even if the control does not answer
         k: grid index of the decision that it is based on
         """
+        if send and source is not Source.STOPPED and await self._may_arrive(now_s):
+            self.stand(now_s, snapshot, Source.UNANSWERED, k)
+            return
         step = self._begun.follow(now_s, wanted, source, self._here(snapshot))
         if send:
             await self._send(step, snapshot, k)
@@ -119,6 +135,16 @@ class OffsetWriter:
         finally:
             self._record(step, snapshot, k, written=written, read_back=read_back)
 
+    async def _may_arrive(self, now_s: float) -> bool:
+        """Whether a write without an answer may still change what is in force."""
+        if self._unanswered is None or now_s - self._sent_s >= _LATE_S:
+            return False
+        self._continue_from(await self._form.read())
+        self._lease.check_fresh()
+        if self._left is not None and not differ(self._left, self._unanswered):
+            self._unanswered = None
+        return self._unanswered is not None
+
     async def _is_mine(self) -> bool:
         """Whether this gateway's last write is still in force; otherwise its next step would be a jump."""
         if self._left is None:
@@ -137,6 +163,9 @@ class OffsetWriter:
             text = f"NC: {error}; {offsets_text(coefficients)} µm were to be sent"
             self._lease.disarm(f"{text}; compensation is disarmed until a restart")
             return False
+        except (NoAnswer, ConnectError):
+            self._unanswered, self._sent_s = coefficients, self._clock.monotonic()
+            raise
         return True
 
     async def _read_back(self, coefficients: FloatArray) -> FloatArray:
@@ -147,12 +176,32 @@ class OffsetWriter:
 
     def _agrees(self, found: FloatArray, wanted: FloatArray) -> bool:
         """Disarm unless what was written is in force on the control. Compared where the difference is largest."""
+        if differ(found, wanted) and self._is_late(found, wanted):
+            return False
         if differ(found, wanted):
             self._lease.disarm(
                 f"NC: wrote offsets {offsets_text(wanted)} µm but {offsets_text(found)} are in force; compensation is "
                 "disarmed until a restart. Does another program write them?"
             )
             return False
+        return True
+
+    def _is_late(self, found: FloatArray, wanted: FloatArray) -> bool:
+        """Whether this gateway's own unanswered write, or a part of it, is what is in force instead of `wanted`.
+
+        If so, the next step continues from there.
+        """
+        late = self._unanswered
+        if late is None or late.shape != found.shape:
+            return False
+        if differ(found, np.where(np.abs(found - late) < np.abs(found - wanted), late, wanted)):
+            return False
+        self._unanswered = None
+        self._continue_from(found)
+        self._lease.tell(
+            f"NC: offsets {offsets_text(found)} µm are in force instead of {offsets_text(wanted)}: a write of this "
+            "gateway's that had no answer arrived late; it goes on from there"
+        )
         return True
 
     def _here(self, snapshot: NcSnapshot) -> FloatArray:

@@ -25,6 +25,7 @@ _LISTENS = "0A"
 class ControlScreen:
     def __init__(self) -> None:
         self.command, self.stat, self.errors = linuxcnc.command(), linuxcnc.stat(), linuxcnc.error_channel()
+        self.sampled: tuple[str, ...] = ()
         self.sphere = _sphere() if Path("sphere.hal").exists() else None
 
     def until(self, what: str, condition: Any) -> None:
@@ -153,6 +154,24 @@ class ControlScreen:
             "gcodes": sorted(self.stat.gcodes[1:]),
         }
 
+    def sample(self, count: int, *signals: str) -> list[list[float]]:
+        """Values of the signals in so many servo periods, one after the other: at most ten, the first time it is asked.
+
+        The periods are the real-time thread's own, whatever else this computer does.
+        """
+        if self.sampled != signals:
+            self.hal("loadrt", "sampler", "depth=4000", f"cfg={'f' * len(signals)}")
+            for i, name in enumerate(signals):
+                self.hal("net", name, "=>", f"sampler.0.pin.{i}")
+            self.hal("setp", "sampler.0.enable", "0")
+            self.hal("addf", "sampler.0", "servo-thread")
+            self.sampled = signals
+        with subprocess.Popen(["halsampler", "-n", str(count)], stdout=subprocess.PIPE, text=True) as reader:
+            self.hal("setp", "sampler.0.enable", "1")
+            rows = [[float(v) for v in line.split()] for line in reader.stdout or () if not line.startswith("overrun")]
+            self.hal("setp", "sampler.0.enable", "0")
+        return rows
+
     def hal(self, *words: str) -> str:
         done = subprocess.run(["halcmd", *words], capture_output=True, text=True, timeout=LIMIT_S, check=False)
         if done.returncode:
@@ -196,6 +215,7 @@ VERBS = (
     "messages",
     "state",
     "hal",
+    "sample",
     "jog",
     "listening",
     "greeting",

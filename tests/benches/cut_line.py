@@ -12,6 +12,8 @@ class CutLine:
 
     target: int
     silent: bool = False
+    reset: bool = False
+    """The client has closed its side by a reset."""
     spoil: Callable[[bytes], bytes] | None = None
     """Changes what the server answers."""
     _writers: list[asyncio.StreamWriter] = field(default_factory=list)
@@ -31,9 +33,12 @@ class CutLine:
             task.add_done_callback(self._tasks.discard)
 
     async def _pass_on(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter, answers: bool) -> None:
-        while data := await source.read(65536):
-            if not self.silent:
-                sink.write(self.spoil(data) if answers and self.spoil is not None else data)
+        try:
+            while data := await source.read(65536):
+                if not self.silent:
+                    sink.write(self.spoil(data) if answers and self.spoil is not None else data)
+        except ConnectionResetError:
+            self.reset |= not answers
         sink.close()
 
     async def cut(self) -> None:

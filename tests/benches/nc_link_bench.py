@@ -51,6 +51,9 @@ class ScriptedControl:
     """A write acts at once, and is answered when it is set."""
     swallows: bool = False
     """Takes a write and does not answer."""
+    loses: bool = False
+    """Takes no write in time: the next one is lost, without an answer, and kept in `lost`."""
+    lost: Offsets | None = None
     closed: int = 0
     looks: int = 0
     hangs: str = ""
@@ -98,6 +101,9 @@ class ScriptedControl:
             await self.slow.wait()
         if max(map(abs, offsets_um)) > 500.0:
             raise NotSendable(f"offsets_um = {offsets_um!r}: beyond largest_um = 500; nothing was sent")
+        if self.loses:
+            self.loses, self.lost = False, offsets_um
+            raise NoAnswer("nothing within 2 s", device="nc")
         self.writes.append((self.clock.monotonic(), offsets_um))
         if self.swallows:
             self.in_force = offsets_um

@@ -136,6 +136,22 @@ async def test_a_line_that_goes_silent_in_a_session_and_comes_back() -> None:
         await nc.close()
 
 
+async def test_a_write_without_an_answer_ends_with_a_reset_so_that_it_does_not_arrive_later() -> None:
+    async with running(emulated()) as url, line_to(url) as (line, joined):
+        nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.3), SystemClock())
+        await nc.connect()
+        line.silent = True
+        with pytest.raises(NoAnswer):
+            await nc.write_compensation((1.0, 2.0, 3.0))
+        async with asyncio.timeout(60.0):
+            while not line.reset:
+                await asyncio.sleep(0.01)
+        line.silent = False
+        await nc.connect()
+        assert await nc.read_compensation() == (0.0, 0.0, 0.0)
+        await nc.close()
+
+
 async def test_a_line_that_is_cut_in_a_session(caplog: pytest.LogCaptureFixture) -> None:
     async with running(emulated()) as url, line_to(url) as (line, joined):
         nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.5), SystemClock())

@@ -200,6 +200,31 @@ def test_no_encryption_beyond_this_computer_gives_a_caution(host: str, where: li
     assert list(told(config(text))) == where
 
 
+COMPENSATE = '[compensation]\nmode = "compensate"\n'
+
+
+@pytest.mark.parametrize(
+    ("more", "speed"),
+    [
+        pytest.param(COMPENSATE, "600", id="k0"),
+        pytest.param(COMPENSATE + "slew_um_per_s = 5.0\n", "3000", id="a faster slew"),
+        pytest.param('[nc.compensation]\nroute = "r"\n' + COMPENSATE, "600", id="r"),
+        pytest.param("", None, id="nothing is written"),
+        pytest.param(
+            '[nc.compensation]\nroute = "k0_slope"\ntravel_mm = [[-1, 1], [-1, 1], [-1, 1]]\n' + COMPENSATE,
+            None,
+            id="k0_slope",
+        ),
+    ],
+)
+def test_offsets_that_the_axes_outrun_are_a_caution(more: str, speed: str | None) -> None:
+    text = '[nc]\nkind = "sinumerik"\nurl = "opc.tcp://127.0.0.1:4840"\nsecurity = "none"\n' + more
+    said = told(config(text)).get("[nc.compensation] route")
+    assert (said is not None) == (speed is not None)
+    if said is not None:
+        assert f"an axis faster than {speed} mm/min outruns them" in said
+
+
 def test_linuxcnc_gets_its_settings_and_its_cautions(tmp_path: Path) -> None:
     (tmp_path / "talc.key").write_text("k" * 64)
     (tmp_path / "talc.key").chmod(0o640)

@@ -1,0 +1,96 @@
+"""A write that gets no answer may be held by the network and arrive later: no step larger than one period's, and the
+gateway knows its own.
+"""
+
+from contextlib import AbstractAsyncContextManager
+
+from drivers.nc import Triple
+from tests.benches.nc_link_bench import LinkBench, decision
+
+SLEW = 1.0
+"""µm in a period of 1 s."""
+
+
+def at_work() -> tuple[LinkBench, AbstractAsyncContextManager[None]]:
+    bench = LinkBench("compensate")
+    bench.link.follow(decision(25.0))
+    return bench, bench.running()
+
+
+def lands(bench: LinkBench) -> float:
+    """The lost write takes effect; returns the step that it makes, µm."""
+    late: Triple | None = bench.control.lost
+    assert late is not None
+    step = max(abs(a - b) for a, b in zip(late, bench.control.in_force, strict=True))
+    bench.control.in_force = late
+    return step
+
+
+def sources(bench: LinkBench) -> list[str]:
+    return [write.step.source.value for write in bench.steps]
+
+
+async def test_the_offsets_stand_where_a_late_write_would_find_them_and_it_is_no_step() -> None:
+    bench, running = at_work()
+    async with running:
+        await bench.clock.run_until(10.0)
+        bench.control.loses = True
+        await bench.clock.run_until(11.0)
+        stood = bench.control.in_force
+        await bench.clock.run_until(16.0)
+        assert bench.control.in_force == stood, "nothing is written meanwhile"
+        assert sources(bench)[-1] == "unanswered"
+        assert 0.0 < lands(bench) <= SLEW
+        await bench.clock.run_until(18.0)
+        assert sources(bench)[-1] == "prediction", "it has been seen: the ramp goes on at once"
+        await bench.clock.run_until(58.0)
+        assert bench.control.in_force == (0.0, 0.0, 25.0)
+        assert bench.link.armed
+    shifts = [um[2] for _, um in bench.control.writes]
+    assert max(b - a for a, b in zip([0.0, *shifts], shifts, strict=False)) <= 2 * SLEW, "the late one lies between"
+
+
+async def test_a_write_that_never_arrives_holds_the_ramp_for_ten_seconds() -> None:
+    bench, running = at_work()
+    async with running:
+        await bench.clock.run_until(10.0)
+        bench.control.loses = True
+        await bench.clock.run_until(11.0)
+        stood = bench.control.in_force
+        await bench.clock.run_until(20.0)
+        assert bench.control.in_force == stood
+        await bench.clock.run_until(26.0)
+        assert bench.control.in_force[2] > stood[2] + 2.0
+        await bench.clock.run_until(58.0)
+        assert bench.control.in_force == (0.0, 0.0, 25.0)
+    assert bench.link.armed
+
+
+async def test_later_than_that_it_is_still_known_as_its_own_and_the_ramp_goes_on_from_there() -> None:
+    bench, running = at_work()
+    async with running:
+        await bench.clock.run_until(10.0)
+        bench.control.loses = True
+        await bench.clock.run_until(40.0)
+        lands(bench)
+        here = bench.control.in_force[2]
+        before = len(bench.control.writes)
+        await bench.clock.run_until(41.0)
+        await bench.clock.run_until(42.0)
+        assert abs(bench.control.writes[before][1][2] - here) <= SLEW + 1e-9, "from where it is"
+        await bench.clock.run_until(58.0)
+        assert bench.control.in_force == (0.0, 0.0, 25.0)
+    assert bench.link.armed
+    assert len([text for text in bench.notices if "arrived late; it goes on from there" in text]) == 1
+
+
+async def test_what_another_program_sets_after_a_lost_write_still_disarms() -> None:
+    bench, running = at_work()
+    async with running:
+        await bench.clock.run_until(10.0)
+        bench.control.loses = True
+        await bench.clock.run_until(40.0)
+        bench.control.in_force = (5.0, 0.0, 3.0)
+        await bench.clock.run_until(45.0)
+        assert bench.control.in_force == (5.0, 0.0, 3.0)
+    assert not bench.link.armed
