@@ -17,7 +17,7 @@ from gateway.rebuild import (
     start_of,
     used,
 )
-from gateway.storage import History, Store, StoreError
+from gateway.storage import DamagedError, History, Store, StoreError
 from talc.control import Controller
 from talc.frame import FloatArray, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
@@ -60,7 +60,7 @@ class Past:
 def stored_config(history: History) -> GatewayConfig:
     """The configuration of the latest run, from the first copy of it that is valid.
 
-    Raises StoreError if the database is empty, or if every copy is damaged.
+    Raises StoreError if the database is empty, DamagedError if every copy is damaged.
     """
     texts = history.configs()
     if not texts:
@@ -71,7 +71,7 @@ def stored_config(history: History) -> GatewayConfig:
             return from_stored(text, history.prior())
         except (ValueError, KeyError, TypeError, AttributeError) as error:  # pydantic's are ValueErrors
             wrong = wrong or " ".join(str(error).split())
-    raise StoreError(
+    raise DamagedError(
         f"the configuration that is stored of the latest run is invalid or damaged: {wrong}; give [storage] another"
         " path to start again"
     )
@@ -116,6 +116,8 @@ def past_in(
     try:
         with store.same_file() as file, History(config.storage.path) as history:
             return past_of(history, config, each)
+    except DamagedError as error:
+        store.repair(error, file)
     except (Interrupted, StoreError):
         raise
     except Exception as error:  # noqa: BLE001 - anything comes of a damaged row; of a whole database it is raised again

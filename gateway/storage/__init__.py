@@ -1,7 +1,7 @@
 """The database of a gateway: writing while it runs, and reading."""
 
 from gateway.storage.damage import findings
-from gateway.storage.faults import StoreError
+from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.history import History
 from gateway.storage.imported import import_learnt
 from gateway.storage.learnt import Learnt, Reference, learnt_text, parse_learnt
@@ -12,6 +12,7 @@ from gateway.storage.store import Store, boot_id
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
 
 __all__ = [
+    "DamagedError",
     "History",
     "Learnt",
     "ReadingsPage",

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from gateway.config import validate
 from gateway.storage import rows
 from gateway.storage.learnt import parse_learnt
 from gateway.storage.schema import NEW, UNREADABLE, connect
@@ -67,9 +68,24 @@ def unreadable_rows(path: Path) -> int:
     """
     with closing(sqlite3.connect(path, timeout=10.0)) as source:
         source.text_factory = _text
-        return bool(contradiction(source)) + sum(
-            not _checked(table, row) for table in _columns() for row in source.execute(f"SELECT * FROM {table}")
+        return (
+            bool(contradiction(source))
+            + _frames_of_no_run(source)
+            + sum(not _checked(table, row) for table in _columns() for row in source.execute(f"SELECT * FROM {table}"))
         )
+
+
+def _frames_of_no_run(connection: sqlite3.Connection) -> int:
+    """How many frames belong to no run that is stored, or have another number of inputs than it."""
+    runs = connection.execute("SELECT id, config FROM boot").fetchall()
+    if not runs:
+        return 0
+    (many,) = connection.execute("SELECT count(*) FROM frame WHERE boot NOT IN (SELECT id FROM boot)").fetchone()
+    for boot, text in runs:
+        if (inputs := _inputs_of(text)) is not None:
+            found = "SELECT count(*) FROM frame WHERE boot = ? AND length(inputs) <> ?"
+            many += connection.execute(found, (boot, 8 * inputs)).fetchone()[0]
+    return int(many)
 
 
 def findings(path: Path) -> list[str]:
@@ -284,6 +300,11 @@ def _text(data: bytes) -> str:
 _NINE = bytes(72)
 
 
+def _check_config(text: str) -> None:
+    if json.loads(text):  # else nothing was told
+        validate(text)
+
+
 def _check_frame(row: RawRow) -> None:
     k, _, inputs, valid, errors, sigma = row
     rows.step_of((k, inputs, valid, errors, sigma, "calibration", *[_NINE] * 4, None, None, "[]", None), ())
@@ -326,8 +347,8 @@ def _check_moment(row: RawRow) -> None:
 
 
 _CHECKS: Mapping[str, Callable[[RawRow], object]] = {
-    "boot": lambda row: json.loads(row[3]),
-    "running": lambda row: json.loads(row[3]),
+    "boot": lambda row: _check_config(row[3]),
+    "running": lambda row: _check_config(row[3]),
     "frame": _check_frame,
     "decision": _check_decision,
     "measurement": _check_measurement,

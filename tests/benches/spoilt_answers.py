@@ -10,6 +10,8 @@ from drivers.base import Bus, Driver, DriverError, Quality, Reading
 from drivers.build import make_bus
 from tests.benches.rigs import Rig
 
+_LATEST_S = 0.3
+"""Within which a late answer comes."""
 _BETWEEN_S = 0.1
 """For devices that send by themselves."""
 
@@ -46,7 +48,7 @@ class Spoiler:
             case "before":
                 return [(0.0, before), (0.0, data)]
             case "late":
-                return [(draw.random() * 0.3, data)]
+                return [(draw.random() * _LATEST_S, data)]
             case "none":
                 return []
             case _:
@@ -100,6 +102,9 @@ async def read_spoilt(rig: Rig, seeds: Iterable[int]) -> int:
                     assert whole(await driver.read(), driver.channels)
             spoilt += spoiler.answers
         rig.wire.spoil = None
+        await asyncio.sleep(
+            _LATEST_S + rig.settle_s
+        )  # a spoilt frame without a checksum is the latest until the next one
         readings = await until_good(bus, driver)
         far = [r.value - true for r, true in zip(readings, rig.true_values, strict=True)]
         assert max(map(abs, far)) <= rig.tolerance * 1.0001 + 1e-9

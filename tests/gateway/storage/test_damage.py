@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.past import past_in
-from gateway.storage import History, Store, StoreError
+from gateway.storage import History, Store
 from tests.benches.service_file import two_temperatures
 from tests.benches.spoilt_stores import (
     DAMAGES,
@@ -157,10 +157,22 @@ def test_a_flipped_bit_in_one_copy_of_the_configuration_costs_nothing(whole: Pat
         assert (past.last_k, mended) == (STEPS - 1, "")
 
 
-def test_a_configuration_that_cannot_be_read_is_told_and_not_a_traceback(whole: Path, tmp_path: Path) -> None:
+def test_without_a_configuration_learning_begins_again(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("UPDATE boot SET config = replace(config, '\"telemetry\":', '\"telemetrx\":')")
-    with pytest.raises(StoreError, match=r"is invalid or damaged: .*telemetrx"):
-        restarted(path, "second")
+    past, mended = restarted(path, "second")
+    assert past.last_k is None
+    assert "learning begins again" in mended
+    assert not restarted(path, "third")[1]
+
+
+def test_frames_that_are_of_no_run_are_damage(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE frame SET boot = 'compensation', inputs = zeroblob(72) WHERE k = 70")
+    assert check_start(path)
+    with History(path) as history:
+        assert 70 not in {step.frame.k for step in history.steps()}
