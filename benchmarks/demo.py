@@ -6,14 +6,17 @@ called directly. Not there: the checks of a measurement, and latencies of the wi
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
 from benchmarks.rows import BenchRow
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
+from drivers.problems import read_settings
+from drivers.sinumerik import SinumerikSettings, make_sinumerik
 from gateway.config import Probing
+from gateway.nc import Slew, form_of
 from gateway.probing import End, Probe, ProbingSchedule, Standing, probe_of
 from gateway.report import ReportData, Summary, Truth, summary
 from simulators.bench.machine import BenchMachine
@@ -21,8 +24,7 @@ from simulators.nc import MachineState
 from simulators.plant import RADIUS_MM, load
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame, Measurement
-from talc.indicators import reduction, rms
-from talc.kinematics import tcp_offsets
+from talc.indicators import reduction
 from talc.settings import TalcSettings
 
 SEEDS = range(1, 21)
@@ -30,8 +32,12 @@ _HOURS = 72.0
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 _TICK_S, _NC_S, _READ_S, _GRID_S = 10, 30, 100, 300
 """Periods of the demo: of a look at a probing cycle, of the NC, of the devices and of the grid."""
-_BOUND_UM, _SLEW_UM = 150.0, 30.0
-"""Of an offset, and of its change in a period of the NC."""
+_BOUND_UM, _SLEW_UM_PER_S = (150.0, 150.0, 150.0), 1.0
+_TABLES = ("XY", "XZ", "YX", "YZ", "ZX", "ZY")
+_REACH_MM = np.array([210.0, 210.0, 250.0])
+_TRAVEL_MM = [[-210.0, 210.0], [-210.0, 210.0], [0.0, 250.0]]
+_ROUTE = {"route": "k0_slope", "travel_mm": _TRAVEL_MM, "tables": {pair: n for n, pair in enumerate(_TABLES)}}
+"""Like the limits, from simulators/bench/gateway.toml."""
 _STATES = ("spindle_speed", "speed_X", "speed_Y", "speed_A", "speed_C", "coolant")
 _STEPS_OF = 18
 """Channels that come in steps of 0.1 K; the others' steps are smaller."""
@@ -83,7 +89,11 @@ class DemoLoop:
         self._reference: FloatArray | None = None
         self._cycles: list[FloatArray] = []
         self._number, self._look_from = 0, math.inf
-        self._offsets = np.zeros(3)
+        place = {"url": "opc.tcp://127.0.0.1", "security": "none", "compensation": _ROUTE}
+        control = make_sinumerik(read_settings(SinumerikSettings, place), self._clock)  # never connected
+        self._form = form_of(control, RADIUS_MM * 1e-3, _BOUND_UM)
+        self._slew = Slew(_BOUND_UM, _SLEW_UM_PER_S, "zero", _NC_S, np.zeros((3, 4)), 0.0)
+        self._coefficients = np.zeros((3, 4))
         self._read: list[list[float]] = []
         self._states: list[list[float]] = []
         self._finished: Measurement | None = None
@@ -107,19 +117,6 @@ class DemoLoop:
                 self._step()
         return self._data()
 
-    def left_at_once(self, data: ReportData) -> FloatArray:
-        """(3,) E_RMS of the tool in X, Y, Z, µm, had each offset been that of where the tool was, without a delay."""
-        truth, first = data.truth, data.judged_from
-        if truth is None or first is None:
-            raise ValueError("nothing was corrected")
-        time_s = truth.time_s + data.start_utc_s - _EPOCH.timestamp()
-        left = [
-            _at_the_tool(truth.errors[i] - np.nan_to_num(data.corrected[step]), self._nck.state(time_s[i]))
-            for i, step in enumerate(data.rows_at(truth.time_s))
-            if step >= first and not truth.probing[i]
-        ]
-        return np.array([rms(axis) for axis in np.array(left).T])
-
     def _temperatures(self) -> list[float]:
         values = self._machine.temperatures(self._channels)()
         return [round(v, 1 if i < _STEPS_OF else 2) for i, v in enumerate(values)]
@@ -128,11 +125,14 @@ class DemoLoop:
         """Offsets follow the latest decision; while the machine probes they stand still."""
         if not self._decisions or self._number or state.probing:
             return
-        errors = np.nan_to_num(self._decisions[-1].corrected)
-        wanted = np.clip(_at_the_tool(errors, state), -_BOUND_UM, _BOUND_UM)
-        self._offsets = self._offsets + np.clip(wanted - self._offsets, -_SLEW_UM, _SLEW_UM)
-        for axis, value in enumerate(self._offsets.tolist()):
-            self._nck.write_k0(axis, -value * 1e-3, self._clock.now)
+        now, errors = self._clock.now, np.nan_to_num(self._decisions[-1].corrected)
+        wanted = self._form.wanted(errors, _where(state), RADIUS_MM * 1e-3)
+        self._coefficients = np.array(self._slew.follow(now, wanted).coefficients_um)
+        k0, slope = self._coefficients[:, 0] * 1e-3, self._coefficients[:, 1:] / _REACH_MM
+        for axis in range(3):
+            self._nck.write_k0(axis, -float(k0[axis]), now)
+            self._nck.slope[axis] = -float(slope[axis, axis]) * 1e-3
+        self._nck.table_weight[:] = [-float(slope["XYZ".index(pair[0]), "XYZ".index(pair[1])]) for pair in _TABLES]
 
     def _see_to_probing(self, state: MachineState) -> None:
         now = self._clock.now
@@ -159,10 +159,10 @@ class DemoLoop:
             return
         found = np.mean(self._cycles, axis=0)
         self._cycles, self._number = [], 0
-        x, y, z = self._offsets.tolist()
+        in_force = self._form.during(self._coefficients, found)
         if self._reference is None:
-            self._reference = found + self._offsets * 1e-3
-        result = self._probe.solve(self._probe.deviations_um(found, self._reference, (x, y, z)))
+            self._reference = found + np.asarray(in_force) * 1e-3
+        result = self._probe.solve(self._probe.deviations_um(found, self._reference, in_force))
         self._finished = Measurement(result.errors, result.sigma)
         self._plan.ended(End.MEASURED, "", self._clock.now)
 
@@ -208,31 +208,19 @@ class DemoLoop:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class DemoFigures:
-    """What came of one seed."""
-
-    summary: Summary
-    """As `talc-gateway demo` prints it."""
-    at_once: FloatArray
-    """(3,) see DemoLoop.left_at_once."""
-
-
-def demo(seed: int, hours: float = _HOURS) -> DemoFigures:
-    """The figures of one run."""
-    loop = DemoLoop(seed, hours)
-    data = loop.run()
-    return DemoFigures(summary(data), loop.left_at_once(data))
+def demo(seed: int, hours: float = _HOURS) -> Summary:
+    """The figures of one run, as `talc-gateway demo` prints them."""
+    return summary(DemoLoop(seed, hours).run())
 
 
 def rows() -> list[BenchRow]:
     """All rows of the table; takes some minutes."""
-    return list(table([demo(seed) for seed in SEEDS]))
+    with ProcessPoolExecutor() as pool:
+        return list(table(list(pool.map(demo, SEEDS))))
 
 
-def table(runs: list[DemoFigures]) -> Iterator[BenchRow]:
+def table(found: Sequence[Summary]) -> Iterator[BenchRow]:
     """Medians of the runs, and their ranges in brackets."""
-    found = [run.summary for run in runs]
     for same in zip(*((*s.rows, *s.tool) for s in found), strict=True):
         name, unit = same[0].name, same[0].unit
         for kind, figures in (
@@ -243,8 +231,6 @@ def table(runs: list[DemoFigures]) -> Iterator[BenchRow]:
             less = [reduction(*pair) for pair in figures]
             beside = f"{_range(without)} without; {_range(less, 0)} % less"
             yield BenchRow(f"{name}, {kind}, {unit}", _range(left), beside)
-    for axis, left in zip("XYZ", np.array([run.at_once for run in runs]).T, strict=True):
-        yield BenchRow(f"tool {axis}, E_RMS, µm, had each offset come without a delay", _range(left.tolist()))
     yield BenchRow("measurements", _range([float(s.measurements) for s in found], 0))
     yield BenchRow("productivity Pd, %", _range([s.productivity for s in found], 1))
 
@@ -253,11 +239,10 @@ def _range(values: Sequence[float], digits: int = 2) -> str:
     return f"{np.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 
-def _at_the_tool(errors: FloatArray, state: MachineState) -> FloatArray:
-    """(3,) µm of these errors where the tool is."""
+def _where(state: MachineState) -> FloatArray:
+    """(5,) X, Y, Z in mm, A and C in radians."""
     at = state.positions
-    where = np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])
-    return tcp_offsets(errors, where, RADIUS_MM * 1e-3)
+    return np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])
 
 
 def _states(state: MachineState) -> list[float]:

@@ -3,19 +3,23 @@
 from gateway.nc.boundary import contained
 from gateway.nc.build import control_of
 from gateway.nc.link import NcLink
+from gateway.nc.routes import Form, form_of
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
-from gateway.nc.slew import Offsets, Source, Step, Write
+from gateway.nc.slew import Offsets, Slew, Source, Step, Write
 
 __all__ = [
     "Earlier",
+    "Form",
     "Identity",
     "LinkSettings",
     "Listeners",
     "NcLink",
     "Offsets",
+    "Slew",
     "Source",
     "Step",
     "Write",
     "contained",
     "control_of",
+    "form_of",
 ]
