@@ -1,6 +1,7 @@
 """Problems of a file or a table, one per line: where, which value, and what is expected."""
 
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from dataclasses import fields as dataclass_fields
@@ -46,6 +47,16 @@ def shown(value: object) -> str:
         return str(value).lower()
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def toml_data(text: str) -> dict[str, object]:
+    """The data of a TOML file. Raises ValueError: it is none, or no program can show what stands in it."""
+    try:
+        data = tomllib.loads(text)
+        repr(data)  # an integer of thousands of digits cannot be written
+    except RecursionError:
+        raise ValueError("too many brackets within brackets") from None
+    return data
 
 
 def read_settings(

@@ -1,6 +1,5 @@
 """Loads device profiles, from `drivers/profiles/*.toml` or from a user's own file of the same form."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
@@ -12,7 +11,7 @@ from drivers.can import DBC_ENCODING, CanDbcProfile
 from drivers.canopen import Cia404Profile
 from drivers.micro_epsilon import MeEthernetProfile, MeRs485Profile
 from drivers.modbus import ModbusProfile
-from drivers.problems import read_settings, shown, suggestion
+from drivers.problems import read_settings, shown, suggestion, toml_data
 
 Profile = ModbusProfile | Cia404Profile | CanDbcProfile | MeRs485Profile | MeEthernetProfile
 
@@ -98,8 +97,8 @@ def _decoded(name: str, content: bytes) -> str:
 
 def _parse(name: str, text: str, *, file: str) -> Profile:
     try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # of too many digits, or brackets within brackets, too
+        data = toml_data(text)
+    except ValueError as error:
         raise SetupError(f"{file}: invalid TOML: {error}") from error
     protocol = data.get("protocol", "")
     if not isinstance(protocol, str) or protocol not in _PROTOCOLS:

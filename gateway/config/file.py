@@ -1,6 +1,5 @@
 """Loads and checks a configuration file."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -8,6 +7,7 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from drivers.base import SetupError
+from drivers.problems import toml_data
 from drivers.profiles import UserProfile, is_users, user_profile
 from gateway.config.model import GatewayConfig, with_database
 from gateway.config.prior import PriorError, prior_for
@@ -85,8 +85,8 @@ def _with_own_profiles(config: GatewayConfig) -> tuple[GatewayConfig, list[Probl
 def data_of(text: str, path: Path) -> dict[str, object]:
     """The data of the text, with those of the `[talc]` preset added; not checked yet. Raises ConfigError."""
     try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # of too many digits, or brackets within brackets, too
+        data = toml_data(text)
+    except ValueError as error:
         raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
     talc = data.get("talc")
     return {**data, "talc": completed(talc)} if isinstance(talc, dict) else data

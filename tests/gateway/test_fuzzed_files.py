@@ -5,6 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from drivers.base import SetupError
+from drivers.profiles import load_profile
+from gateway.config import ConfigError, load
 from tests.benches.fuzzed_files import FILES
 
 MANY = {"recordings": 150, "toml": 100, "snapshot": 100}
@@ -16,3 +19,13 @@ MANY = {"recordings": 150, "toml": 100, "snapshot": 100}
 def test_any_file_is_read_or_refused_with_a_text(kind: str, tmp_path: Path) -> None:
     for seed in range(MANY.get(kind, 300)):
         FILES[kind](random.Random(seed), tmp_path)
+
+
+@pytest.mark.parametrize("value", ["[" * 3000, "9" * 5000, "0x" + "f" * 5000])
+def test_what_cannot_be_shown_is_refused_in_a_configuration_and_in_a_profile(value: str, tmp_path: Path) -> None:
+    file = tmp_path / "some.toml"
+    file.write_text(f"x = {value}", encoding="utf-8")
+    with pytest.raises(ConfigError, match="is not valid TOML"):
+        load(file)
+    with pytest.raises(SetupError, match="invalid TOML"):
+        load_profile(str(file))
