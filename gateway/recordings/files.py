@@ -147,9 +147,9 @@ class _Parquet:
             raise RecordingError(path, [Problem("", what)]) from None
         try:
             self._table: pyarrow.Table = parquet.read_table(path)
-        except (ArrowException, OSError) as error:
+            self.head: list[str] = self._table.column_names
+        except (ArrowException, OSError, UnicodeDecodeError) as error:
             raise RecordingError(path, [Problem("", f"is not a readable Parquet file: {error}")]) from None
-        self.head: list[str] = self._table.column_names
         if not any(self.head):
             raise RecordingError(path, [Problem("", "has no column with a name")])
 

@@ -3,11 +3,14 @@
 import random
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 
 from drivers.base import SetupError
 from drivers.profiles import load_profile
 from gateway.config import ConfigError, load
+from gateway.recordings import Columns, RecordingError, read_recording
 from tests.benches.fuzzed_files import FILES
 
 MANY = {"recordings": 150, "toml": 100, "snapshot": 100}
@@ -29,3 +32,11 @@ def test_what_cannot_be_shown_is_refused_in_a_configuration_and_in_a_profile(val
         load(file)
     with pytest.raises(SetupError, match="invalid TOML"):
         load_profile(str(file))
+
+
+def test_a_parquet_file_with_a_name_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "machine.parquet"
+    parquet.write_table(pa.table({"time": [0.0, 300.0], "plain": [1.0, 2.0]}), file, store_schema=False)
+    file.write_bytes(file.read_bytes().replace(b"plain", b"\x80lain"))
+    with pytest.raises(RecordingError, match="is not a readable Parquet file"):
+        read_recording(file, Columns(), 300.0)
