@@ -10,17 +10,9 @@ from typing import Literal
 import click
 
 from drivers.can import is_multicast_group
-from gateway.cli.arguments import (
-    address_of,
-    check_output,
-    named_errors,
-    named_units,
-    page_path,
-    shifts_of,
-    time_zone_of,
-)
+from gateway.cli.arguments import address_of
 from gateway.cli.db import db
-from gateway.cli.exits import EXIT_DIFFERENT, EXIT_WORLD, Commands
+from gateway.cli.exits import EXIT_WORLD, Commands
 from gateway.cli.log import log_to_stderr
 from gateway.config import ConfigError, GatewayConfig, cautions, credential_problems, described, load, unarmed
 
@@ -48,15 +40,6 @@ def _with_simulators() -> None:
     """Raises click.UsageError in an installation for a machine, which has no emulated devices."""
     if find_spec("simulators") is None:
         raise click.UsageError("this installation has no emulated devices; install the whole wheel on another computer")
-
-
-def _with_pages() -> None:
-    """Raises click.UsageError without what makes pages, which the package for a machine does not contain."""
-    missing = [name for name in ("jinja2", "matplotlib") if find_spec(name) is None]
-    if missing:
-        raise click.UsageError(
-            f"{', '.join(missing)} not installed; pip install 'talc-gateway[report]', or copy the file"
-        )
 
 
 def read_config(path: Path) -> GatewayConfig:
@@ -314,114 +297,6 @@ def web(
         raise click.UsageError("give CONFIG, or --connect ENDPOINT")
     host, port = address_of(listen)
     serve_pages(WebCommand(None if config is None else read_config(config), connect, prefix, settings, host, port))
-
-
-@main.command()
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option(
-    "-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="HTML page. Default: beside FILE."
-)
-@click.option(
-    "--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with [grid] and [talc]."
-)
-@click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
-@click.option("--time-format", metavar="FORMAT", default="",
-              help="How times are written, such as '%d.%m.%Y %H:%M', or `excel` for its numbers.")  # fmt: skip
-@click.option("--time-zone", metavar="ZONE", help="Time zone of times without one, such as Europe/Zurich.")
-@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Column of an error; any name.")
-@click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of an error's column, such as mm.")
-@click.option(
-    "--input",
-    "inputs",
-    multiple=True,
-    metavar="COLUMN",
-    help="Column to use as an input although it resembles an error.",
-)
-@click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is not an input.")
-@click.option("--calibration-interval", "calibration_min", type=click.FloatRange(min=0, min_open=True),
-              metavar="MINUTES", help="Time between the measurements of a calibration (method models).")  # fmt: skip
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
-              help="Write a table of each step: predictions, sigmas, contributions of inputs; and beside it "
-              "NAME-models with the weights of what was learnt. CSV or Parquet.")  # fmt: skip
-@click.option("--every-measurement", is_flag=True, help="Use all measurements, not only the requested ones.")
-def replay(
-    file: Path,
-    output: Path | None,
-    config: Path | None,
-    time_column: str,
-    time_format: str,
-    time_zone: str | None,
-    errors: tuple[str, ...],
-    units: tuple[str, ...],
-    inputs: tuple[str, ...],
-    ignore: tuple[str, ...],
-    calibration_min: float | None,
-    out: Path | None,
-    every_measurement: bool,
-) -> None:
-    """Repeat the decisions of a database, or run the controller on a recording.
-
-    FILE is a gateway's database: its frames go to a fresh controller, and every decision is compared.
-
-    Or FILE is your own recording, CSV or Parquet: a column `time` (ISO 8601, or seconds), columns of thermal errors
-    with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), and every other column is an input. The controller runs on it
-    as if it were live and writes the report. The options are for recordings.
-    """
-    from gateway.recordings import Columns, TimeFormat, is_database
-
-    if is_database(file):
-        from gateway.cli.replay import show
-
-        sys.exit(0 if show(file) else EXIT_DIFFERENT)
-    _with_pages()
-    from gateway.cli.replay import Request, run_recording
-
-    named = named_errors(errors)
-    columns = Columns(
-        time_column, named, ignore, inputs, named_units(units), TimeFormat(time_format, time_zone_of(time_zone))
-    )
-    page = page_path(output, file, config)
-    if out is not None and out.suffix not in (".csv", ".parquet"):
-        raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
-    request = Request(file, columns, page, config, every_measurement, out, calibration_min)
-    for table in (request.out, request.models_out):
-        check_output("table", "--out", table, file, config)
-    run_recording(request)
-
-
-@main.group()
-def prior() -> None:
-    """Make a prior from what machines have learnt, for the next machine of the same kind."""
-
-
-@prior.command("make")
-@click.argument("databases", metavar="DATABASE...", nargs=-1, required=True,
-                type=click.Path(exists=True, dir_okay=False, path_type=Path))  # fmt: skip
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="JSON file.")
-def make_prior(databases: tuple[Path, ...], output: Path) -> None:
-    """Write what the gateways of DATABASE... have learnt to one file, for `[talc] prior` of another machine.
-
-    Give one database per machine. Each machine's learner is rebuilt from its frames and measurements, whatever method
-    it used, and without the prior that it started with. Inputs of different machines are matched by name.
-    """
-    from gateway.cli.prior import make
-
-    make(databases, output)
-
-
-@main.command()
-@click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Default: beside DATABASE.")
-@click.option("--time-zone", help="Time zone of the report, such as Europe/Zurich. Default: this computer's.")
-@click.option(
-    "--shifts", default="06:00,14:00,22:00", show_default=True, help="When shifts begin, local time; empty: no shifts."
-)
-def report(database: Path, output: Path | None, time_zone: str | None, shifts: str) -> None:
-    """Write the HTML report of DATABASE and print its table."""
-    _with_pages()
-    from gateway.cli.report import Reader, write
-
-    write(database, page_path(output, database), reader=Reader(time_zone_of(time_zone), shifts_of(shifts)))
 
 
 main.add_command(db)

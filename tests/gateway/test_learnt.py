@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.ages import Ages
-from gateway.cli.main import main
+from gateway.cli import main
 from gateway.config import GatewayConfig, load
 from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted
 from gateway.past import Past, past_of

@@ -14,7 +14,7 @@ from pyarrow import parquet
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.cli.main import main
+from gateway.cli import main
 from gateway.config import parse
 from gateway.events import CompensationStepped, DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.nc import Source, Step, Write

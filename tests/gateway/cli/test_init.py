@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.cli import init as command
-from gateway.cli.main import main
+from gateway.cli import main
 from gateway.config import load
 from gateway.scan import ScanPort
 from simulators.devices import Adam6015, TcpHost

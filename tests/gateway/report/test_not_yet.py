@@ -115,7 +115,7 @@ def test_an_installation_without_the_page_maker_says_what_to_install(
 ) -> None:
     (tmp_path / "g.sqlite").touch()
     monkeypatch.setattr(
-        sys.modules["gateway.cli.main"], "find_spec", lambda name: None if name == "jinja2" else object()
+        sys.modules["gateway.cli.recorded"], "find_spec", lambda name: None if name == "jinja2" else object()
     )
     answer = CliRunner().invoke(main, ["report", str(tmp_path / "g.sqlite")])
     assert (answer.exit_code, "jinja2 not installed; pip install" in answer.output) == (2, True)

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from drivers.base import ConnectError
-from gateway.cli.main import main
+from gateway.cli import main
 from gateway.config import ModbusRtuSection, load
 from gateway.scan.found import Found, ScanReport
 from gateway.scan.fragment import merged
