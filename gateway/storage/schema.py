@@ -32,6 +32,8 @@ CREATE TABLE compensation (id INTEGER PRIMARY KEY, time TEXT NOT NULL, mode TEXT
     read_back BLOB, coefficients BLOB NOT NULL);
 {TABLES}
 """
+MARK = int.from_bytes(b"TAL") << 8 | SCHEMA_VERSION
+"""Also in the file's header, as its application: the version a second time, as a bit may flip in it."""
 READABLE = (3, SCHEMA_VERSION)
 """Versions that can be read without migrating them."""
 _CHECKPOINT_PAGES = 2000
@@ -55,7 +57,7 @@ CREATE TABLE IF NOT EXISTS pause (k INTEGER PRIMARY KEY, origin TEXT NOT NULL, b
 CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 """
 """Tables that later programs added; in a file without them, nothing of the kind has happened."""
-NEW = f"BEGIN;{SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;"
+NEW = f"BEGIN;{SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};PRAGMA application_id = {MARK};COMMIT;"
 """Makes all tables of a new file in one transaction: a power cut leaves either no table or all of them."""
 
 UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
@@ -137,6 +139,9 @@ def make_schema(path: Path) -> Path | None:
     try:
         with closing(connect(path)) as connection:
             version = connection.execute("PRAGMA user_version").fetchone()[0]
+            mark = connection.execute("PRAGMA application_id").fetchone()[0]
+            if mark == MARK and version != SCHEMA_VERSION:
+                raise DamagedError(f"{path}: says that its schema version is {version}, and was written with another")
             foreign = version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
             if version == 0 and not foreign:
                 connection.executescript(NEW)
@@ -146,6 +151,8 @@ def make_schema(path: Path) -> Path | None:
             if version == SCHEMA_VERSION:
                 connection.executescript(ADDED)
                 _check_columns(path, connection)
+                if mark == 0:
+                    connection.execute(f"PRAGMA application_id = {MARK}")
     except UNREADABLE as error:
         if is_damage(error) and looks_like_a_database(path):
             raise DamagedError(f"{path}: is not a database of this gateway: {error}") from error

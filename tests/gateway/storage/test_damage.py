@@ -176,3 +176,16 @@ def test_frames_that_are_of_no_run_are_damage(whole: Path, tmp_path: Path) -> No
     assert check_start(path)
     with History(path) as history:
         assert 70 not in {step.frame.k for step in history.steps()}
+
+
+@pytest.mark.parametrize("version", [0, 3, 5, 4100, -1])
+def test_a_spoilt_schema_version_is_damage_and_not_another_programs_file(
+    whole: Path, tmp_path: Path, version: int
+) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute(f"PRAGMA user_version = {version}")
+    past, mended = restarted(path, "second")
+    assert f"says that its schema version is {version}" in mended
+    assert past.last_k == STEPS - 1
