@@ -2,10 +2,11 @@
 
 import re
 import socket
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Final
 
 import click
 
@@ -47,6 +48,18 @@ from gateway.scan import (
     to_confirm,
 )
 
+_CONTROLS: Final[Mapping[str, tuple[type[SinumerikAnswers | LinuxCncAnswers], Mapping[str, str]]]] = {
+    "sinumerik": (
+        SinumerikAnswers,
+        {
+            "url": "Address of its OPC UA server",
+            "user": "OPC UA user",
+            "folder": "Folder of password, certificates and key",
+        },
+    ),
+    "linuxcnc": (LinuxCncAnswers, {"host": "Host of its agent", "key_file": "Copy of the agent's key"}),
+}
+"""Kind of control to its answers, and the question for each of them."""
 _UNITS, _ME_ADDRESSES, _NODES = tuple(range(1, 33)), (126,), tuple(range(1, 128))
 
 
@@ -93,22 +106,13 @@ def _asked(ports: list[ScanPort]) -> Answers:
     hosts = click.prompt(
         "Modbus TCP devices and Micro-Epsilon controllers, host or host:port, with blanks between", default=""
     )
-    kind = click.prompt("Control", type=click.Choice(["none", "sinumerik", "linuxcnc"]), default="none")
+    kind = click.prompt("Control", type=click.Choice(["none", *_CONTROLS]), default="none")
     data: dict[str, object] = {"machine": machine, **wanted, "hosts": hosts.split()}
-    if kind == "sinumerik":
-        defaults = SinumerikAnswers(kind="sinumerik")
-        data["control"] = {
-            "kind": kind,
-            "url": click.prompt("Address of its OPC UA server", default=defaults.url),
-            "user": click.prompt("OPC UA user", default=defaults.user),
-            "folder": click.prompt("Folder of password, certificates and key", default=defaults.folder),
-        }
-    elif kind == "linuxcnc":
-        other = LinuxCncAnswers(kind="linuxcnc")
-        data["control"] = {
-            "kind": kind,
-            "host": click.prompt("Host of its agent", default=other.host),
-            "key_file": click.prompt("Copy of the agent's key", default=other.key_file),
+    if kind in _CONTROLS:
+        fields, questions = _CONTROLS[kind]
+        data["control"] = {"kind": kind} | {
+            name: click.prompt(question, default=fields.model_fields[name].default)
+            for name, question in questions.items()
         }
     return read_settings(Answers, data)
 

@@ -14,6 +14,7 @@ from gateway.cli.arguments import address_of
 from gateway.cli.db import db
 from gateway.cli.exits import EXIT_WORLD, Commands
 from gateway.cli.log import log_to_stderr
+from gateway.cli.scan import LIMIT_S
 from gateway.config import ConfigError, GatewayConfig, cautions, credential_problems, described, load, unarmed
 
 ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
@@ -54,7 +55,7 @@ def read_config(path: Path) -> GatewayConfig:
 @ConfigPath
 @click.option("--answers", type=click.Path(exists=True, dir_okay=False, path_type=Path),
               help="TOML file with the answers: nothing is asked (docs/wiring.md).")  # fmt: skip
-@click.option("--limit", type=click.FloatRange(min=1), default=600.0, show_default=True,
+@click.option("--limit", type=click.FloatRange(min=1), default=LIMIT_S, show_default=True,
               help="Scan each wire at most this many seconds.")  # fmt: skip
 def init(config: Path, answers: Path | None, limit: float) -> None:
     """Write a first CONFIG: ask what no scan can tell, find the devices, arm nothing.

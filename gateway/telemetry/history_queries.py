@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 MOST_ROWS = 50_000
 """Of one page; a page has a fifth of it unless `limit` says otherwise."""
-_ROWS = MOST_ROWS // 5
+_ROWS, _MOST_DIGITS = MOST_ROWS // 5, 9
 _MOST_WAITING = 8
 _JSON = zenoh.Encoding.APPLICATION_JSON
 _KNOWN = ("from", "to", "channels", "limit", "after")
@@ -54,7 +54,7 @@ def parse(selected: str) -> HistoryRequest:
     if end <= begin:
         raise ValueError(f"to = {parameters['to']!r}: expected later than from = {parameters['from']!r}")
     limit = parameters.get("limit", str(_ROWS))
-    if not (limit.isascii() and limit.isdecimal() and 1 <= int(limit[:9]) <= MOST_ROWS):
+    if not (limit.isascii() and limit.isdecimal() and len(limit) <= _MOST_DIGITS and 1 <= int(limit) <= MOST_ROWS):
         raise ValueError(f"limit = {limit!r}: expected 1 to {MOST_ROWS}")
     channels = tuple(name for name in parameters.get("channels", "").split(",") if name)
     return HistoryRequest(begin, end, channels or None, int(limit), parameters.get("after"))

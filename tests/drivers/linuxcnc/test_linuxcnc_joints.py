@@ -2,7 +2,6 @@
 right joints by the right length, or refused by name. In part in the real LinuxCNC, Debian's linuxcnc-uspace.
 """
 
-import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +10,10 @@ import pytest
 
 from drivers.nc import NineErrors, WatchdogTerms
 from gateway.nc.routes import positions
-from simulators.linuxcnc.machine import FILES, machine
+from simulators.linuxcnc.machine import machine
 from talc import kinematics
 from tests.benches.linuxcnc_bench import claimed, running
+from tests.benches.linuxcnc_module import linuxcnc_module
 
 INCH_MM = 25.4
 WARM, RADIUS_MM = np.array([3.0, -48.8, 10.0, 4.0, 20.0, 12.6, 30.0, -25.0, 15.0]), 200.0
@@ -23,12 +23,7 @@ WARM, RADIUS_MM = np.array([3.0, -48.8, 10.0, 4.0, 20.0, 12.6, 30.0, -25.0, 15.0
 @pytest.fixture
 def talc_joints() -> Any:
     """The agent's module; it needs LinuxCNC's only to open a file."""
-    spec = importlib.util.spec_from_file_location("talc_joints", FILES / "talc_joints.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return linuxcnc_module("talc_joints")
 
 
 LIMITS = {"MIN_LIMIT": "-300", "MAX_LIMIT": "250"}

@@ -2,14 +2,14 @@
 Debian's linuxcnc-uspace.
 """
 
-import importlib.util
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from simulators.linuxcnc.machine import FILES, machine
+from simulators.linuxcnc.machine import machine
+from tests.benches.linuxcnc_module import linuxcnc_module
 
 KEY = "0123456789abcdef0123456789abcdef"
 LOOPBACK = "0100007F"
@@ -20,12 +20,7 @@ PORT = 7621
 @pytest.fixture
 def talc_server() -> Any:
     """The agent's module; it needs nothing of LinuxCNC."""
-    spec = importlib.util.spec_from_file_location("talc_server", FILES / "talc_server.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return linuxcnc_module("talc_server")
 
 
 @pytest.mark.peer

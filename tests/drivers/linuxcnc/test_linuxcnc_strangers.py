@@ -1,20 +1,18 @@
 """A client without the agent's key cannot lock out one that has it. The agent's server itself, without LinuxCNC."""
 
-import importlib.util
 import socket
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from drivers.base import Refused
 from drivers.linuxcnc import LinuxCncSettings
 from drivers.linuxcnc.line import LinuxCncLine
-from simulators.linuxcnc.machine import FILES
+from tests.benches.linuxcnc_module import linuxcnc_module
 
 KEY = b"0123456789abcdef0123456789abcdef"
 
@@ -23,11 +21,7 @@ class Serving:
     """The server in a thread, and how to reach it."""
 
     def __init__(self, folder: Path) -> None:
-        spec = importlib.util.spec_from_file_location("talc_server", FILES / "talc_server.py")
-        assert spec is not None
-        assert spec.loader is not None
-        self.module: Any = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(self.module)
+        self.module = linuxcnc_module("talc_server")
         listener = socket.create_server(("127.0.0.1", 0), backlog=128)
         self.address = listener.getsockname()
         self._server = self.module.Server(listener, KEY, {"say": lambda command: command["what"]}, {})

@@ -13,7 +13,7 @@ from gateway.cli import init as command
 from gateway.cli import main
 from gateway.config import load
 from gateway.scan import ScanPort
-from simulators.devices import Adam6015, TcpHost
+from simulators.devices import M7015, Adam6015, RtuLine, TcpHost
 
 pytestmark = pytest.mark.simulated_time
 
@@ -21,25 +21,28 @@ SEVEN = [20.0, 21.0, 22.0, 23.0, 24.0, 25.0, 26.0]
 
 
 @contextmanager
-def device() -> Iterator[int]:
-    """The TCP port of a module that answers on another thread: the command has an event loop of its own."""
-    listening, done, ports = Event(), Event(), list[int]()
+def answering(wire: TcpHost | RtuLine) -> Iterator[int | str]:
+    """The place of devices that answer on another thread: the command has an event loop of its own."""
+    listening, done, places = Event(), Event(), list[int | str]()
 
     async def serve() -> None:
-        server = TcpHost({1: Adam6015(lambda: SEVEN)})
-        ports.append(await server.start())
+        places.append(await wire.start())
         listening.set()
         await asyncio.to_thread(done.wait)
-        await server.stop()
+        await wire.stop()
 
     thread = Thread(target=lambda: asyncio.run(serve()))
     thread.start()
     listening.wait()
     try:
-        yield ports[0]
+        yield places[0]
     finally:
         done.set()
         thread.join()
+
+
+def module() -> TcpHost:
+    return TcpHost({1: Adam6015(lambda: SEVEN)})
 
 
 @pytest.fixture(autouse=True)
@@ -54,7 +57,7 @@ def init(*arguments: str, typed: str = "") -> Result:
 
 def test_typed_answers_make_a_configuration_that_check_accepts(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
-    with device() as port:
+    with answering(module()) as port:
         done = init(str(file), typed=f"mill 7\nmill_7\n127.0.0.1:{port}\nsinumerik\n\n\n\n")
     assert done.exit_code == 0, done.output
     assert "expected a letter, then letters, digits" in done.output, "and asked again"
@@ -72,7 +75,7 @@ def test_typed_answers_make_a_configuration_that_check_accepts(tmp_path: Path) -
 
 def test_a_file_of_answers_asks_nothing(tmp_path: Path) -> None:
     file, answers = tmp_path / "gateway.toml", tmp_path / "answers.toml"
-    with device() as port:
+    with answering(module()) as port:
         answers.write_text(
             f'machine = "router"\nhosts = ["127.0.0.1:{port}"]\n[control]\nkind = "linuxcnc"\n', encoding="utf-8"
         )
@@ -101,3 +104,16 @@ def test_a_file_that_exists_is_not_touched(tmp_path: Path) -> None:
     assert done.exit_code == 2
     assert "adds devices to it" in done.output
     assert file.read_text(encoding="utf-8") == "mine"
+
+
+def test_a_serial_line_is_scanned_at_the_usual_speeds_and_an_absent_can_interface_is_told(tmp_path: Path) -> None:
+    file, answers = tmp_path / "gateway.toml", tmp_path / "answers.toml"
+    with answering(RtuLine({7: M7015(lambda: SEVEN[:6])}, baud=19200)) as port:
+        answers.write_text(f'machine = "mill"\nserial = ["{port}"]\ncan = ["absent0"]\n', encoding="utf-8")
+        done = init(str(file), "--answers", str(answers))
+    assert done.exit_code == 0, done.output
+    assert "absent0: " in done.output
+    (device,) = load(file).devices
+    assert (device.unit, device.profile) == (7, "icpdas_m7015")
+    (bus,) = load(file).buses
+    assert bus.model_dump()["baud"] == 19200

@@ -2,7 +2,8 @@
 gateway knows its own.
 """
 
-from contextlib import AbstractAsyncContextManager
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 from drivers.nc import Triple
 from tests.benches.nc_link_bench import LinkBench, decision
@@ -11,10 +12,15 @@ SLEW = 1.0
 """µm in a period of 1 s."""
 
 
-def at_work() -> tuple[LinkBench, AbstractAsyncContextManager[None]]:
+@asynccontextmanager
+async def losing() -> AsyncIterator[LinkBench]:
+    """A gateway on its way to 25 µm in Z, whose next write, at 10 s, will be lost."""
     bench = LinkBench("compensate")
     bench.link.follow(decision(25.0))
-    return bench, bench.running()
+    async with bench.running():
+        await bench.clock.run_until(10.0)
+        bench.control.loses = True
+        yield bench
 
 
 def lands(bench: LinkBench) -> float:
@@ -31,10 +37,7 @@ def sources(bench: LinkBench) -> list[str]:
 
 
 async def test_the_offsets_stand_where_a_late_write_would_find_them_and_it_is_no_step() -> None:
-    bench, running = at_work()
-    async with running:
-        await bench.clock.run_until(10.0)
-        bench.control.loses = True
+    async with losing() as bench:
         await bench.clock.run_until(11.0)
         stood = bench.control.in_force
         await bench.clock.run_until(16.0)
@@ -51,10 +54,7 @@ async def test_the_offsets_stand_where_a_late_write_would_find_them_and_it_is_no
 
 
 async def test_a_write_that_never_arrives_holds_the_ramp_for_ten_seconds() -> None:
-    bench, running = at_work()
-    async with running:
-        await bench.clock.run_until(10.0)
-        bench.control.loses = True
+    async with losing() as bench:
         await bench.clock.run_until(11.0)
         stood = bench.control.in_force
         await bench.clock.run_until(20.0)
@@ -67,10 +67,7 @@ async def test_a_write_that_never_arrives_holds_the_ramp_for_ten_seconds() -> No
 
 
 async def test_later_than_that_it_is_still_known_as_its_own_and_the_ramp_goes_on_from_there() -> None:
-    bench, running = at_work()
-    async with running:
-        await bench.clock.run_until(10.0)
-        bench.control.loses = True
+    async with losing() as bench:
         await bench.clock.run_until(40.0)
         lands(bench)
         here = bench.control.in_force[2]
@@ -85,10 +82,7 @@ async def test_later_than_that_it_is_still_known_as_its_own_and_the_ramp_goes_on
 
 
 async def test_what_another_program_sets_after_a_lost_write_still_disarms() -> None:
-    bench, running = at_work()
-    async with running:
-        await bench.clock.run_until(10.0)
-        bench.control.loses = True
+    async with losing() as bench:
         await bench.clock.run_until(40.0)
         bench.control.in_force = (5.0, 0.0, 3.0)
         await bench.clock.run_until(45.0)

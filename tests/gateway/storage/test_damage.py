@@ -189,3 +189,13 @@ def test_a_spoilt_schema_version_is_damage_and_not_another_programs_file(
     past, mended = restarted(path, "second")
     assert f"says that its schema version is {version}" in mended
     assert past.last_k == STEPS - 1
+
+
+def test_a_store_from_before_the_second_version_gets_one(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA application_id = 0")
+    assert restarted(path, "second")[1] == ""
+    with closing(sqlite3.connect(path)) as connection:
+        assert connection.execute("PRAGMA application_id").fetchone()[0].to_bytes(4) == b"TAL\x04"

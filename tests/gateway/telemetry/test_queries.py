@@ -73,6 +73,7 @@ async def test_a_page_is_what_was_asked_for() -> None:
         ("from=2026-03-02T00:00:00Z;to=2026-03-01T00:00:00Z", "expected later than from = '2026-03-02T00:00:00Z'"),
         (f"{DAY};limit=0", f"history: limit = '0': expected 1 to {MOST_ROWS}"),
         (f"{DAY};limit=1000000000000", f"expected 1 to {MOST_ROWS}"),
+        (f"{DAY};limit=0000500001", "history: limit = '0000500001': expected 1"),
         (f"{DAY};limit=-5", "history: limit = '-5': expected 1"),
         (f"{DAY};chanels=a", "history: chanels: unknown; known are from, to, channels, limit, after"),
         (f"{DAY};channels=bed", "history: channels: 'bed' was never stored"),
