@@ -78,7 +78,7 @@ class NcSnapshot:
     """Why no cycle can begin in the control's present state; empty if one can: in any mode, in a part program at its
     next safe point. None: the control does not report it, and cycles begin in AUTO only."""
     probing: bool | None = None
-    """Whether a probing cycle is in progress, whoever asked for it; None: the control does not report it."""
+    """Whether a probing cycle is in progress, no matter who requested it; None: the control does not report it."""
     quality: Quality = Quality.GOOD
 
 
@@ -137,7 +137,7 @@ class LinearOffsets:
 
 @dataclass(frozen=True, slots=True)
 class NineErrors:
-    """Thermal errors for a control that works out the offsets itself; see talc.kinematics."""
+    """Thermal errors for a control that computes the offsets itself; see talc.kinematics."""
 
     errors: tuple[float, ...]
     """Nine in the order of THERMAL_ERRORS, µm and µm/m."""
@@ -205,9 +205,8 @@ class NumericalControl(Protocol):
         ...
 
 
-@runtime_checkable
-class FollowsPosition(NumericalControl, Protocol):
-    """A control that adds position-dependent offsets by itself, in each of its own cycles."""
+class TakesSlopes(Protocol):
+    """Position-dependent offsets of a control that adds them by itself, in each of its own cycles."""
 
     @property
     def pairs(self) -> frozenset[tuple[int, int]]:
@@ -237,6 +236,11 @@ class FollowsPosition(NumericalControl, Protocol):
 
 
 @runtime_checkable
+class FollowsPosition(NumericalControl, TakesSlopes, Protocol):
+    """A control that takes slopes, known before it is connected."""
+
+
+@runtime_checkable
 class FollowsErrors(NumericalControl, Protocol):
     """A control that may work out the offsets from the nine errors and from where its tool is, in its own cycles."""
 
@@ -244,8 +248,13 @@ class FollowsErrors(NumericalControl, Protocol):
     def error_reach_mm(self) -> tuple[float, float] | None:
         """Farthest that a tool's tip gets from where A and C meet, along X and across it.
 
-        Known once connected; None: this control takes shifts alone.
+        Known once connected; None: this control does not take the nine errors.
         """
+        ...
+
+    @property
+    def slopes(self) -> TakesSlopes | None:
+        """How it takes slopes, where it does not take the nine errors. Known once connected; None: shifts alone."""
         ...
 
     async def write_errors(self, errors: NineErrors) -> None:
@@ -257,6 +266,18 @@ class FollowsErrors(NumericalControl, Protocol):
 
     async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
         """The nine errors in force; ER0T at `radius_mm`."""
+        ...
+
+
+@runtime_checkable
+class TriesWriting(Protocol):
+    """A control on which it can be tried whether this gateway may write, without changing anything."""
+
+    async def try_writing(self) -> None:
+        """Write back what is there: all that claim, heartbeat, request and offsets need.
+
+        Raises Refused naming what may not be written, and while another gateway's heartbeat is alive.
+        """
         ...
 
 

@@ -1,6 +1,5 @@
-"""LinuxCNC, through the agent that runs on the control."""
+"""LinuxCNC: settings of a control with the agent of deploy/nc/linuxcnc; drivers.agent communicates with it."""
 
-from drivers.linuxcnc.control import STATES, LinuxCnc
-from drivers.linuxcnc.settings import LARGEST_UM, LinuxCncAgent, LinuxCncSettings
+from drivers.linuxcnc.settings import LinuxCncSettings
 
-__all__ = ["LARGEST_UM", "STATES", "LinuxCnc", "LinuxCncAgent", "LinuxCncSettings"]
+__all__ = ["LinuxCncSettings"]

@@ -24,7 +24,7 @@ AXES = "xyz"
 ERRORS = ("ey0a", "ez0a", "ex0c", "ey0c", "ez0t", "er0t", "ea0c", "eb0c", "ec0c")
 """Of the gateway's nine, in its order."""
 COUNTS = {3: "three", 9: "nine"}
-VERSION, CAPABILITIES = 2, ("probe", "shift", "errors")
+VERSION, CAPABILITIES = 3, ("probe", "shift", "errors")
 MODES = {linuxcnc.MODE_MANUAL: "jog", linuxcnc.MODE_AUTO: "auto", linuxcnc.MODE_MDI: "mda"}
 SECONDS, FROZEN_S = 42, 2.0
 """Analog input with the seconds of real time, see talc_agent.hal; unchanged for this long, it is stale."""
@@ -58,6 +58,7 @@ class Settings:
         return {
             "version": VERSION,
             "capabilities": CAPABILITIES,
+            "poses": POSES,
             "units": machine.unit,
             "joints": machine.joints,
             "bound_um": machine.bound_um,
@@ -197,6 +198,8 @@ class Control:
             raise Refusal(f"the control's compensation belongs to gateway {self._owner}, not to this one")
         if not (0.05 <= silence <= 86400.0 and 0.0 <= ramp <= 1000.0):
             raise Refusal("expected silence_s 0.05 to 86400 and ramp_um_per_s 0 to 1000")
+        if why := self._settings.machine.elsewhere(hal.get_value):
+            raise Refusal(why)
         self._owner = who
         self._pins["silence"], self._pins["ramp"], self._pins["free"] = silence, ramp, False
         self._beat()
@@ -215,6 +218,8 @@ class Control:
 
     def probe(self, command: dict[str, Any]) -> None:
         valid_for = number(command.get("valid_for_s"), "valid_for_s")
+        if valid_for < 0:
+            raise Refusal(f"valid_for_s = {valid_for:g}: expected 0 or more")
         self._cycle.request(time.monotonic(), whole(command, "number"), valid_for)
 
     def probing(self, command: dict[str, Any]) -> dict[str, Any]:

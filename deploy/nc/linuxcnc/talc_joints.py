@@ -18,6 +18,9 @@ DEGREES = ("deg", "degree")
 KINEMATICS = {"trivkins": "XYZABCUVW", "xyzac-trt-kins": "XYZAC"}
 """Kinematics in which every joint moves one axis of the machine, and the axes of their joints if not configured."""
 AXES = "XYZAC"
+TOOL_CENTRE_POINT = "xyzac-trt-kins"
+SAME_MM = 1e-6
+"""Lengths that differ by less are equal: they come from texts."""
 MOST_MM = 0.5
 """Beyond this a bound is a mistake of units and not the growth of a machine."""
 
@@ -37,6 +40,7 @@ class MachineJoints:
 
     def __init__(self, find: Find, where: str) -> None:
         self._find, self._where = find, where
+        self.kinematics = (self._text("KINS", "KINEMATICS").split() or [""])[0]
         self.unit = self._text("TRAJ", "LINEAR_UNITS").lower()
         if self.unit not in MM:
             raise self._unfit("TRAJ", "LINEAR_UNITS", "write mm or inch")
@@ -63,6 +67,33 @@ class MachineJoints:
     def bound_um(self) -> float:
         """The largest offset either way, µm."""
         return min(self.bound, -self.lower) * self.mm * 1e3
+
+    def elsewhere(self, pin: Callable[[str], float]) -> str:
+        """Why the kinematics turn the table about other axes than the compensation does; empty: about the same ones.
+
+        pin: the value of one of LinuxCNC's pins. The kinematics' lengths are pins, which a HAL file sets at any time;
+        while all are 0, nobody has set them up, and the machine works with identity kinematics alone.
+        """
+        if self.kinematics != TOOL_CENTRE_POINT:
+            return ""
+        names = "x-rot-point", "y-rot-point", "z-rot-point", "y-offset", "z-offset"
+        x, y, z, apart, above = (pin(f"{TOOL_CENTRE_POINT}.{name}") * self.mm for name in names)
+        if not any((x, y, z, apart, above)):
+            return ""
+        if abs(apart) > SAME_MM:
+            return (
+                f"{TOOL_CENTRE_POINT}.y-offset = {apart / self.mm:g}: expected 0, because the compensation knows only "
+                "machines whose axes A and C meet"
+            )
+        for axis, theirs, ours in zip("xyz", (x, y, z + above), self.pivot, strict=True):
+            if abs(theirs - ours) > SAME_MM:
+                name = f"{TOOL_CENTRE_POINT}.{axis}-rot-point"
+                name += f" + {TOOL_CENTRE_POINT}.z-offset" if axis == "z" else ""
+                return (
+                    f"{self._where}, [TALC] PIVOT_{axis.upper()} = {ours:g} mm, but {name} = {theirs:g} mm: both say "
+                    "where A and C meet, so make them equal"
+                )
+        return ""
 
     def values(self) -> dict[str, float]:
         """The parameters of the component talc-errors."""
@@ -97,7 +128,7 @@ class MachineJoints:
 
     def _letters(self) -> str:
         """The axis of each joint, in the order of the joints."""
-        kinematics, *parameters = self._text("KINS", "KINEMATICS").split() or [""]
+        kinematics, parameters = self.kinematics, self._text("KINS", "KINEMATICS").split()[1:]
         if kinematics not in KINEMATICS:
             known = " or ".join(KINEMATICS)
             raise self._unfit("KINS", "KINEMATICS", f"the compensation knows {known}, where a joint moves an axis")

@@ -1,4 +1,4 @@
-"""One authenticated client on a TCP port: lines of JSON, each signed. See docs/nc.md, LinuxCNC."""
+"""One authenticated client on a TCP port: lines of JSON, each signed. See docs/agent.md."""
 
 import hmac
 import json

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from drivers.agent import AgentControl
 from drivers.base import ConnectError, Refused, SetupError, SystemClock
-from drivers.linuxcnc.control import LinuxCnc
-from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.linuxcnc import LinuxCncSettings
 from drivers.nc import OperatingMode, ProgramState, WatchdogTerms
 from tests.benches.linuxcnc_bench import AgentBench, claimed, running, until
 
@@ -34,17 +34,20 @@ async def test_snapshot_shows_what_the_control_does(bench: AgentBench) -> None:
     assert (at_rest.mode, at_rest.program, at_rest.alarms) == (OperatingMode.MDA, ProgramState.STOPPED, ())
     assert (at_rest.tool, at_rest.probe_in_spindle) == (0, False)
     await bench.operator.ask("mdi", "T99 M6 G43 M3 S1200 M8")
+    asked = time.monotonic()
     await bench.nc.snapshot()
-    began = time.monotonic()
+    answered = time.monotonic()
     await bench.operator.ask("mdi", "G53 G1 X65 C450 F3000")
+    asked_again = time.monotonic()
     turning = await bench.nc.snapshot()
-    passed_min = (time.monotonic() - began) / 60.0
+    least_min, most_min = (asked_again - answered) / 60.0, (time.monotonic() - asked) / 60.0
     assert turning.tool == 99
     assert turning.probe_in_spindle
     assert (turning.states["spindle_speed"], turning.states["coolant"]) == (1200.0, 1.0)
-    # The mean since the last question, whatever the feed was at this moment: 60 mm and one turn.
-    assert turning.states["speed_X"] == pytest.approx(60.0 / passed_min, rel=0.1)
-    assert turning.states["speed_C"] == pytest.approx(1.0 / passed_min, rel=0.1)
+    # The mean since the last question, whatever the feed was at this moment: 60 mm and one turn. The agent took its two
+    # times somewhere between question and answer.
+    assert 0.98 * 60.0 / most_min < turning.states["speed_X"] < 1.02 * 60.0 / least_min
+    assert 0.98 * 1.0 / most_min < turning.states["speed_C"] < 1.02 * 1.0 / least_min
     assert turning.states["speed_Y"] == 0.0
     await bench.operator.ask("estop")
     assert (await bench.nc.snapshot()).alarms == (1,)
@@ -63,13 +66,13 @@ async def test_a_control_whose_values_stand_still_is_not_trusted(part: str, benc
     began = time.monotonic()
     await bench.operator.ask("freeze", part)
     await until(refused)
-    assert 1.5 < time.monotonic() - began < 30.0
+    assert 1.5 < time.monotonic() - began < 60.0
     await bench.operator.ask("thaw", part)
 
     async def believed() -> bool:
         return not await refused()
 
-    assert await until(believed) < 30.0
+    assert await until(believed) < 60.0
 
 
 async def test_offsets_are_read_back_from_where_they_act(bench: AgentBench) -> None:
@@ -148,9 +151,9 @@ async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no
 
 
 async def test_ramp_zero_holds_and_release_acts_at_once(bench: AgentBench) -> None:
-    await claimed(bench, WatchdogTerms(0.2, 0.0))
-    async with bench.beating(7):
-        await bench.nc.write_compensation((2.0, 0.0, 0.0))
+    await claimed(bench, WatchdogTerms(60.0, 0.0))
+    await bench.nc.write_compensation((2.0, 0.0, 0.0))
+    await bench.nc.claim(7, WatchdogTerms(0.2, 0.0))
 
     async def silent() -> bool:
         return bool(await bench.operator.ask("hal", "getp", "talc.watching") == "FALSE")
@@ -176,10 +179,9 @@ async def test_ramp_zero_holds_and_release_acts_at_once(bench: AgentBench) -> No
 
 async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whatever_was_claimed(tmp_path: Path) -> None:
     async with running(tmp_path, {"SLEW": 0.01}) as bench:
-        await claimed(bench, WatchdogTerms(1.0, 1000.0))
-        async with bench.beating(7):
-            await bench.nc.write_compensation((6.0, 0.0, 0.0))
-            assert (await bench.nc.read_compensation())[0] == pytest.approx(6.0, abs=1e-3)
+        await claimed(bench, WatchdogTerms(60.0, 1000.0))
+        await bench.nc.write_compensation((6.0, 0.0, 0.0))
+        assert (await bench.nc.read_compensation())[0] == pytest.approx(6.0, abs=1e-3)
         await bench.nc.release(7)
 
         async def gone() -> bool:
@@ -189,13 +191,14 @@ async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whate
 
 
 async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentBench) -> None:
-    await claimed(bench, WatchdogTerms(2.0, 1.0))
+    await claimed(bench, WatchdogTerms(60.0, 1.0))
     async with bench.beating(7):
         with pytest.raises(Refused, match="belongs to gateway 7"):
             await bench.nc.claim(8, WatchdogTerms(0.3, 1.0))
-        other = LinuxCnc(bench.settings, SystemClock())
+        other = AgentControl(bench.settings, SystemClock())
         with pytest.raises(Refused, match="another client is connected"):
             await other.connect()
+    await bench.nc.claim(7, WatchdogTerms(0.3, 1.0))  # and it is silent from now on
 
     async def taken_over() -> bool:
         try:
@@ -213,12 +216,12 @@ async def test_a_wrong_key_and_a_closed_port_are_reported(bench: AgentBench, tmp
     (tmp_path / "other").write_text("x" * 40)
     port = bench.settings.port
     with pytest.raises(Refused, match="same key"):
-        await LinuxCnc(LinuxCncSettings(key_file=tmp_path / "other", port=port), SystemClock()).connect()
+        await AgentControl(LinuxCncSettings(key_file=tmp_path / "other", port=port), SystemClock()).connect()
     (tmp_path / "short").write_text("x")
     with pytest.raises(SetupError, match="at least 32"):
-        await LinuxCnc(LinuxCncSettings(key_file=tmp_path / "short", port=port), SystemClock()).connect()
+        await AgentControl(LinuxCncSettings(key_file=tmp_path / "short", port=port), SystemClock()).connect()
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))
         settings = LinuxCncSettings(key_file=bench.settings.key_file, port=closed.getsockname()[1])
         with pytest.raises(ConnectError):
-            await LinuxCnc(settings, SystemClock()).connect()
+            await AgentControl(settings, SystemClock()).connect()

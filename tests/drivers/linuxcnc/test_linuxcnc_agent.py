@@ -21,7 +21,7 @@ pytestmark = pytest.mark.peer
 KEY = "0123456789abcdef0123456789abcdef"
 
 
-class Line:
+class WireClient:
     """A client that knows nothing but the wire."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -72,10 +72,10 @@ async def port(tmp_path: Path) -> AsyncIterator[int]:
 
 
 @asynccontextmanager
-async def line(port: int) -> AsyncIterator[Line]:
+async def line(port: int) -> AsyncIterator[WireClient]:
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
-        yield Line(reader, writer)
+        yield WireClient(reader, writer)
     finally:
         writer.close()
         with suppress(ConnectionError):
@@ -83,7 +83,7 @@ async def line(port: int) -> AsyncIterator[Line]:
 
 
 @asynccontextmanager
-async def client(port: int) -> AsyncIterator[Line]:
+async def client(port: int) -> AsyncIterator[WireClient]:
     """Logged in, with the control claimed by owner 1."""
     async with line(port) as it:
         assert "status" in (await it.login())["answer"]["commands"]

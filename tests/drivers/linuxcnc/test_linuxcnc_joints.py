@@ -2,16 +2,19 @@
 right joints by the right length, or refused by name. In part in the real LinuxCNC, Debian's linuxcnc-uspace.
 """
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from drivers.base import Refused
 from drivers.nc import NineErrors, WatchdogTerms
 from gateway.nc.routes import positions
 from simulators.linuxcnc.machine import machine
 from talc import kinematics
+from talc.probing import rotation_x, rotation_z
 from tests.benches.linuxcnc_bench import claimed, running
 from tests.benches.linuxcnc_module import linuxcnc_module
 
@@ -122,6 +125,30 @@ def test_what_it_cannot_compensate_is_refused_by_name(fields: dict[str, str], sa
         machine_of(talc_joints, fields)
 
 
+ROT = {"x-rot-point": 10.0, "y-rot-point": 20.0, "z-rot-point": -40.0, "z-offset": 10.0}
+PIVOT = {"TALC__PIVOT_X": "10", "TALC__PIVOT_Y": "20", "TALC__PIVOT_Z": "-30"}
+
+
+@pytest.mark.parametrize(
+    ("kinematics", "pins", "pivot", "says"),
+    [
+        ("xyzac-trt-kins", {}, PIVOT, ""),
+        ("xyzac-trt-kins", ROT, PIVOT, ""),
+        ("trivkins coordinates=XYZAC", {"y-offset": 20.0}, PIVOT, ""),
+        ("xyzac-trt-kins", ROT | {"y-offset": 0.5}, PIVOT, "xyzac-trt-kins.y-offset = 0.5: expected 0, "),
+        ("xyzac-trt-kins", ROT, {}, r"mill\.ini, \[TALC\] PIVOT_X = 0 mm, but xyzac-trt-kins.x-rot-point = 10 mm: "),
+        ("xyzac-trt-kins", ROT | {"z-offset": 9.0}, PIVOT, r"PIVOT_Z = -30 mm, but .*z-rot-point \+ .*z-offset = -31"),
+    ],
+)
+def test_kinematics_that_turn_the_table_about_other_axes_are_named(
+    kinematics: str, pins: dict[str, float], pivot: dict[str, str], says: str, talc_joints: Any
+) -> None:
+    it = machine_of(talc_joints, ini(KINS__KINEMATICS=kinematics, **pivot))
+    why = it.elsewhere(lambda name: pins.get(name.removeprefix("xyzac-trt-kins."), 0.0))
+    assert re.search(says, why)
+    assert bool(why) == bool(says)
+
+
 MACHINES = [
     pytest.param("XYZAC", {"LINEAR_UNITS": "inch", "LOWER": -0.008, "BOUND": 0.008, "SLEW": 0.04}, INCH_MM, id="inch"),
     pytest.param("CYXAZ", {"SLEW": 1}, 1.0, id="another order"),
@@ -161,6 +188,35 @@ async def test_every_machine_reports_its_axes_and_moves_their_joints(
             tip = positions(await bench.nc.snapshot())
             there = kinematics.tcp_offsets(WARM, tip, RADIUS_MM * 1e-3)
             assert await bench.nc.read_compensation() == pytest.approx(tuple(there), abs=0.01), block
+
+
+@pytest.mark.peer
+@pytest.mark.slow
+async def test_with_tool_centre_point_kinematics_the_offsets_belong_to_where_the_tool_is(tmp_path: Path) -> None:
+    """The part program moves in the table's coordinates; where the tool is then follows from rotations alone."""
+    pivot, tool_mm, point = np.array([10.0, 20.0, -30.0]), 60.0, np.array([100.0, 40.0, 80.0])
+    settings = {"SLEW": 1, **{f"PIVOT_{axis}": v for axis, v in zip("XYZ", pivot, strict=True)}}
+    async with running(tmp_path, settings, tools=f"T5 P5 Z{tool_mm} D1\n") as bench:
+        await bench.operator.ask("hal", "net", "talc-tool-z", "=>", "xyzac-trt-kins.tool-offset")
+        for name, value in ROT.items():
+            await bench.operator.ask("hal", "setp", f"xyzac-trt-kins.{name}", str(value))
+        await bench.operator.ask("hal", "setp", "xyzac-trt-kins.y-offset", "20")
+        with pytest.raises(Refused, match=r"xyzac-trt-kins\.y-offset = 20: expected 0"):
+            await bench.nc.claim(7, WatchdogTerms(600.0, 1.0))
+        await bench.operator.ask("hal", "setp", "xyzac-trt-kins.y-offset", "0")
+        await claimed(bench, WatchdogTerms(600.0, 1.0))
+        await bench.nc.write_errors(NineErrors(tuple(WARM), RADIUS_MM, (150.0, 150.0, 150.0)))
+        for kinematics_type in (0, 1):
+            await bench.operator.ask("hal", "setp", "motion.switchkins-type", str(kinematics_type))
+            await bench.operator.ask("mdi", "G21 G90 T5 M6 G43")
+            for a, c in ((0.0, 0.0), (30.0, 90.0), (-60.0, 200.0)):
+                x, y, z = point + pivot
+                await bench.operator.ask("mdi", f"G0 X{x} Y{y} Z{z} A{a} C{c}")
+                turned = rotation_x(np.radians(a)) @ rotation_z(np.radians(c)) @ point
+                tip = np.array([*(turned if kinematics_type else point), np.radians(a), np.radians(c)])
+                assert positions(await bench.nc.snapshot()) == pytest.approx(tip, abs=1e-6)
+                there = kinematics.tcp_offsets(WARM, tip, RADIUS_MM * 1e-3)
+                assert await bench.nc.read_compensation() == pytest.approx(tuple(there), abs=0.01)
 
 
 @pytest.mark.peer

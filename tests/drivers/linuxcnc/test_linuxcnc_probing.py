@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from drivers.agent import AgentControl
 from drivers.base import Refused, SystemClock
-from drivers.linuxcnc.control import LinuxCnc
-from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.linuxcnc import LinuxCncSettings
 from drivers.nc import ProbingState, RequestStatus
 from simulators.linuxcnc.machine import HURRY
 from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, running, until
@@ -116,7 +116,7 @@ async def test_a_cycle_at_a_safe_point_restores_the_state_of_the_part_program(be
 async def test_without_a_program_it_starts_by_itself_only_where_that_is_allowed(bench: AgentBench) -> None:
     settings = bench.settings
     await bench.nc.close()
-    impatient = LinuxCnc(
+    impatient = AgentControl(
         LinuxCncSettings(key_file=settings.key_file, port=settings.port, timeout_s=ANSWER_S, request_valid_for_s=0.5),
         SystemClock(),
     )

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from drivers.agent.line import AgentLine
 from drivers.base import Refused
 from drivers.linuxcnc import LinuxCncSettings
-from drivers.linuxcnc.line import LinuxCncLine
 from tests.benches.linuxcnc_module import linuxcnc_module
+
+pytestmark = pytest.mark.simulated_time
 
 KEY = b"0123456789abcdef0123456789abcdef"
 
@@ -35,8 +37,8 @@ class Serving:
         while not self._ending.is_set():
             self._server.turn()
 
-    def gateway(self) -> LinuxCncLine:
-        return LinuxCncLine(self._settings)
+    def gateway(self) -> AgentLine:
+        return AgentLine(self._settings)
 
     def stop(self) -> None:
         self._ending.set()

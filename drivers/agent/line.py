@@ -1,28 +1,33 @@
-"""One connection to LinuxCNC's agent: lines of JSON, each signed with the session's key. See docs/nc.md, LinuxCNC."""
+"""One connection to an agent: lines of JSON, each signed with the session's key. See docs/agent.md."""
 
 import asyncio
-import hmac
 import json
 import secrets
 
+from drivers.agent.settings import AgentSettings
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused, WrongDevice
 from drivers.byte_stream import TcpStream
-from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.signature import is_signed, session_key, signature
 
 _LONGEST_LINE = 65536
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 
 
-class LinuxCncLine:
+class AgentLine:
     """Asks one question at a time. Any fault closes the line: later answers could belong to earlier questions."""
 
-    def __init__(self, settings: LinuxCncSettings) -> None:
+    def __init__(self, settings: AgentSettings) -> None:
         self._settings, self._device = settings, settings.device
         self._stream = TcpStream(settings.device, settings.host, settings.port)
         self._lock = asyncio.Lock()
         self._session = b""
         self._rest = b""
         self._count = 0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether anything can be asked."""
+        return self._stream.is_open
 
     async def connect(self) -> Json:
         """Open the connection; each side proves that it holds the key. Returns what the agent says of itself.
@@ -39,7 +44,7 @@ class LinuxCncLine:
                 if not isinstance(challenge := greeting.get("challenge"), str):
                     raise self._stranger()
                 nonce = secrets.token_hex(32)
-                self._session = hmac.digest(key, f"{challenge} {nonce}".encode(), "sha256")
+                self._session = session_key(key, challenge, nonce)
                 return await self._exchange({"nonce": nonce})
             except BaseException:
                 await self._stream.close()
@@ -64,22 +69,19 @@ class LinuxCncLine:
 
     async def _exchange(self, message: dict[str, Json]) -> Json:
         text = json.dumps(message).encode()
-        self._stream.write(self._mac("client", text) + b" " + text + b"\n")
+        self._stream.write(signature(self._session, "client", self._count, text) + b" " + text + b"\n")
         line = await self._line()
         mac, _, text = line.partition(b" ")
         if self._count == 0 and line.startswith(b"{") and "error" in (refusal := _parsed(line, self._device)):
             # Before the proof nothing can be signed; a forged line here can do no more than prevent the connection.
-            raise Refused(str(refusal["error"]), device=self._device, hint="compare key_file with the agent's talc.key")
-        if not hmac.compare_digest(self._mac("agent", text), mac):
+            raise Refused(str(refusal["error"]), device=self._device, hint="compare key_file with the agent's key")
+        if not is_signed(self._session, "agent", self._count, text, mac):
             raise self._stranger()
         self._count += 1
         answer = _parsed(text, self._device)
         if "error" in answer:
             raise Refused(str(answer["error"]), device=self._device)
         return answer.get("answer")
-
-    def _mac(self, who: str, text: bytes) -> bytes:
-        return hmac.new(self._session, f"{who} {self._count} ".encode() + text, "sha256").hexdigest().encode()
 
     async def _line(self) -> bytes:
         try:
@@ -101,6 +103,7 @@ class LinuxCncLine:
 def _parsed(text: bytes, device: str) -> dict[str, Json]:
     try:
         message = json.loads(text)
+        json.dumps(message, ensure_ascii=False).encode()  # half a character can be neither stored nor shown
     except (ValueError, RecursionError):
         message = None
     if not isinstance(message, dict):

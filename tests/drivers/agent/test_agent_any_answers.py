@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.agent import AgentControl
 from drivers.base import BadAnswer, SystemClock
-from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NineErrors, NotSendable
-from tests.benches.linuxcnc_fake_agent import Agent, agent_and_driver, serving
+from tests.benches.fake_agent import Agent, agent_and_driver, serving
 from tests.benches.spoilt_agent import STATUS, ask_everything, ask_spoilt_agent, connected
 
 pytestmark = pytest.mark.simulated_time
@@ -29,7 +29,7 @@ def test_any_signed_values_raise_nothing_but_driver_errors(tmp_path: Path) -> No
         async def tried(status: object, offsets: object, probing: object, heard: object) -> None:
             agent.answers = {"status": STATUS, "read": [0.0, 0.0, 0.0]}
             async with serving(agent, tmp_path, timeout_s=0.02) as to:
-                nc = LinuxCnc(to, SystemClock())
+                nc = AgentControl(to, SystemClock())
                 await connected(nc)
                 agent.answers = {
                     "status": status, "read": offsets, "errors": offsets, "probing": probing, "heartbeat": heard

@@ -1,4 +1,4 @@
-"""A fake agent of LinuxCNC that knows only the key and the form of lines, and a line to it."""
+"""A fake agent that knows only the key and the form of lines, and a line to it."""
 
 import asyncio
 import hmac
@@ -7,9 +7,9 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+from drivers.agent import AgentControl, AgentSettings
+from drivers.agent.line import AgentLine
 from drivers.base import SystemClock
-from drivers.linuxcnc import LinuxCnc, LinuxCncSettings
-from drivers.linuxcnc.line import LinuxCncLine
 from simulators.devices.loopback import Connection, LoopbackServer
 
 KEY = b"0123456789abcdef0123456789abcdef"
@@ -30,6 +30,8 @@ class Agent:
         self.answers: dict[str, object] = {}
         """To a question, by what it asks for."""
         self.heard: list[dict[str, object]] = []
+        self.thinks_s = 0.0
+        """Before each answer."""
         self.session, self.count = b"", 0
         """Of the newest client."""
 
@@ -66,26 +68,32 @@ class AgentClient(Connection):
     def data_received(self, data: bytes) -> None:
         *lines, self._heard = (self._heard + data).split(b"\n")
         for line in lines:
-            if self.transport is not None:
-                self.transport.write(self._agent.hear(line))
+            if self._agent.thinks_s:
+                asyncio.get_running_loop().call_later(self._agent.thinks_s, self._answer, line)
+            else:
+                self._answer(line)
+
+    def _answer(self, line: bytes) -> None:
+        if self.transport is not None:
+            self.transport.write(self._agent.hear(line))
 
 
 @asynccontextmanager
-async def serving(agent: Agent, folder: Path, timeout_s: float = 5.0) -> AsyncIterator[LinuxCncSettings]:
+async def serving(agent: Agent, folder: Path, timeout_s: float = 5.0) -> AsyncIterator[AgentSettings]:
     """Settings of a client with our key."""
     (folder / "talc.key").write_bytes(KEY)
     server = LoopbackServer(lambda: AgentClient(agent))
     try:
-        yield LinuxCncSettings(key_file=folder / "talc.key", port=await server.start(), timeout_s=timeout_s)
+        yield AgentSettings(key_file=folder / "talc.key", port=await server.start(), timeout_s=timeout_s)
     finally:
         await server.stop()
 
 
 @asynccontextmanager
-async def agent_and_line(folder: Path, timeout_s: float = 5.0) -> AsyncIterator[tuple[Agent, LinuxCncLine]]:
+async def agent_and_line(folder: Path, timeout_s: float = 5.0) -> AsyncIterator[tuple[Agent, AgentLine]]:
     agent = Agent()
     async with serving(agent, folder, timeout_s) as settings:
-        line = LinuxCncLine(settings)
+        line = AgentLine(settings)
         try:
             yield agent, line
         finally:
@@ -93,12 +101,12 @@ async def agent_and_line(folder: Path, timeout_s: float = 5.0) -> AsyncIterator[
 
 
 @asynccontextmanager
-async def agent_and_driver(folder: Path) -> AsyncIterator[tuple[Agent, LinuxCnc]]:
+async def agent_and_driver(folder: Path) -> AsyncIterator[tuple[Agent, AgentControl]]:
     """Connected: the machine stands at the origin, nothing is in force."""
     agent = Agent()
     agent.answers = {"status": {"positions": dict.fromkeys("XYZAC", 0.0), "states": {}}, "read": [0.0, 0.0, 0.0]}
     async with serving(agent, folder) as settings:
-        nc = LinuxCnc(settings, SystemClock())
+        nc = AgentControl(settings, SystemClock())
         await nc.connect()
         try:
             yield agent, nc

@@ -1,4 +1,4 @@
-"""What arrives from LinuxCNC's agent: a signed answer is returned unchanged, anything else closes the line."""
+"""What arrives from an agent: a signed answer is returned unchanged, anything else closes the line."""
 
 import asyncio
 import json
@@ -11,10 +11,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from drivers.agent import AgentControl
+from drivers.agent.line import AgentLine
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, WrongDevice
-from drivers.linuxcnc.control import LinuxCnc
-from drivers.linuxcnc.line import LinuxCncLine
-from tests.benches.linuxcnc_fake_agent import CHALLENGE, Agent, agent_and_driver, agent_and_line, serving
+from drivers.nc import WatchdogTerms
+from tests.benches.fake_agent import CHALLENGE, Agent, agent_and_driver, agent_and_line, serving
 
 pytestmark = pytest.mark.simulated_time
 
@@ -144,6 +145,28 @@ async def test_answer_to_another_question_is_not_taken(tmp_path: Path) -> None:
                 await line.ask("state")
 
 
+@pytest.mark.parametrize(
+    "said", [rb'{"answer": {"tool": "\ud800"}}', rb'{"error": "\udfff"}', rb'{"answer": {"\ud800": 1}}']
+)
+async def test_half_a_character_which_nothing_can_store_is_a_bad_answer(said: bytes, tmp_path: Path) -> None:
+    async with agent_and_line(tmp_path) as (agent, line):
+        await line.connect()
+        agent.says = [agent.signed(said)]
+        with pytest.raises(BadAnswer, match="expected a JSON object"):
+            await line.ask("status")
+
+
+async def test_what_does_not_come_in_time_leaves_the_line_open(tmp_path: Path) -> None:
+    """Neither a watchdog that does not start nor offsets that do not come into force look like a lost connection."""
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers |= {"heartbeat": False}
+        agent.thinks_s = 0.3
+        await nc.claim(7, WatchdogTerms(5.0, 1.0))
+        assert not await nc.heartbeat(7)
+        await nc.write_compensation((4.0, 0.0, 0.0))
+        assert await nc.read_compensation() == (0.0, 0.0, 0.0)
+
+
 async def test_line_without_an_end_or_too_long_is_an_invalid_answer(tmp_path: Path) -> None:
     async with agent_and_line(tmp_path, timeout_s=0.2) as (agent, line):
         await line.connect()
@@ -156,9 +179,9 @@ async def test_line_without_an_end_or_too_long_is_an_invalid_answer(tmp_path: Pa
             await line.ask("state")
 
 
-ASKED: dict[str, Callable[[LinuxCnc], Awaitable[object]]] = {
-    "status": LinuxCnc.snapshot,
-    "read": LinuxCnc.read_compensation,
+ASKED: dict[str, Callable[[AgentControl], Awaitable[object]]] = {
+    "status": AgentControl.snapshot,
+    "read": AgentControl.read_compensation,
     "probing": lambda nc: nc.probing_status(17),
 }
 NO_NUMBERS = {"too long": 10**400, "below too long": -(10**400), "truth": True, "text": "1", "nothing": None,
@@ -182,7 +205,7 @@ async def test_an_agent_with_another_key_is_not_trusted(tmp_path: Path) -> None:
     """It greets, answers and signs as ours does, and gets no more of us than the proof."""
     impostor = Agent(b"fedcba9876543210fedcba9876543210")
     async with serving(impostor, tmp_path) as settings:
-        line = LinuxCncLine(settings)
+        line = AgentLine(settings)
         with pytest.raises(WrongDevice, match="is not the agent with this key"):
             await line.connect()
         with pytest.raises(ConnectError, match="connect first"):

@@ -1,14 +1,15 @@
-"""LinuxCNC through its agent (deploy/nc/linuxcnc): snapshot, probing cycle, compensation, claim and heartbeat."""
+"""Any control through its agent: snapshot, probing cycle, compensation, claim and heartbeat. See docs/agent.md."""
 
 import asyncio
-import math
 from collections.abc import Awaitable, Callable, Sequence
-from contextlib import suppress
 from typing import Any, Final
 
-from drivers.base import BadAnswer, Clock, DriverError, Refused
-from drivers.linuxcnc.line import Json, LinuxCncLine
-from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.agent.greeting import Capability, Greeting, greeting_of
+from drivers.agent.line import AgentLine, Json
+from drivers.agent.numbers import finite_number, finite_numbers, json_object, triple
+from drivers.agent.settings import AgentSettings
+from drivers.agent.slopes import AgentSlopes
+from drivers.base import BadAnswer, Clock, Refused
 from drivers.nc import (
     ERRORS,
     LINEAR_AXES,
@@ -28,28 +29,37 @@ from drivers.nc import (
 AXES = LINEAR_AXES + ROTARY_AXES
 _POLL_S, _THERE_UM = 0.02, 1e-3
 STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
-"""Every machine state that the agent reports: 1/min, mm/min, 0 or 1."""
+"""Every machine state that an agent is expected to report: 1/min, mm/min, 0 or 1."""
 EMERGENCY_STOP: Final = 1
-"""Shown as an alarm; LinuxCNC itself has no alarm numbers."""
+"""Shown as an alarm, beside those that the agent reports."""
+NO_CYCLE: Final = "the agent has no probing cycle"
+_OFFSETS: Final = frozenset({Capability.SHIFT, Capability.SLOPES, Capability.ERRORS})
 
 
-class LinuxCnc:
+class AgentControl:
     """One control. Construction validates and uses no network; see NumericalControl for the operations.
 
     Every operation raises a DriverError: after any but Refused the line is closed and `connect` is needed.
     """
 
-    def __init__(self, settings: LinuxCncSettings, clock: Clock) -> None:
+    def __init__(self, settings: AgentSettings, clock: Clock) -> None:
         self._settings, self._clock = settings, clock
-        self._line = LinuxCncLine(settings)
+        self._line = AgentLine(settings)
         self._owner = 0
-        self._reach: tuple[float, float] | None = None
+        self._greeting = Greeting()
+        self._slopes: AgentSlopes | None = None
 
     async def connect(self) -> None:
         """Log in and read everything once."""
-        self._owner = 0
+        self._owner, settings = 0, self._settings
         try:
-            self._reach = self._told_reach(await self._line.connect())
+            greeting = greeting_of(await self._line.connect(), settings.device)
+            greeting.check_poses(settings.poses, settings.poses_deg, settings.device)
+            self._greeting = greeting
+            self._slopes = None
+            if greeting.travel is not None:
+                line, owner = self._line, lambda: self._owner
+                self._slopes = AgentSlopes(line, settings, greeting.travel, owner, self._in_force)
             await self.snapshot()
             await self.read_compensation()
         except BaseException:
@@ -61,23 +71,26 @@ class LinuxCnc:
 
     async def snapshot(self) -> NcSnapshot:
         """Positions: the tool tip relative to where A and C meet. Speeds: the mean since the last snapshot."""
-        status = self._table(await self._line.ask("status"), "status")
-        positions = self._numbers(status.get("positions"), "positions")
+        status = json_object(await self._line.ask("status"), "status", self._settings.device)
+        positions = self._named(status.get("positions"), "positions")
         if missing := set(AXES) - set(positions):
-            raise self._bad(f"positions without {', '.join(sorted(missing))}")
+            raise BadAnswer(f"positions without {', '.join(sorted(missing))}", device=self._settings.device)
         tool, probing, cannot_probe = (status.get(name) for name in ("tool", "probing", "cannot_probe"))
+        if Capability.PROBE not in self._greeting.can:
+            cannot_probe = NO_CYCLE
+        stopped = status.get("estop") is not False
         return NcSnapshot(
             time=self._clock.utc(),
             monotonic_s=self._clock.monotonic(),
             positions={axis: positions[axis] for axis in AXES},
-            states=self._numbers(status.get("states"), "states"),
+            states=self._named(status.get("states"), "states"),
             mode=_member(OperatingMode, status.get("mode"), OperatingMode.UNKNOWN),
             program=_member(ProgramState, status.get("program"), ProgramState.UNKNOWN),
             tool=tool if isinstance(tool, int) else None,
-            probe_in_spindle=bool(status.get("probe")),
-            alarms=(EMERGENCY_STOP,) if status.get("estop") else (),
+            probe_in_spindle=status.get("probe") is True,
+            alarms=(EMERGENCY_STOP,) * (status.get("estop") is True) + self._alarms(status.get("alarms", [])),
             probing=probing if isinstance(probing, bool) else None,
-            ready=bool(status.get("on")) and bool(status.get("homed")) and not status.get("estop"),
+            ready=status.get("on") is True and status.get("homed") is True and not stopped,
             cannot_probe=cannot_probe if isinstance(cannot_probe, str) else None,
         )
 
@@ -90,21 +103,23 @@ class LinuxCnc:
     async def probing_status(self, number: int) -> RequestStatus:
         """State of request `number`; idle when the control has since received another one, or has received none."""
         check_number(number, "request number")
-        told = self._table(await self._line.ask("probing", number=number), "probing")
+        device = self._settings.device
+        told = json_object(await self._line.ask("probing", number=number), "probing", device)
         state = _member(ProbingState, told.get("state"), None)
         if state is None:
-            raise self._bad(f"probing state {told.get('state')!r} is unknown")
+            raise BadAnswer(f"probing state {told.get('state')!r} is unknown", device=device)
         if state is not ProbingState.DONE:
             return RequestStatus(number, state, reason=str(told.get("reason", "")))
         centres = told.get("centres")
         if not isinstance(centres, list) or len(centres) != self._settings.poses:
-            raise self._bad(f"cycle {number} is done without {self._settings.poses} centres")
+            raise BadAnswer(f"cycle {number} is done without {self._settings.poses} centres", device=device)
+        told_in_force = Capability.ERRORS in self._greeting.can or self._greeting.version >= 3
         return RequestStatus(
             number,
             state,
-            centres_mm=tuple(self._three(centre, "centre") for centre in centres),
-            spread_mm=self._number(told.get("spread"), "spread"),
-            in_force_um=None if self._reach is None else self._three(told.get("in_force"), "offsets during the cycle"),
+            centres_mm=tuple(triple(centre, "centre", device) for centre in centres),
+            spread_mm=finite_number(told.get("spread"), "spread", device),
+            in_force_um=triple(told.get("in_force"), "offsets during the cycle", device) if told_in_force else None,
         )
 
     async def withdraw_probing(self, number: int) -> None:
@@ -123,14 +138,26 @@ class LinuxCnc:
 
     async def _in_force(self, read: Callable[[], Awaitable[Sequence[float]]], wanted: Sequence[float]) -> None:
         """The control slews. The next read-back must return what was written, unless something else is wrong."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(self._settings.timeout_s):
-                while any(abs(a - b) >= _THERE_UM for a, b in zip(await read(), wanted, strict=True)):
-                    await asyncio.sleep(_POLL_S)
+
+        async def there() -> bool:
+            return all(abs(a - b) < _THERE_UM for a, b in zip(await read(), wanted, strict=True))
+
+        await self._until(there)
+
+    async def _until(self, done: Callable[[], Awaitable[bool]]) -> None:
+        """Ask until it is so, for timeout_s. No question is cancelled, which would close the line."""
+        loop = asyncio.get_running_loop()
+        latest_s = loop.time() + self._settings.timeout_s
+        while not await done() and loop.time() < latest_s:
+            await asyncio.sleep(_POLL_S)
 
     @property
     def error_reach_mm(self) -> tuple[float, float] | None:
-        return self._reach
+        return self._greeting.error_reach_mm
+
+    @property
+    def slopes(self) -> AgentSlopes | None:
+        return self._slopes
 
     async def write_errors(self, errors: NineErrors) -> None:
         """Returns when the errors are in force, or after timeout_s.
@@ -149,34 +176,21 @@ class LinuxCnc:
 
     async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
         told = await self._line.ask("errors", radius_mm=radius_mm)
-        if not isinstance(told, list) or len(told) != ERRORS:
-            raise self._bad(f"errors in force: expected {ERRORS} numbers")
-        return tuple(self._number(value, "errors in force") for value in told)
-
-    def _told_reach(self, greeting: Json) -> tuple[float, float] | None:
-        """Of an agent that takes the nine errors; earlier ones greet with a list of their commands."""
-        if not isinstance(greeting, dict):
-            return None
-        can = greeting.get("capabilities")
-        if not isinstance(can, list) or "errors" not in can:
-            return None
-        reach = greeting.get("reach_mm")
-        if not isinstance(reach, list) or len(reach) != 2:
-            raise self._bad(f"reach_mm = {reach!r}: expected two numbers")
-        along, across = (self._number(value, "reach_mm") for value in reach)
-        if min(along, across) <= 0:
-            raise self._bad(f"reach_mm = {reach!r}: expected more than 0")
-        return along, across
+        return finite_numbers(told, ERRORS, "errors in force", self._settings.device)
 
     async def read_compensation(self) -> tuple[float, float, float]:
-        return self._three(await self._line.ask("read"), "offsets in force")
+        """Nothing is in force by an agent that takes no offsets."""
+        if not self._greeting.can & _OFFSETS and self._line.is_open:
+            return 0.0, 0.0, 0.0
+        return triple(await self._line.ask("read"), "offsets in force", self._settings.device)
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Returns when the watchdog is active, or after timeout_s.
 
-        Raises ValueError for an owner outside 1 .. 2**31 - 1.
+        Raises ValueError for an owner outside 1 .. 2**31 - 1, Refused for an agent that takes no offsets.
         """
         check_number(owner, "owner")
+        self._check_takes_offsets()
         told: dict[str, Json] = {"silence_s": terms.silence_s, "ramp_um_per_s": terms.ramp_um_per_s}
         if predecessor is not None:
             told["predecessor"] = predecessor
@@ -186,10 +200,7 @@ class LinuxCnc:
             hint = "stop the other gateway, or run this one in the mode monitor or advise"
             raise Refused(error.what, device=self._settings.device, hint=hint) from error
         # The claim is a beat, which real time sees in its next cycle; the next beat must find the watchdog active.
-        with suppress(TimeoutError):
-            async with asyncio.timeout(self._settings.timeout_s):
-                while not await self.heartbeat(owner):
-                    await asyncio.sleep(_POLL_S)
+        await self._until(lambda: self.heartbeat(owner))
 
     async def heartbeat(self, owner: int) -> bool:
         check_number(owner, "owner")
@@ -201,28 +212,22 @@ class LinuxCnc:
         check_number(owner, "owner")
         await self._line.ask("release", owner=owner)
 
-    def _table(self, answer: Json, what: str) -> dict[str, Json]:
-        if not isinstance(answer, dict):
-            raise self._bad(f"{what}: expected an object")
-        return answer
+    def _check_takes_offsets(self) -> None:
+        if self._line.is_open and not self._greeting.can & _OFFSETS:
+            hint = '[compensation] mode = "monitor" or "advise" works with it'
+            raise Refused("the agent takes no offsets", device=self._settings.device, hint=hint)
 
-    def _numbers(self, answer: Json, what: str) -> dict[str, float]:
-        return {name: self._number(value, f"{what} {name}") for name, value in self._table(answer, what).items()}
+    def _named(self, answer: Json, what: str) -> dict[str, float]:
+        device = self._settings.device
+        return {
+            name: finite_number(value, f"{what} {name}", device)
+            for name, value in json_object(answer, what, device).items()
+        }
 
-    def _three(self, answer: Json, what: str) -> tuple[float, float, float]:
-        if not isinstance(answer, list) or len(answer) != 3:
-            raise self._bad(f"{what}: expected three numbers")
-        x, y, z = (self._number(value, what) for value in answer)
-        return x, y, z
-
-    def _number(self, value: Json, what: str) -> float:
-        with suppress(OverflowError):  # JSON's integers may be longer than any float
-            if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
-                return float(value)
-        raise self._bad(f"{what} = {value!r}: expected a finite number")
-
-    def _bad(self, what: str) -> DriverError:
-        return BadAnswer(what, device=self._settings.device, hint="is the agent of another version?")
+    def _alarms(self, told: Json) -> tuple[int, ...]:
+        if not isinstance(told, list) or not all(type(alarm) is int for alarm in told):  # a bool would be an int
+            raise BadAnswer(f"alarms = {told!r}: expected a list of whole numbers", device=self._settings.device)
+        return tuple(alarm for alarm in told if isinstance(alarm, int))
 
 
 def _member(kind: Any, value: Json, default: Any) -> Any:

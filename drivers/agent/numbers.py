@@ -1,0 +1,38 @@
+"""Numbers, lists and tables in an agent's answers. Raises BadAnswer."""
+
+import math
+from contextlib import suppress
+
+from drivers.agent.line import Json
+from drivers.base import BadAnswer
+
+_HINT = "is the agent of another version?"
+
+
+def json_object(answer: Json, what: str, device: str) -> dict[str, Json]:
+    """An object."""
+    if not isinstance(answer, dict):
+        raise BadAnswer(f"{what}: expected an object", device=device, hint=_HINT)
+    return answer
+
+
+def finite_number(value: Json, what: str, device: str) -> float:
+    """A finite number; a truth value is none."""
+    with suppress(OverflowError):  # JSON's integers may be longer than any float
+        if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
+            return float(value)
+    raise BadAnswer(f"{what} = {value!r}: expected a finite number", device=device, hint=_HINT)
+
+
+def finite_numbers(value: Json, count: int, what: str, device: str) -> tuple[float, ...]:
+    """So many finite numbers."""
+    if not isinstance(value, list) or len(value) != count:
+        words = {2: "two", 3: "three", 9: "nine"}
+        raise BadAnswer(f"{what} = {value!r}: expected {words[count]} numbers", device=device, hint=_HINT)
+    return tuple(finite_number(v, what, device) for v in value)
+
+
+def triple(value: Json, what: str, device: str) -> tuple[float, float, float]:
+    """X, Y, Z."""
+    x, y, z = finite_numbers(value, 3, what, device)
+    return x, y, z

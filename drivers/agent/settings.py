@@ -1,0 +1,49 @@
+"""Settings of the connection to an agent on a control: address and shared key. No network."""
+
+from drivers.base import SetupError
+from drivers.section import FilePath, NotEmpty, NotNegative, Port, Positive, Section
+from drivers.signature import shared_key
+
+DEFAULT_PORT = 7621
+LARGEST_UM = 500.0
+
+
+class AgentAddress(Section):
+    """Where to find the agent, and the key that it shares with the gateway."""
+
+    host: NotEmpty = "127.0.0.1"
+    """Host of the agent. If it is another computer, use a tunnel: lines are signed but not encrypted."""
+    port: Port = DEFAULT_PORT
+    """The agent's port."""
+    key_file: FilePath
+    """File with the key shared with the agent: a copy of the agent's."""
+    timeout_s: Positive = 2.0
+    """How long one answer may take."""
+
+
+class AgentSettings(AgentAddress):
+    """Settings of one control with an agent."""
+
+    poses: int = 6
+    """Number of poses that one probing cycle touches."""
+    poses_deg: tuple[tuple[float, float], ...] = ()
+    """A and C of each pose, degrees, compared with those of an agent that tells its own; empty: not compared."""
+    request_valid_for_s: NotNegative = 900.0
+    """A request that reaches no safe point within this time is refused; 0: never."""
+    largest_um: Positive = LARGEST_UM
+    """Larger offsets are never sent; the agent also has its own bound."""
+    device: str = "nc"
+    """Name in messages."""
+
+    def key(self) -> bytes:
+        """Raises SetupError when the file cannot be read or is too short to be a key."""
+        try:
+            return shared_key(self.key_file)
+        except OSError as error:
+            raise SetupError(f"key_file = {str(self.key_file)!r}: {error.strerror}", device=self.device) from error
+        except ValueError as error:
+            raise SetupError(
+                f"key_file = {str(self.key_file)!r} {error}",
+                device=self.device,
+                hint="copy the file of the agent's key from the control",
+            ) from error

@@ -1,0 +1,78 @@
+"""MTConnect's documents: data items that an agent describes, and what it last observed of each."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+_DEEPEST = 50
+_UNAVAILABLE = "UNAVAILABLE"
+
+
+class AgentError(ValueError):
+    """The document is an agent's error; the message is its code and text."""
+
+
+@dataclass
+class Element:
+    """One XML element."""
+
+    name: str
+    """Without its namespace."""
+    attributes: Mapping[str, str]
+    texts: list[str] = field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        return "".join(self.texts).strip()
+
+
+def elements(document: bytes) -> list[Element]:
+    """Every element, in order.
+
+    Raises AgentError, and ValueError: not XML, too deep, or with a document type, which could hold entities.
+    """
+    found: list[Element] = []
+    inside: list[Element] = []
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        if len(inside) >= _DEEPEST:
+            raise ValueError(f"more than {_DEEPEST} elements within each other")
+        inside.append(Element(name.rpartition(":")[2], attributes))
+        found.append(inside[-1])
+
+    def doctype(*_: object) -> None:
+        raise ValueError("it has a document type, which is not accepted")
+
+    parser = expat.ParserCreate("utf-8")
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: inside.pop()
+    parser.CharacterDataHandler = lambda text: inside[-1].texts.append(text)
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(document, True)
+    except expat.ExpatError as error:
+        raise ValueError(f"it is not XML: {error}") from error
+    for element in found:
+        if element.name == "Error" and "errorCode" in element.attributes:
+            raise AgentError(f"the agent reports {element.attributes['errorCode'][:60]}: {element.text[:120]}")
+    return found
+
+
+def data_items(document: bytes) -> dict[str, Mapping[str, str]]:
+    """Id to the attributes of each data item, of an answer to `probe`. Raises ValueError.
+
+    Agents from version 1.5 on name a coordinate system by its id; here `coordinateSystem` is its type in either case.
+    """
+    found = elements(document)
+    systems = {e.attributes.get("id", ""): e.attributes.get("type", "") for e in found if e.name == "CoordinateSystem"}
+    items = {}
+    for attributes in (e.attributes for e in found if e.name == "DataItem" and "id" in e.attributes):
+        named = attributes.get("coordinateSystemIdRef", "")
+        items[attributes["id"]] = {**attributes, "coordinateSystem": systems[named]} if named in systems else attributes
+    return items
+
+
+def latest_values(document: bytes) -> dict[str, str]:
+    """Id to the latest value of each data item that has one, of an answer to `current`. Raises ValueError."""
+    found = {e.attributes["dataItemId"]: e.text for e in elements(document) if "dataItemId" in e.attributes}
+    return {item: text for item, text in found.items() if text != _UNAVAILABLE}

@@ -1,0 +1,77 @@
+"""Which data items fit what they are configured for, and in which units MTConnect reports them."""
+
+import math
+from collections.abc import Mapping
+
+from drivers.base import BadAnswer, WrongDevice
+from drivers.mtconnect.settings import MtConnectSettings
+from drivers.nc import LINEAR_AXES, ROTARY_AXES
+
+_MM = {"MILLIMETER": 1.0}
+_DEGREES = {"DEGREE": 1.0}
+_MM_PER_MIN = {"MILLIMETER/SECOND": 60.0}
+_TURNS_PER_MIN = {"REVOLUTION/MINUTE": 1.0, "REVOLUTION/SECOND": 60.0, "DEGREE/SECOND": 1.0 / 6.0}
+POSITION_UNITS = dict.fromkeys(LINEAR_AXES, _MM) | dict.fromkeys(ROTARY_AXES, _DEGREES)
+SPEED_UNITS = {
+    "spindle_speed": _TURNS_PER_MIN,
+    **{f"speed_{axis}": _MM_PER_MIN for axis in LINEAR_AXES},
+    **{f"speed_{axis}": _TURNS_PER_MIN for axis in ROTARY_AXES},
+}
+"""States whose unit the gateway defines, and MTConnect's units with their factor."""
+SWITCHED = {"ON": 1.0, "ACTIVE": 1.0, "OPEN": 1.0, "OFF": 0.0, "INACTIVE": 0.0, "CLOSED": 0.0}
+"""Values of other states that are words."""
+_FIXED = ("MACHINE", "WORLD", "BASE")
+"""Types of coordinate systems that stay where they are."""
+_TYPES = {
+    "mode": "CONTROLLER_MODE",
+    "program": "EXECUTION",
+    "tool": "TOOL_NUMBER",
+    "emergency_stop": "EMERGENCY_STOP",
+}
+
+
+def factors(settings: MtConnectSettings, found: Mapping[str, Mapping[str, str]]) -> dict[str, float]:
+    """Axis or state to the factor from its data item's unit to the gateway's.
+
+    found: id to attributes, as the agent tells them. Raises WrongDevice for a data item that the agent does not have
+    or that is something else, naming field, id and what is expected.
+    """
+    for name, kind in _TYPES.items():
+        item = getattr(settings, name)
+        if item and (told := _of(found, name, item).get("type")) != kind:
+            raise WrongDevice(f"{name} = {item!r} is of type {told}: expected {kind}", device="nc")
+    made = {}
+    for axis, item in settings.positions.items():
+        about = _of(found, f"positions.{axis}", item)
+        if (system := about.get("coordinateSystem", "MACHINE")) not in _FIXED:
+            what = f"positions.{axis} = {item!r} is in {system} coordinates, which may move"
+            raise WrongDevice(what, device="nc", hint="use the data item in MACHINE coordinates")
+        made[axis] = _factor(f"positions.{axis}", item, about, POSITION_UNITS[axis])
+    for name, item in settings.states.items():
+        about = _of(found, f"states.{name}", item)
+        made[name] = _factor(f"states.{name}", item, about, SPEED_UNITS[name]) if name in SPEED_UNITS else 1.0
+    return made
+
+
+def _of(found: Mapping[str, Mapping[str, str]], where: str, item: str) -> Mapping[str, str]:
+    if item not in found:
+        raise WrongDevice(f"{where} = {item!r}: the agent has no such data item", device="nc", hint="see its /probe")
+    return found[item]
+
+
+def _factor(where: str, item: str, about: Mapping[str, str], units: Mapping[str, float]) -> float:
+    unit = about.get("units", "")
+    if unit not in units:
+        raise WrongDevice(f"{where} = {item!r} is in {unit or 'no unit'}: expected {' or '.join(units)}", device="nc")
+    return units[unit]
+
+
+def number(item: str, text: str) -> float:
+    """What an agent reports of a data item. Raises BadAnswer: not a finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise BadAnswer(f"{item} = {text[:40]!r}: expected a number", device="nc")
+    return value

@@ -1,0 +1,18 @@
+"""The contract of docs/agent.md as clauses, each of which tests one promise on a running agent."""
+
+from gateway.agent_test.clause import Clause, ClauseOutcome, ClauseResult, Moves
+from gateway.agent_test.clauses import CLAUSES, run_clauses
+from gateway.agent_test.line import AgentUnderTest, BareLine, Broken, Unreachable
+
+__all__ = [
+    "CLAUSES",
+    "AgentUnderTest",
+    "BareLine",
+    "Broken",
+    "Clause",
+    "ClauseOutcome",
+    "ClauseResult",
+    "Moves",
+    "Unreachable",
+    "run_clauses",
+]

@@ -1,0 +1,145 @@
+"""What an agent tells of itself decides what is asked of it; what does not fit is refused by name."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.agent import AgentControl
+from drivers.base import BadAnswer, DriverError, Refused, SystemClock, WrongDevice
+from drivers.nc import LinearOffsets, NotSendable, WatchdogTerms
+from tests.benches.fake_agent import agent_and_driver
+from tests.benches.reference_agent import POSES_DEG, REFERENCE, served_agent
+
+pytestmark = pytest.mark.simulated_time
+
+TRAVEL = {"pairs": ["XX", "YX"], "reference_mm": [10, 0, 0], "reach_mm": [300, 200, 100]}
+FLAT = ((0.0, 0.0, 0.0),) * 3
+
+
+@pytest.mark.parametrize(
+    ("greeting", "error", "says"),
+    [
+        ({"version": 4}, WrongDevice, "speaks version 4 of the line, this gateway up to 3"),
+        ({"version": "3"}, BadAnswer, "version = '3'"),
+        ({"version": True}, BadAnswer, "version = True"),
+        ({"version": 3, "capabilities": "probe"}, BadAnswer, "capabilities = 'probe'"),
+        ({"version": 3, "capabilities": ["probe"]}, BadAnswer, "poses = None"),
+        ({"version": 3, "capabilities": ["probe"], "poses": 5}, WrongDevice, "has 5 poses, not 6"),
+        (
+            {"version": 3, "capabilities": ["probe"], "poses": [[0, 0, 0]]},
+            BadAnswer,
+            "poses = .*: expected two",
+        ),
+        ({"version": 3, "capabilities": ["slopes"]}, BadAnswer, "travel: expected an object"),
+        ({"capabilities": ["slopes"], "travel": {**TRAVEL, "pairs": ["XA"]}}, BadAnswer, "travel.pairs"),
+        ({"capabilities": ["slopes"], "travel": {**TRAVEL, "reach_mm": [1, 0, 1]}}, BadAnswer, "travel.reach_mm"),
+    ],
+)
+async def test_a_greeting_that_cannot_be_used_names_the_field(
+    greeting: object, error: type[DriverError], says: str, tmp_path: Path
+) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers[""] = greeting
+        with pytest.raises(error, match=says):
+            await nc.connect()
+        with pytest.raises(DriverError, match="connect first"):
+            await nc.snapshot()
+
+
+async def test_an_agent_that_touches_other_poses_is_refused_and_a_whole_turn_is_none(tmp_path: Path) -> None:
+    async with served_agent(REFERENCE.Machine()) as served:
+        turned = tuple((a, c - 360.0) for a, c in POSES_DEG)
+        settings = served.settings(tmp_path)
+        await connected_and_closed(AgentControl(settings.model_copy(update={"poses_deg": turned}), SystemClock()))
+        other = (*POSES_DEG[:4], (-90.0, 0.0), (90.0, 0.0))
+        with pytest.raises(WrongDevice, match="pose 5 of the agent is A 90 C 0, not A -90 C 0"):
+            await AgentControl(settings.model_copy(update={"poses_deg": other}), SystemClock()).connect()
+
+
+async def connected_and_closed(nc: AgentControl) -> None:
+    await nc.connect()
+    await nc.close()
+
+
+async def test_an_agent_that_only_reports_is_read_and_never_written_to(tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers[""] = {"version": 3, "capabilities": []}
+        del agent.answers["read"]
+        await nc.connect()
+        assert (await nc.snapshot()).cannot_probe == "the agent has no probing cycle"
+        assert await nc.read_compensation() == (0.0, 0.0, 0.0)
+        with pytest.raises(Refused, match=r"the agent takes no offsets .*monitor"):
+            await nc.claim(7, WatchdogTerms(10.0, 1.0))
+        assert {message.get("do") for message in agent.heard} == {None, "status", "read"}
+
+
+@pytest.mark.parametrize(
+    ("told", "ready"),
+    [
+        ({"estop": False, "on": True, "homed": True}, True),
+        ({"estop": True, "on": True, "homed": True}, False),
+        ({"estop": False, "on": True}, False),
+        ({"on": True, "homed": True}, False),
+        ({"estop": False, "on": "yes", "homed": 1}, False),
+    ],
+)
+async def test_a_machine_is_ready_only_when_the_agent_says_so(
+    told: dict[str, Any], ready: bool, tmp_path: Path
+) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        status = {"positions": dict.fromkeys("XYZAC", 0.0), "states": {}, "alarms": [700]}
+        agent.answers["status"] = status | told
+        snapshot = await nc.snapshot()
+        assert snapshot.ready is ready
+        assert snapshot.alarms == ((1,) if told.get("estop") else ()) + (700,)
+
+
+@pytest.mark.parametrize("alarms", [700, [True], [700, "hot"], [[700]]])
+async def test_alarms_that_are_no_whole_numbers_are_refused(alarms: Any, tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers["status"] = {"positions": dict.fromkeys("XYZAC", 0.0), "states": {}, "alarms": alarms}
+        with pytest.raises(BadAnswer, match=r"alarms = .*: expected a list of whole numbers"):
+            await nc.snapshot()
+
+
+async def test_slopes_go_to_an_agent_that_has_them_and_come_back(tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers |= {
+            "": {"version": 3, "capabilities": ["slopes"], "travel": TRAVEL},
+            "heartbeat": True,
+            "slopes": {"um": [1.0, 0.0, 0.0], "um_per_mm": [[0.02, 0, 0], [0, 0, 0], [0, 0, 0]]},
+        }
+        await nc.connect()
+        slopes = nc.slopes
+        assert slopes is not None
+        assert (slopes.pairs, slopes.reference_mm) == (frozenset({(0, 0), (1, 0)}), (10.0, 0.0, 0.0))
+        await nc.heartbeat(7)
+        rows = ((0.02, 0.0, 0.0), *FLAT[1:])
+        wanted = LinearOffsets((1.0, 0.0, 0.0), (rows[0], rows[1], rows[2]), (10.0, 0.0, 0.0))
+        await slopes.write_linear(wanted)
+        assert await slopes.read_linear() == wanted
+        sent = next(message for message in agent.heard if message.get("do") == "write_slopes")
+        assert (sent["owner"], sent["um"], sent["um_per_mm"]) == (7, [1.0, 0.0, 0.0], [list(row) for row in rows])
+
+
+@pytest.mark.parametrize(
+    ("k0", "slope", "reference", "says"),
+    [
+        (499.0, ((0.02, 0.0, 0.0), *FLAT[1:]), (10.0, 0.0, 0.0), "beyond largest_um"),
+        (0.0, (*FLAT[:2], (0.0, 0.0, 0.1)), (10.0, 0.0, 0.0), "no slope of Z by Z"),
+        (0.0, ((float("nan"), 0.0, 0.0), *FLAT[1:]), (10.0, 0.0, 0.0), "finite slopes"),
+        (0.0, FLAT, (0.0, 0.0, 0.0), "P0 = "),
+    ],
+)
+async def test_slopes_that_the_agent_cannot_have_are_never_sent(
+    k0: float, slope: Any, reference: Any, says: str, tmp_path: Path
+) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers[""] = {"version": 3, "capabilities": ["slopes"], "travel": TRAVEL}
+        await nc.connect()
+        assert nc.slopes is not None
+        heard = len(agent.heard)
+        with pytest.raises(NotSendable, match=says):
+            await nc.slopes.write_linear(LinearOffsets((k0, 0.0, 0.0), slope, reference))
+        assert len(agent.heard) == heard

@@ -1,0 +1,243 @@
+"""The driver of controls with an MTConnect agent, on an agent of others and on answers that no agent should give."""
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, SystemClock, WrongDevice
+from drivers.mtconnect import MtConnectSettings, make_mtconnect
+from drivers.nc import NumericalControl, OperatingMode, ProgramState, WatchdogTerms
+from drivers.problems import settings_of
+from tests.benches.mtconnect_agent import mtconnect_agent
+
+pytestmark = pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")
+LIMIT_S = 60.0
+POSITIONS = {axis: f"{axis}pos" for axis in "XYZAC"}
+STATES = {"spindle_speed": "Srpm", "speed_X": "Xfrt", "speed_C": "Cfrt", "coolant": "flood"}
+NAMED = {"mode": "mode", "program": "exec", "tool": "tool", "emergency_stop": "estop"}
+VALUES: Mapping[str, Any] = {
+    "Xpos": 100.5, "Ypos": -20.0, "Zpos": 30.0, "Apos": 10.0, "Cpos": 720.0, "Srpm": -6000.0, "Xfrt": 20.0,
+    "Cfrt": 36.0, "flood": "ACTIVE", "mode": "AUTOMATIC", "exec": "FEED_HOLD", "tool": "17", "estop": "ARMED",
+}  # fmt: skip
+
+
+def control(url: str, /, **changed: object) -> NumericalControl:
+    given: dict[str, object] = {"url": url, "positions": POSITIONS, "states": STATES, "timeout_s": LIMIT_S, **NAMED}
+    return make_mtconnect(settings_of(MtConnectSettings, given | changed), SystemClock())
+
+
+@pytest.fixture
+def agent(tmp_path: Path) -> Iterator[tuple[Any, str]]:
+    """Of others; it has observed VALUES."""
+    with mtconnect_agent(tmp_path) as (it, url):
+        for item, value in VALUES.items():
+            it.push_data(item, value)
+        yield it, url
+
+
+async def test_the_agent_of_others_is_read_in_the_gateways_units(agent: tuple[Any, str]) -> None:
+    nc = control(agent[1], origin_mm=(0.5, 0.0, -10.0))
+    await nc.connect()
+    it = await nc.snapshot()
+    assert it.positions == {"X": 100.0, "Y": -20.0, "Z": 40.0, "A": 10.0, "C": 720.0}
+    assert it.states == pytest.approx({"spindle_speed": 6000.0, "speed_X": 1200.0, "speed_C": 6.0, "coolant": 1.0})
+    assert (it.mode, it.program, it.tool) == (OperatingMode.AUTO, ProgramState.INTERRUPTED, 17)
+    assert (it.ready, it.cannot_probe) == (None, "the control is only read")
+    agent[0].push_data("estop", "TRIGGERED")
+    agent[0].push_data("tool", "T5-left")
+    later = await nc.snapshot()
+    assert (later.ready, later.tool) == (False, None)
+    await nc.close()
+
+
+async def test_what_the_agent_no_longer_knows_is_not_reported(agent: tuple[Any, str]) -> None:
+    nc = control(agent[1])
+    await nc.connect()
+    agent[0].push_data("Srpm", "UNAVAILABLE")
+    assert "spindle_speed" not in (await nc.snapshot()).states
+    agent[0].push_data("Ypos", "UNAVAILABLE")
+    with pytest.raises(BadAnswer, match="no position of Y: the agent says UNAVAILABLE"):
+        await nc.snapshot()
+
+
+async def test_it_is_never_written_to(agent: tuple[Any, str]) -> None:
+    nc = control(agent[1])
+    await nc.connect()
+    for question in (nc.claim(7, WatchdogTerms(10.0, 1.0)), nc.heartbeat(7), nc.write_compensation((1.0, 0.0, 0.0))):
+        with pytest.raises(Refused, match="the control is only read"):
+            await question
+    with pytest.raises(Refused, match="the control is only read"):
+        await nc.request_probing(1)
+    assert await nc.read_compensation() == (0.0, 0.0, 0.0)
+    await nc.close()
+    with pytest.raises(ConnectError, match="connect first"):
+        await nc.snapshot()
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"positions": POSITIONS | {"C": "c1"}}, r"positions\.C = 'c1': the agent has no such data item \(see its"),
+        ({"positions": POSITIONS | {"X": "Xwork"}}, r"positions\.X = 'Xwork' is in WORK coordinates"),
+        ({"positions": POSITIONS | {"X": "Apos"}}, r"positions\.X = 'Apos' is in DEGREE: expected MILLIMETER"),
+        (
+            {"states": {"spindle_speed": "Sovr"}},
+            r"states\.spindle_speed = 'Sovr' is in PERCENT: expected REVOLUTION/MI",
+        ),
+        ({"states": {"speed_X": "flood"}}, r"states\.speed_X = 'flood' is in no unit: expected MILLIMETER/SECOND"),
+        ({"mode": "exec"}, r"mode = 'exec' is of type EXECUTION: expected CONTROLLER_MODE"),
+    ],
+)
+async def test_a_data_item_that_is_something_else_is_named(
+    changed: dict[str, object], says: str, agent: tuple[Any, str]
+) -> None:
+    with pytest.raises(WrongDevice, match=says):
+        await control(agent[1], **changed).connect()
+
+
+async def test_an_address_or_machine_that_the_server_does_not_have_is_told(agent: tuple[Any, str]) -> None:
+    with pytest.raises(BadAnswer, match=r"probe: HTTP status 404 \(see url and machine\)"):
+        await control(agent[1], machine="lathe").connect()
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"url": "https://127.0.0.1:5000"}, r"url: 'https://127\.0\.0\.1:5000': expected http://HOST:PORT"),
+        ({"url": "http://127.0.0.1:99999"}, "url: .*expected http://HOST:PORT"),
+        (
+            {"positions": {"X": "Xpos", "Y": "Ypos"}},
+            "positions: X, Y: expected the id of a data item for each of X, Y, Z",
+        ),
+        ({"mode": "a b"}, "mode: 'a b': expected the id of a data item"),
+        ({"machine": "../probe?x"}, "machine: .*expected the name or uuid"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(changed: dict[str, object], says: str) -> None:
+    with pytest.raises(SetupError, match=says):
+        control("http://127.0.0.1:5000", **changed)
+
+
+@asynccontextmanager
+async def answering(answer: bytes, *, then_hang_up: bool = True) -> AsyncIterator[str]:
+    """A server that answers each connection with these bytes; its address."""
+    held: list[asyncio.StreamWriter] = []
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(answer)
+        if then_hang_up:
+            writer.close()
+        held.append(writer)
+
+    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+        try:
+            yield f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        finally:
+            for writer in held:
+                writer.close()
+
+
+def http(body: bytes, status: str = "200 OK") -> bytes:
+    return f"HTTP/1.1 {status}\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body
+
+
+ERROR = b'<MTConnectError><Errors><Error errorCode="NO_DEVICE">no device mill2</Error></Errors></MTConnectError>'
+BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><x>&b;</x>'
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (http(ERROR, "404 Not Found"), "probe: HTTP status 404, the agent reports NO_DEVICE: no device mill2"),
+        (http(ERROR), "probe: the agent reports NO_DEVICE"),
+        (http(BOMB), "probe: it has a document type, which is not accepted"),
+        (http(b"<a>" * 60), "more than 50 elements within each other"),
+        (http(b"<a><b></a>"), "it is not XML: mismatched tag"),
+        (http(b"\x00\x01"), "it is not XML"),
+        (http(b"x" * 8_000_001), "more than 8000000 bytes"),
+        (http(b"<html>moved</html>", "302 Found"), "HTTP status 302"),
+    ],
+)
+async def test_what_no_agent_should_answer_is_a_bad_answer(answer: bytes, says: str) -> None:
+    async with answering(answer) as url:
+        with pytest.raises(BadAnswer, match=says):
+            await control(url).connect()
+
+
+async def test_a_server_that_does_not_speak_http_is_no_connection() -> None:
+    async with answering(b"SSH-2.0-OpenSSH_9.2\r\n") as url:
+        with pytest.raises(ConnectError, match=url):
+            await control(url).connect()
+
+
+async def test_an_answer_that_never_ends_is_given_up() -> None:
+    async with answering(b"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\n<a", then_hang_up=False) as url:
+        with pytest.raises(NoAnswer, match=r"no answer to probe within 0\.2 s"):
+            await control(url, timeout_s=0.2).connect()
+
+
+async def test_an_agent_that_sends_byte_by_byte_is_hung_up_on() -> None:
+    gone = asyncio.Event()
+
+    async def drip(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"HTTP/1.1 200 OK\r\nContent-Length: 1000000\r\n\r\n")
+        try:
+            while not writer.is_closing():
+                writer.write(b" ")
+                await writer.drain()
+                await asyncio.sleep(0.02)
+        except ConnectionError:
+            pass
+        gone.set()
+        writer.close()
+
+    async with await asyncio.start_server(drip, "127.0.0.1", 0) as server:
+        url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        with pytest.raises(NoAnswer, match=r"no answer to probe within 0\.3 s"):
+            await control(url, timeout_s=0.3).connect()
+        async with asyncio.timeout(LIMIT_S):
+            await gone.wait()
+
+
+ITEMS = "".join(
+    f'<DataItem id="{item}" units="{unit}"/>'
+    for item, unit in [
+        *((f"{axis}pos", "MILLIMETER") for axis in "XYZ"),
+        *((f"{axis}pos", "DEGREE") for axis in "AC"),
+        ("Srpm", "REVOLUTION/MINUTE"),
+    ]
+)
+NASTY = st.text(st.characters(codec="utf-8", exclude_characters="<&\x00", min_codepoint=32), max_size=12)
+ANY = st.one_of(NASTY, st.floats().map(str), st.sampled_from(["UNAVAILABLE", "1e400", "-inf", "ON", "", "1 2 3"]))
+
+
+@pytest.mark.slow
+@settings(max_examples=60, deadline=None)
+@given(st.dictionaries(st.sampled_from([*POSITIONS.values(), "Srpm"]), ANY), st.integers(0, 400), st.binary(max_size=4))
+def test_whatever_is_observed_a_snapshot_is_finite_or_a_drivers_error(
+    told: dict[str, str], at: int, spoilt: bytes
+) -> None:
+    values = dict.fromkeys(POSITIONS.values(), "1.5") | told
+    text = "".join(f'<P dataItemId="{item}">{value}</P>' for item, value in values.items())
+    body = f"<MTConnect>{ITEMS}{text}</MTConnect>".encode()
+    body = body[:at] + spoilt + body[at + len(spoilt) :]
+
+    async def tried() -> None:
+        async with answering(http(body)) as url:
+            nc = control(url, states={"spindle_speed": "Srpm"}, mode="", program="", tool="", emergency_stop="")
+            try:
+                await nc.connect()
+                it = await nc.snapshot()
+            except DriverError:
+                return
+            assert all(map(math.isfinite, (*it.positions.values(), *it.states.values())))
+
+    asyncio.run(tried())
