@@ -4,6 +4,16 @@
 """
 
 from drivers.sinumerik.make import make_sinumerik
-from drivers.sinumerik.settings import SinumerikControl, SinumerikSettings, StateNode, default_states
+from drivers.sinumerik.programs import ErrorTerms, errors_program
+from drivers.sinumerik.settings import OffsetRoute, SinumerikControl, SinumerikSettings, StateNode, default_states
 
-__all__ = ["SinumerikControl", "SinumerikSettings", "StateNode", "default_states", "make_sinumerik"]
+__all__ = [
+    "ErrorTerms",
+    "OffsetRoute",
+    "SinumerikControl",
+    "SinumerikSettings",
+    "StateNode",
+    "default_states",
+    "errors_program",
+    "make_sinumerik",
+]

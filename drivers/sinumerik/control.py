@@ -64,6 +64,8 @@ REASONS: Final = {
 }
 EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
+FARTHEST_MM: Final = 1e5
+"""No linear axis is longer: a position beyond is none."""
 ALIVE: Final = 1
 """State of the control's watchdog while it receives the gateway's heartbeat."""
 
@@ -78,7 +80,7 @@ class Sinumerik:
     def __init__(self, settings: SinumerikSettings, clock: Clock) -> None:
         self._settings = settings
         self._clock = clock
-        self._session = OpcUaSession(settings, settings.device, RIGHTS)
+        self._session = OpcUaSession(settings, settings.device, RIGHTS, settings.namespace_uri)
         paths = settings.nodes
         self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
         self._states = settings.state_sources
@@ -131,6 +133,13 @@ class Sinumerik:
         shown = await self._session.latest(self._alarms) if self._alarms else []
         time, monotonic_s = self._clock.utc(), self._clock.monotonic()
         x, y, z, *rotary = self._numbers(self._positions, values[: len(AXES)])
+        for path, position in zip(self._positions, (x, y, z), strict=False):
+            if abs(position) > FARTHEST_MM:
+                raise BadAnswer(
+                    f"{path} = {position:g} mm: no axis is so long",
+                    device=self._settings.device,
+                    hint="is it another node, or another unit? See [nc.nodes] position",
+                )
         values = values[len(AXES) :]
         states = {
             name: float(value) / source.divisor
@@ -221,13 +230,33 @@ class Sinumerik:
         await self._session.write(values)
 
     async def read_compensation(self) -> tuple[float, float, float]:
-        """Route `k0`: K0 + tanβ (P - P0), with whatever slope is set on the control (K3); route `r`: the parameters."""
+        """K0 + tanβ (P - P0), with whatever slope is set on the control (K3); route `r`: the parameters."""
         values = self._numbers(self._in_force, await self._session.read(self._in_force))
-        if self._settings.compensation.route == "k0":
+        if self._settings.compensation.route != "r":
             k0, slope, reference, position = (values[i : i + 3] for i in (0, 3, 6, 9))
             values = [k + t * (p - p0) for k, t, p0, p in zip(k0, slope, reference, position, strict=True)]
         x, y, z = (self._settings.compensation.sign(axis) * value * 1e3 for axis, value in enumerate(values))
         return x, y, z
+
+    async def try_writing(self) -> None:
+        """Implements TriesWriting: the same values again are no new request and no beat, and move nothing."""
+        holder, _, state = self._numbers(self._lease, await self._session.read(self._lease))
+        if holder and state == ALIVE:
+            raise Refused(
+                f"gateway {holder:.0f} holds the control: writing was not tried",
+                device=self._settings.device,
+                hint="stop it first",
+            )
+        for paths in self._writable:
+            found = self._numbers(paths, await self._session.read(paths))
+            await self._session.write(dict(zip(paths, found, strict=True)))
+
+    @property
+    def _writable(self) -> tuple[tuple[str, ...], ...]:
+        """Everything that this gateway writes, one request each."""
+        hand, lease, r = self._settings.handshake, self._settings.lease, self._settings.r
+        asked = tuple(r(n) for n in (hand.request, hand.withdraw, hand.valid_for))
+        return asked, tuple(r(n) for n in (lease.owner, lease.beat, lease.silence, lease.ramp)), self._offsets
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
@@ -238,7 +267,7 @@ class Sinumerik:
         lease, r = self._settings.lease, self._settings.r
         await self._session.write(self._watchdog_values(terms))
         await self._session.write({r(lease.owner): float(owner)})
-        await self._session.write({r(lease.beat): _next_beat(beat)})
+        await self._session.write({r(lease.beat): next_beat(beat)})
 
     async def heartbeat(self, owner: int) -> bool:
         """Raises ValueError like `claim`."""
@@ -246,7 +275,7 @@ class Sinumerik:
         holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
         if holder != owner:
             raise self._anothers(holder)
-        await self._session.write({self._settings.r(self._settings.lease.beat): _next_beat(beat)})
+        await self._session.write({self._settings.r(self._settings.lease.beat): next_beat(beat)})
         return state == ALIVE
 
     async def release(self, owner: int) -> None:
@@ -297,7 +326,7 @@ class Sinumerik:
         return [float(value) for value in values if value is not None]
 
 
-def _next_beat(beat: float) -> float:
+def next_beat(beat: float) -> float:
     """A number that differs from the last one: the watchdog detects changes."""
     return float((_code(beat) + 1) % 1_000_000)
 

@@ -6,10 +6,12 @@ from drivers.sinumerik.settings import SinumerikSettings
 
 
 def make_sinumerik(settings: SinumerikSettings, clock: Clock) -> NumericalControl:
-    """The driver for these settings; with route `k0_slope` it implements FollowsPosition. No network."""
+    """The driver for these settings; with route `k0_slope` it implements FollowsPosition, with `errors` FollowsErrors.
+    No network."""
     # Importing OPC UA takes half a second and 20 MB: only for a control that needs it.
     from drivers.sinumerik.control import Sinumerik
+    from drivers.sinumerik.errors import SinumerikWithErrors
     from drivers.sinumerik.slope import SinumerikWithSlopes
 
-    kind = SinumerikWithSlopes if settings.compensation.route == "k0_slope" else Sinumerik
-    return kind(settings, clock)
+    kinds = {"k0_slope": SinumerikWithSlopes, "errors": SinumerikWithErrors}
+    return kinds.get(settings.compensation.route, Sinumerik)(settings, clock)

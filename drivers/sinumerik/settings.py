@@ -9,11 +9,13 @@ from typing import Final, Literal, Self
 from pydantic import Field, model_validator
 
 from drivers.base import SetupError
-from drivers.nc import LINEAR_AXES, ROTARY_AXES, Triple
+from drivers.nc import ERRORS, LINEAR_AXES, ROTARY_AXES, Triple
 from drivers.opcua import OpcUaSettings
 from drivers.section import NotNegative
 
 _DEGREES_PER_TURN = 360.0
+TERMS: Final = 7
+"""R-parameters by which the control's program tells what it keeps to."""
 PAIRS: Final = {
     shifted + over: (LINEAR_AXES.index(shifted), LINEAR_AXES.index(over))
     for shifted in LINEAR_AXES
@@ -137,14 +139,18 @@ class Handshake:
 class OffsetRoute:
     """How offsets reach the control."""
 
-    route: Literal["k0", "k0_slope", "r"] = "k0"
+    route: Literal["k0", "k0_slope", "errors", "r"] = "k0"
     """`k0`: setting data SD43900 of X, Y, Z, acts at once; `k0_slope`: tanβ (SD43910) as well, so that the control
-    follows its position by itself; `r`: three R-parameters in mm that the NC program adds."""
+    follows its position by itself; `errors`: the nine errors over R-parameters, from which a program on the control
+    (`talc-gateway nc sinumerik-files`) computes SD43900 in each of its own cycles, or `k0` if that program is missing;
+    `r`: three R-parameters in mm that the NC program adds."""
     signs: tuple[int, int, int] | None = None
-    """+1 where a positive value moves the tool in the positive direction, -1 where in the negative. None: -1, because a
+    """+1 if a positive value moves the tool in the positive direction, -1 if in the negative. None: -1, because a
     compensation value states an error to be removed, and +1 for route `r`. Check with a dial gauge (docs/nc.md)."""
     travel_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None = None
-    """Route `k0_slope`: travel of X, Y, Z in machine coordinates; bound and slew hold over all of it."""
+    """Routes `k0_slope` and `errors`: travel of X, Y, Z in machine coordinates; bound and slew hold over all of it."""
+    axis_names: Mapping[str, str] = field(default_factory=lambda: {"X": "X", "Y": "Y", "Z": "Z", "A": "A"})
+    """Route `errors`: identifiers of the machine axes X, Y, Z, A on the control (MD10000), such as `{X = "X1", ...}`"""
     reference_mm: Triple = (0.0, 0.0, 0.0)
     """Route `k0_slope`: P0 of X, Y, Z (SD43920) and zero of the tables, in machine coordinates."""
     tables: Mapping[str, int] = field(default_factory=dict)
@@ -158,25 +164,40 @@ class OffsetRoute:
     """No offset beyond this is ever sent, whatever the caller requests: the last defence against a wrong unit."""
 
     def __post_init__(self) -> None:
-        if self.route not in ("k0", "k0_slope", "r"):
-            raise SetupError(f"route = {self.route!r}: expected 'k0', 'k0_slope' or 'r'")
+        if self.route not in ("k0", "k0_slope", "errors", "r"):
+            raise SetupError(f"route = {self.route!r}: expected 'k0', 'k0_slope', 'errors' or 'r'")
         for name in ("signs", "table_signs"):
             signs = getattr(self, name)
             if signs is not None and sorted({-1, 1, *signs}) != [-1, 1]:
                 raise SetupError(f"{name} = {signs!r}: expected three of +1 or -1")
         if not 0 < self.largest_um < math.inf:
             raise SetupError(f"largest_um = {self.largest_um!r}: expected more than 0")
+        if self.route in ("k0_slope", "errors"):
+            self._check_travel()
+        elif self.travel_mm is not None:
+            raise SetupError(f"travel_mm is for the routes 'k0_slope' and 'errors', not for {self.route!r}")
         if self.route == "k0_slope":
             self._check_slopes()
-        elif self.tables or self.travel_mm is not None:
-            raise SetupError(f"tables and travel_mm are for route 'k0_slope', not for {self.route!r}")
+        elif self.tables:
+            raise SetupError(f"tables are for route 'k0_slope', not for {self.route!r}")
+        if self.route == "errors":
+            self._check_names()
 
-    def _check_slopes(self) -> None:
+    def _check_travel(self) -> None:
         if self.travel_mm is None:
-            raise SetupError("travel_mm is missing: route 'k0_slope' needs it to keep the bound everywhere")
+            raise SetupError(f"travel_mm is missing: route {self.route!r} needs it to keep bound and slew everywhere")
         for axis, (low, high) in zip(LINEAR_AXES, self.travel_mm, strict=True):
             if not -math.inf < low < high < math.inf:
                 raise SetupError(f"travel_mm of {axis} = {(low, high)!r}: expected the lower end before the upper one")
+
+    def _check_names(self) -> None:
+        if set(self.axis_names) != {*LINEAR_AXES, "A"} or len(set(self.axis_names.values())) != len(self.axis_names):
+            raise SetupError(f"axis_names = {dict(self.axis_names)!r}: expected a name of its own for each of X Y Z A")
+        for axis, name in self.axis_names.items():
+            if not re.fullmatch(r"[A-Z][A-Z0-9_]{0,31}", name):
+                raise SetupError(f"axis_names.{axis} = {name!r}: expected capital letters, digits and _")
+
+    def _check_slopes(self) -> None:
         if not all(math.isfinite(v) for v in self.reference_mm):
             raise SetupError(f"reference_mm = {self.reference_mm!r}: expected three finite numbers")
         for pair, table in self.tables.items():
@@ -216,6 +237,24 @@ class LeaseParameters:
     """Route `k0_slope`: the same for slopes, mm/mm per second."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorParameters:
+    """R-parameters of route `errors` (docs/nc.md). The gateway writes `wanted`, the control the rest."""
+
+    version: int = 99
+    """Version of the program on the control; 0: no program."""
+    wanted: int = 100
+    """First of the nine errors, µm and µm/m."""
+    in_force: int = 110
+    """First of the nine errors after the slew."""
+    echo: int = 119
+    """The beat, as the last of the program's actions saw it."""
+    probed: int = 120
+    """First of three: shift of the tool in mm that was held during the last probing cycle."""
+    terms: int = 123
+    """First of seven: slew in µm/s, radius of ER0T in mm, three bounds in µm, two reaches in mm."""
+
+
 class SinumerikControl(OpcUaSettings):
     """Where a SINUMERIK control is, and the addresses of its variables."""
 
@@ -230,6 +269,7 @@ class SinumerikControl(OpcUaSettings):
     nodes: Paths = Paths()
     handshake: Handshake = Handshake()
     lease: LeaseParameters = LeaseParameters()
+    errors: ErrorParameters = ErrorParameters()
     compensation: OffsetRoute = OffsetRoute()
 
     @model_validator(mode="after")
@@ -277,6 +317,12 @@ class SinumerikSettings(SinumerikControl):
                     yield from ((f"{group}.results (of {self.poses} poses)", number + i) for i in range(3 * self.poses))
                 elif item.type is int:
                     yield f"{group}.{item.name}", number
+        if self.compensation.route == "errors":
+            yield "errors.version", self.errors.version
+            yield "errors.echo", self.errors.echo
+            for name, count in (("wanted", ERRORS), ("in_force", ERRORS), ("probed", 3), ("terms", TERMS)):
+                first = getattr(self.errors, name)
+                yield from ((f"errors.{name} (the first of {count})", first + i) for i in range(count))
         if self.compensation.route == "r":
             yield from (("compensation.first_r (and the next two)", self.compensation.first_r + i) for i in range(3))
 
@@ -314,3 +360,12 @@ class SinumerikSettings(SinumerikControl):
         nodes = self.nodes
         form = (p for path in (nodes.k0, nodes.slope, nodes.reference) for p in self.linear(path))
         return (*form, *self.table_nodes.values(), *self.linear(nodes.position))
+
+
+def error_reach_mm(settings: SinumerikControl) -> tuple[float, float]:
+    """Farthest that the tool gets from where A and C meet, along X and across it. Raises SetupError without travel."""
+    if settings.compensation.travel_mm is None:
+        raise SetupError("travel_mm is missing")
+    ends = zip(settings.compensation.travel_mm, settings.origin_mm, strict=True)
+    x, y, z = (max(abs(low - zero), abs(high - zero)) for (low, high), zero in ends)
+    return x, math.hypot(y, z)

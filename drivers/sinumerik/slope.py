@@ -85,6 +85,11 @@ class SinumerikWithSlopes(Sinumerik):
     async def read_linear(self) -> LinearOffsets:
         return self._offsets_from(self._numbers(self._form, await self._session.read(self._form)))
 
+    @property
+    def _writable(self) -> tuple[tuple[str, ...], ...]:
+        slope_ramp = self._settings.r(self._settings.lease.slope_ramp)
+        return *super()._writable, (slope_ramp,), self._slopes, self._references, tuple(self._tables.values())
+
     async def write_compensation(self, offsets_um: Triple) -> None:
         """The same shift at every position of the axes."""
         zero = (0.0, 0.0, 0.0)

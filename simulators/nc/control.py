@@ -1,7 +1,7 @@
 """The emulated control on the wire: an OPC UA server that only maps the NC kernel's variables to nodes."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Protocol
 
@@ -12,7 +12,7 @@ from asyncua.server.server import Server
 from simulators.nc.access import APPLICATION_URI, Security, User, Users, only
 from simulators.nc.attributes import Attributes, add_nodes
 from simulators.nc.cycle import CycleSettings
-from simulators.nc.nck import MachineState, MachineUnderControl, Nck
+from simulators.nc.nck import R_COUNT, MachineState, MachineUnderControl, Nck
 from simulators.nc.program import LoadCase
 from simulators.nc.sampler import Sampler
 from simulators.nc.standard_nodes import StandardServer
@@ -40,7 +40,7 @@ class EmulatedControl:
 
     Parameters
     ----------
-    machine, program, cycle, seed, compensation_sign: see Nck
+    machine, program, cycle, seed, compensation_sign, programs, r_count: see Nck
     clock: simulated or real time
     users: name to password and rights
     security: None speaks without any
@@ -66,8 +66,18 @@ class EmulatedControl:
         security: Security | None = None,
         subscriptions: bool = True,
         port: int = 0,
+        programs: Sequence[str] = (),
+        r_count: int = R_COUNT,
     ) -> None:
-        self.nck = Nck(machine, program, cycle=cycle, seed=seed, compensation_sign=compensation_sign)
+        self.nck = Nck(
+            machine,
+            program,
+            cycle=cycle,
+            seed=seed,
+            compensation_sign=compensation_sign,
+            programs=programs,
+            r_count=r_count,
+        )
         self.out_of_service: set[str] = set()
         self.sampling = True
         self._clock = clock

@@ -2,13 +2,16 @@
 
 import math
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, ReasonCode
-from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
+from simulators.nc.main_run import MainRun
+from simulators.nc.moves import positions_at, tool_at
+from simulators.nc.program import LoadCase, MeanLoads
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_SLOPE_RAMP, R_WATCH, Logged, Watchdog
 
 AXES = ("X", "Y", "Z", "A", "C")
@@ -74,6 +77,10 @@ class Nck:
     program: the machine's day
     seed: of the probing noise; the draw of a cycle depends on the seed and its start alone, not on how many
         cycles went before
+    programs: texts of what runs at power on; their synchronised actions are evaluated in each interpolation cycle.
+        None: the watchdog of simulators.nc.watchdog, which is what they are meant to do, at any step of time
+    ipo_s: interpolation cycle
+    r_count: how many R-parameters the channel has
     """
 
     def __init__(
@@ -84,6 +91,9 @@ class Nck:
         cycle: CycleSettings | None = None,
         seed: int = 0,
         compensation_sign: int = -1,
+        programs: Sequence[str] = (),
+        ipo_s: float = 0.01,
+        r_count: int = R_COUNT,
     ) -> None:
         self._machine = machine
         self.program = program
@@ -95,7 +105,7 @@ class Nck:
         self._spread_mm = 0.0
         self._noise_of = math.nan
         self._sign = compensation_sign
-        self.r = [0.0] * R_COUNT
+        self.r = [0.0] * r_count
         self.k0_mm = [0.0] * 3
         """SD43900 $SA_TEMP_COMP_ABS_VALUE of X, Y, Z."""
         self.slope = [0.0] * 3
@@ -107,6 +117,9 @@ class Nck:
         self.watchdog = Watchdog(
             self.r, ((self.k0_mm, 0), (self.r, R_OFFSETS)), ((self.slope, 1.0), (self.table_weight, 1e3))
         )
+        self._programs, self._ipo_s = programs, ipo_s
+        self.main_run = self._started(None)
+        """What runs the programs; None without any."""
         self.log: list[Logged] = []
         """Every change of SD43900 with its time."""
         self.mode = AUTO
@@ -132,17 +145,48 @@ class Nck:
 
     def advance(self, now_s: float) -> None:
         """Process what was due until now, and write the cycle's answer to the R-parameters."""
+        if self.main_run is None:
+            self.cycle.advance(now_s)
+            self._watch(now_s)
+            self._note(now_s, ramped=True)
+            self._show_answer()
+            return
+        while (due_s := self.cycle.next_event_s) is not None and due_s < now_s:
+            self._interpolate(due_s)
+            self.cycle.advance(due_s)
+            self._show_answer()
+        self._interpolate(now_s)
         self.cycle.advance(now_s)
-        self.watchdog.advance(now_s)
-        self._note(now_s, ramped=True)
         self._show_answer()
+
+    def _interpolate(self, until_s: float) -> None:
+        """Every interpolation cycle until then."""
+        if self.main_run is not None:
+            for time_s in self.main_run.until(until_s):
+                positions = self.state(time_s).positions
+                self.main_run.cycle([positions[axis] for axis in AXES])
+                self._note(time_s, ramped=True)
+
+    def _watch(self, now_s: float) -> None:
+        if self.main_run is None:
+            self.watchdog.advance(now_s)
+
+    def _started(self, now_s: float | None) -> MainRun | None:
+        if not self._programs:
+            return None
+        settings = {
+            "SA_TEMP_COMP_ABS_VALUE": self.k0_mm,
+            "SA_TEMP_COMP_SLOPE": self.slope,
+            "SN_CEC_TABLE_WEIGHT": self.table_weight,
+        }
+        return MainRun(self._programs, self.r, settings, AXES, self._ipo_s, now_s)
 
     def state(self, time_s: float) -> MachineState:
         """The machine's state at a time until now, or later if no cycle is requested until then."""
         began = self._cycle_at(time_s)
         block = self.program.at(time_s)
         if began is None:
-            positions, loads, tool = _positions(block, time_s), block.loads, _tool(block, time_s, self.program)
+            positions, loads, tool = positions_at(block, time_s), block.loads, tool_at(block, time_s, self.program)
         else:
             positions, loads, tool = self._probing_positions(time_s - began), self._cycle_loads, PROBE_TOOL
         status = IN_PROGRESS if block.cutting or began is not None else STOPPED
@@ -182,8 +226,8 @@ class Nck:
             return  # the watchdog's own: it writes it again in its next cycle
         other, self.r[number] = value != self.r[number], value
         if number == R_OWNER:
-            self.watchdog.advance(now_s)  # a gateway that leaves is silent from now on
-        elif number == R_BEAT and other:
+            self._watch(now_s)  # a gateway that leaves is silent from now on
+        elif number == R_BEAT and other and self.main_run is None:
             self.watchdog.beat(now_s)
         elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
             valid_for = self.r[R_VALID_FOR]
@@ -206,6 +250,7 @@ class Nck:
         self.table_weight[:] = [0.0] * len(CEC_TABLES)
         for number in range(R_OFFSETS, R_SLOPE_RAMP + 1):
             self.r[number] = 0.0
+        self.main_run = self._started(now_s)
         self.referenced = False
         self._note(now_s, ramped=False)
         self._show_answer()
@@ -348,33 +393,3 @@ def _cycle_loads(settings: CycleSettings) -> MeanLoads:
     path = np.abs(np.diff([*points, points[0]], axis=0)).sum(axis=0) / (settings.duration_s / 60.0)
     x, y, z, a, c = (float(v) for v in path)
     return MeanLoads(x=x, y=y, z=z, a=a / 360.0, c=c / 360.0)
-
-
-_CENTRE_MM = {"X": 0.0, "Y": 0.0, "Z": 150.0}
-_STROKE_MM = {"X": 300.0, "Y": 300.0, "Z": 200.0}
-_A_STROKE_DEG = 120.0
-
-
-def _positions(block: DayPart, time_s: float) -> dict[str, float]:
-    """Axes move back and forth at their mean speed; C turns."""
-    since = max(0.0, time_s - block.start_s)
-    loads = block.loads
-    positions = {
-        axis: _CENTRE_MM[axis] + _triangle(speed / 60.0 * since, _STROKE_MM[axis])
-        for axis, speed in (("X", loads.x), ("Y", loads.y), ("Z", loads.z))
-    }
-    positions["A"] = _triangle(loads.a * 6.0 * since, _A_STROKE_DEG)
-    positions["C"] = math.fmod(loads.c * 6.0 * since, 360.0)
-    return positions
-
-
-def _triangle(path: float, stroke: float) -> float:
-    """Position on a path back and forth over a stroke, starting in its middle."""
-    phase = math.fmod(path + stroke / 2.0, 2.0 * stroke)
-    return (phase if phase <= stroke else 2.0 * stroke - phase) - stroke / 2.0
-
-
-def _tool(block: DayPart, time_s: float, program: LoadCase) -> int:
-    if block.kind in (Activity.PAUSE, Activity.NIGHT):
-        return 0
-    return 1 + int(block.start_s / 300.0 + max(0.0, time_s - block.start_s) / program.operation_s) % 20

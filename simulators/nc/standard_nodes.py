@@ -2,15 +2,15 @@
 
 import asyncio
 from collections.abc import Iterator, Mapping, MutableMapping
-from copy import deepcopy
+from copy import copy, deepcopy
 from functools import cache
 from pathlib import Path
 
-from asyncua.server.address_space import AddressSpace, NodeData, NodeManagementService
+from asyncua.server.address_space import AddressSpace, AttributeValue, NodeData, NodeManagementService
 from asyncua.server.internal_server import InternalServer
 from asyncua.server.standard_address_space import standard_address_space
 from asyncua.server.user_managers import UserManager
-from asyncua.ua.uatypes import NodeId
+from asyncua.ua.uatypes import LocalizedText, NodeId, QualifiedName
 
 from simulators.nc.subscriptions import Subscriptions
 
@@ -36,6 +36,29 @@ def _standard() -> Mapping[NodeId, NodeData]:
     return {key: space[key] for key in space.keys()}  # noqa: SIM118 - it is not a mapping
 
 
+_REPLACED = (bool, int, float, str, bytes, type(None), NodeId, QualifiedName, LocalizedText)
+"""Values that the library replaces whole; it appends to lists, such as that of the namespaces."""
+
+
+def _copy(node: NodeData) -> NodeData:
+    """A node whose values, callbacks and references can change without the original; `deepcopy` of all of it would take
+    almost half of a server's start."""
+    copied = NodeData(node.nodeid)
+    copied.attributes = {key: _copy_value(attribute) for key, attribute in node.attributes.items()}
+    copied.references = [copy(reference) for reference in node.references]  # the library renames within them
+    copied.call = node.call
+    return copied
+
+
+def _copy_value(attribute: AttributeValue) -> AttributeValue:
+    copied = copy(attribute)
+    copied.datachange_callbacks = dict(attribute.datachange_callbacks)
+    variant = None if attribute.value is None else attribute.value.Value
+    if variant is not None and not isinstance(variant.Value, _REPLACED):
+        copied.value = deepcopy(attribute.value)
+    return copied
+
+
 class _Copied(MutableMapping[NodeId, NodeData]):
     """The nodes of one server: the first access to a standard node copies it."""
 
@@ -44,7 +67,7 @@ class _Copied(MutableMapping[NodeId, NodeData]):
 
     def __getitem__(self, key: NodeId) -> NodeData:
         if key in self._left:
-            self._own[key] = deepcopy(self._left.pop(key))
+            self._own[key] = _copy(self._left.pop(key))
         return self._own[key]
 
     def __setitem__(self, key: NodeId, node: NodeData) -> None:

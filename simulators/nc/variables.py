@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from simulators.nc.nck import AXES, CEC_TABLES, NOT_REFERENCED, R_COUNT, REFERENCED, MachineState, Nck
+from simulators.nc.nck import AXES, CEC_TABLES, NOT_REFERENCED, REFERENCED, MachineState, Nck
 
 Value = float | int | bool
 
@@ -62,7 +62,7 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
         table[f"/Channel/MachineAxis/refPtStatus[u1,{index + 1}]"] = Variable(
             lambda _: REFERENCED if nck.referenced else NOT_REFERENCED
         )
-    for number in range(R_COUNT):
+    for number in range(len(nck.r)):
         table[f"/Channel/Parameter/R[u1,{number}]"] = _r_parameter(nck, number)
     for name, values in (
         ("TEMP_COMP_SLOPE", nck.slope),

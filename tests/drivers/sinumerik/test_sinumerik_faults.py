@@ -12,11 +12,11 @@ from typing import TypeVar
 import pytest
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SystemClock, WrongDevice
-from drivers.nc import OperatingMode, ProbingState
+from drivers.nc import OperatingMode, ProbingState, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import OffsetRoute, Paths, SinumerikSettings, StateNode
 from gateway.clock import RealClock
-from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, User
+from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, User, nck
 from simulators.nc.nck import R_ANSWERS, R_REQUEST, R_RESULT_OF, R_STATE
 from simulators.nc.variables import AccessRight
 from tests.benches.cut_line import line_to
@@ -228,6 +228,47 @@ async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, 
         nc = Sinumerik(settings, SystemClock())
         with pytest.raises(Refused, match=f"'watcher' the right {right.value}"):
             await nc.connect()
+        await nc.close()
+
+
+@pytest.mark.parametrize("right", [AccessRight.STATE_WRITE, AccessRight.SEA_WRITE])
+async def test_whether_it_may_write_can_be_tried_and_a_missing_right_is_named(
+    tmp_path: Path, right: AccessRight
+) -> None:
+    password = tmp_path / "password"
+    password.write_text("secret")
+    user = User("secret", frozenset(AccessRight) - {right})
+    control = emulated({"watcher": user, "gateway": User("secret")})
+    async with running(control) as url:
+        plain = SinumerikSettings(security="none", url=url, user="gateway", password_file=password)
+        control.nck.k0_mm[:] = [0.001, 0.002, -0.003]
+        nc = Sinumerik(plain, SystemClock())
+        await nc.connect()
+        before = (list(control.nck.r), list(control.nck.k0_mm))
+        await nc.try_writing()
+        assert (control.nck.r, control.nck.k0_mm) == before, "and nothing has changed"
+        await nc.claim(7, WatchdogTerms(60.0, 1.0))
+        watcher = Sinumerik(plain.model_copy(update={"user": "watcher"}), SystemClock())
+        await watcher.connect()
+        with pytest.raises(Refused, match="gateway 7 holds the control: writing was not tried"):
+            await watcher.try_writing()
+        await nc.release(7)
+        await nc.close()
+        with pytest.raises(Refused, match=f"'watcher' the right {right.value}"):
+            await watcher.try_writing()
+        await watcher.close()
+
+
+async def test_an_absurd_position_is_an_invalid_answer_that_names_its_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with running(emulated()) as url:
+        nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
+        await nc.connect()
+        far = dict.fromkeys("XYZAC", 0.0) | {"Y": -2e5, "C": 1e7}
+        monkeypatch.setattr(nck, "positions_at", lambda *_: far)
+        with pytest.raises(BadAnswer, match=r"actToolBasePos\[u1,2\] = -200000 mm: no axis is so long"):
+            await nc.snapshot()
+        far["Y"] = 9e4
+        assert (await nc.snapshot()).positions["C"] == 1e7, "a table may have turned often"
         await nc.close()
 
 

@@ -10,7 +10,7 @@ from drivers.base import ConnectError, DriverError, Refused, SystemClock, WrongD
 from drivers.nc import OperatingMode, ProbingState, ProgramState
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import Paths, SinumerikSettings
-from tests.benches.node_opcua_site import secured
+from tests.benches.node_opcua_site import TIMEOUT_S, secured
 from tests.benches.npm_peer import node_with, running
 
 pytestmark = pytest.mark.peer
@@ -57,7 +57,9 @@ async def works(nc: Sinumerik) -> None:
 @pytest.mark.parametrize("subscribe_s", [0.0, 0.05])
 async def test_in_the_clear_asking_and_being_told(node: str, tmp_path: Path, subscribe_s: float) -> None:
     async with peer(node, tmp_path) as (url, _):
-        nc = Sinumerik(SinumerikSettings(security="none", url=url, subscribe_s=subscribe_s), SystemClock())
+        nc = Sinumerik(
+            SinumerikSettings(security="none", timeout_s=TIMEOUT_S, url=url, subscribe_s=subscribe_s), SystemClock()
+        )
         await nc.connect()
         await works(nc)
         await nc.close()
@@ -75,14 +77,16 @@ async def test_signed_and_encrypted(node: str, tmp_path: Path) -> None:
         site.password.write_text("guess\n")
         with pytest.raises(Refused, match="refuses user 'gateway'"):
             await Sinumerik(site.settings(url), SystemClock()).connect()
-        in_the_clear = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
+        in_the_clear = Sinumerik(SinumerikSettings(security="none", timeout_s=TIMEOUT_S, url=url), SystemClock())
         with pytest.raises(DriverError, match="Basic256Sha256"):
             await in_the_clear.connect()
 
 
 async def test_killed_in_a_session(node: str, tmp_path: Path) -> None:
     async with peer(node, tmp_path) as (url, process):
-        nc = Sinumerik(SinumerikSettings(security="none", url=url, subscribe_s=0.05), SystemClock())
+        nc = Sinumerik(
+            SinumerikSettings(security="none", timeout_s=TIMEOUT_S, url=url, subscribe_s=0.05), SystemClock()
+        )
         await nc.connect()
         process.kill()
         await process.wait()
@@ -94,12 +98,14 @@ async def test_killed_in_a_session(node: str, tmp_path: Path) -> None:
 
 async def test_what_the_server_does_not_have_or_does_not_let_us_write(node: str, tmp_path: Path) -> None:
     async with peer(node, tmp_path) as (url, _):
-        wrong = SinumerikSettings(security="none", url=url, nodes=Paths(tool="/Channel/State/actTNo[u1]"))
+        wrong = SinumerikSettings(
+            security="none", timeout_s=TIMEOUT_S, url=url, nodes=Paths(tool="/Channel/State/actTNo[u1]")
+        )
         with pytest.raises(WrongDevice, match=r"actTNo\[u1\] does not exist"):
             await Sinumerik(wrong, SystemClock()).connect()
         # tanβ is shown, not writable
         locked = SinumerikSettings(
-            security="none", url=url, nodes=Paths(k0="/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]")
+            security="none", timeout_s=TIMEOUT_S, url=url, nodes=Paths(k0="/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]")
         )
         nc = Sinumerik(locked, SystemClock())
         await nc.connect()

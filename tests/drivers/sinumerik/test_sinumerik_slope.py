@@ -206,7 +206,7 @@ async def test_a_table_that_does_not_exist_is_named_when_connecting() -> None:
     ("fields", "message"),
     [
         ({"route": "k0_slope"}, "travel_mm is missing"),
-        ({"route": "k0", "travel_mm": TRAVEL}, "for route 'k0_slope', not for 'k0'"),
+        ({"route": "k0", "travel_mm": TRAVEL}, "for the routes 'k0_slope' and 'errors', not for 'k0'"),
         ({"route": "r", "tables": {"XY": 0}}, "for route 'k0_slope', not for 'r'"),
         ({"route": "k0_slope", "travel_mm": (TRAVEL[0], (5.0, 5.0), TRAVEL[2])}, r"travel_mm of Y = \(5.0, 5.0\)"),
         ({"route": "k0_slope", "travel_mm": TRAVEL, "tables": {"XX": 0}}, "tables.XX: expected one of XY, XZ"),

@@ -1,0 +1,158 @@
+"""SINUMERIK with a program that computes the offsets from the nine errors: drivers.sinumerik.programs."""
+
+import math
+from dataclasses import replace
+from typing import Final
+
+from drivers.base import BadAnswer, Clock, Refused
+from drivers.nc import (
+    ERRORS,
+    NineErrors,
+    NotSendable,
+    ProbingState,
+    RequestStatus,
+    Triple,
+    WatchdogTerms,
+    check_errors,
+    check_offsets,
+)
+from drivers.sinumerik.control import ALIVE, Sinumerik, next_beat
+from drivers.sinumerik.programs import ER0T, EX0C, EY0A, EZ0A, VERSION, ErrorTerms
+from drivers.sinumerik.settings import TERMS, SinumerikSettings
+
+_SAME: Final = 1e-6
+_AGAIN: Final = "write TALC_ERRORS again: talc-gateway nc sinumerik-files"
+
+
+class SinumerikWithErrors(Sinumerik):
+    """One control with route `errors`. Implements FollowsErrors; errors like Sinumerik's.
+
+    A control without the program takes shifts, like route `k0`. What it reports of the nine is what it slews to: the
+    program is behind by one period at most, and what stood still while it probed is reported with the result.
+    """
+
+    def __init__(self, settings: SinumerikSettings, clock: Clock) -> None:
+        super().__init__(settings, clock)
+        numbers, r = settings.errors, settings.r
+        self._wanted = tuple(r(numbers.wanted + i) for i in range(ERRORS))
+        self._probed = tuple(r(numbers.probed + i) for i in range(3))
+        self._version, self._echo = (r(numbers.version),), (r(numbers.echo), r(settings.lease.beat))
+        self._moving = (r(settings.lease.state), *(r(numbers.in_force + i) for i in range(ERRORS)))
+        self._terms_told = tuple(r(numbers.terms + i) for i in range(TERMS))
+        self._terms: ErrorTerms | None = None
+        self._reach: tuple[float, float] | None = None
+
+    @property
+    def error_reach_mm(self) -> tuple[float, float] | None:
+        return self._reach
+
+    @property
+    def slopes(self) -> None:
+        """None: without the program it takes shifts alone."""
+
+    async def connect(self) -> None:
+        """Also finds out whether the program is there. Raises BadAnswer for another version or invalid terms of it."""
+        self._terms = self._reach = None
+        await super().connect()
+        try:
+            [version] = self._numbers(self._version, await self._session.read(self._version))
+            if version:
+                await self._look_at_program(version)
+        except BaseException:
+            await self.close()
+            raise
+
+    async def _look_at_program(self, version: float) -> None:
+        if version != VERSION:
+            raise BadAnswer(
+                f"TALC_ERRORS is of version {version:g}: expected {VERSION}", device=self._device, hint=_AGAIN
+            )
+        await self._session.read((*self._wanted, *self._probed))
+        slew, radius, x, y, z, *reach = self._numbers(self._terms_told, await self._session.read(self._terms_told))
+        if min(slew, radius, x, y, z, *reach) <= 0:
+            raise BadAnswer("TALC_ERRORS reports a term that is not above 0", device=self._device, hint=_AGAIN)
+        self._terms, self._reach = ErrorTerms(slew, radius, (x, y, z)), (reach[0], reach[1])
+
+    async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
+        """Like Sinumerik's. Raises Refused if the program slews at another rate than the one that is declared."""
+        slew = None if self._terms is None else self._terms.slew_um_per_s
+        if slew is not None and terms.ramp_um_per_s and not math.isclose(slew, terms.ramp_um_per_s, rel_tol=_SAME):
+            raise Refused(
+                f"TALC_ERRORS on the control slews at {slew:g} µm/s, the configuration at {terms.ramp_um_per_s:g}",
+                device=self._device,
+                hint=_AGAIN,
+            )
+        await super().claim(owner, terms, predecessor)
+
+    async def heartbeat(self, owner: int) -> bool:
+        """False also if the beat before the last one has not passed through the whole program."""
+        runs = True
+        if self._terms is not None:
+            echo, beat = self._numbers(self._echo, await self._session.read(self._echo))
+            runs = beat in (echo, next_beat(echo))
+        return await super().heartbeat(owner) and runs
+
+    async def write_errors(self, errors: NineErrors) -> None:
+        """Raises NotSendable, before anything is sent, for numbers that are not finite or beyond `largest_um`, and for
+        another radius or bound than the program's."""
+        check_errors(errors, self._settings.compensation.largest_um)
+        terms = self._known()
+        mine, theirs = (terms.radius_mm, *terms.bound_um), (errors.radius_mm, *errors.bound_um)
+        if not all(math.isclose(a, b, rel_tol=_SAME) for a, b in zip(mine, theirs, strict=True)):
+            raise NotSendable(
+                f"TALC_ERRORS on the control has radius and bounds {mine}, the configuration {theirs}; nothing was "
+                f"sent. {_AGAIN}"
+            )
+        await self._put(errors.errors)
+
+    async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
+        known = self._known().radius_mm
+        values = self._numbers(self._wanted, await self._session.read(self._wanted))
+        values[ER0T] *= radius_mm / known
+        return tuple(values)
+
+    async def write_compensation(self, offsets_um: Triple) -> None:
+        """The same shift at every position of the axes."""
+        if self._terms is None:
+            await super().write_compensation(offsets_um)
+            return
+        check_offsets(offsets_um, self._settings.compensation.largest_um)
+        errors = [0.0] * ERRORS
+        errors[EX0C], errors[EY0A], errors[EZ0A] = offsets_um
+        await self._put(errors)
+
+    async def request_probing(self, number: int) -> None:
+        """Raises Refused also while errors are in force that no gateway keeps alive: the program then holds nothing,
+        and the offsets would change from pose to pose."""
+        if self._terms is not None:
+            state, *in_force = self._numbers(self._moving, await self._session.read(self._moving))
+            if state != ALIVE and max(map(abs, in_force)) > _SAME:
+                raise Refused(
+                    "TALC_ERRORS still has errors in force, but no gateway is alive: they would move in the cycle",
+                    device=self._device,
+                    hint="wait until the watchdog has taken them to zero",
+                )
+        await super().request_probing(number)
+
+    async def probing_status(self, number: int) -> RequestStatus:
+        status = await super().probing_status(number)
+        if status.state is not ProbingState.DONE or self._terms is None:
+            return status
+        x, y, z = (v * 1e3 for v in self._numbers(self._probed, await self._session.read(self._probed)))
+        return replace(status, in_force_um=(x, y, z))
+
+    @property
+    def _writable(self) -> tuple[tuple[str, ...], ...]:
+        return super()._writable if self._terms is None else (*super()._writable[:-1], self._wanted)
+
+    async def _put(self, errors: tuple[float, ...] | list[float]) -> None:
+        await self._session.write(dict(zip(self._wanted, errors, strict=True)))
+
+    def _known(self) -> ErrorTerms:
+        if self._terms is None:
+            raise Refused("the control has no TALC_ERRORS", device=self._device, hint=_AGAIN)
+        return self._terms
+
+    @property
+    def _device(self) -> str:
+        return self._settings.device

@@ -1,0 +1,242 @@
+"""Route `errors`: the generated program as an interpreter runs it, beside the method's kinematics; and the driver."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from drivers.base import SetupError
+from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
+from drivers.sinumerik.programs import AC_PARAMS
+from drivers.sinumerik.settings import Handshake
+from talc import kinematics
+from talc.frame import FloatArray
+from tests.benches.error_program import (
+    BOUND_UM,
+    ECHO,
+    IPO_S,
+    OWNER,
+    PROBED,
+    PROBING,
+    RADIUS_MM,
+    SLEW_UM_PER_S,
+    STATE,
+    TERMS,
+    TRAVEL,
+    WARM,
+    ErrorChannel,
+    program,
+    settings,
+)
+
+REACH_M = (0.24, math.hypot(0.22, 0.27))
+"""Of TRAVEL from the origin."""
+LARGEST = kinematics.largest_offsets(REACH_M, RADIUS_MM * 1e-3)
+SMALL = WARM / 8
+"""What is reached in a few seconds."""
+WIDE = (1e4, 1e4, 1e4)
+
+
+def random_positions(count: int, seed: int) -> Iterator[FloatArray]:
+    """(5,) X Y Z A C within the travel, machine coordinates, mm and degrees."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        yield np.array(
+            [*(rng.uniform(low, high) for low, high in TRAVEL), rng.uniform(-120, 120), rng.uniform(-400, 400)]
+        )
+
+
+def expected(channel: ErrorChannel, errors: FloatArray) -> FloatArray:
+    return kinematics.tcp_offsets(errors, channel.tip(), RADIUS_MM * 1e-3)
+
+
+def test_the_control_s_offsets_are_the_method_s_wherever_the_tool_is() -> None:
+    channel, rng = ErrorChannel(program(bound_um=WIDE)), np.random.default_rng(1)
+    channel.alive()
+    for position in random_positions(40, 2):
+        errors = rng.normal(0, 30, 9)
+        channel.position = position
+        channel.settle(errors)
+        assert channel.shift_um == pytest.approx(expected(channel, errors), abs=1e-6)
+
+
+def test_signs_are_those_of_the_configuration() -> None:
+    text = errors_program(settings(signs=(1, -1, 1)), TERMS)
+    channel = ErrorChannel(text)
+    channel.alive()
+    channel.settle(WARM)
+    assert channel.shift_um * (-1, 1, -1) == pytest.approx(expected(channel, WARM), abs=1e-6)
+
+
+def test_no_point_of_the_travel_moves_faster_than_the_slew_and_the_nine_keep_their_proportion() -> None:
+    channel = ErrorChannel(program())
+    channel.alive()
+    channel.turn()
+    channel.want(SMALL)
+    before, cycles = channel.in_force, 0
+    while np.abs(channel.in_force - SMALL).max() > 1e-9:
+        channel.turn(25)
+        moved = LARGEST @ np.abs(channel.in_force - before)
+        assert moved.max() <= SLEW_UM_PER_S * 25 * IPO_S * (1 + 1e-9)
+        assert np.ptp(channel.in_force / SMALL) < 1e-9
+        before, cycles = channel.in_force, cycles + 25
+    assert cycles * IPO_S == pytest.approx((LARGEST @ np.abs(SMALL)).max() / SLEW_UM_PER_S, abs=0.3), "and not slower"
+
+
+def test_a_late_or_absurd_write_makes_no_step() -> None:
+    """Whatever arrives, and whenever: one cycle's slew at most, and what is no number changes nothing."""
+    channel = ErrorChannel(program())
+    channel.alive()
+    channel.settle(WARM)
+    for absurd in (-WARM, WARM * 0, np.full(9, math.nan), np.full(9, math.inf), np.full(9, 1e300), np.full(9, -1e5)):
+        before = channel.shift_um
+        channel.want(absurd)
+        moved = np.abs(np.diff([before, *channel.turn(50)], axis=0))
+        assert moved.max() <= SLEW_UM_PER_S * IPO_S * (1 + 1e-9)
+        assert np.isfinite(channel.in_force).all()
+    one = WARM.copy()
+    one[4] = math.nan
+    before = channel.in_force
+    channel.want(one)
+    channel.turn(50)
+    assert np.array_equal(channel.in_force, before)
+
+
+def test_no_axis_goes_beyond_its_bound() -> None:
+    channel = ErrorChannel(program())
+    channel.alive()
+    bounded = np.zeros(3, dtype=bool)
+    for position in random_positions(40, 3):
+        channel.position = position
+        channel.settle(WARM * 4)
+        want = expected(channel, WARM * 4)
+        assert channel.shift_um == pytest.approx(np.clip(want, -np.array(BOUND_UM), BOUND_UM), abs=1e-6)
+        bounded |= np.abs(want) > BOUND_UM
+    assert bounded.all()
+
+
+def test_while_the_control_probes_nothing_moves_and_afterwards_it_is_no_step() -> None:
+    channel = ErrorChannel(program())
+    channel.alive()
+    channel.settle(SMALL)
+    stood = channel.shift_um
+    channel.r[PROBING] = 1.0
+    channel.turn()
+    assert channel.r[PROBED : PROBED + 3] == pytest.approx(stood * 1e-3)
+    channel.r[PROBING] = 2.0
+    channel.want(-SMALL)
+    for position in random_positions(20, 4):
+        channel.position = position
+        assert np.array_equal(channel.turn()[0], stood)
+    channel.want(SMALL)
+    channel.r[PROBING] = 3.0
+    moved = np.abs(np.diff([stood, *channel.turn(4_000)], axis=0))
+    assert moved.max() <= SLEW_UM_PER_S * IPO_S * (1 + 1e-9)
+    assert channel.shift_um == pytest.approx(expected(channel, SMALL), abs=1e-6), "and it gets there"
+
+
+def test_a_cycle_that_no_gateway_compensates_is_not_told_with_an_earlier_one_s_shift() -> None:
+    channel = ErrorChannel(program())
+    channel.alive()
+    channel.settle(SMALL)
+    channel.r[PROBING] = 2.0
+    channel.turn(10)
+    channel.r[PROBING] = 3.0
+    assert channel.r[PROBED : PROBED + 3] == pytest.approx(channel.shift_um * 1e-3)
+    assert any(channel.shift_um)
+    channel.r[OWNER] = 0.0  # now the gateway only monitors
+    channel.turn(4_000)
+    assert channel.shift_um == pytest.approx(np.zeros(3), abs=1e-9)
+    channel.r[PROBING] = 2.0
+    channel.turn(10)
+    channel.r[PROBING] = 3.0
+    assert channel.r[PROBED : PROBED + 3] == pytest.approx([0.0] * 3, abs=1e-12)
+
+
+@pytest.mark.parametrize("ramp_um_per_s", [0.5, 30.0])
+def test_on_silence_the_errors_go_to_zero_no_faster_than_the_ramp_and_the_slew(ramp_um_per_s: float) -> None:
+    channel = ErrorChannel(program())
+    channel.alive(ramp_um_per_s, silence_s=2.0)
+    channel.settle(SMALL)
+    stood = channel.shift_um
+    assert channel.turn(195)[-1] == pytest.approx(stood)
+    rate = min(ramp_um_per_s, SLEW_UM_PER_S)
+    assert np.abs(np.diff(channel.turn(100), axis=0)).max() <= rate * IPO_S * (1 + 1e-9)
+    assert channel.r[STATE] == 2.0
+    assert channel.shift_um != pytest.approx(stood)
+    channel.want(WARM)  # a write that arrives now
+    channel.turn()
+    channel.beat()  # and then the gateway again: what it had wanted has been forgotten
+    channel.turn(int((LARGEST @ np.abs(SMALL)).max() / rate / IPO_S))
+    assert channel.in_force == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_ramp_of_zero_holds_what_is_in_force_also_against_a_late_write() -> None:
+    channel = ErrorChannel(program())
+    channel.alive(0.0, silence_s=1.0)
+    channel.settle(WARM)
+    channel.turn(150)
+    channel.want(-WARM)
+    channel.turn(50)
+    assert np.array_equal(channel.in_force, WARM)
+
+
+def test_a_gateway_that_leaves_and_none_at_all_leave_nothing_in_force() -> None:
+    channel = ErrorChannel(program())
+    channel.want(WARM)
+    channel.turn(50)
+    assert np.array_equal(channel.shift_um, np.zeros(3)), "nobody has claimed the control"
+    channel = ErrorChannel(program())
+    channel.alive()
+    channel.settle(WARM * 0.01)
+    channel.r[OWNER] = 0.0
+    channel.turn(200)
+    assert channel.shift_um == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_the_echo_shows_that_the_whole_program_runs() -> None:
+    channel = ErrorChannel(program())
+    channel.alive()
+    assert channel.r[ECHO] == 0.0
+    channel.turn()
+    assert channel.r[ECHO] == 1.0
+
+
+def test_the_program_is_within_the_limits_that_its_page_names() -> None:
+    text = program(slew_um_per_s=1e-5)
+    lines = text.splitlines()
+    numbers = [int(line[4 : line.index(" ")]) for line in lines if line.startswith("IDS=")]
+    assert numbers == list(range(60, 60 + len(numbers)))
+    assert len(numbers) == 38
+    assert max(map(len, lines)) <= 512
+    assert "E-" not in text, "an exponent is written otherwise on the control"
+    assert all(f"$AC_PARAM[{number}]" in text for number in range(1, AC_PARAMS))
+    assert f"$AC_PARAM[{AC_PARAMS}]" not in text
+    assert "HAS NOT RUN ON A REAL CONTROL" in text
+    assert text.isascii()
+
+
+@pytest.mark.parametrize(
+    ("route", "cause"),
+    [
+        ({"route": "errors"}, "travel_mm is missing"),
+        ({"route": "errors", "travel_mm": TRAVEL, "tables": {"XY": 0}}, "tables are for route 'k0_slope'"),
+        ({"route": "errors", "travel_mm": TRAVEL, "axis_names": {"X": "X", "Y": "Y", "Z": "Z"}}, "each of X Y Z A"),
+        (
+            {"route": "errors", "travel_mm": TRAVEL, "axis_names": {"X": "X1", "Y": "Y1", "Z": "Z] = 9", "A": "A1"}},
+            "capital letters",
+        ),
+    ],
+)
+def test_invalid_settings_are_refused(route: dict[str, object], cause: str) -> None:
+    with pytest.raises(SetupError, match=cause):
+        OffsetRoute(**route)  # type: ignore[arg-type]
+
+
+def test_no_r_parameter_has_two_meanings_and_another_route_needs_no_program() -> None:
+    with pytest.raises(ValidationError, match=r"R100 is .*as well as errors\.wanted"):
+        settings().model_validate({**dict(settings()), "handshake": Handshake(spread=100)})
+    with pytest.raises(SetupError, match="only 'errors'"):
+        errors_program(SinumerikSettings(security="none", url="opc.tcp://nc"), ErrorTerms(1.0, 120.0, BOUND_UM))

@@ -1,0 +1,166 @@
+"""The driver of route `errors` over OPC UA, on an emulated control that runs the generated program, or does not."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+
+from drivers.base import BadAnswer, Refused
+from drivers.nc import FollowsErrors, NineErrors, NotSendable, ProbingState, WatchdogTerms
+from drivers.sinumerik import make_sinumerik
+from drivers.sinumerik.errors import SinumerikWithErrors
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
+from tests.benches.emulated_bench import Rigid
+from tests.benches.error_program import (
+    BOUND_UM,
+    ECHO,
+    IN_FORCE,
+    R_COUNT,
+    RADIUS_MM,
+    SLEW_UM_PER_S,
+    STATE,
+    WANTED,
+    WARM,
+    program,
+    settings,
+)
+from tests.benches.manual_clock import ManualClock
+
+pytestmark = pytest.mark.simulated_time
+
+WATCH = WatchdogTerms(4.0, SLEW_UM_PER_S)
+SENT = NineErrors(tuple(WARM), RADIUS_MM, BOUND_UM)
+OF_PROGRAM = 99
+
+
+@asynccontextmanager
+async def control(
+    *programs: str, r_count: int = R_COUNT
+) -> AsyncIterator[tuple[EmulatedControl, SinumerikWithErrors, ManualClock]]:
+    clock = ManualClock()
+    day = LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, MeanLoads())], operation_s=40.0)
+    cycle = CycleSettings(noise_um=0.0)
+    emulated = EmulatedControl(Rigid(), clock, day, cycle=cycle, programs=programs, r_count=r_count)
+    nc = SinumerikWithErrors(settings(await emulated.start()), clock)
+    try:
+        yield emulated, nc, clock
+    finally:
+        await nc.close()
+        await emulated.stop()
+
+
+def test_it_follows_the_errors_as_the_gateway_asks() -> None:
+    follows: FollowsErrors = SinumerikWithErrors(settings(), ManualClock())
+    assert isinstance(follows, FollowsErrors), "otherwise it would get shifts"
+    assert isinstance(make_sinumerik(settings(), ManualClock()), SinumerikWithErrors)
+
+
+async def test_the_nine_are_written_and_read_and_take_effect_at_the_slew() -> None:
+    async with control(program()) as (emulated, nc, clock):
+        await nc.connect()
+        assert nc.error_reach_mm == pytest.approx((240.0, 348.281), abs=1e-3)
+        await nc.claim(7, WATCH)
+        clock.move_to(1.0)
+        assert await nc.heartbeat(7)
+        await nc.write_errors(SENT)
+        assert await nc.read_errors(RADIUS_MM) == pytest.approx(tuple(WARM))
+        assert (await nc.read_errors(2 * RADIUS_MM))[5] == pytest.approx(2 * WARM[5])
+        clock.move_to(2.0)
+        await nc.read_errors(RADIUS_MM)
+        assert 0 < np.abs(emulated.nck.r[IN_FORCE : IN_FORCE + 9]).max() < 1.0
+        with pytest.raises(NotSendable, match="largest_um"):
+            await nc.write_errors(NineErrors((501.0,) + (0.0,) * 8, RADIUS_MM, BOUND_UM))
+        await nc.write_compensation((3.0, 4.0, 5.0))
+        clock.move_to(10.0)
+        await nc.snapshot()
+        assert emulated.nck.shift_um((0.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 0.0)), "no beat for so long"
+        assert emulated.nck.r[WANTED : WANTED + 9] == [0.0] * 9
+        assert emulated.nck.r[STATE] == 2.0
+
+
+async def test_no_cycle_begins_while_offsets_move_that_no_gateway_holds() -> None:
+    async with control(program()) as (emulated, nc, clock):
+        await nc.connect()
+        await nc.claim(7, WATCH)
+        clock.move_to(1.0)
+        await nc.heartbeat(7)
+        await nc.write_compensation((0.0, 0.0, 1.0))
+        clock.move_to(5.5)
+        assert await nc.read_errors(RADIUS_MM) == (0.0,) * 9, "the gateway is silent: nothing is wanted any more"
+        assert max(map(abs, emulated.nck.shift_um((0.0, 0.0, 0.0)))) > 0.1
+        with pytest.raises(Refused, match="they would move in the cycle"):
+            await nc.request_probing(41)
+        clock.move_to(8.0)
+        await nc.request_probing(41)
+
+
+@pytest.mark.slow
+async def test_what_stood_still_while_it_probed_comes_with_the_result() -> None:
+    async with control(program()) as (_, nc, clock):
+        await nc.connect()
+        await nc.claim(7, WatchdogTerms(1e4, SLEW_UM_PER_S))
+        clock.move_to(1.0)
+        await nc.heartbeat(7)
+        await nc.write_compensation((3.0, 4.0, 5.0))
+        clock.move_to(20.0)
+        await nc.request_probing(41)
+        clock.move_to(60.0)
+        await nc.snapshot()
+        clock.move_to(100.0)
+        await nc.write_compensation((0.0, 0.0, 0.0))
+        clock.move_to(400.0)
+        status = await nc.probing_status(41)
+        assert status.state is ProbingState.DONE
+        assert status.in_force_um == pytest.approx((3.0, 4.0, 5.0))
+        assert status.centres_mm is not None
+        assert status.centres_mm[0] == pytest.approx((120.0 - 10.0 - 3e-3, 20.0 - 4e-3, 80.0 - 30.0 - 5e-3))
+
+
+@pytest.mark.slow
+async def test_a_control_without_the_program_gets_shifts() -> None:
+    async with control(r_count=100) as (emulated, nc, clock):
+        await nc.connect()
+        assert nc.error_reach_mm is None
+        await nc.claim(7, WATCH)
+        clock.move_to(1.0)
+        assert await nc.heartbeat(7)
+        await nc.write_compensation((3.0, 4.0, 5.0))
+        assert emulated.nck.k0_mm == pytest.approx([-3e-3, -4e-3, -5e-3])
+        assert await nc.read_compensation() == pytest.approx((3.0, 4.0, 5.0))
+        with pytest.raises(Refused, match="no TALC_ERRORS"):
+            await nc.write_errors(SENT)
+
+
+async def test_a_program_for_other_data_is_refused_by_name() -> None:
+    async with control(program(slew_um_per_s=2.0, bound_um=(60.0, 50.0, 71.0))) as (emulated, nc, _):
+        await nc.connect()
+        with pytest.raises(Refused, match=r"slews at 2 µm/s, the configuration at 1.*sinumerik-files"):
+            await nc.claim(7, WATCH)
+        await nc.claim(7, WatchdogTerms(4.0, 0.0))  # when_stale = "hold"
+        with pytest.raises(NotSendable, match=r"71\.0.*nothing was sent.*sinumerik-files"):
+            await nc.write_errors(SENT)
+        assert emulated.nck.r[WANTED : WANTED + 9] == [0.0] * 9
+        emulated.nck.r[OF_PROGRAM] = 2.0
+        with pytest.raises(BadAnswer, match="version 2: expected 1"):
+            await nc.connect()
+        emulated.nck.r[OF_PROGRAM], emulated.nck.r[125] = 1.0, 0.0
+        with pytest.raises(BadAnswer, match="not above 0"):
+            await nc.connect()
+
+
+@pytest.mark.slow
+async def test_a_program_that_no_longer_runs_to_its_end_hears_no_beat() -> None:
+    async with control(program()) as (emulated, nc, clock):
+        await nc.connect()
+        await nc.claim(7, WATCH)
+        heard = []
+        for second in range(1, 8):
+            clock.move_to(float(second))
+            heard.append(await nc.heartbeat(7))
+            if second == 3:  # somebody has cancelled its last action
+                run = emulated.nck.main_run
+                assert run is not None
+                run.actions.cancel(max(run.actions.numbers))
+        assert heard == [True, True, True, True, False, False, False]
+        assert emulated.nck.r[ECHO] == 3.0
