@@ -4,6 +4,7 @@ Others use the modules and families named here. None is imported: each loads the
 """
 
 __all__ = [
+    "agent",
     "base",
     "build",
     "bus_settings",
@@ -12,12 +13,15 @@ __all__ = [
     "linuxcnc",
     "micro_epsilon",
     "modbus",
+    "mtconnect",
     "nc",
+    "only_read",
     "opcua",
     "problems",
     "profiles",
     "recognition",
     "section",
+    "signature",
     "sinumerik",
     "tap",
 ]

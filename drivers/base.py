@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from time import monotonic
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 class Quality(StrEnum):
@@ -116,6 +116,15 @@ class Bus(Protocol):
     async def connect(self) -> None: ...
 
     async def close(self) -> None: ...
+
+
+@runtime_checkable
+class SharedLine(Protocol):
+    """A bus that hears what others send on its wire."""
+
+    def other_master(self) -> str:
+        """What shows that another master is on the wire, in words; empty if nothing does."""
+        ...
 
 
 class DriverError(Exception):

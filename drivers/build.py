@@ -5,7 +5,16 @@ from dataclasses import dataclass
 
 from drivers.base import Bus, Clock, Driver, SetupError
 from drivers.can import CanBus, CanDbcDevice, CanDbcProfile, CanSettings
-from drivers.canopen import CanOpenBus, CanOpenSettings, Cia404Device, Cia404Options, Cia404Profile
+from drivers.canopen import (
+    CanOpenBus,
+    CanOpenDevice,
+    CanOpenProfile,
+    CanOpenSettings,
+    Cia404Device,
+    Cia404Options,
+    Cia404Profile,
+    NodeOptions,
+)
 from drivers.micro_epsilon import (
     DisplacementOptions,
     MeEthernetBus,
@@ -30,6 +39,8 @@ from drivers.modbus import (
     ModbusTcpSettings,
     last_address,
 )
+from drivers.mqtt import MqttBus, MqttBusSettings, MqttDevice, MqttProfile
+from drivers.opcua import OpcUaBus, OpcUaBusSettings, OpcUaDevice, OpcUaProfile
 from drivers.problems import read_settings
 from drivers.profile import fits_bus
 from drivers.profiles import Profile, load_profile
@@ -49,6 +60,8 @@ AnyBusSettings = (
     | CanSettings
     | MeRs485Settings
     | MeEthernetSettings
+    | OpcUaBusSettings
+    | MqttBusSettings
 )
 
 BUS_KINDS: Mapping[str, type[AnyBusSettings]] = {
@@ -59,6 +72,8 @@ BUS_KINDS: Mapping[str, type[AnyBusSettings]] = {
     "can": CanSettings,
     "me_rs485": MeRs485Settings,
     "me_ethernet": MeEthernetSettings,
+    "opcua": OpcUaBusSettings,
+    "mqtt": MqttBusSettings,
 }
 
 
@@ -66,8 +81,18 @@ class NoOptions(Section):
     """Options of a device type that has none."""
 
 
-_Options = ModbusOptions | Cia404Options | DisplacementOptions | NoOptions
-_AnyBus = ModbusRtuBus | ModbusRtuTcpBus | ModbusTcpBus | CanOpenBus | CanBus | MeRs485Bus | MeEthernetBus
+_Options = ModbusOptions | Cia404Options | NodeOptions | DisplacementOptions | NoOptions
+_AnyBus = (
+    ModbusRtuBus
+    | ModbusRtuTcpBus
+    | ModbusTcpBus
+    | CanOpenBus
+    | CanBus
+    | MeRs485Bus
+    | MeEthernetBus
+    | OpcUaBus
+    | MqttBus
+)
 
 
 def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | None = None) -> Bus:
@@ -99,6 +124,10 @@ def bus_from_settings(name: str, settings: AnyBusSettings, tap: Tap | None = Non
             return MeRs485Bus(name, settings, tap)
         case MeEthernetSettings():
             return MeEthernetBus(name, settings, tap)
+        case OpcUaBusSettings():
+            return OpcUaBus(name, settings, tap)
+        case MqttBusSettings():
+            return MqttBus(name, settings, tap)
 
 
 def _bus_class(settings: AnyBusSettings) -> type[_AnyBus]:
@@ -117,6 +146,10 @@ def _bus_class(settings: AnyBusSettings) -> type[_AnyBus]:
             return MeRs485Bus
         case MeEthernetSettings():
             return MeEthernetBus
+        case OpcUaBusSettings():
+            return OpcUaBus
+        case MqttBusSettings():
+            return MqttBus
 
 
 def check_device(
@@ -133,7 +166,7 @@ def check_device(
     Raises SetupError naming the bus, the device, the channel and the value.
     """
     bus = _bus_class(settings)
-    _Place(device_name, bus_name, bus.kind, bus.units).check(_loaded(profile), unit, channels, options)
+    _SettingsCheck(device_name, bus_name, bus.kind, bus.units).check(_loaded(profile), unit, channels, options)
 
 
 def make_device(
@@ -154,18 +187,24 @@ def make_device(
     Raises SetupError naming the bus, the device, the channel and the value.
     """
     profile = _loaded(profile)
-    checked = _Place(device_name, bus.name, bus.kind, bus.units).check(profile, unit, channels, options)
+    checked = _SettingsCheck(device_name, bus.name, bus.kind, bus.units).check(profile, unit, channels, options)
     match profile, bus, checked:
         case ModbusProfile(), ModbusBus(), ModbusOptions():
             return ModbusDevice(device_name, bus, profile, unit, channels, checked, clock)
         case Cia404Profile(), CanOpenBus(), Cia404Options():
             return Cia404Device(device_name, bus, profile, unit, channels, checked, clock)
+        case CanOpenProfile(), CanOpenBus(), NodeOptions():
+            return CanOpenDevice(device_name, bus, profile, unit, channels, checked, clock)
         case CanDbcProfile(), CanBus(), NoOptions():
             return CanDbcDevice(device_name, bus, profile, channels, clock)
         case MeRs485Profile(), MeRs485Bus(), DisplacementOptions():
             return MeRs485Device(device_name, bus, profile, unit, channels, checked, clock)
         case MeEthernetProfile(), MeEthernetBus(), DisplacementOptions():
             return MeEthernetDevice(device_name, bus, profile, channels, checked, clock)
+        case OpcUaProfile(), OpcUaBus(), NoOptions():
+            return OpcUaDevice(device_name, bus, profile, channels, clock)
+        case MqttProfile(), MqttBus(), NoOptions():
+            return MqttDevice(device_name, bus, profile, channels, clock)
         case _:
             raise SetupError(f"{type(bus).__name__} was not made by make_bus", bus=bus.name, device=device_name)
 
@@ -175,7 +214,7 @@ def _loaded(profile: str | Profile) -> Profile:
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _SettingsCheck:
     """A device on a bus whose settings are being checked."""
 
     device: str
@@ -194,7 +233,9 @@ class _Place:
                 return self._modbus(profile, channels, options)
             case Cia404Profile():
                 return self._cia404(profile, options)
-            case CanDbcProfile():
+            case CanOpenProfile():
+                return read_settings(NodeOptions, options, bus=self.bus, device=self.device)
+            case CanDbcProfile() | OpcUaProfile() | MqttProfile():
                 return read_settings(NoOptions, options, bus=self.bus, device=self.device)
             case MeRs485Profile() | MeEthernetProfile():
                 return read_settings(DisplacementOptions, options, bus=self.bus, device=self.device)

@@ -1,5 +1,6 @@
 """Bus settings that several families share."""
 
+from ipaddress import ip_address
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -9,6 +10,14 @@ from drivers.section import NotEmpty, Port, Section, SerialPort, wrong
 Parity = Literal["N", "E", "O"]
 SLOWEST_BAUD, FASTEST_BAUD = 300, 4_000_000
 Baud = Annotated[int, Field(ge=SLOWEST_BAUD, le=FASTEST_BAUD)]
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this computer reaches this host name or address."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 class BusSettings(Section):

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from drivers.base import Quality
 from drivers.section import Section, wrong
@@ -98,3 +98,50 @@ def check_code(rule: CodeRule, within: int, *at: str | int) -> None:
     if rule.equals is not None and rule.equals & ~looked_at:
         what = f"0x{rule.equals:X} can never occur; only bits within 0x{looked_at:X} are tested"
         raise wrong(what, *at, "equals")
+
+
+def _form(rule: object) -> str:
+    return "range" if isinstance(rule, dict) and ("low" in rule or "high" in rule) else "code"
+
+
+NumberRule = Annotated[Annotated[CodeRule, Tag("code")] | Annotated[RangeRule, Tag("range")], Discriminator(_form)]
+"""A rule with low or high is a range; any other is a code."""
+
+
+@dataclass(frozen=True, slots=True)
+class RawNumber:
+    """How a device sends a number."""
+
+    name: str
+    bits: int
+    signed: bool = False
+    real: bool = False
+
+    @property
+    def mask(self) -> int:
+        """Every bit of it."""
+        return (1 << self.bits) - 1
+
+    def fault(self, rules: Sequence[CodeRule | RangeRule], number: Any) -> Fault | None:
+        """The fault of the first rule that the number, as sent, matches; codes test the bits of a signed one, too."""
+        for rule in rules:
+            if rule.matches(number & self.mask if isinstance(rule, CodeRule) else number):
+                return rule.fault
+        return None
+
+    def check(self, rule: CodeRule | RangeRule, *at: str | int) -> None:
+        """For validators: raises an error for a rule that could never match, or always would."""
+        if isinstance(rule, CodeRule):
+            if self.real:
+                raise wrong(f"{self.name} is a real number and has no bits to test; state low or high", *at, "mask")
+            check_code(rule, self.mask, *at)
+        elif not self.real:
+            least = -(1 << self.bits - 1) if self.signed else 0
+            most = least + self.mask
+            for name, bound in (("low", rule.low), ("high", rule.high)):
+                if bound is not None and not isinstance(bound, int):
+                    raise wrong(f"{bound}: expected a whole number", *at, name)
+                if bound is not None and not least <= bound <= most:
+                    raise wrong(f"{bound}: expected {least} to {most}", *at, name)
+            if rule.low in (None, least) and rule.high in (None, most):
+                raise wrong(f"{least} to {most} covers every possible raw number", *at, "low")

@@ -1,11 +1,15 @@
 """The fields that every profile has."""
 
 from collections.abc import Collection, Mapping
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, PrivateAttr
+from pydantic import AfterValidator, PrivateAttr, model_validator
 
-from drivers.section import Section
+from drivers.base import Quality
+from drivers.faults import Fault
+from drivers.readings import total
+from drivers.section import Section, wrong
 
 UNITS = (
     *("degC", "degF", "K"),
@@ -49,6 +53,39 @@ class DeviceProfile(Section):
     def name(self) -> str:
         """The profile's name in a configuration."""
         return self._name
+
+    @property
+    def other_file(self) -> tuple[str, Path] | None:
+        """Key and path of the file that the profile refers to, if any; the key is also the usual suffix."""
+        return None
+
+
+class LinearValue(Section):
+    """How a channel's number becomes its value: number * scale + offset."""
+
+    scale: float = 1.0
+    offset: float = 0.0
+    unit: Unit = ""
+    """Unit of the channel; by default that of the profile."""
+    low: float | None = None
+    """A value below this is `out_of_range`."""
+    high: float | None = None
+    """A value above this is `out_of_range`."""
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Self:
+        if self.scale == 0:
+            raise wrong("0 would make every value the same", "scale")
+        if self.low is not None and self.high is not None and self.low >= self.high:
+            raise wrong(f"{self.low:g} is not below high = {self.high:g}", "low")
+        return self
+
+    def value(self, number: float) -> float | Fault:
+        """The value, or a fault if it is beyond the limits."""
+        value = total(number * self.scale, self.offset)
+        if (self.low is not None and value < self.low) or (self.high is not None and value > self.high):
+            return Fault(Quality.OUT_OF_RANGE, f"{value:g} is beyond the profile's limits")
+        return value
 
 
 def fits_bus(buses: Collection[str], kind: str) -> bool:

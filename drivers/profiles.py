@@ -7,20 +7,35 @@ from importlib.resources import files
 from pathlib import Path
 
 from drivers.base import SetupError
-from drivers.can import DBC_ENCODING, CanDbcProfile
-from drivers.canopen import Cia404Profile
+from drivers.can import CanDbcProfile
+from drivers.canopen import CanOpenProfile, Cia404Profile
 from drivers.micro_epsilon import MeEthernetProfile, MeRs485Profile
 from drivers.modbus import ModbusProfile
+from drivers.mqtt import MqttProfile
+from drivers.opcua import OpcUaProfile
 from drivers.problems import read_settings, shown, suggestion, toml_data
+from drivers.section import OTHER_ENCODING
 
-Profile = ModbusProfile | Cia404Profile | CanDbcProfile | MeRs485Profile | MeEthernetProfile
+Profile = (
+    ModbusProfile
+    | Cia404Profile
+    | CanOpenProfile
+    | CanDbcProfile
+    | MeRs485Profile
+    | MeEthernetProfile
+    | OpcUaProfile
+    | MqttProfile
+)
 
 _PROTOCOLS: Mapping[object, type[Profile]] = {
     "modbus": ModbusProfile,
     "cia404": Cia404Profile,
+    "canopen": CanOpenProfile,
     "can_dbc": CanDbcProfile,
     "me_rs485": MeRs485Profile,
     "me_ethernet": MeEthernetProfile,
+    "opcua": OpcUaProfile,
+    "mqtt": MqttProfile,
 }
 _SUPPLIED = files("drivers") / "profiles"
 
@@ -56,24 +71,26 @@ class UserProfile:
 
     profile: Profile
     text: str
-    dbc: str | None
-    """Text of the DBC file that it names, if any."""
+    other: tuple[str, str] | None
+    """Key and text of the file that it refers to, if any."""
     content_hash: str
     """SHA-256 of the files' bytes, in hexadecimal."""
 
 
 def user_profile(name: str) -> UserProfile:
-    """The current content of a user's profile file and of the DBC file that it names. Raises SetupError."""
+    """The current content of a user's profile file and of the file that it refers to. Raises SetupError."""
     own = _bytes(name)
     text = _decoded(name, own)
     profile = _parse(Path(name).stem, text, file=name)
-    try:
-        named = profile.dbc.read_bytes() if isinstance(profile, CanDbcProfile) else None
-        dbc = None if named is None else _one_line_end(named.decode(DBC_ENCODING))
-    except (OSError, UnicodeDecodeError) as error:
-        raise SetupError(f"profile {name}: cannot be read: {error}") from error
-    parts = [own] if named is None else [own, named]
-    return UserProfile(profile, text, dbc, sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest())
+    parts, other = [own], None
+    if profile.other_file is not None:
+        key, path = profile.other_file
+        try:
+            parts.append(content := path.read_bytes())
+            other = key, _one_line_end(content.decode(OTHER_ENCODING))
+        except (OSError, UnicodeDecodeError) as error:
+            raise SetupError(f"profile {name}: cannot be read: {error}") from error
+    return UserProfile(profile, text, other, sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest())
 
 
 def _one_line_end(text: str) -> str:

@@ -2,10 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import timedelta
 from math import isfinite, nan
+from sys import float_info
 
 from drivers.base import Clock, Quality, Reading
 from drivers.faults import Fault
+
+_ROUNDING = 4 * float_info.epsilon
+
+
+def total(one: float, other: float) -> float:
+    """Their sum; 0 where only their rounding remains: 27315 * 0.01 - 273.15 is 0 degC, not 5.7e-14."""
+    result = one + other
+    return 0.0 if abs(result) < _ROUNDING * max(abs(one), abs(other)) else result
 
 
 @dataclass(slots=True)
@@ -16,10 +26,12 @@ class ReadingMaker:
     """Of each channel."""
     clock: Clock
 
-    def make(self, values: Mapping[str, float | Fault]) -> list[Reading]:
+    def make(self, values: Mapping[str, float | Fault], ages_s: Mapping[str, float] | None = None) -> list[Reading]:
         """One reading per channel, in the order of `values`; a fault becomes NaN with the fault's quality.
 
         A value that is not a finite number also becomes a fault: only a number can be good.
+
+        ages_s: how long ago each value was measured; None: now
         """
         utc, monotonic_s = self.clock.utc(), self.clock.monotonic()
         readings = []
@@ -29,5 +41,9 @@ class ReadingMaker:
             number, quality, detail = (
                 (nan, value.quality, value.detail) if isinstance(value, Fault) else (value, Quality.GOOD, "")
             )
-            readings.append(Reading(channel, number, self.units[channel], quality, utc, monotonic_s, detail))
+            age_s = 0.0 if ages_s is None else ages_s[channel]
+            measured = utc - timedelta(seconds=age_s)
+            readings.append(
+                Reading(channel, number, self.units[channel], quality, measured, monotonic_s - age_s, detail)
+            )
         return readings

@@ -10,15 +10,21 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInf
 from pydantic_core import PydanticCustomError
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
+OTHER_ENCODING = "cp1252"
+"""Of a file that a profile refers to (DBC, EDS)."""
 WRONG = "wrong"
 """Type of the errors that `wrong` makes."""
 
 
 class Section(BaseModel):
-    """One table of a file. The text under each field appears in the reference and next to its error message."""
+    """One table of a file. The text under each field appears in the reference.
+
+    It is read there and not when a program starts (`use_attribute_docstrings`), as that parses every source file. A
+    section's validator is made when it is first needed: most sections are never used alone.
+    """
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, hide_input_in_errors=True
+        frozen=True, extra="forbid", allow_inf_nan=False, hide_input_in_errors=True, defer_build=True
     )
 
 

@@ -1,8 +1,8 @@
 """CAN interfaces, and devices that send without being asked."""
 
 from drivers.can.bus import CanBus
-from drivers.can.dbc import DBC_ENCODING, CanDbcDevice, CanDbcProfile
-from drivers.can.interface import failed, open_interface, shut
+from drivers.can.dbc import CanDbcDevice, CanDbcProfile
+from drivers.can.interface import interface_error, open_interface, shut
 from drivers.can.receiver import Receiver
 from drivers.can.settings import CAN_BITRATES, CAN_INTERFACES, CanInterfaceSettings, CanSettings, is_multicast_group
 from drivers.can.survey import CanSurvey, Heard, Stopped
@@ -10,7 +10,6 @@ from drivers.can.survey import CanSurvey, Heard, Stopped
 __all__ = [
     "CAN_BITRATES",
     "CAN_INTERFACES",
-    "DBC_ENCODING",
     "CanBus",
     "CanDbcDevice",
     "CanDbcProfile",
@@ -20,7 +19,7 @@ __all__ = [
     "Heard",
     "Receiver",
     "Stopped",
-    "failed",
+    "interface_error",
     "is_multicast_group",
     "open_interface",
     "shut",

@@ -4,20 +4,46 @@ While connected, one thread receives; it drops frames without a subscription.
 """
 
 import asyncio
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from time import monotonic
 
 import can
 
 from drivers.base import ConnectError, NoAnswer
-from drivers.can.interface import failed, open_interface, shut
+from drivers.can.interface import interface_error, open_interface, shut
 from drivers.can.receiver import Receiver
 from drivers.can.settings import CanSettings
 from drivers.tap import Tap
 
 FrameId = tuple[int, bool]
 """Identifier, and whether it is a 29-bit one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """One of several contents that frames of one identifier have in turn, told by some of their bits."""
+
+    mask: int
+    """The bits, in the data as a little-endian number."""
+    values: frozenset[int]
+    """What may stand in them."""
+
+
+@dataclass(frozen=True, slots=True)
+class WantedFrame:
+    """A kind of frame whose latest is kept."""
+
+    identifier: int
+    extended: bool = False
+    pages: tuple[Page, ...] = ()
+    """All of these must fit; none: any content."""
+
+    def fits(self, data: bytes) -> bool:
+        """Whether a frame of this identifier is of this kind."""
+        number = int.from_bytes(data, "little")
+        return all(number & page.mask in page.values for page in self.pages)
 
 
 class CanBus:
@@ -28,7 +54,7 @@ class CanBus:
 
     def __init__(self, name: str, settings: CanSettings, tap: Tap | None = None) -> None:
         self._name, self._settings, self._tap = name, settings, tap
-        self._wanted: set[FrameId] = set()
+        self._wanted: dict[FrameId, set[WantedFrame]] = {}
         self._ears: _Ears | None = None
 
     @property
@@ -39,9 +65,11 @@ class CanBus:
     def timeout_s(self) -> float:
         return self._settings.timeout_s
 
-    def want(self, frames: Collection[FrameId]) -> None:
-        """Keep the latest of these frames from now on."""
-        self._wanted |= set(frames)
+    def want(self, frames: Collection[WantedFrame]) -> None:
+        """Keep the latest of each of these frames from now on."""
+        for frame in frames:
+            key = frame.identifier, frame.extended
+            self._wanted[key] = self._wanted.get(key, set()) | {frame}  # replaced whole: the receiving thread reads it
 
     async def connect(self) -> None:
         """Open the interface, unless it is already open. Raises ConnectError."""
@@ -57,7 +85,7 @@ class CanBus:
         if ears is not None:
             await asyncio.shield(asyncio.to_thread(ears.end))
 
-    async def latest(self, device: str, frames: Collection[FrameId]) -> dict[FrameId, bytes]:
+    async def latest(self, device: str, frames: Collection[WantedFrame]) -> dict[WantedFrame, bytes]:
         """The newest of these frames, none older than the timeout. Waits for missing ones only until the interface has
         been open for that long: after that they have had their time, and waiting would delay other devices.
 
@@ -73,10 +101,10 @@ class CanBus:
                 while ears.lost is None and len(ears.since(oldest, frames)) < len(set(frames)):
                     await ears.news()
         if ears.lost is not None:
-            raise failed(self._name, device, self._settings, ears.lost)
+            raise interface_error(self._name, device, self._settings, ears.lost)
         found = ears.since(oldest, frames)
         if not found:
-            listed = ", ".join(f"0x{identifier:X}" for identifier, _ in sorted(frames))
+            listed = ", ".join(f"0x{identifier:X}" for identifier in sorted({frame.identifier for frame in frames}))
             raise NoAnswer(
                 f"none of the frames {listed} came within {self._settings.timeout_s:g} s",
                 bus=self._name,
@@ -89,9 +117,9 @@ class CanBus:
 class _Ears:
     """Frames written by the receiving thread and read from the event loop; entries are replaced whole."""
 
-    def __init__(self, interface: can.BusABC, wanted: set[FrameId]) -> None:
+    def __init__(self, interface: can.BusABC, wanted: Mapping[FrameId, Collection[WantedFrame]]) -> None:
         self.opened_s = monotonic()
-        self._latest: dict[FrameId, tuple[float, bytes]] = {}
+        self._latest: dict[WantedFrame, tuple[float, bytes]] = {}
         self._interface, self._wanted = interface, wanted
         self._loop, self._arrived = asyncio.get_running_loop(), asyncio.Event()
         self._receiver = Receiver(interface, self._hear, self._tell)
@@ -101,7 +129,7 @@ class _Ears:
         """Why the interface failed."""
         return self._receiver.exception
 
-    def since(self, oldest: float, frames: Collection[FrameId]) -> dict[FrameId, bytes]:
+    def since(self, oldest: float, frames: Collection[WantedFrame]) -> dict[WantedFrame, bytes]:
         """Those of the frames that came since then."""
         kept = {key: self._latest[key] for key in frames if key in self._latest}
         return {key: data for key, (came, data) in kept.items() if came >= oldest}
@@ -119,9 +147,13 @@ class _Ears:
     def _hear(self, message: can.Message) -> None:
         """Runs in the receiving thread. Error and remote frames carry no value."""
         key = message.arbitration_id, bool(message.is_extended_id)
-        if key in self._wanted and not (message.is_error_frame or message.is_remote_frame):
-            self._latest[key] = monotonic(), bytes(message.data)
-            self._tell()
+        if key not in self._wanted or message.is_error_frame or message.is_remote_frame:
+            return
+        data, now_s = bytes(message.data), monotonic()
+        for wanted in self._wanted[key]:
+            if wanted.fits(data):
+                self._latest[wanted] = now_s, data
+        self._tell()
 
     def _tell(self) -> None:
         """Runs in the receiving thread."""

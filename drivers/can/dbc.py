@@ -1,47 +1,46 @@
-"""CAN devices that send without being asked, described by a DBC file (read by cantools)."""
+"""CAN devices that send without being asked, described by a DBC file.
+
+cantools reads it; as it takes long to load, it is imported where there is such a file.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, Any, ClassVar, Literal, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
-import cantools
-from cantools.database.can import Database, Message, Signal
-from cantools.database.errors import Error as DbcError
-from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from drivers.base import Clock, Quality, Reading
-from drivers.can.bus import CanBus, FrameId
-from drivers.faults import CodeRule, Fault, RangeRule, check_code
+from drivers.can.bus import CanBus, WantedFrame
+from drivers.can.multiplex import alone, pages_of
+from drivers.faults import CodeRule, Fault, NumberRule, RangeRule, RawNumber
 from drivers.problems import suggestion
 from drivers.profile import DeviceProfile
 from drivers.readings import ReadingMaker
-from drivers.section import FilePath, Section, wrong
+from drivers.section import OTHER_ENCODING, FilePath, Section, wrong
 
-DBC_ENCODING = "cp1252"
+if TYPE_CHECKING:
+    from cantools.database.can import Database, Message, Signal
 
 
 @dataclass(frozen=True, slots=True)
 class DbcSignal:
     """One channel: a signal of a message, and the raw numbers that mean a fault."""
 
-    message: Message
-    signal: Signal
+    message: "Message"
+    signal: "Signal"
+    frame: WantedFrame
+    """The frames that hold it."""
+    raw: RawNumber
     rules: tuple[CodeRule | RangeRule, ...]
     """Rules for invalid values, the most specific first."""
-
-    @property
-    def frame(self) -> FrameId:
-        return self.message.frame_id, self.message.is_extended_frame
-
-    @property
-    def bits(self) -> int:
-        """Mask of every bit of the raw number."""
-        return _bits(self.signal)
 
     def decode(self, data: bytes) -> float | Fault:
         """The scaled value, or a fault: frame too short, raw number that means a fault, or value out of the DBC's
         range."""
+        from cantools.database.errors import Error as DbcError
+
         try:
             decoded = self.message.decode(data, decode_choices=False, scaling=False)
         except (DbcError, ValueError):
@@ -50,9 +49,8 @@ class DbcSignal:
         if not isinstance(decoded, dict):
             return Fault(Quality.COMM_FAULT, f"message {self.message.name} holds other messages")
         raw: Any = decoded[self.signal.name]
-        for rule in self.rules:
-            if rule.matches(raw & self.bits if isinstance(rule, CodeRule) else raw):
-                return rule.fault
+        if (fault := self.raw.fault(self.rules, raw)) is not None:
+            return fault
         value = float(self.signal.conversion.raw_to_scaled(raw, decode_choices=False))  # type: ignore[arg-type]
         if not isfinite(value):
             return Fault(Quality.SENSOR_FAULT, "the device sends no number")
@@ -62,14 +60,6 @@ class DbcSignal:
         return value
 
 
-def _form(rule: object) -> str:
-    return "range" if isinstance(rule, dict) and ("low" in rule or "high" in rule) else "code"
-
-
-Rule = Annotated[Annotated[CodeRule, Tag("code")] | Annotated[RangeRule, Tag("range")], Discriminator(_form)]
-"""A rule with low or high is a range; any other is a code."""
-
-
 class SignalEntry(Section):
     """Which signal a channel reads."""
 
@@ -77,7 +67,7 @@ class SignalEntry(Section):
     """Name of its message in the DBC file."""
     name: str
     """Name of the signal in the DBC file."""
-    invalid: tuple[Rule, ...] = ()
+    invalid: tuple[NumberRule, ...] = ()
     """Raw numbers that mean a fault, the most specific first."""
 
 
@@ -99,14 +89,23 @@ class CanDbcProfile(DeviceProfile):
         self._signals = tuple(_signal(entry, messages, "signal", i) for i, entry in enumerate(self.entries))
         return self
 
-    def _database(self) -> Database:
+    def _database(self) -> "Database":
+        from cantools.database import load_file
+        from cantools.database.can import Database
+        from cantools.database.errors import Error as DbcError
+
         try:
-            database = cantools.database.load_file(self.dbc, database_format="dbc", encoding=DBC_ENCODING)
+            database = load_file(self.dbc, database_format="dbc", encoding=OTHER_ENCODING)
         except (OSError, DbcError, ValueError) as error:
             raise wrong(f"{self.dbc} cannot be read: {error}", "dbc") from error
         if not isinstance(database, Database):
             raise wrong(f"{self.dbc} describes no CAN messages", "dbc")
         return database
+
+    @property
+    def other_file(self) -> tuple[str, Path]:
+        """The DBC file."""
+        return "dbc", self.dbc
 
     @property
     def signals(self) -> tuple[DbcSignal, ...]:
@@ -118,41 +117,22 @@ class CanDbcProfile(DeviceProfile):
         return len(self.entries)
 
 
-def _signal(entry: SignalEntry, messages: Mapping[str, Message], *at: str | int) -> DbcSignal:
+def _signal(entry: SignalEntry, messages: "Mapping[str, Message]", *at: str | int) -> DbcSignal:
     message = messages.get(entry.message)
     if message is None:
         raise wrong(f"unknown message {entry.message!r}; {suggestion(entry.message, messages)}", *at, "message")
-    if message.is_multiplexed() or message.is_container:
-        raise wrong(f"{message.name} is multiplexed or a container, which is not supported", *at, "message")
+    if message.is_container:
+        raise wrong(f"{message.name} is a container, which is not supported", *at, "message")
     signals = {signal.name: signal for signal in message.signals}
     signal = signals.get(entry.name)
     if signal is None:
         raise wrong(f"unknown signal {entry.name!r}; {suggestion(entry.name, signals)}", *at, "name")
+    raw = RawNumber(signal.name, signal.length, signed=signal.is_signed, real=signal.is_float)
     for number, rule in enumerate(entry.invalid):
-        _check_rule(rule, signal, *at, "invalid", number)
-    return DbcSignal(message, signal, entry.invalid)
-
-
-def _check_rule(rule: CodeRule | RangeRule, signal: Signal, *at: str | int) -> None:
-    """Raises an error for a rule that could never match, or always would."""
-    if isinstance(rule, CodeRule):
-        if signal.is_float:
-            raise wrong(f"{signal.name} is a real number and has no bits to test; state low or high", *at, "mask")
-        check_code(rule, _bits(signal), *at)
-    elif not signal.is_float:
-        least = -(1 << signal.length - 1) if signal.is_signed else 0
-        most = least + _bits(signal)
-        for name, bound in (("low", rule.low), ("high", rule.high)):
-            if bound is not None and not isinstance(bound, int):
-                raise wrong(f"{bound}: expected a whole number", *at, name)
-            if bound is not None and not least <= bound <= most:
-                raise wrong(f"{bound}: expected {least} to {most}", *at, name)
-        if rule.low in (None, least) and rule.high in (None, most):
-            raise wrong(f"{least} to {most} covers every possible raw number", *at, "low")
-
-
-def _bits(signal: Signal) -> int:
-    return (1 << signal.length) - 1
+        raw.check(rule, *at, "invalid", number)
+    frame = WantedFrame(message.frame_id, message.is_extended_frame, pages_of(signal, signals))
+    holder = alone(message, signal) if message.is_multiplexed() else message
+    return DbcSignal(holder, signal, frame, raw, entry.invalid)
 
 
 class CanDbcDevice:
@@ -188,8 +168,10 @@ class CanDbcDevice:
         """Nothing to close: the device holds no resources."""
 
 
-def _value(signal: DbcSignal, heard: Mapping[FrameId, bytes]) -> float | Fault:
+def _value(signal: DbcSignal, heard: Mapping[WantedFrame, bytes]) -> float | Fault:
     data = heard.get(signal.frame)
     if data is None:
-        return Fault(Quality.COMM_FAULT, f"message {signal.message.name} (0x{signal.frame[0]:X}) did not arrive")
+        page = f" with {signal.signal.name}" if signal.frame.pages else ""
+        what = f"message {signal.message.name} (0x{signal.frame.identifier:X}){page} did not arrive"
+        return Fault(Quality.COMM_FAULT, what)
     return signal.decode(data)

@@ -81,7 +81,7 @@ def shut(interface: can.BusABC) -> None:
             port.close()
 
 
-def failed(
+def interface_error(
     bus: str, device: str, settings: CanInterfaceSettings, error: Exception, hint: str = "connect the bus again"
 ) -> ConnectError:
     """The error of an interface that was open; `hint` applies when the kernel's error has none."""

@@ -53,7 +53,7 @@ class CanInterfaceSettings(BusSettings):
 
 
 class CanSettings(CanInterfaceSettings):
-    """Devices on a CAN bus that send without being asked, named by a DBC file. `timeout_s`: how old a frame may be.
+    """Devices on a CAN bus that send without being asked, described by a DBC file. `timeout_s`: how old a frame may be.
 
     It must be longer than the devices' cycle.
     """

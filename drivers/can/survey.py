@@ -14,7 +14,7 @@ import can
 
 from drivers.base import ConnectError
 from drivers.can.bus import FrameId
-from drivers.can.interface import failed, open_interface, shut
+from drivers.can.interface import interface_error, open_interface, shut
 from drivers.can.settings import CanInterfaceSettings
 
 _SLICE_S = 0.05
@@ -132,7 +132,7 @@ class CanSurvey:
             message = self._open().recv(wait_s)
         except (can.CanError, OSError, ValueError) as error:
             hint = "is it a CAN adapter, and still plugged in?"
-            raise failed(self._bus, "", self._settings, error, hint) from error
+            raise interface_error(self._bus, "", self._settings, error, hint) from error
         if message is not None:
             heard.take(message)
 
@@ -141,7 +141,7 @@ class CanSurvey:
             self._open().send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
         except (can.CanError, OSError) as error:
             hint = "no node acknowledges? check bit rate, 60 ohm termination, CAN_H and CAN_L, power of the nodes"
-            raise failed(self._bus, "", self._settings, error, hint) from error
+            raise interface_error(self._bus, "", self._settings, error, hint) from error
 
     def _open(self) -> can.BusABC:
         if self._interface is None:

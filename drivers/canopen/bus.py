@@ -19,7 +19,7 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
-from drivers.can import Receiver, failed, open_interface, shut
+from drivers.can import Receiver, interface_error, open_interface, shut
 from drivers.canopen.events import NodeEvents
 from drivers.canopen.frames import LatestFrames, pass_on
 from drivers.canopen.settings import CanOpenSettings
@@ -244,7 +244,7 @@ class CanOpenBus:
         try:
             self._network.send_message(identifier, data)
         except (can.CanError, OSError) as error:
-            raise failed(self._name, device, self._settings, error) from error
+            raise interface_error(self._name, device, self._settings, error) from error
 
     def _one(self, sdo: Any, device: str, node: int, wanted: CanObject, most_bytes: int) -> bytes:
         data = b""
@@ -264,7 +264,7 @@ class CanOpenBus:
         except SdoCommunicationError as error:
             raise self._communication(device, node, wanted, error, sdo.RESPONSE_TIMEOUT) from error
         except (can.CanError, OSError) as error:
-            raise failed(self._name, device, self._settings, error) from error
+            raise interface_error(self._name, device, self._settings, error) from error
         if not 0 < len(data) <= most_bytes:
             self._doubtful.add(node)
             size = f"more than {most_bytes} bytes" if data else "nothing"
@@ -285,7 +285,7 @@ class CanOpenBus:
         self._doubtful.add(node)
         self._patience.missed(node)
         if (lost := self._network.notifier.exception) is not None:
-            return failed(self._name, device, self._settings, lost)
+            return interface_error(self._name, device, self._settings, lost)
         return NoAnswer(
             f"node {node}: {what} within {waited_s:.3g} s",
             hurried=hurried,

@@ -2,7 +2,7 @@
 
 from drivers.modbus.bus import ModbusBus, ModbusTcpBus
 from drivers.modbus.device import ModbusDevice, last_address
-from drivers.modbus.numbers import Block, NumberFormat
+from drivers.modbus.numbers import Block, NumberFormat, NumberType, Order
 from drivers.modbus.profile import ModbusProfile
 from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
 from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
@@ -20,5 +20,7 @@ __all__ = [
     "ModbusTcpBus",
     "ModbusTcpSettings",
     "NumberFormat",
+    "NumberType",
+    "Order",
     "last_address",
 ]

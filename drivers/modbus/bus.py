@@ -155,7 +155,7 @@ class ModbusTcpBus(ModbusBus):
         if answering == unit and answer[0] == block.function:
             self._patience.answered(unit, block, min(self._timeout_s, loop.time() - sent[number]))
         self._check(device, unit, block, answering, answer)
-        return decode(answer, self._name, device)
+        return decode_pdu(answer, self._name, device)
 
     def _check(self, device: str, unit: int, block: Block, answering: int, answer: bytes) -> None:
         """Raises BadAnswer if it is not that unit's answer to that request."""
@@ -184,7 +184,7 @@ def _any_answer(heard: bytearray, numbers: Iterable[int]) -> tuple[int, int, byt
     return next(((n, *answer) for n in numbers if (answer := find_tcp_answer(heard, n)) is not None), None)
 
 
-def decode(message: bytes, bus: str, device: str) -> ModbusPDU:
+def decode_pdu(message: bytes, bus: str, device: str) -> ModbusPDU:
     """The answer, from its function code and data. Raises BadAnswer."""
     try:
         pdu = _DECODER.decode(message)

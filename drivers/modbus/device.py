@@ -7,12 +7,12 @@ from math import isfinite
 from drivers.base import Clock, DriverError, Quality, Reading, Refused, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus.bus import ModbusBus
-from drivers.modbus.numbers import AddressRange, Block, Span, total
+from drivers.modbus.numbers import AddressRange, Block, Span
 from drivers.modbus.plan import ReadPlan, words_of
 from drivers.modbus.profile import ChannelBlock, ModbusProfile
 from drivers.modbus.settings import ModbusOptions
 from drivers.modbus.tables import Plausibility
-from drivers.readings import ReadingMaker
+from drivers.readings import ReadingMaker, total
 
 _ASK_REFUSED_AGAIN_S = 60.0
 """After this time the device is asked again for what it refused: a module may have been added or set up."""

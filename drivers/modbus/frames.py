@@ -1,4 +1,4 @@
-"""Where the answer to a request stands in the bytes heard: RTU frames and TCP messages."""
+"""Finds the answer to a request in the received bytes: RTU frames and TCP messages."""
 
 import struct
 from collections.abc import Iterator

@@ -3,8 +3,9 @@
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from sys import float_info
 from typing import Literal
+
+from drivers.readings import total
 
 Order = Literal["big", "little"]
 NumberType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
@@ -78,13 +79,6 @@ class NumberFormat:
 
 
 _SPAN_MARGIN = 0.01
-_ROUNDING = 4 * float_info.epsilon
-
-
-def total(one: float, other: float) -> float:
-    """Their sum; 0 where only their rounding remains: 27315 * 0.01 - 273.15 is 0 degC, not 5.7e-14."""
-    result = one + other
-    return 0.0 if abs(result) < _ROUNDING * max(abs(one), abs(other)) else result
 
 
 @dataclass(frozen=True, slots=True)

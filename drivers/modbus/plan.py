@@ -1,4 +1,4 @@
-"""The read requests for a device's registers and bits, also when the device refuses some of them."""
+"""The read requests for a device's registers and bits, even if the device refuses some of them."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

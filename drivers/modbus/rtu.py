@@ -10,10 +10,11 @@ from pymodbus.pdu import ModbusPDU
 
 from drivers.base import BadAnswer, NoAnswer
 from drivers.byte_stream import ByteStream, SerialStream, TcpStream
-from drivers.modbus.bus import ModbusBus, decode
-from drivers.modbus.frames import find_rtu_answer, is_damaged, plausibly_of, rtu_answers, rtu_request
+from drivers.modbus.bus import ModbusBus, decode_pdu
+from drivers.modbus.frames import find_rtu_answer, is_damaged, plausibly_of, rtu_answers, rtu_length, rtu_request
 from drivers.modbus.numbers import Block
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
+from drivers.modbus.strangers import Strangers
 from drivers.modbus.unanswered import Unanswered
 from drivers.patience import Patience
 from drivers.tap import Tap
@@ -32,7 +33,7 @@ _SERVER_PAUSE_S = 0.1
 
 
 class RtuFramedBus(ModbusBus):
-    """Units on one line, or one connection. `Unanswered` says how late answers are told from the next ones.
+    """Units on one line, or one connection. `Unanswered` says how late answers are distinguished from the next ones.
 
     Parameters
     ----------
@@ -52,13 +53,18 @@ class RtuFramedBus(ModbusBus):
         self._owing_until: float | None = None
         """Until when the answer to a cancelled request may come."""
         self._unanswered = Unanswered()
+        self._strangers = Strangers()
+
+    def other_master(self) -> str:
+        """What shows that another master is on the line, in words; empty if nothing does."""
+        return self._strangers.evidence(asyncio.get_running_loop().time())
 
     def _opened(self) -> None:
         self._owing_until = None
 
     async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
         await self._wait_for_owed_answer()
-        self._unanswered.note(self._stream.discard())
+        self._note(self._stream.discard())
         if not again:
             self._unanswered.begin(unit)
         separator = self._unanswered.separator(unit, block)
@@ -74,7 +80,8 @@ class RtuFramedBus(ModbusBus):
         """Send the request and wait about as long as the unit usually takes for the one that it is like."""
         loop = asyncio.get_running_loop()
         await asyncio.sleep(self._quiet_since + self._gap_s - loop.time())
-        self._unanswered.note(self._stream.discard())
+        self._note(self._stream.discard())
+        self._strangers.asked(unit, block)
         asked = self._unanswered.asked(unit, block)
         began = loop.time()
         self._owing_until = began + self._timeout_s
@@ -107,7 +114,7 @@ class RtuFramedBus(ModbusBus):
         took_s = answered_s - (asked.since_s if all_came else asked.last_s)
         self._patience.answered(unit, like, min(self._timeout_s, took_s))
         self._owing_until = None
-        return decode(message, self._name, device)
+        return decode_pdu(message, self._name, device)
 
     async def _hear(self, heard: bytearray, unit: int, block: Block, latest_s: float, wait_s: float) -> bytes:
         """The answer, once it is complete in `heard`.
@@ -148,7 +155,7 @@ class RtuFramedBus(ModbusBus):
                 found = sum(1 for _ in rtu_answers(heard, unit, block))
         asked.sent -= found
         self._unanswered.settle(unit, block)
-        self._unanswered.note(heard, unit, block)
+        self._note(heard, unit, block)
         return asked.sent <= 0
 
     def _missed(self, unit: int, block: Block, like: Block, heard: bytearray) -> None:
@@ -159,7 +166,15 @@ class RtuFramedBus(ModbusBus):
                 self._unanswered.settle(unit, block)
         else:
             self._patience.missed(unit, like)
+        self._note(heard, unit, block)
+
+    def _note(self, heard: bytes | bytearray, unit: int = 0, block: Block | None = None) -> None:
+        """Bytes that were heard, beside the answer to this block or while nothing was asked."""
+        if not heard:
+            return
         self._unanswered.note(heard, unit, block)
+        if block is None or len(heard) != rtu_length(block):
+            self._strangers.note(heard, asyncio.get_running_loop().time())
 
     async def _wait_for_owed_answer(self) -> None:
         """Let the unit finish answering a cancelled request; otherwise two would talk at once."""
@@ -173,7 +188,7 @@ class RtuFramedBus(ModbusBus):
                 heard += await self._stream.read(deadline - loop.time())
                 deadline = min(deadline, loop.time() + self._pause_s)
         except TimeoutError:
-            self._unanswered.note(heard)
+            self._note(heard)
             self._owing_until = None
 
     def _nothing_valid(

@@ -10,8 +10,8 @@ class LineSettings(Section):
     """Any line with RTU frames."""
 
     local_echo: bool | None = None
-    """Whether the adapter receives what it sends itself, as some do on two wires: then that is skipped. By default it
-    is seen at the first answer."""
+    """Whether the adapter receives its own transmissions, as some two-wire adapters do; they are then skipped. By
+    default the gateway detects this at the first answer."""
 
 
 class ModbusRtuSettings(SerialSettings, LineSettings):
@@ -19,7 +19,7 @@ class ModbusRtuSettings(SerialSettings, LineSettings):
 
 
 class ModbusRtuTcpSettings(HostSettings, LineSettings):
-    """Modbus RTU over TCP: units on the serial line of a device server, whose TCP port passes on the bytes as they are.
+    """Modbus RTU over TCP: units on the serial line of a device server, whose TCP port forwards the bytes unchanged.
 
     The server sets speed and parity of the line.
     """

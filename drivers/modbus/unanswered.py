@@ -1,4 +1,4 @@
-"""The requests that were sent on a serial line and not answered yet: RTU answers are not numbered."""
+"""The requests on a serial line that have no answer yet. RTU answers are not numbered."""
 
 from dataclasses import dataclass
 

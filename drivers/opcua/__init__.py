@@ -1,8 +1,23 @@
-"""OPC UA sessions.
+"""OPC UA sessions, and servers whose nodes are channels.
 
-The session is not exported here: importing it loads asyncua (half a second, 20 MB), so import it from its module.
+The session and the certificates are not exported here: importing them loads asyncua (half a second, 20 MB) and
+cryptography (15 MB), so import them from their modules.
 """
 
-from drivers.opcua.settings import OpcUaSettings, valid_certificate
+from drivers.opcua.bus import OpcUaBus
+from drivers.opcua.device import OpcUaDevice
+from drivers.opcua.nodes import NodeName, NodeValue, node_name
+from drivers.opcua.profile import OpcUaProfile
+from drivers.opcua.settings import OpcUaBusSettings, OpcUaServer, OpcUaSettings
 
-__all__ = ["OpcUaSettings", "valid_certificate"]
+__all__ = [
+    "NodeName",
+    "NodeValue",
+    "OpcUaBus",
+    "OpcUaBusSettings",
+    "OpcUaDevice",
+    "OpcUaProfile",
+    "OpcUaServer",
+    "OpcUaSettings",
+    "node_name",
+]

@@ -18,7 +18,10 @@ from asyncua.ua.uaerrors import UaError, UaStatusCodeError
 from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Variant, VariantType
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
-from drivers.opcua.settings import OpcUaSettings, application_uri, valid_certificate, with_port
+from drivers.opcua.answers import SERVER_TIME, node_id, node_value, time_in
+from drivers.opcua.certificates import application_uri, check_key, valid_certificate
+from drivers.opcua.nodes import NO_NAMESPACE, NodeName, NodeValue
+from drivers.opcua.settings import OpcUaServer, with_port
 from drivers.opcua.subscription import Subscription
 
 # Our errors report a lost connection; a handler that the service installs still receives the library's messages.
@@ -74,13 +77,20 @@ class OpcUaSession:
     After a ConnectError or NoAnswer the session is closed: connect again.
     """
 
-    def __init__(self, settings: OpcUaSettings, device: str, rights: Mapping[str, str]) -> None:
-        """`rights`: which part of a node's name needs which right on the control; used in hints."""
+    def __init__(
+        self, settings: OpcUaServer, device: str, rights: Mapping[str, str], namespace_uri: str | None = None
+    ) -> None:
+        """
+        rights: which part of a node's name needs which right on the control; used in hints
+        namespace_uri: of the nodes that are named by their path; the server must have it
+        """
         self._settings = settings
         self._device = device
         self._rights = rights
         self._client: Client | None = None
+        self._namespace_uri = namespace_uri
         self._namespace = 0
+        self._namespaces: list[str] = []
         self._nodes: dict[tuple[str, ...], list[NodeId]] = {}
         self._subscriptions: dict[tuple[str, ...], Subscription | None] = {}
 
@@ -91,8 +101,12 @@ class OpcUaSession:
         is missing, SetupError when a file cannot be read.
         """
         await self.close()
-        async with self._malformed_is_bad("opens the session"):
-            await self._connect()
+        try:
+            async with self._malformed_is_bad("opens the session"):
+                await self._connect()
+        except BaseException:  # also when cancelled: a session without its namespaces would read other nodes
+            await self.close()
+            raise
 
     async def _connect(self) -> None:
         settings = self._settings
@@ -117,15 +131,23 @@ class OpcUaSession:
                 await _drop(client)
         self._client = client
         self._nodes.clear()
-        namespaces = await self._ask(client.get_namespace_array(), "reads the namespaces")
-        if settings.namespace_uri not in (namespaces or ()):
-            await self.close()
+        namespaces = await self._ask(client.get_namespace_array(), "reads the namespaces") or []
+        self._namespaces = namespaces
+        wanted = self._namespace_uri
+        if wanted is None:
+            return
+        if wanted not in namespaces:
             raise WrongDevice(
-                f"the server at {settings.url} has no namespace {settings.namespace_uri!r}",
+                f"the server at {settings.url} has no namespace {wanted!r}",
                 device=self._device,
                 hint=f"it has {', '.join(map(str, namespaces or ['none']))}",
             )
-        self._namespace = namespaces.index(settings.namespace_uri)
+        self._namespace = namespaces.index(wanted)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a session was opened that no error has ended since."""
+        return self._client is not None and self._client.state is UaClientState.CONNECTED
 
     async def close(self) -> None:
         """Close the session; harmless when none is open."""
@@ -146,6 +168,21 @@ class OpcUaSession:
             answer = await self._ask(client.uaclient.read_attributes(self._ids(paths), AttributeIds.Value), "reads")
             self._expect(len(paths), answer, "values")
             return [self._value(path, value) for path, value in zip(paths, answer, strict=True)]
+
+    async def read_nodes(self, names: tuple[NodeName, ...], *, aged: bool = False) -> list[NodeValue]:
+        """What the server says of these nodes, in one request; for a node that it does not have, too.
+
+        aged: state how old the values are, by the server's own clock
+        """
+        client = self._open()
+        async with self._malformed_is_bad("reads"):
+            known = {name: node for name in names if (node := node_id(name, self._namespaces)) is not None}
+            wanted = [*known.values(), *([SERVER_TIME] if aged else [])]
+            answer = await self._ask(client.uaclient.read_attributes(wanted, AttributeIds.Value), "reads")
+            self._expect(len(wanted), answer, "values")
+            now = time_in(answer.pop()) if aged else None
+            found = {name: node_value(data, now) for name, data in zip(known, answer, strict=True)}
+            return [found.get(name, NO_NAMESPACE) for name in names]
 
     async def subscribe(self, paths: tuple[str, ...], interval_s: float) -> bool:
         """Subscribe to changes of these nodes until the session ends; False when the server refuses."""
@@ -235,12 +272,12 @@ class OpcUaSession:
             return WrongDevice(
                 f"{path} does not exist ({status.name})",
                 device=self._device,
-                hint="compare the path with the control's own names, case included",
+                hint="compare the path with the server's own names, case included",
             )
         right = next((f"{right}{verb.capitalize()}" for part, right in self._rights.items() if part in path), "")
         who = f"user {self._settings.user!r}" if self._settings.user else "the anonymous user"
         return Refused(
-            f"the control does not let us {verb} {path} ({status.name})",
+            f"the server does not let us {verb} {path} ({status.name})",
             device=self._device,
             hint=f"give {who} the right {right} on the control (GiveUserAccess)" if right else "",
         )
@@ -253,13 +290,13 @@ class OpcUaSession:
             )
         if isinstance(error, UaStatusCodeError) and error.code not in LOST:
             kind = Refused if error.code in DENIED else BadAnswer
-            return kind(f"the control answers {_name(error)} when the gateway {what}", device=self._device)
+            return kind(f"the server answers {_name(error)} when the gateway {what}", device=self._device)
         return ConnectError(f"the connection to {self._settings.url} is lost: {_say(error)}", device=self._device)
 
     def _unreadable(self, error: Exception, what: str) -> BadAnswer:
         """Our error for an exception that is not one of the library's own."""
         return BadAnswer(
-            f"the control's answer is malformed when the gateway {what}: {type(error).__name__}: {error}",
+            f"the server's answer is malformed when the gateway {what}: {type(error).__name__}: {error}",
             device=self._device,
         )
 
@@ -289,7 +326,7 @@ class OpcUaSession:
             if self._settings.security != "none":
                 hint = "is server_certificate this control's own, and does the control trust our certificate?"
             return NoAnswer(f"{url} does not answer within {self._settings.timeout_s:g} s", device=device, hint=hint)
-        hint = "is the control on, is its OPC UA server licensed and running, is the port right?"
+        hint = "is it on, is its OPC UA server licensed and running, is the port right?"
         return ConnectError(f"cannot open {url}: {_say(error)}", device=device, hint=hint)
 
     def _password(self, path: Path) -> str:
@@ -301,6 +338,7 @@ class OpcUaSession:
     async def _secure(self, client: Client) -> None:
         settings = self._settings
         ours = valid_certificate(settings.certificate, "certificate", self._device)
+        check_key(ours, settings.private_key, self._device)
         client.application_uri = application_uri(ours, settings.certificate, self._device)
         theirs = None
         if settings.server_certificate is not None:

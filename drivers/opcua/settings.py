@@ -1,43 +1,40 @@
 """Settings of an OPC UA connection: address, certificates, ports. No network."""
 
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
 
-from cryptography import x509
 from pydantic import model_validator
 
-from drivers.base import SetupError
 from drivers.section import FilePath, NotEmpty, Positive, Section, matching, wrong
 
 DEFAULT_PORT = 4840
 
 
-class OpcUaSettings(Section):
+class OpcUaServer(Section):
     """Where a server is and how to connect to it."""
 
     url: Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
-    """Endpoint of the control's OPC UA server, such as `opc.tcp://192.168.214.1:4840`; 4840 is the default port."""
+    """Endpoint of the OPC UA server, such as `opc.tcp://192.168.214.1:4840`; 4840 is the default port."""
     security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
-    """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: for an emulated control only."""
+    """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: never for a
+    control to which offsets are written."""
     user: str | None = None
-    """OPC UA user; the control grants it the rights to read and write."""
+    """OPC UA user; the server grants it the rights to read and write."""
     password_file: FilePath | None = None
     """File that holds the user's password, so that it never appears in this file, the store or a message."""
     certificate: FilePath | None = None
-    """The gateway's certificate (.der or .pem); the control must trust it."""
+    """The gateway's certificate (.der or .pem); the server must trust it."""
     private_key: FilePath | None = None
     """The certificate's key (.pem)."""
     server_certificate: FilePath | None = None
-    """The control's certificate (.der or .pem), copied from it: no other server is then accepted."""
-    namespace_uri: NotEmpty = "SinumerikVarProvider"
-    """Namespace of the control's variables; its index is looked up at every connect."""
+    """The server's certificate (.der or .pem), copied from it: no other server is then accepted."""
     timeout_s: Positive = 2.0
     """How long one answer may take."""
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
+        if not _has_possible_port(self.url):
+            raise wrong(f"{self.url!r}: expected a port of 1 to 65535", "url")
         if (self.user is None) != (self.password_file is None):
             raise ValueError("user and password_file go together: give both or neither")
         if self.security == "none":
@@ -51,35 +48,27 @@ class OpcUaSettings(Section):
         return self
 
 
-def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certificate:
-    """The certificate in a file. Raises SetupError unless it is one and is valid at present."""
-    try:
-        content = path.read_bytes() if path is not None else b""
-        pem = content.startswith(b"-----BEGIN")
-        certificate = x509.load_pem_x509_certificate(content) if pem else x509.load_der_x509_certificate(content)
-    except (OSError, ValueError) as error:
-        raise SetupError(f"{name} = {str(path)!r} cannot be used: {error}", device=device) from error
-    begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
-    if not begin <= datetime.now(UTC) <= end:
-        raise SetupError(
-            f"{name} = {str(path)!r} is valid from {begin:%Y-%m-%d %H:%M} to {end:%Y-%m-%d %H:%M} UTC, not now",
-            device=device,
-            hint="renew it; if it is new, check this computer's clock",
-        )
-    return certificate
+class OpcUaSettings(OpcUaServer):
+    """A control's server."""
+
+    namespace_uri: NotEmpty = "SinumerikVarProvider"
+    """Namespace of the control's variables; its index is looked up at every connect."""
 
 
-def application_uri(certificate: x509.Certificate, path: Path | None, device: str) -> str:
-    """The certificate's application URI; servers compare it with the one that we send (Part 6, 6.2.2)."""
+class OpcUaBusSettings(OpcUaServer):
+    """An OPC UA server whose nodes are channels."""
+
+    @property
+    def place(self) -> str:
+        """The endpoint, which no two buses may share."""
+        return with_port(self.url)
+
+
+def _has_possible_port(url: str) -> bool:
     try:
-        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except x509.ExtensionNotFound:
-        uris = []
-    else:
-        uris = names.get_values_for_type(x509.UniformResourceIdentifier)
-    if not uris:
-        raise SetupError(f"certificate = {str(path)!r} holds no application URI as alternative name", device=device)
-    return uris[0]
+        return urlsplit(url).port != 0
+    except ValueError:
+        return False
 
 
 def with_port(url: str) -> str:

@@ -1,34 +1,48 @@
-"""Finds the devices on a wire, to write a configuration. It only reads."""
+"""Finds the devices on a wire, or looks into one, to write a configuration. It only reads."""
 
 from gateway.scan.can import CanScan, scan_can
+from gateway.scan.drafts import node_draft, object_draft
 from gateway.scan.first import Answers, LinuxCncAnswers, SinumerikAnswers, first_configuration, read_answers, to_confirm
-from gateway.scan.found import Found, Place, Progress, ScanReport
-from gateway.scan.fragment import check, merged
+from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus
+from gateway.scan.fragment import check_addable, merged
 from gateway.scan.ports import ScanPort, find_ports
+from gateway.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
 from gateway.scan.serial import LineTry, SerialScan, plan, scan_line
 from gateway.scan.tcp import TcpScan, scan_hosts
+from gateway.scan.topics import SeenTopic, seen_topics, topic_draft
 
 __all__ = [
+    "ORDERS",
     "Answers",
     "CanScan",
     "Found",
     "LineTry",
     "LinuxCncAnswers",
+    "Meaning",
     "Place",
-    "Progress",
     "ScanPort",
+    "ScanProgress",
     "ScanReport",
+    "SeenTopic",
+    "SeenWords",
     "SerialScan",
     "SinumerikAnswers",
     "TcpScan",
-    "check",
+    "check_addable",
     "find_ports",
     "first_configuration",
     "merged",
+    "node_draft",
+    "object_draft",
+    "open_bus",
     "plan",
+    "profile_draft",
     "read_answers",
+    "read_words",
     "scan_can",
     "scan_hosts",
     "scan_line",
+    "seen_topics",
     "to_confirm",
+    "topic_draft",
 ]

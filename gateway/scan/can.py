@@ -9,7 +9,7 @@ from drivers.can import CanSurvey, Heard, Stopped
 from drivers.canopen import CanOpenBus, CanOpenSettings
 from drivers.recognition import Recognition, recognise_canopen
 from gateway.polling import UnexpectedError, contained
-from gateway.scan.found import Found, Place, Progress, ScanReport, opened, read_inputs
+from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
 
 _MOST_FRAMES = 8
 """How many identifiers of plain CAN are listed."""
@@ -40,7 +40,7 @@ class CanScan:
         return len(self.bitrates) * (self.listen_s + self.asking_s)
 
 
-async def scan_can(scan: CanScan, progress: Progress, stopped: Stopped) -> ScanReport:
+async def scan_can(scan: CanScan, progress: ScanProgress, stopped: Stopped) -> ScanReport:
     """Listen at each bit rate, then ask the nodes at the one where something was heard.
 
     If nothing was heard and there are several rates, the report contains a question and no node was asked: a wrong rate
@@ -96,13 +96,13 @@ def _ask(scan: CanScan, rate: int, heard: Heard, stopped: Stopped) -> None:
 
 
 async def _look(
-    scan: CanScan, rate: int, heard: Heard, report: ScanReport, progress: Progress, stopped: Stopped
+    scan: CanScan, rate: int, heard: Heard, report: ScanReport, progress: ScanProgress, stopped: Stopped
 ) -> None:
     """The identity of each node that answered."""
     settings = _at(scan, rate)
     bus = CanOpenBus("scan", settings.model_copy(update={"timeout_s": max(scan.wait_s, 0.1)}))
     found: list[Found] = []
-    async with opened(bus):
+    async with open_bus(bus):
         for node in heard.nodes:
             if stopped():
                 break

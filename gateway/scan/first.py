@@ -13,7 +13,7 @@ from gateway.config import Name, parse, read_as, toml_value
 from gateway.scan.found import Place
 from gateway.scan.fragment import CONFIRM, merged
 
-Host = Annotated[str, matching(r"[^:\s]+(:\d{1,5})?", "host, or host:port")]
+GivenHost = Annotated[str, matching(r"[^:\s]+(:\d{1,5})?", "host, or host:port")]
 
 
 class SinumerikAnswers(Section):
@@ -29,9 +29,9 @@ class SinumerikAnswers(Section):
 
 
 class LinuxCncAnswers(Section):
-    """Where LinuxCNC's agent is."""
+    """Where the agent is, LinuxCNC's or another control's."""
 
-    kind: Literal["linuxcnc"]
+    kind: Literal["linuxcnc", "agent"]
     host: NotEmpty = "127.0.0.1"
     """Host of the agent."""
     key_file: NotEmpty = "talc.key"
@@ -49,7 +49,7 @@ class Answers(Section):
     """Speeds to try on them; none: the usual ones."""
     can: tuple[NotEmpty, ...] = ()
     """CAN interfaces to scan."""
-    hosts: tuple[Host, ...] = ()
+    hosts: tuple[GivenHost, ...] = ()
     """Modbus TCP devices and Micro-Epsilon controllers to ask: host, or host:port."""
     control: Annotated[SinumerikAnswers | LinuxCncAnswers, Field(discriminator="kind")] | None = None
     """The numerical control; none: the gateway reads, stores and publishes."""
@@ -111,11 +111,11 @@ bound_um = [20.0, 20.0, 20.0]      # CONFIRM: largest offset of X, Y, Z; raise i
 def _control(control: SinumerikAnswers | LinuxCncAnswers) -> str:
     if isinstance(control, LinuxCncAnswers):
         nc = [
-            'kind = "linuxcnc"',
+            f"kind = {toml_value(control.kind)}",
             f"host = {toml_value(control.host)}",
-            f"key_file = {toml_value(control.key_file)}  # CONFIRM: copy the agent's talc.key to there, chmod 600",
+            f"key_file = {toml_value(control.key_file)}  # CONFIRM: copy the agent's key to there, chmod 600",
         ]
-        poses = "those of talc_poses.ngc"
+        poses = "those of talc_poses.ngc" if control.kind == "linuxcnc" else "CONFIRM: A and C of each of its poses"
     else:
         folder = Path(control.folder)
         nc = ['kind = "sinumerik"', f"url = {toml_value(control.url)}"]

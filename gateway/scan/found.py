@@ -11,7 +11,7 @@ from gateway.acquisition import Line, read_once, reading_text
 from gateway.clock import RealClock
 from gateway.polling import UnexpectedError, contained
 
-Progress = Callable[[int, str], None]
+ScanProgress = Callable[[int, str], None]
 """Receives the number of requests done, and the next one."""
 
 
@@ -59,7 +59,7 @@ class ScanReport:
 
 
 @asynccontextmanager
-async def opened(bus: Bus) -> AsyncIterator[None]:
+async def open_bus(bus: Bus) -> AsyncIterator[None]:
     """The bus is connected inside, and closed at the end whatever happened. Raises DriverError."""
     try:
         await contained(bus.connect(), "connect")

@@ -23,7 +23,7 @@ CONFIRM = "CONFIRM"
 _UNIT_NAMES = {"degC": "rtd", "µm": "growth"}
 
 
-def check(existing: str, path: Path) -> None:
+def check_addable(existing: str, path: Path) -> None:
     """Raises ConfigError if nothing could be added to `existing`, whatever is found. Called before a scan."""
     if existing.strip() and draft(existing, path).devices:  # without devices it may become valid later
         parse(existing, path)

@@ -22,17 +22,24 @@ class ScanPort:
 def find_ports(dev: Path = Path("/dev"), net: Path = Path("/sys/class/net")) -> list[ScanPort]:
     """Serial ports, those with a permanent name first, then CAN interfaces."""
     by_id = dev / "serial" / "by-id"
-    links = sorted(by_id.iterdir()) if by_id.is_dir() else []
+    links = _listed(by_id)
     named = {link.resolve() for link in links}
     found = [ScanPort("serial", str(link), f"{link.resolve().name}{_allowed(link)}") for link in links]
     others = [
         device for pattern in _WITHOUT_ID for device in sorted(dev.glob(pattern)) if device.resolve() not in named
     ]
     found += [ScanPort("serial", str(d), f"may have another name after a reboot{_allowed(d)}") for d in others]
-    interfaces = sorted(net.iterdir()) if net.is_dir() else []
-    can = [interface for interface in interfaces if _read(interface / "type") == _CAN]
+    can = [interface for interface in _listed(net) if _read(interface / "type") == _CAN]
     found += [ScanPort("can", interface.name, _read(interface / "operstate") or "unknown") for interface in can]
     return found
+
+
+def _listed(folder: Path) -> list[Path]:
+    """Sorted; udev takes the folder away with the last adapter."""
+    try:
+        return sorted(folder.iterdir())
+    except FileNotFoundError:
+        return []
 
 
 def _allowed(device: Path) -> str:

@@ -12,7 +12,7 @@ from drivers.micro_epsilon import MeRs485Bus, MeRs485Settings
 from drivers.modbus import Block, ModbusRtuBus, ModbusRtuSettings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
 from gateway.polling import UnexpectedError, contained
-from gateway.scan.found import Found, Place, Progress, ScanReport, opened, read_inputs
+from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
 
 Protocol = Literal["modbus_rtu", "me_rs485"]
 
@@ -69,7 +69,7 @@ def plan(
     return SerialScan(port, (*modbus, *me), timeout_s, function)
 
 
-async def scan_line(scan: SerialScan, progress: Progress, stopped: Stopped) -> ScanReport:
+async def scan_line(scan: SerialScan, progress: ScanProgress, stopped: Stopped) -> ScanReport:
     """Ask until done or stopped. A request in progress is finished first, so no unit is left answering.
 
     Raises DriverError if the port cannot be opened at all.
@@ -95,7 +95,9 @@ async def scan_line(scan: SerialScan, progress: Progress, stopped: Stopped) -> S
     return report
 
 
-async def _try(scan: SerialScan, attempt: LineTry, report: ScanReport, progress: Progress, stopped: Stopped) -> Place:
+async def _try(
+    scan: SerialScan, attempt: LineTry, report: ScanReport, progress: ScanProgress, stopped: Stopped
+) -> Place:
     line = {"port": scan.port, "baud": attempt.baud, "parity": attempt.parity}
     bus: ModbusRtuBus | MeRs485Bus
     if attempt.protocol == "modbus_rtu":
@@ -109,7 +111,7 @@ async def _try(scan: SerialScan, attempt: LineTry, report: ScanReport, progress:
         )
     babble: list[str] = []
     found: list[Found] = []
-    async with opened(bus):
+    async with open_bus(bus):
         for unit in attempt.units:
             if stopped():
                 break
@@ -120,7 +122,7 @@ async def _try(scan: SerialScan, attempt: LineTry, report: ScanReport, progress:
                 found.append(Found(unit, what, await read_inputs(bus, unit, what)))
     report.remarks += [f"{attempt.framing}: {text}" for text in babble[:_MOST_BABBLE]]
     if len(babble) > _MOST_BABBLE:
-        report.remarks.append(f"{attempt.framing}: and likewise from {len(babble) - _MOST_BABBLE} more")
+        report.remarks.append(f"{attempt.framing}: and the same from {len(babble) - _MOST_BABBLE} more")
     return Place(attempt.protocol, line, tuple(found))
 
 

@@ -9,7 +9,7 @@ from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
 from drivers.modbus import ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
 from gateway.polling import UnexpectedError, contained
-from gateway.scan.found import Found, Place, Progress, ScanReport, opened, read_inputs
+from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
 from gateway.scan.serial import ANY_REGISTER
 
 _MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
@@ -42,7 +42,7 @@ class TcpScan:
         return self.requests * self.timeout_s
 
 
-async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> ScanReport:
+async def scan_hosts(scan: TcpScan, progress: ScanProgress, stopped: Stopped) -> ScanReport:
     """Ask until done or stopped. A host that does not answer is a remark, not an error."""
     report = ScanReport(total=scan.requests)
     for number, (host, port) in enumerate(scan.hosts, start=1):
@@ -60,7 +60,7 @@ async def scan_hosts(scan: TcpScan, progress: Progress, stopped: Stopped) -> Sca
 
 
 async def _modbus(
-    scan: TcpScan, host: str, port: int, report: ScanReport, progress: Progress, stopped: Stopped
+    scan: TcpScan, host: str, port: int, report: ScanReport, progress: ScanProgress, stopped: Stopped
 ) -> None:
     bus: ModbusRtuTcpBus | ModbusTcpBus
     if scan.rtu:
@@ -70,7 +70,7 @@ async def _modbus(
     found: list[Found] = []
     odd: list[str] = []
     try:
-        async with opened(bus):
+        async with open_bus(bus):
             unknown = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]), [])
             alike: list[int] = []
             for unit in scan.units:
@@ -129,7 +129,7 @@ def _said(error: DriverError) -> str:
 async def _controller(host: str, port: int, timeout_s: float, report: ScanReport) -> None:
     bus = MeEthernetBus("scan", MeEthernetSettings(host=host, port=port, timeout_s=timeout_s))
     try:
-        async with opened(bus):
+        async with open_bus(bus):
             what = await contained(recognise_me_ethernet(bus), "the recognition")
             reads = await read_inputs(bus, 1, what)
     except (ConnectError, NoAnswer, BadAnswer, UnexpectedError) as error:

@@ -177,7 +177,7 @@ async def test_a_run_takes_over_from_the_one_before_it_while_that_still_counts_a
 
 
 async def test_silence_is_noticed_and_the_next_heartbeat_reports_it(bench: NcBench) -> None:
-    await bench.alive(7, WatchdogTerms(silence_s=40 * bench.tick_s, ramp_um_per_s=20.0))
+    await bench.alive(7, WATCH)
     await bench.nc.write_compensation((20.0, 0.0, 0.0))
 
     async def written() -> bool:
@@ -188,6 +188,7 @@ async def test_silence_is_noticed_and_the_next_heartbeat_reports_it(bench: NcBen
 
     await bench.until(written)
     assert await bench.nc.heartbeat(7) is True
+    await bench.nc.claim(7, WatchdogTerms(silence_s=40 * bench.tick_s, ramp_um_per_s=20.0))
     await bench.until(ramping)
     assert await bench.nc.heartbeat(7) is False
 

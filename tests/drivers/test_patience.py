@@ -184,7 +184,7 @@ async def test_what_came_while_the_event_loop_was_too_busy_to_look_came_in_time(
         await stream.close()
 
 
-class Gateway(Connection):
+class SerialGateway(Connection):
     """Asks one unit after the other on its line, and waits for a silent one before it says so."""
 
     its_timeout_s = 0.3
@@ -205,7 +205,7 @@ class Gateway(Connection):
             loop.call_at(self._free_s, self.transport.write, answer)
 
 
-class Dead(Gateway):
+class Dead(SerialGateway):
     """Falls silent as a whole when one unit does."""
 
     def data_received(self, data: bytes) -> None:
@@ -214,7 +214,7 @@ class Dead(Gateway):
 
 
 @asynccontextmanager
-async def host(kind: type[Gateway], *silent: int) -> AsyncIterator[ModbusTcpBus]:
+async def host(kind: type[SerialGateway], *silent: int) -> AsyncIterator[ModbusTcpBus]:
     """Units 1 to 5, of which some fall silent when all have answered often enough to be known."""
     gone = set[int]()
     server = LoopbackServer(lambda: kind(gone))
@@ -232,7 +232,7 @@ async def host(kind: type[Gateway], *silent: int) -> AsyncIterator[ModbusTcpBus]
 
 
 async def test_units_behind_a_gateway_that_waits_for_a_silent_one_are_given_the_time() -> None:
-    async with host(Gateway, 1) as bus:
+    async with host(SerialGateway, 1) as bus:
         assert await missed(lambda: bus.read("d", 1, TWO)) < LONGEST_S / 2
         for unit in (2, 3, 4, 5):
             assert await bus.read("d", unit, TWO) == (unit, unit)
@@ -241,7 +241,7 @@ async def test_units_behind_a_gateway_that_waits_for_a_silent_one_are_given_the_
 
 
 async def test_units_behind_a_gateway_that_waits_for_two_silent_ones_are_given_the_time() -> None:
-    async with host(Gateway, 1, 2) as bus:
+    async with host(SerialGateway, 1, 2) as bus:
         for unit in (1, 2):
             with pytest.raises(NoAnswer):
                 await bus.read("d", unit, TWO)

@@ -8,9 +8,10 @@ from pydantic import ValidationError
 
 from drivers.base import SetupError, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.modbus.numbers import NumberFormat, total
+from drivers.modbus.numbers import NumberFormat
 from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import load_profile, profile_names
+from drivers.readings import total
 from simulators.devices.scenario import Scenario
 
 CASES = Path(__file__).parent / "profile_cases"
@@ -49,7 +50,8 @@ def test_golden_cases(case: str) -> None:
 
 
 def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
+    pages = (Path(__file__).parents[2] / "docs" / name for name in ("devices.md", "emulators.md", "own-profile.md"))
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
     dbc = 'VERSION ""\nBU_: L\nBO_ 768 Temperatures1: 8 L\n SG_ T1 : 0|16@1- (0.1,0) [-200|850] "degC" L\n'
     (tmp_path / "logger.dbc").write_text(dbc, encoding="ascii")
     path = tmp_path / "own.toml"
@@ -72,6 +74,9 @@ def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
         profile = load_profile(str(path))
         channels[profile.title] = profile.channels
     assert channels == {
+        "sensors of the hall": 2,
+        "drives of the control": 2,
+        "Somebody's pump": 2,
         "Somebody's logger": 1,
         "Somebody's eight-input module": 8,
         "Somebody's energy meter": 11,

@@ -47,7 +47,7 @@ def raised(*kinds: type[DriverError]) -> st.SearchStrategy[DriverError]:
 registers = st.one_of(st.integers(0, 0xFFFF), st.sampled_from([*CODES, 750, 464, 0, 1, 200, 1078]))
 
 
-class Script:
+class DrawnRegisters:
     """Draws what a read of registers gives; the same for the same block."""
 
     def __init__(self, data: st.DataObject) -> None:
@@ -68,7 +68,7 @@ class Script:
 
 
 class RtuUnit(ModbusRtuBus):
-    def __init__(self, script: Script) -> None:
+    def __init__(self, script: DrawnRegisters) -> None:
         super().__init__("scan", ModbusRtuSettings(port="nowhere"))
         self._script = script
 
@@ -77,7 +77,7 @@ class RtuUnit(ModbusRtuBus):
 
 
 class TcpUnit(ModbusTcpBus):
-    def __init__(self, script: Script) -> None:
+    def __init__(self, script: DrawnRegisters) -> None:
         super().__init__("scan", ModbusTcpSettings(host="nowhere"))
         self._script = script
 
@@ -97,13 +97,13 @@ def usable(bus: ModbusBus | CanOpenBus | MeRs485Bus | MeEthernetBus, unit: int, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [RtuUnit, TcpUnit])
-def test_any_registers(kind: Callable[[Script], ModbusBus]) -> None:
+def test_any_registers(kind: Callable[[DrawnRegisters], ModbusBus]) -> None:
     seen: set[str] = set()
 
     @settings(max_examples=200)
     @given(st.data())
     def any_registers(data: st.DataObject) -> None:
-        script = Script(data)
+        script = DrawnRegisters(data)
         bus = kind(script)
         try:
             what = runner.run(recognise_modbus(bus, 1))
@@ -217,7 +217,7 @@ def test_any_objects_of_a_node() -> None:
     assert min(seen.values()) > 0, f"each was tried: {seen}"
 
 
-class Sensor(MeRs485Bus):
+class AnySensor(MeRs485Bus):
     def __init__(self, says: bytes | DriverError) -> None:
         super().__init__("scan", MeRs485Settings(port="nowhere"))
         self._says = says
@@ -233,7 +233,7 @@ class Sensor(MeRs485Bus):
 @example(b"\x01\x00\x01\x00" + struct.pack("<i", 0x780000))
 @example(struct.pack("<f", float("nan")) + bytes(4))
 def test_any_data_of_a_sensor(says: bytes | DriverError) -> None:
-    bus = Sensor(says)
+    bus = AnySensor(says)
     try:
         what = asyncio.run(recognise_me_rs485(bus, 126))
     except (BadAnswer, ConnectError):
@@ -250,7 +250,7 @@ def test_any_data_of_a_sensor(says: bytes | DriverError) -> None:
         assert len(says) == 4 + 4 * says[2]
 
 
-class Controller(MeEthernetBus):
+class AnyController(MeEthernetBus):
     def __init__(self, says: MeBlock | DriverError) -> None:
         super().__init__("scan", MeEthernetSettings(host="nowhere"))
         self._says = says
@@ -272,7 +272,7 @@ BLOCKS = st.builds(
 @given(st.one_of(BLOCKS, raised(NoAnswer, BadAnswer, ConnectError)))
 @example(MeBlock(1, 2, {31: 0}))
 def test_any_block_of_a_controller(says: MeBlock | DriverError) -> None:
-    bus = Controller(says)
+    bus = AnyController(says)
     try:
         what = asyncio.run(recognise_me_ethernet(bus))
     except (NoAnswer, BadAnswer, ConnectError):

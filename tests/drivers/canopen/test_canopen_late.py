@@ -25,7 +25,7 @@ SDO, TPDOS = 0x585, (0x185, 0x285)
 TIMEOUT_S = 0.1
 
 
-class Counting:
+class CountingSource:
     """A source that says another number each time; keeps the last."""
 
     def __init__(self) -> None:
@@ -38,8 +38,8 @@ class Counting:
 
 
 @asynccontextmanager
-async def bench(spoil: Late) -> AsyncIterator[tuple[CanOpenBus, Counting]]:
-    source = Counting()
+async def bench(spoil: Late) -> AsyncIterator[tuple[CanOpenBus, CountingSource]]:
+    source = CountingSource()
     node = Cia404Node(5, source, inputs=2, digits=0)
     node.on_frame(0, bytes((Nmt.START, 5)))
     adapter = SlcanAdapter([node])

@@ -83,7 +83,7 @@ async def test_values_and_status_of_six_inputs() -> None:
 async def test_inputs_in_no_tpdo_are_refused() -> None:
     node = Cia404Node(5, lambda: [20.0] * 8, inputs=8)
     async with bench(node, 8) as (_, driver):
-        with pytest.raises(WrongDevice, match=r"9130:07 is not mapped to any TPDO \(map it, or use transfer = 'sdo'\)"):
+        with pytest.raises(WrongDevice, match=r"6150:07 is not mapped to any TPDO \(map it, or use transfer = 'sdo'\)"):
             await driver.connect()
 
 

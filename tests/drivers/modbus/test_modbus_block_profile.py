@@ -20,7 +20,7 @@ from tests.benches.manual_clock import ManualClock
 
 pytestmark = pytest.mark.simulated_time
 
-DOCS = Path(__file__).parents[3] / "docs" / "devices.md"
+DOCS = Path(__file__).parents[3] / "docs" / "own-profile.md"
 
 
 def meter_profile() -> str:

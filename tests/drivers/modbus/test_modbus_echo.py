@@ -9,7 +9,7 @@ from drivers.modbus.frames import find_rtu_answer
 from drivers.modbus.numbers import Block
 from drivers.modbus.rtu import ModbusRtuBus
 from drivers.modbus.settings import ModbusRtuSettings
-from tests.benches.rtu_talk import TIMEOUT_S, TWO, Peer, frame, honest, line
+from tests.benches.rtu_talk import TIMEOUT_S, TWO, RtuPeer, frame, honest, line
 
 pytestmark = pytest.mark.simulated_time
 
@@ -62,7 +62,7 @@ async def test_a_line_without_echo_is_recognised() -> None:
 @pytest.mark.parametrize("unset", [None, True])
 async def test_an_echo_alone_is_silence(unset: bool | None) -> None:
     """The unit is off: its own request must not give it bits."""
-    peer = Peer()
+    peer = RtuPeer()
     path = await peer.port.start()
     bus = ModbusRtuBus("b", ModbusRtuSettings(port=path, baud=115200, timeout_s=TIMEOUT_S, local_echo=unset))
     try:

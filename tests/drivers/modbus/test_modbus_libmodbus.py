@@ -14,9 +14,12 @@ from drivers.build import make_bus, make_device
 from drivers.modbus.bus import ModbusBus
 from drivers.modbus.numbers import Block
 from simulators.devices.pty_port import PtyPort
+from tests.benches.asked_again import readings_of
 
 pytestmark = pytest.mark.peer
 
+TIMEOUT_S = 5.0
+"""A busy computer may take so long for an answer of another program."""
 SLAVE = Path(__file__).parents[2] / "benches" / "libmodbus_slave.py"
 
 
@@ -40,7 +43,7 @@ async def rtu() -> AsyncIterator[Bus]:
     far = PtyPort(lambda data: near.write(data))
     near = PtyPort(far.write)
     near_path, far_path = await near.start(), await far.start()
-    bus = make_bus("rtu1", "modbus_rtu", {"port": near_path, "baud": 19200, "timeout_s": 0.3})
+    bus = make_bus("rtu1", "modbus_rtu", {"port": near_path, "baud": 19200, "timeout_s": TIMEOUT_S})
     with slave("rtu", far_path):
         await bus.connect()
         yield bus
@@ -52,7 +55,7 @@ async def rtu() -> AsyncIterator[Bus]:
 @pytest.fixture
 async def tcp() -> AsyncIterator[Bus]:
     with slave("tcp") as port:
-        bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": int(port), "timeout_s": 0.3})
+        bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": int(port), "timeout_s": TIMEOUT_S})
         await bus.connect()
         yield bus
         await bus.close()
@@ -67,7 +70,7 @@ async def test_m7015_on_a_serial_line(rtu: Bus) -> None:
     driver = make_device("rtd", rtu, "icpdas_m7015", 3, channels, {}, SystemClock())
     await driver.connect()
     for _ in range(3):
-        readings = list(await driver.read())
+        readings = list(await readings_of(driver))
         assert [r.value for r in readings if not isnan(r.value)] == pytest.approx([20.0, 21.3, -3.3, 40.0, 22.2])
         assert qualities(readings) == [Quality.GOOD] * 4 + [Quality.SENSOR_FAULT, Quality.GOOD]
 
@@ -122,7 +125,7 @@ async def test_four_tables_of_one_unit_with_an_address_that_it_lacks(rtu: Bus, t
         driver = make_device("all", bus, str(path), unit, channels, {}, SystemClock())
         await driver.connect()
         for _ in range(3):
-            *temperatures, lacking, before, open_input, after, coil, count, code, wide = await driver.read()
+            *temperatures, lacking, before, open_input, after, coil, count, code, wide = await readings_of(driver)
             assert [r.value for r in temperatures] == pytest.approx([20.0, 21.3, -3.3, 40.0, 3276.7, 22.2])
             assert lacking.quality is Quality.COMM_FAULT
             assert "function 4, address 6, count 1 with exception 2" in lacking.detail

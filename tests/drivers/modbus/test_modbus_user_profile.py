@@ -60,7 +60,7 @@ high = 60.0
 """
 
 
-class Module:
+class UserProfiledModule:
     """Four channels at registers 100, 104, ...: number in two registers, low word first; status; a register unused."""
 
     silent = False
@@ -103,14 +103,14 @@ def told(readings: Sequence[Reading]) -> list[tuple[str, str]]:
 
 
 async def test_values_in_any_order_of_channels(tmp_path: Path) -> None:
-    async with reading(Module(), tmp_path, {"d": 3, "a": 0, "c": 2}) as driver:
+    async with reading(UserProfiledModule(), tmp_path, {"d": 3, "a": 0, "c": 2}) as driver:
         readings = await driver.read()
     assert [(r.channel, r.quality) for r in readings] == [(name, Quality.GOOD) for name in "dac"]
     assert [r.value for r in readings] == pytest.approx([23.0, 20.0, 22.0])
 
 
 async def test_every_fault_rule(tmp_path: Path) -> None:
-    module = Module()
+    module = UserProfiledModule()
     async with reading(module, tmp_path, {"a": 0, "b": 1, "c": 2, "d": 3}) as driver:
         module.status = [0x80, 0x42, 0x05, 0x01]
         assert told(await driver.read()) == [
@@ -135,7 +135,7 @@ async def test_every_fault_rule(tmp_path: Path) -> None:
 async def test_sensor_that_recovers_while_it_is_read_gives_no_value(tmp_path: Path) -> None:
     """Bits are asked for before the values and after them, where no number of the value itself tells."""
 
-    class Flickering(Module):
+    class Flickering(UserProfiledModule):
         breaks = True
 
         def memory(self, function: int) -> Mapping[int, int]:

@@ -16,7 +16,7 @@ from tests.benches.spoilt_opcua import ask_spoilt
 
 pytestmark = pytest.mark.simulated_time
 
-Service = Callable[..., Awaitable[Any]]
+ServiceCall = Callable[..., Awaitable[Any]]
 
 
 @pytest.fixture(autouse=True)
@@ -58,7 +58,7 @@ async def _refused(request: Awaitable[object]) -> bool:
     return False
 
 
-def _spoilt(genuine: Service, spoil: Callable[[list[Any]], object]) -> Service:
+def _spoilt(genuine: ServiceCall, spoil: Callable[[list[Any]], object]) -> ServiceCall:
     async def spoilt(client: UaClient, *given: object) -> object:
         return spoil(await genuine(client, *given))
 
@@ -75,7 +75,7 @@ async def test_a_namespace_array_of_another_kind_is_reported(monkeypatch: pytest
             await nc.close()
 
 
-def _answering(answer: object) -> Service:
+def _answering(answer: object) -> ServiceCall:
     async def answered(*_: object) -> object:
         return answer
 

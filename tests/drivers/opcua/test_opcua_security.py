@@ -12,7 +12,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from drivers.base import DriverError, Refused, SetupError, SystemClock
+from drivers.base import DriverError, Quality, Refused, SetupError, SystemClock
+from drivers.build import make_bus, make_device
 from drivers.problems import settings_of
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
@@ -55,7 +56,7 @@ def make_pair(folder: Path, name: str, uri: str | None, *, days: tuple[float, fl
 
 
 @dataclass(frozen=True)
-class Site:
+class EncryptedSite:
     """A control that only speaks encrypted, and what the gateway needs to get in."""
 
     folder: Path
@@ -80,7 +81,7 @@ class Site:
 
 
 @pytest.fixture
-async def site(tmp_path: Path) -> AsyncIterator[Site]:
+async def site(tmp_path: Path) -> AsyncIterator[EncryptedSite]:
     ours, theirs = make_pair(tmp_path, "gateway", GATEWAY_URI), make_pair(tmp_path, "control", APPLICATION_URI)
     control = EmulatedControl(
         Rigid(),
@@ -90,13 +91,13 @@ async def site(tmp_path: Path) -> AsyncIterator[Site]:
         security=Security(theirs.certificate, theirs.key, (ours.certificate,)),
     )
     url = await control.start()
-    yield Site(tmp_path, control, url, ours, theirs)
+    yield EncryptedSite(tmp_path, control, url, ours, theirs)
     await control.stop()
     await asyncio.get_running_loop().shutdown_default_executor()
 
 
 @pytest.mark.parametrize("pinned", [True, False])
-async def test_signed_and_encrypted_with_user_and_certificate(site: Site, pinned: bool) -> None:
+async def test_signed_and_encrypted_with_user_and_certificate(site: EncryptedSite, pinned: bool) -> None:
     nc = site.driver() if pinned else site.driver(server_certificate=None)
     await nc.connect()
     await nc.write_compensation((1.0, -2.0, 3.0))
@@ -104,7 +105,39 @@ async def test_signed_and_encrypted_with_user_and_certificate(site: Site, pinned
     await nc.close()
 
 
-async def test_nothing_readable_goes_over_the_wire(site: Site) -> None:
+async def test_a_bus_beside_the_control_reads_temperatures_with_the_same_credentials(site: EncryptedSite) -> None:
+    """Two sessions: what becomes of the one that reads channels never ends the one that writes offsets."""
+    nc = site.driver()
+    await nc.connect()
+    await nc.write_compensation((1.0, -2.0, 3.0))
+    profile = site.folder / "control.toml"
+    text = 'protocol = "opcua"\ntitle = "c"\nunit = "mm"\nnamespace = "SinumerikVarProvider"\n'
+    profile.write_text(text + '[[node]]\nnode = "s=/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u2]"\n')
+    fields: dict[str, object] = {
+        "url": site.url,
+        "user": "gateway",
+        "password_file": str(site.folder / "password"),
+        "certificate": str(site.ours.certificate),
+        "private_key": str(site.ours.key),
+        "server_certificate": str(site.theirs.certificate),
+    }
+    bus = make_bus("control", "opcua", fields)
+    device = make_device("k0", bus, str(profile), 1, {"k0_Y": 0}, {}, SystemClock())
+    await bus.connect()
+    (reading,) = await device.read()
+    await bus.close()
+    assert reading.quality is Quality.GOOD
+    assert reading.value == pytest.approx(0.002)
+    assert await nc.read_compensation() == pytest.approx((1.0, -2.0, 3.0)), "its session is still open"
+    await nc.close()
+
+    site.folder.joinpath("password").write_text("wrong\n")
+    stranger = make_bus("control", "opcua", fields)
+    with pytest.raises(Refused, match=r"bus control: .* refuses user 'gateway'"):
+        await stranger.connect()
+
+
+async def test_nothing_readable_goes_over_the_wire(site: EncryptedSite) -> None:
     heard = bytearray()
 
     async def pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -131,26 +164,26 @@ async def test_nothing_readable_goes_over_the_wire(site: Site) -> None:
     assert b"actToolBasePos" not in heard
 
 
-async def test_a_certificate_that_the_control_does_not_trust(site: Site) -> None:
+async def test_a_certificate_that_the_control_does_not_trust(site: EncryptedSite) -> None:
     stranger = make_pair(site.folder, "stranger", GATEWAY_URI)
     nc = site.driver(certificate=stranger.certificate, private_key=stranger.key)
     with pytest.raises(Refused, match=r"refuses our certificate .*BadCertificateUntrusted.*let the control trust"):
         await nc.connect()
 
 
-async def test_a_server_that_is_not_the_control(site: Site) -> None:
+async def test_a_server_that_is_not_the_control(site: EncryptedSite) -> None:
     other = make_pair(site.folder, "other", APPLICATION_URI)
     nc = site.driver(server_certificate=other.certificate, timeout_s=1.0)
     with pytest.raises(DriverError, match="server_certificate"):
         await nc.connect()
 
 
-async def test_a_wrong_password(site: Site) -> None:
+async def test_a_wrong_password(site: EncryptedSite) -> None:
     with pytest.raises(Refused, match="refuses user 'gateway'"):
         await site.driver(password="guess").connect()
 
 
-async def test_a_gateway_without_encryption(site: Site) -> None:
+async def test_a_gateway_without_encryption(site: EncryptedSite) -> None:
     nc = site.driver(security="none")
     with pytest.raises(DriverError, match=r"Basic256Sha256"):
         await nc.connect()
@@ -184,6 +217,7 @@ async def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
         (nameless.certificate, nameless.key, "application URI"),
         (good.certificate, missing, r"private_key = .*missing\.pem"),
         (good.certificate, rubbish, r"private_key = .*rubbish\.pem"),
+        (good.certificate, nameless.key, r"private_key = .*nameless_key\.pem' is the key of another certificate"),
     ]
     for certificate, key, message in cases:
         settings = SinumerikSettings(

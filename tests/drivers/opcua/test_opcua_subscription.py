@@ -20,7 +20,7 @@ from tests.benches.emulated_bench import Rigid
 pytestmark = pytest.mark.simulated_time
 
 
-class Counting(EmulatedControl):
+class CountedControl(EmulatedControl):
     """Counts how often a client asks."""
 
     requests = 0
@@ -31,9 +31,9 @@ class Counting(EmulatedControl):
 
 
 @asynccontextmanager
-async def watched(subscriptions: bool = True) -> AsyncIterator[tuple[Sinumerik, Counting]]:
+async def watched(subscriptions: bool = True) -> AsyncIterator[tuple[Sinumerik, CountedControl]]:
     still = LoadCase([DayPart(0.0, 1e9, Activity.PAUSE, MeanLoads())])
-    control = Counting(Rigid(), RealClock(), still, subscriptions=subscriptions)
+    control = CountedControl(Rigid(), RealClock(), still, subscriptions=subscriptions)
     url = await control.start()
     nc = Sinumerik(SinumerikSettings(security="none", url=url, subscribe_s=0.05, timeout_s=1.0), SystemClock())
     try:
@@ -90,7 +90,7 @@ async def test_the_subscription_is_back_after_the_control_was_away() -> None:
         assert control.requests == before
 
 
-async def told(nc: Sinumerik, control: Counting) -> None:
+async def told(nc: Sinumerik, control: CountedControl) -> None:
     """Return when the first values of all nodes have come, and nothing is asked for any more."""
     async with asyncio.timeout(3.0):
         while True:

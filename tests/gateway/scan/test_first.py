@@ -24,14 +24,15 @@ GUESSED = {
     None: ["a name for each input"],
     "sinumerik": ["password", "the gateway's", "its key", "copied", "number of each", "machine coordinates", "a bit",
                   "likewise", "dial gauge", "A and C of each pose", "distance", "height", "largest offset"],
-    "linuxcnc": ["talc.key", "distance", "height", "largest offset"],
+    "linuxcnc": ["agent's key", "distance", "height", "largest offset"],
+    "agent": ["agent's key", "A and C of each", "distance", "height", "largest offset"],
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(
     "control",
     [None, SinumerikAnswers(kind="sinumerik"), SinumerikAnswers(kind="sinumerik", user=""),
-     LinuxCncAnswers(kind="linuxcnc")],
+     LinuxCncAnswers(kind="linuxcnc"), LinuxCncAnswers(kind="agent")],
 )  # fmt: skip
 def test_it_is_valid_arms_nothing_and_names_each_guess(
     control: SinumerikAnswers | LinuxCncAnswers | None, tmp_path: Path

@@ -7,7 +7,7 @@ import pytest
 from drivers.recognition import Recognition
 from gateway.config import ConfigError, ModbusRtuSection, parse
 from gateway.scan.found import Found, Place
-from gateway.scan.fragment import check, merged
+from gateway.scan.fragment import check_addable, merged
 
 FILE = Path("gateway.toml")
 BEGUN = '[machine]\nname = "mill"\n'
@@ -20,7 +20,7 @@ def test_file_that_was_broken_during_the_scan_is_reported() -> None:
 
 @pytest.mark.parametrize("text", ["", "\n", BEGUN])
 def test_file_that_is_only_begun_can_be_added_to(text: str) -> None:
-    check(text, FILE)
+    check_addable(text, FILE)
 
 
 MODULE = Recognition("icpdas_m7015", (0,), "type code 0x20")

@@ -20,7 +20,8 @@ from simulators.devices.can_logger import CanLogger
 from simulators.devices.cia404_node import Nmt
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.slcan_adapter import CanFrame, CanNode
-from tests.benches.command import talc_gateway
+from tests.benches.command import here, talc_gateway
+from tests.benches.free_port import free_port
 
 TEMPERATURES = [20.0, 21.5, -3.0, 40.0]
 
@@ -82,7 +83,7 @@ async def test_vendor_is_known_by_a_name_of_several_segments() -> None:
     assert found.reads == "20.00 21.50 -3.00 40.00 degC"
 
 
-class Failing:
+class SilentNode:
     """Says that it is a measuring device, and is silent when it is asked for more."""
 
     def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
@@ -93,7 +94,7 @@ class Failing:
 
 @pytest.mark.simulated_time
 async def test_node_that_falls_silent_is_reported_and_the_others_are_recognised() -> None:
-    async with bus([Failing(), node(9)]) as (_, what):
+    async with bus([SilentNode(), node(9)]) as (_, what):
         report = await scan(what)
     assert [device.unit for device in report.found] == [9]
     assert any(remark.startswith("node 7: no answer within") for remark in report.remarks)
@@ -174,13 +175,13 @@ async def test_an_absent_server_says_what_to_check() -> None:
     ]
 
 
-async def test_command_reaches_nodes_over_the_network_of_this_computer(tmp_path: Path, free_udp_port: int) -> None:
-    group, file = "239.74.163.9", tmp_path / "gateway.toml"
-    wire = MulticastBus([node(5)], group, free_udp_port)
+async def test_command_reaches_nodes_over_the_network_of_this_computer(tmp_path: Path) -> None:
+    group, port, file = "239.74.163.9", free_port(), tmp_path / "gateway.toml"
+    wire = MulticastBus([node(5)], group, port)
     wire.start()
     try:
         done = await talc_gateway(
-            *("scan", "can", group, "--interface", "udp_multicast", "--udp-port", str(free_udp_port)),
+            *("scan", "can", group, "--interface", "udp_multicast", "--udp-port", str(port)),
             *("--listen", "0.2", "--toml", str(file)),
         )
     finally:
@@ -216,8 +217,8 @@ async def test_ctrl_c_closes_the_adapter_and_shows_what_was_found() -> None:
     assert "interrupted: " in done.out
 
 
-async def test_several_bit_rates_are_refused_where_the_system_sets_it() -> None:
-    done = await talc_gateway("scan", "can", "can0", "--bitrate", "125000", "--bitrate", "250000")
+def test_several_bit_rates_are_refused_where_the_system_sets_it() -> None:
+    done = here("scan", "can", "can0", "--bitrate", "125000", "--bitrate", "250000")
     assert done.code == 2
     assert "cannot be changed" in done.err
 
@@ -241,8 +242,8 @@ def test_frames_of_a_known_node_are_explained(identifier: int, data: int, extend
         (("239.74.163.2", "--udp-port", "0"), "port: 0: expected at least 1"),
     ],
 )
-async def test_invalid_group_is_refused(options: tuple[str, ...], says: str) -> None:
-    done = await talc_gateway("scan", "can", *options, "--interface", "udp_multicast")
+def test_invalid_group_is_refused(options: tuple[str, ...], says: str) -> None:
+    done = here("scan", "can", *options, "--interface", "udp_multicast")
     assert done.code == 2
     assert done.err.startswith(f"error: {says}")
 

@@ -7,10 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
 from drivers.base import ConnectError
-from gateway.cli import main
 from gateway.config import ModbusRtuSection, load
 from gateway.scan.found import Found, ScanReport
 from gateway.scan.fragment import merged
@@ -23,7 +21,7 @@ from simulators.devices.pty_port import PtyPort
 from simulators.devices.source import SensorFault
 from simulators.devices.voltage_input import VoltageInput
 from tests.benches.buggy_library import BuggyDecoder
-from tests.benches.command import talc_gateway
+from tests.benches.command import beside, here, talc_gateway
 
 TIMEOUT_S = 0.2
 SIX = [20.04, 21.26, -3.3, 40.0, 99.96, 22.22]
@@ -249,20 +247,15 @@ async def test_stopping_waits_for_the_request_under_way() -> None:
     assert report.asked == len(requests) == 1
 
 
-def scan_command(*arguments: str) -> Result:
-    """The command in this process: what it refuses needs no other, and a start takes a second."""
-    return CliRunner().invoke(main, ["scan", *arguments])
-
-
-async def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> None:
+def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
-    async with line({1: M7015(lambda: SIX), 7: Pta8d08(lambda: EIGHT)}, baud=9600) as path:
+    with beside(line({1: M7015(lambda: SIX), 7: Pta8d08(lambda: EIGHT)}, baud=9600)) as path:
         where = ("scan", "serial", path, "--units", "1,7", "--baud", "9600", "--protocol", "modbus_rtu")
         arguments = (*where, "--timeout", "5", "--toml", str(file))  # of a busy computer; the units answer sooner
-        done = await talc_gateway(*arguments)
+        done = here(*arguments)
         assert done.code == 0, done.err
-        again = await talc_gateway(*arguments)
-        probed = await talc_gateway("probe", str(file))
+        again = here(*arguments)
+        probed = here("probe", str(file))
     assert "2 requests (modbus_rtu at 9600 8N1); at most 10 s if nothing answers" in done.err
     assert "2 answered, 2 recognised" in done.out
     config = load(file)
@@ -274,7 +267,7 @@ async def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> 
     assert (probed.code, probed.out.splitlines()[-1]) == (3, "13 of 14 good")  # unit 7: 99.96 degC is not plausible
 
 
-async def test_file_that_exists_is_added_to_only_after_a_yes(tmp_path: Path) -> None:
+def test_file_that_exists_is_added_to_only_after_a_yes(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(
         '[machine]\nname = "mill"\n\n[[bus]]\nname = "tcp1"\nkind = "modbus_tcp"\nhost = "10.0.0.9"\n\n'
@@ -282,16 +275,16 @@ async def test_file_that_exists_is_added_to_only_after_a_yes(tmp_path: Path) -> 
         encoding="utf-8",
     )
     before = file.read_text(encoding="utf-8")
-    async with line({1: M7015(lambda: SIX)}) as path:
+    with beside(line({1: M7015(lambda: SIX)})) as path:
         where = ("scan", "serial", path, "--units", "1", "--baud", "9600", "--protocol", "modbus_rtu")
         arguments = (*where, "--timeout", "5")  # of a busy computer; the unit answers sooner
         for answer in ("n\n", ""):  # "": the input has ended
-            refused = await talc_gateway(*arguments, "--toml", str(file), answer=answer)
+            refused = here(*arguments, "--toml", str(file), answer=answer)
             assert file.read_text(encoding="utf-8") == before
             assert refused.code == 0
             assert f"{file} stays as it is. A configuration of what was found:" in refused.err
             assert f'[[bus]]\nname = "rtu1"\nkind = "modbus_rtu"\nport = "{path}"' in refused.out, "nothing is lost"
-        await talc_gateway(*arguments, "--toml", str(file), answer="y\n")
+        here(*arguments, "--toml", str(file), answer="y\n")
     assert file.read_text(encoding="utf-8").startswith(before)
     config = load(file)
     assert [device.name for device in config.devices] == ["rtd1", "rtd2"]
@@ -314,12 +307,11 @@ async def test_file_that_exists_is_added_to_only_after_a_yes(tmp_path: Path) -> 
 def test_file_that_cannot_be_added_to_is_reported_before_the_scan(tmp_path: Path, content: bytes, said: str) -> None:
     file = tmp_path / "gateway.toml"
     file.write_bytes(content)
-    done = scan_command("serial", "/dev/does-not-exist", "--toml", str(file))
-    assert done.exit_code == 2, done.stderr
-    assert f"error: {file}: " in done.stderr
-    assert said in done.stderr
-    assert "nothing was scanned: correct this file, or give another one with --toml" in done.stderr
-    assert isinstance(done.exception, SystemExit)
+    done = here("scan", "serial", "/dev/does-not-exist", "--toml", str(file))
+    assert done.code == 2, done.err
+    assert f"error: {file}: " in done.err
+    assert said in done.err
+    assert "nothing was scanned: correct this file, or give another one with --toml" in done.err
     assert file.read_bytes() == content
 
 
@@ -342,9 +334,9 @@ async def test_ctrl_c_shows_what_was_found_and_frees_the_port(tmp_path: Path) ->
     assert "interrupted: " in done.out
 
 
-async def test_limit_ends_a_scan_that_would_last_for_hours() -> None:
-    async with line({}) as path:
-        done = await talc_gateway("scan", "serial", path, "--units", "1-247", "--timeout", "2", "--limit", "1")
+def test_limit_ends_a_scan_that_would_last_for_hours() -> None:
+    with beside(line({})) as path:
+        done = here("scan", "serial", path, "--units", "1-247", "--timeout", "2", "--limit", "1")
     assert "it will be stopped after 1 s" in done.err
     assert "stopped after 1 s: 1 of 1239 asked" in done.out
     assert done.code == 3
@@ -361,18 +353,18 @@ async def test_limit_ends_a_scan_that_would_last_for_hours() -> None:
     ],
 )
 def test_invalid_units_are_refused(units: str, says: str) -> None:
-    done = scan_command("serial", "/dev/null", "--units", units)
-    assert done.exit_code == 2
-    assert says in " ".join(done.stderr.split())
+    done = here("scan", "serial", "/dev/null", "--units", units)
+    assert done.code == 2
+    assert says in " ".join(done.err.split())
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd", "/tmp"])
 @pytest.mark.parametrize("what", [("serial",), ("can", "--interface", "slcan", "--bitrate", "125000")])
 def test_what_is_no_serial_port_is_called_so(what: tuple[str, ...], path: str) -> None:
-    done = scan_command(what[0], path, *what[1:])
-    assert done.exit_code == 3
-    assert f"{path}: " in done.stderr
-    assert "(this is not a serial port; ls -l /dev/serial/by-id lists the ports)" in done.stderr
+    done = here("scan", what[0], path, *what[1:])
+    assert done.code == 3
+    assert f"{path}: " in done.err
+    assert "(this is not a serial port; ls -l /dev/serial/by-id lists the ports)" in done.err
 
 
 @pytest.mark.simulated_time

@@ -1,0 +1,103 @@
+"""A CANopen node of any kind, whose profile lists the objects that are channels."""
+
+import struct
+from collections.abc import Mapping, Sequence
+
+from drivers.base import Clock, Quality, Reading, Refused
+from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.node import NO_HEARTBEAT, NodeReader
+from drivers.canopen.objects import FORMATS, CanOpenProfile, raw_number
+from drivers.canopen.settings import NodeOptions
+from drivers.faults import Fault
+from drivers.readings import ReadingMaker
+
+_IDENTITY = 0x1018
+
+
+class CanOpenDevice:
+    """One node; `channels` maps names to the profile's objects, counted from 0."""
+
+    def __init__(
+        self,
+        device: str,
+        bus: CanOpenBus,
+        profile: CanOpenProfile,
+        node: int,
+        channels: Mapping[str, int],
+        options: NodeOptions,
+        clock: Clock,
+    ) -> None:
+        self._device, self._bus, self._profile, self._node = device, bus, profile, node
+        self._channels = dict(channels)
+        units = {name: profile.objects[number].unit or profile.unit for name, number in channels.items()}
+        self._maker = ReadingMaker(units, clock)
+        self._refused: dict[CanObject, str] = {}
+        places = tuple(profile.objects[number].place for number in channels.values())
+        self._reader = NodeReader(bus, device, node, options, places, self._check)
+
+    @property
+    def device(self) -> str:
+        return self._device
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(self._channels)
+
+    async def connect(self) -> None:
+        """Check the node's identity, objects, heartbeat and TPDOs. Raises WrongDevice, or the bus's errors."""
+        await self._reader.connect()
+
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
+        """One reading per channel. An object that the node refused when it was checked affects its own channel only."""
+        objects = await self._reader.read()
+        lost = self._reader.heartbeat_lost
+        values: dict[str, float | Fault] = {}
+        for channel, number in self._channels.items():
+            place = self._profile.objects[number].place
+            if place in self._refused:
+                values[channel] = Fault(Quality.COMM_FAULT, self._refused[place])
+                continue
+            found = self._value(number, objects[place][0])
+            values[channel] = NO_HEARTBEAT if lost and not isinstance(found, Fault) else found
+        return self._maker.make(values)
+
+    async def close(self) -> None:
+        """Forget what is known about the node."""
+        self._reader.forget()
+
+    async def _check(self) -> None:
+        """Identity, and which objects the node has. Raises WrongDevice, or Refused if it has none of them."""
+        reader, profile = self._reader, self._profile
+        for subindex, name, wanted in ((1, "vendor_id", profile.vendor_id), (2, "product_code", profile.product_code)):
+            if wanted is None:
+                continue
+            (data,) = await reader.upload(CanObject(_IDENTITY, subindex))
+            if (found := int.from_bytes(data, "little")) != wanted:
+                raise reader.wrong(
+                    f"node {self._node} has {name} 0x{found:X}, not 0x{wanted:X}", hint="check node id and profile"
+                )
+        refused: dict[CanObject, str] = {}
+        last: Refused | None = None
+        places = tuple(dict.fromkeys(profile.objects[number].place for number in self._channels.values()))
+        for place in places:
+            try:
+                await reader.upload(place)
+            except Refused as error:
+                refused[place], last = error.what, error
+        if last is not None and len(refused) == len(places):
+            raise last
+        self._refused = refused
+        reader.ask([place for place in places if place not in refused])
+
+    def _value(self, number: int, data: bytes) -> float | Fault:
+        entry, kind = self._profile.objects[number], self._profile.types[number]
+        form = struct.Struct("<" + FORMATS[kind])
+        if len(data) != form.size:
+            text = f"object {entry.place} holds {len(data)} bytes, but a {kind} takes {form.size}"
+            return Fault(Quality.COMM_FAULT, text)
+        (raw,) = form.unpack(data)
+        fault = raw_number(kind, str(entry.place)).fault(entry.invalid, raw)
+        if fault is not None:
+            emergency = self._bus.events(self._node).emergency
+            return fault if emergency is None else Fault(fault.quality, f"{fault.detail}; the node reports {emergency}")
+        return entry.value(raw)

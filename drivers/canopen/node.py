@@ -1,0 +1,203 @@
+"""Reads objects of a CANopen node by SDO, by TPDOs after SYNC, or by TPDOs that it sends on its timer.
+
+What was checked at connect holds for one start of the node: after a restart or a silence it is checked again.
+"""
+
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
+from time import monotonic
+
+from drivers.base import BadAnswer, DriverError, Quality, Refused, WrongDevice
+from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.events import HeartbeatWatch
+from drivers.canopen.pdo import COMMUNICATION, EVERY_SYNC, MAPPING, ON_EVENTS, TPDOS, PdoMap, pdo_map
+from drivers.canopen.settings import NodeOptions
+from drivers.faults import Fault
+
+PRODUCER_TIME = 0x1017
+_PRODUCER_TIMES = 3
+"""Heartbeats or timed TPDOs in a row until a node counts as lost: a busy bus may drop one, but not three."""
+NO_HEARTBEAT = Fault(
+    Quality.STALE, "the node answers, but its heartbeat stopped: its firmware may hang; switch it off and on"
+)
+
+
+class NodeReader:
+    """The objects of one node, all from one start of it.
+
+    Parameters
+    ----------
+    asked: objects to read by SDO, in this order; one may occur several times
+    check: raises WrongDevice if the node is not what the profile says; called before the first read, and again after a
+        restart or a silence
+    """
+
+    def __init__(
+        self,
+        bus: CanOpenBus,
+        device: str,
+        node: int,
+        options: NodeOptions,
+        asked: Sequence[CanObject],
+        check: Callable[[], Awaitable[None]],
+    ) -> None:
+        self._bus, self._device, self._node, self._check = bus, device, node, check
+        self.ask(asked)
+        self._heartbeat_s, self._transfer = options.heartbeat_s, options.transfer
+        self._heartbeat = HeartbeatWatch(bus.events(node))
+        self._ready = False
+        self._boots = 0
+        self._maps: tuple[PdoMap, ...] = ()
+        self._started_s = 0.0
+
+    def ask(self, objects: Sequence[CanObject]) -> None:
+        """Read these objects from now on."""
+        self._asked, self._wanted = tuple(objects), tuple(dict.fromkeys(objects))
+
+    async def connect(self) -> None:
+        """Check the node, its heartbeat and its TPDOs. Raises WrongDevice, or the bus's errors."""
+        self._ready = False
+        boots = self._bus.events(self._node).boots
+        await self._check()
+        limit_s = await self._heartbeat_limit_s()
+        if self._transfer != "sdo":
+            self._maps = await self._pdo_maps()
+            self._started_s = monotonic()
+            await self._bus.start_node(self._device, self._node, [pdo.identifier for pdo in self._maps])
+        self._ready, self._boots = True, boots
+        self._heartbeat.begin(limit_s, monotonic())
+
+    async def read(self) -> dict[CanObject, list[bytes]]:
+        """Each object as many times as it was asked for, or once from a TPDO.
+
+        A node that restarts between two of our requests may be a different one or have a different set-up: what it sent
+        in this read is discarded, and read again after the checks. Raises BadAnswer, or the bus's errors.
+        """
+        objects = await self._of_one_start() or await self._of_one_start()
+        if objects is None:
+            self._ready = False
+            raise BadAnswer(
+                f"node {self._node} restarted twice while it was read",
+                bus=self._bus.name,
+                device=self._device,
+                hint="check its power supply",
+            )
+        return objects
+
+    @property
+    def heartbeat_lost(self) -> bool:
+        """Whether the node answers although its heartbeat has stopped: then it may repeat its last measurement."""
+        return self._heartbeat.silent_s(monotonic()) is not None
+
+    def forget(self) -> None:
+        """Check the node again before the next read."""
+        self._ready = False
+
+    async def upload(self, *objects: CanObject) -> list[bytes]:
+        """Read these objects by SDO. Raises the bus's errors."""
+        return await self._bus.upload(self._device, self._node, objects)
+
+    def wrong(self, what: str, channel: str = "", hint: str = "") -> WrongDevice:
+        """The error of a node that is not what the profile says."""
+        return WrongDevice(what, bus=self._bus.name, device=self._device, channel=channel, hint=hint)
+
+    async def _of_one_start(self) -> dict[CanObject, list[bytes]] | None:
+        """The node's answers after it was checked; None if it has restarted meanwhile."""
+        events = self._bus.events(self._node)
+        if not self._ready or self._boots != events.boots:
+            await self.connect()
+        try:
+            objects = await self._objects()
+        except DriverError as error:
+            if not error.hurried:
+                self._ready = False
+            raise
+        # The boot-up message precedes everything else from the node, and the receiving thread keeps the order.
+        return objects if self._boots == events.boots else None
+
+    async def _heartbeat_limit_s(self) -> float:
+        """Consumer time, s; 0 if no heartbeat is expected. Raises WrongDevice when the node's heartbeat is too slow."""
+        try:
+            (producer,) = await self.upload(CanObject(PRODUCER_TIME, 0))
+        except Refused:  # the object is optional when the node uses node guarding
+            producer = b""
+        producer_s = int.from_bytes(producer[:2], "little") / 1000
+        if self._heartbeat_s and not 0 < producer_s < self._heartbeat_s:
+            sends = f"every {producer_s:g} s" if producer_s else "never"
+            raise self.wrong(
+                f"node {self._node} sends its heartbeat {sends}, but heartbeat_s = {self._heartbeat_s:g}",
+                hint="set object 1017:00 to a third of that, in ms, or leave heartbeat_s out",
+            )
+        return self._heartbeat_s or _PRODUCER_TIMES * producer_s
+
+    async def _objects(self) -> dict[CanObject, list[bytes]]:
+        """Every object, as many times as it was read."""
+        if self._transfer == "sdo":
+            read: dict[CanObject, list[bytes]] = {}
+            for asked, data in zip(self._asked, await self.upload(*self._asked), strict=True):
+                read.setdefault(asked, []).append(data)
+            return read
+        identifiers = [pdo.identifier for pdo in self._maps]
+        if self._transfer == "sync":
+            frames = await self._bus.synchronise(self._device, self._node, identifiers)
+        else:
+            # Frames from before the check may be those of another node, or have another mapping.
+            interval_s, now_s = max(pdo.event_s for pdo in self._maps), monotonic()
+            oldest_s = max(self._started_s, now_s - _PRODUCER_TIMES * interval_s)
+            # One more interval, so that no node counts as lost on a computer that was briefly busy.
+            until_s = max(self._started_s + self._bus.timeout_s, now_s + interval_s)
+            frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s, until_s)
+        objects = {place: [data] for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
+        for wanted in self._wanted:
+            if wanted not in objects:
+                raise BadAnswer(f"object {wanted} is missing in its TPDO", bus=self._bus.name, device=self._device)
+        return objects
+
+    async def _pdo_maps(self) -> tuple[PdoMap, ...]:
+        """The TPDOs that hold the wanted objects, each transmitted as the transfer requires. Raises WrongDevice."""
+        found: list[PdoMap] = []
+        for number in range(TPDOS):
+            description = [
+                CanObject(COMMUNICATION + number, 1),
+                CanObject(COMMUNICATION + number, 2),
+                CanObject(MAPPING + number, 0),
+            ]
+            try:
+                cob_id, kind, count = await self.upload(*description)
+            except Refused:  # the node has no more TPDOs
+                continue
+            entries = await self.upload(*(CanObject(MAPPING + number, i + 1) for i in range(min(count[0], 8))))
+            try:
+                pdo = pdo_map(int.from_bytes(cob_id, "little"), [int.from_bytes(entry, "little") for entry in entries])
+            except ValueError as error:
+                raise self.wrong(f"TPDO {number + 1}: {error}", hint="use transfer = 'sdo'") from error
+            if pdo is not None and any(wanted in pdo.places for wanted in self._wanted):
+                found.append(await self._timed(number, kind[0], pdo))
+        for wanted in self._wanted:
+            if not any(wanted in pdo.places for pdo in found):
+                raise self.wrong(f"object {wanted} is not mapped to any TPDO", hint="map it, or use transfer = 'sdo'")
+        return tuple(found)
+
+    async def _timed(self, number: int, kind: int, pdo: PdoMap) -> PdoMap:
+        """The TPDO with its event timer. Raises WrongDevice when it is not transmitted as the transfer requires."""
+        right = (EVERY_SYNC,) if self._transfer == "sync" else ON_EVENTS
+        if kind not in right:
+            raise self.wrong(
+                f"TPDO {number + 1} has transmission type {kind}, not {right[-1]}",
+                hint=f"set object {COMMUNICATION + number:04X}:02 to {right[-1]}, or use another transfer",
+            )
+        if self._transfer == "sync":
+            return pdo
+        timer = CanObject(COMMUNICATION + number, 5)
+        try:
+            (interval,) = await self.upload(timer)
+        except Refused:  # the object is optional
+            interval = b""
+        event_s = int.from_bytes(interval[:2], "little") / 1000
+        if not 0 < event_s < self._bus.timeout_s:
+            sends = f"sent every {event_s:g} s" if event_s else "never sent on a timer"
+            raise self.wrong(
+                f"TPDO {number + 1} is {sends}, but timeout_s = {self._bus.timeout_s:g}",
+                hint=f"set object {timer} to less than that, in ms; best to a third of the polling period",
+            )
+        return replace(pdo, event_s=event_s)

@@ -1,0 +1,129 @@
+"""Profiles of CANopen nodes that follow no device profile known here: which objects are channels."""
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Final, Literal, Self, get_args
+
+import canopen
+from canopen.objectdictionary.eds import import_eds
+from pydantic import Field, PrivateAttr, model_validator
+
+from drivers.canopen.bus import CanObject
+from drivers.faults import NumberRule, RawNumber
+from drivers.profile import DeviceProfile, LinearValue
+from drivers.section import OTHER_ENCODING, FilePath, wrong
+
+ObjectType = Literal[
+    "bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float32", "float64"
+]
+_IN_EDS: Final[Mapping[int, ObjectType]] = {
+    0x01: "bool", 0x02: "int8", 0x03: "int16", 0x04: "int32", 0x05: "uint8", 0x06: "uint16", 0x07: "uint32",
+    0x08: "float32", 0x11: "float64", 0x15: "int64", 0x1B: "uint64",
+}  # fmt: skip
+"""Numbers of the data types in an EDS (CiA 301, table 44)."""
+FORMATS: Final[Mapping[ObjectType, str]] = dict(zip(get_args(ObjectType), "?bhiqBHIQfd", strict=True))
+"""As `struct` names them."""
+_BITS: Final[Mapping[str, int]] = {"bool": 8, "int8": 8, "uint8": 8}
+
+
+class ObjectEntry(LinearValue):
+    """One channel: value = number of the object * scale + offset."""
+
+    index: int = Field(ge=0x1000, le=0xFFFF)
+    """Index in the node's object dictionary, such as 0x2100."""
+    subindex: int = Field(default=0, ge=0, le=254)
+    """Sub-index; 0 of an object that is one number."""
+    type: ObjectType | None = None
+    """How the node sends the number; None: as the EDS states it."""
+    invalid: tuple[NumberRule, ...] = ()
+    """Numbers, as sent, that mean a fault, the most specific first."""
+
+    @property
+    def place(self) -> CanObject:
+        return CanObject(self.index, self.subindex)
+
+
+class CanOpenProfile(DeviceProfile):
+    """A CANopen node of any kind."""
+
+    buses: ClassVar[tuple[str, ...]] = ("canopen",)
+
+    protocol: Literal["canopen"]
+    """`canopen`."""
+    eds: FilePath | None = None
+    """The node's EDS (or DCF) file; a relative path starts at the profile's folder."""
+    vendor_id: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
+    """What object 1018:01 must hold; None: not checked."""
+    product_code: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
+    """What object 1018:02 must hold; None: not checked."""
+    objects: tuple[ObjectEntry, ...] = Field(alias="object", min_length=1)
+    _types: tuple[ObjectType, ...] = PrivateAttr(default=())
+
+    @model_validator(mode="after")
+    def _typed(self) -> Self:
+        dictionary = None if self.eds is None else _read(self.eds)
+        types = []
+        for number, entry in enumerate(self.objects):
+            at: tuple[str | int, ...] = ("object", number)
+            kind = entry.type if dictionary is None else _in(dictionary, entry, *at)
+            if kind is None:
+                raise wrong("missing; state it, or give the node's EDS file as eds", *at, "type")
+            for i, rule in enumerate(entry.invalid):
+                raw_number(kind, str(entry.place)).check(rule, *at, "invalid", i)
+            types.append(kind)
+        self._types = tuple(types)
+        return self
+
+    @property
+    def other_file(self) -> tuple[str, Path] | None:
+        """The EDS file."""
+        return None if self.eds is None else ("eds", self.eds)
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return len(self.objects)
+
+    @cached_property
+    def types(self) -> tuple[ObjectType, ...]:
+        """How the node sends each channel's number."""
+        return self._types
+
+
+def raw_number(kind: ObjectType, name: str) -> RawNumber:
+    """The raw number of this type; name: for messages."""
+    bits = _BITS.get(kind) or int(kind.lstrip("uintfloa"))
+    return RawNumber(name, bits, signed=kind.startswith("int"), real=kind.startswith("float"))
+
+
+def _read(path: Path) -> Any:
+    """The object dictionary of a file, as the library has it."""
+    try:
+        with path.open(encoding=OTHER_ENCODING) as file:  # the library would read it in the system's encoding
+            return import_eds(file, None)  # type: ignore[no-untyped-call]
+    except Exception as error:  # the library checks little: configparser's, KeyError, ValueError, OSError
+        raise wrong(f"{path} cannot be read: {type(error).__name__}: {error}", "eds") from error
+
+
+def _in(dictionary: Any, entry: ObjectEntry, *at: str | int) -> ObjectType:
+    """The type of an object by the EDS. Raises an error if it is not there, not readable, or of another type."""
+    found = dictionary.get(entry.index)
+    if found is None:
+        raise wrong(f"the EDS has no object {entry.index:04X}", *at, "index")
+    if not isinstance(found, canopen.objectdictionary.ODVariable):
+        found = found.subindices.get(entry.subindex)
+        if found is None:
+            raise wrong(f"the EDS has no object {entry.place}", *at, "subindex")
+    elif entry.subindex:
+        raise wrong(
+            f"{entry.subindex}: by the EDS object {entry.index:04X} is one number, sub-index 0", *at, "subindex"
+        )
+    if not found.readable:
+        raise wrong(f"by the EDS object {entry.place} ({found.name}) cannot be read", *at, "index")
+    kind = _IN_EDS.get(found.data_type)
+    if kind is None:
+        raise wrong(f"by the EDS object {entry.place} ({found.name}) is no number", *at, "index")
+    if entry.type not in (None, kind):
+        raise wrong(f"'{entry.type}', but by the EDS object {entry.place} ({found.name}) is {kind}", *at, "type")
+    return kind

@@ -1,0 +1,83 @@
+"""Detects another master on the line by frames that are neither ours nor an answer to one of our requests.
+
+Disturbed bytes do not count: only whole frames with their checksum, three of them within a minute.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+
+from drivers.modbus.frames import data_bytes, is_rtu_frame, rtu_request
+from drivers.modbus.numbers import BIT_FUNCTIONS, REGISTER_FUNCTIONS, Block
+
+_READS = (*BIT_FUNCTIONS, *REGISTER_FUNCTIONS)
+_FIXED = (*_READS, 5, 6, 15, 16)
+"""Functions whose request, or the answer to it, has eight bytes."""
+_LAST_UNIT = 247
+_ENOUGH, _WITHIN_S = 3, 60.0
+_SEARCHED = 512
+"""How many of the bytes heard are searched: a line that babbles must not cost more."""
+
+
+class Strangers:
+    """Frames that only another master explains."""
+
+    def __init__(self) -> None:
+        self._requests: set[bytes] = set()
+        self._answers: set[tuple[int, ...]] = set()
+        self._known: set[tuple[int, Block]] = set()
+        self._heard: deque[tuple[float, str]] = deque(maxlen=100)
+
+    def asked(self, unit: int, block: Block) -> None:
+        """This was sent: neither it nor its answers are another's, however often and late they come."""
+        if (unit, block) not in self._known:
+            self._known.add((unit, block))
+            self._requests.add(rtu_request(unit, block))
+            self._answers |= {(unit, block.function, data_bytes(block)), (unit, block.function | 0x80)}
+
+    def note(self, heard: bytes | bytearray, now_s: float) -> None:
+        """Look for them in what was heard. now_s: monotonic"""
+        for frame in _frames(bytes(heard[-_SEARCHED:])):
+            if frame not in self._requests and self._form(frame) not in self._answers:
+                self._heard.append((now_s, _told(frame)))
+
+    def evidence(self, now_s: float) -> str:
+        """What shows that there is another master, in words; empty if nothing does."""
+        recent = [text for at_s, text in self._heard if now_s - at_s < _WITHIN_S]
+        if len(recent) < _ENOUGH:
+            return ""
+        return f"{len(recent)} frames in the last minute are not ours, such as {recent[-1]}"
+
+    def _form(self, frame: bytes) -> tuple[int, ...]:
+        unit, function = frame[0], frame[1]
+        return (unit, function) if function & 0x80 else (unit, function, frame[2])
+
+
+def _frames(heard: bytes) -> Iterator[bytes]:
+    """Every whole frame."""
+    start = 0
+    while start <= len(heard) - 5:
+        length = next((n for n in _lengths(heard, start) if is_rtu_frame(heard[start : start + n])), 0)
+        if length:
+            yield heard[start : start + length]
+        start += length or 1
+
+
+def _lengths(heard: bytes, start: int) -> Iterator[int]:
+    """How long a frame that begins here may be, as far as it is whole."""
+    unit, function, third = heard[start : start + 3]
+    if not 1 <= unit <= _LAST_UNIT:
+        return
+    possible = []
+    if function & 0x7F in _FIXED and function & 0x80:
+        possible.append(5)
+    if function in _READS and third:
+        possible.append(5 + third)
+    if function in _FIXED:
+        possible.append(8)
+    yield from (length for length in possible if start + length <= len(heard))
+
+
+def _told(frame: bytes) -> str:
+    """The frame in words. One of eight bytes may be a request or an answer."""
+    unit, function = frame[0], frame[1] & 0x7F
+    return f"unit {unit}, function {function}: {frame[:12].hex(' ')}"

@@ -1,0 +1,148 @@
+"""An MQTT broker as a bus: it keeps the latest message of each topic that its devices want. It only reads."""
+
+import asyncio
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from dataclasses import dataclass
+from time import monotonic
+from typing import TYPE_CHECKING, TypeVar
+
+from drivers.base import ConnectError, DriverError
+from drivers.mqtt.settings import MqttBusSettings
+from drivers.tap import Tap
+
+if TYPE_CHECKING:
+    from drivers.mqtt.connection import MqttConnection
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class TopicMessage:
+    """The latest message of a topic."""
+
+    payload: bytes
+    arrived_s: float
+    """Monotonic."""
+    retained: bool
+    """Whether the broker had kept it, so that it is older than its arrival."""
+    count: int = 1
+    """How many messages the topic has had."""
+    first_s: float = 0.0
+    """Arrival of the first of them, monotonic."""
+
+
+class MqttBus:
+    """One connection to a broker, which several devices share."""
+
+    kind = "mqtt"
+    units = (1, 127)
+
+    def __init__(self, name: str, settings: MqttBusSettings, tap: Tap | None = None) -> None:  # noqa: ARG002
+        """`tap`: receives nothing; record the broker's messages with its own tools. Raises SetupError."""
+        # Importing paho costs memory: only for a bus that needs it.
+        from drivers.mqtt import connection
+
+        self._name, self._settings = name, settings
+        self._make = connection.MqttConnection
+        self._topics: set[str] = set()
+        self._latest: dict[str, TopicMessage] = {}
+        self._connection: MqttConnection | None = None
+        self._opened_s = 0.0
+        self._arrived = asyncio.Event()
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        return self._settings.timeout_s
+
+    def want(self, topics: Collection[str]) -> None:
+        """Subscribe to these too, from the next connect on."""
+        self._topics.update(topics)
+
+    async def connect(self) -> None:
+        """Connect and subscribe, unless connected. Raises ConnectError, NoAnswer, Refused, SetupError."""
+        if self._connection is not None and self._connection.is_open:
+            return
+        await self.close()
+        loop = asyncio.get_running_loop()
+        connection = self._placed(
+            lambda: self._make(
+                self._settings, self.timeout_s, on_message=self._hearing(loop), on_lost=lambda: self._tell(loop)
+            )
+        )
+
+        def opened() -> None:
+            connection.open()
+            if self._topics:
+                connection.subscribe(sorted(self._topics))
+
+        opening = loop.run_in_executor(None, self._placed, opened)
+        try:
+            await asyncio.shield(opening)
+        except BaseException:  # cancelled: what is still being opened is closed afterwards
+            opening.add_done_callback(lambda done: (done.exception(), loop.run_in_executor(None, connection.drop)))
+            raise
+        self._connection, self._opened_s = connection, monotonic()
+
+    async def close(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            await asyncio.to_thread(connection.close if connection.is_open else connection.drop)
+
+    async def latest(self, device: str, topics: Collection[str]) -> dict[str, TopicMessage]:
+        """The latest messages of these topics. After connecting it waits `timeout_s` for those that have had none.
+
+        Raises ConnectError when the connection is lost.
+        """
+        wanted = set(topics)
+        await self._wait(lambda: self._latest.keys() >= wanted, self._opened_s + self.timeout_s, device)
+        return {topic: self._latest[topic] for topic in topics if topic in self._latest}
+
+    async def heard(self, seconds: float, most: int) -> dict[str, TopicMessage]:
+        """What has arrived after so many seconds, or of so many topics: of wildcards that are wanted, all of theirs.
+
+        Raises ConnectError when the connection is lost.
+        """
+        await self._wait(lambda: len(self._latest) >= most, monotonic() + seconds, "")
+        return dict(self._latest)
+
+    async def _wait(self, done: Callable[[], bool], until_s: float, device: str) -> None:
+        """Until it is so, or until then. Raises ConnectError when the connection is lost."""
+        connection = self._connection
+        with suppress(TimeoutError):
+            async with asyncio.timeout(max(0.0, until_s - monotonic())):
+                while connection is not None and connection.is_open and not done():
+                    self._arrived.clear()
+                    await self._arrived.wait()
+        if connection is None or not connection.is_open:
+            why = "not connected" if connection is None else connection.lost
+            await self.close()
+            raise ConnectError(f"{self._settings.url}: {why}", bus=self._name, device=device)
+
+    def _placed(self, action: Callable[[], T]) -> T:
+        """The connection's errors name no bus."""
+        try:
+            return action()
+        except DriverError as error:
+            raise type(error)(error.what, bus=self._name, hint=error.hint) from error
+
+    def _hearing(self, loop: asyncio.AbstractEventLoop) -> Callable[[str, bytes, bool], None]:
+        def hear(topic: str, payload: bytes, retained: bool) -> None:
+            """Runs in the library's thread; entries are replaced whole."""
+            known = self._latest.get(topic)
+            if retained and known is not None and known.payload == payload:
+                return  # after a reconnect: when it arrived first is known better
+            now_s = monotonic()
+            count, first_s = (1, now_s) if known is None else (known.count + 1, known.first_s)
+            self._latest[topic] = TopicMessage(payload, now_s, retained, count, first_s)
+            self._tell(loop)
+
+        return hear
+
+    def _tell(self, loop: asyncio.AbstractEventLoop) -> None:
+        with suppress(RuntimeError):  # the loop is closed
+            loop.call_soon_threadsafe(self._arrived.set)

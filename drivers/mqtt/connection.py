@@ -1,0 +1,243 @@
+"""One connection to an MQTT broker (3.1.1) by the library paho, with its errors raised as ours.
+
+A thread of the library receives and acknowledges. Every method here blocks, at most for the time that it is given.
+Nothing reconnects by itself: whoever opened the connection decides. Importing this loads paho.
+"""
+
+import socket
+import ssl
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+
+from drivers.base import ConnectError, DriverError, NoAnswer, Refused, SetupError
+from drivers.mqtt.settings import MqttServer
+
+_QOS: Final = 1
+"""At least once: the broker acknowledges."""
+_GOODBYE_S: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Publication:
+    """What is handed to a broker."""
+
+    topic: str
+    payload: bytes
+    retained: bool
+    """Whether the broker keeps it for subscribers that come later."""
+
+
+class MqttConnection:
+    """A connection that is opened once.
+
+    Parameters
+    ----------
+    server: where the broker is
+    timeout_s: how long connecting, and one acknowledgement, may take
+    will: what the broker publishes when this client is lost without a goodbye
+    on_message: receives topic, payload and whether it was retained, from the library's thread
+    on_lost: called once when the connection is lost, from any thread
+
+    Raises SetupError for files that cannot be used.
+    """
+
+    def __init__(
+        self,
+        server: MqttServer,
+        timeout_s: float,
+        *,
+        will: Publication | None = None,
+        on_message: Callable[[str, bytes, bool], None] | None = None,
+        on_lost: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._server, self._timeout_s, self._on_lost, self._on_message = server, timeout_s, on_lost, on_message
+        self._news = threading.Condition()
+        self._answer: ReasonCode | None = None
+        self._lost = ""
+        """Why the connection is gone; empty while it is there."""
+        self._acknowledged = 0
+        self._granted: dict[int, Sequence[ReasonCode]] = {}
+        client = Client(
+            CallbackAPIVersion.VERSION2,
+            server.client_id or "",
+            clean_session=True,
+            protocol=MQTTProtocolVersion.MQTTv311,
+            reconnect_on_failure=False,
+        )
+        client.connect_timeout = timeout_s
+        if server.user is not None:
+            client.username_pw_set(server.user, _password(server.password_file))
+        if server.encrypted:
+            client.tls_set_context(_tls(server))
+        if will is not None:
+            client.will_set(will.topic, will.payload, _QOS, will.retained)
+        client.on_connect, client.on_disconnect = self._connected, self._disconnected
+        client.on_publish, client.on_subscribe = self._published, self._subscribed
+        client.on_message = self._received
+        self._client = client
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the broker has accepted the connection and it has not been lost."""
+        with self._news:
+            return self._answer is not None and not self._answer.is_failure and not self._lost
+
+    @property
+    def lost(self) -> str:
+        """Why the connection was lost; empty if it was not."""
+        with self._news:
+            return self._lost
+
+    def open(self) -> None:
+        """Connect. Raises ConnectError, NoAnswer, Refused; nothing is open then."""
+        server = self._server
+        try:
+            self._client.connect(server.host, server.port, server.keepalive_s)
+        except ssl.SSLCertVerificationError as error:
+            hint = "is authority the one that issued the broker's certificate, and does that name this host?"
+            what = f"{server.url}: its certificate is not accepted: {error.verify_message}"
+            raise Refused(what, hint=hint) from error
+        except ssl.SSLError as error:
+            what = f"{server.url}: no TLS connection: {error.reason or error}"
+            raise Refused(what, hint="is this the port with TLS?") from error
+        except TimeoutError as error:
+            raise NoAnswer(f"{server.url} does not answer within {self._timeout_s:g} s") from error
+        except OSError as error:
+            hint = "is the broker running, is the port right?"
+            raise ConnectError(f"cannot open {server.url}: {error.strerror or error}", hint=hint) from error
+        self._client.loop_start()
+        try:
+            hint = "does the broker trust certificate?" if server.encrypted else "does the broker expect mqtts://?"
+            self._wait(lambda: self._answer is not None, "the connection request", hint)
+            if self._answer is not None and self._answer.is_failure:
+                who = f"user {server.user!r}" if server.user else "a client without user"
+                hint = "check user, password_file, certificate and client_id, and the broker's rules"
+                raise Refused(f"{server.url} refuses {who} ({self._answer})", hint=hint)
+        except BaseException:
+            self.drop()
+            raise
+
+    def publish(self, publications: Sequence[Publication]) -> None:
+        """Hand these over and wait until the broker has acknowledged all. Raises ConnectError, NoAnswer."""
+        with self._news:
+            until = self._acknowledged + len(publications)
+        for one in publications:
+            code = self._client.publish(one.topic, one.payload, _QOS, one.retained).rc
+            if code != MQTTErrorCode.MQTT_ERR_SUCCESS:
+                raise ConnectError(f"{self._server.url}: {self.lost or code.name}")
+        self._wait(lambda: self._acknowledged >= until, f"{len(publications)} messages")
+
+    def subscribe(self, topics: Sequence[str]) -> None:
+        """Receive these topics from now on. Raises Refused, ConnectError, NoAnswer."""
+        code, number = self._client.subscribe([(topic, _QOS) for topic in topics])
+        if code != MQTTErrorCode.MQTT_ERR_SUCCESS or number is None:
+            raise ConnectError(f"{self._server.url}: {self.lost or code.name}")
+        self._wait(lambda: number in self._granted, "the subscription")
+        refused = [topic for topic, one in zip(topics, self._granted[number], strict=True) if one.is_failure]
+        if refused:
+            raise Refused(f"{self._server.url} refuses to send {', '.join(refused)}", hint="check the broker's rules")
+
+    def close(self) -> None:
+        """Say goodbye, so that the broker does not publish the will."""
+        self._client.disconnect()
+        with self._news:
+            self._news.wait_for(lambda: bool(self._lost), _GOODBYE_S)
+        self.drop()
+
+    def drop(self) -> None:
+        """Close without a goodbye."""
+        with self._news:
+            self._lost = self._lost or "closed"
+        connected = self._client.socket()
+        if isinstance(connected, socket.socket):
+            with suppress(OSError):  # ends the library's thread, which otherwise waits for a broker that is silent
+                connected.shutdown(socket.SHUT_RDWR)
+        self._client.loop_stop()
+        self._client._reset_sockets()  # else the two by which it wakes its thread stay open until it is collected
+
+    def _wait(self, done: Callable[[], bool], what: str, hint: str = "") -> None:
+        with self._news:
+            if not self._news.wait_for(lambda: done() or bool(self._lost), self._timeout_s):
+                raise NoAnswer(f"{self._server.url} does not acknowledge {what} within {self._timeout_s:g} s")
+            if not done():
+                raise ConnectError(f"{self._server.url}: {self._lost}", hint=hint)
+
+    def _connected(
+        self, _client: Client, _data: object, _flags: ConnectFlags, reason: ReasonCode, _more: Properties | None
+    ) -> None:
+        with self._news:
+            self._answer = reason
+            self._news.notify_all()
+
+    def _disconnected(
+        self, _client: Client, _data: object, _flags: DisconnectFlags, reason: ReasonCode, _more: Properties | None
+    ) -> None:
+        with self._news:
+            first, self._lost = not self._lost, self._lost or f"the connection was lost ({reason})"
+            self._news.notify_all()
+        if first:
+            self._on_lost()
+
+    def _published(
+        self, _client: Client, _data: object, _number: int, _reason: ReasonCode, _more: Properties | None
+    ) -> None:
+        with self._news:
+            self._acknowledged += 1
+            self._news.notify_all()
+
+    def _subscribed(
+        self, _client: Client, _data: object, number: int, reasons: Sequence[ReasonCode], _more: Properties | None
+    ) -> None:
+        with self._news:
+            self._granted[number] = reasons
+            self._news.notify_all()
+
+    def _received(self, _client: Client, _data: object, message: MQTTMessage) -> None:
+        if self._on_message is not None:
+            self._on_message(message.topic, bytes(message.payload), message.retain)
+
+
+def _password(path: Path | None) -> str | None:
+    if path is None:
+        return None
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeError) as error:
+        raise _unusable("password_file", path, error) from error
+
+
+def _tls(server: MqttServer) -> ssl.SSLContext:
+    class Handshaking(ssl.SSLSocket):
+        """The library leaves the socket open when the handshake fails."""
+
+        def do_handshake(self, block: bool = False) -> None:
+            try:
+                super().do_handshake(block)
+            except BaseException:
+                self.close()
+                raise
+
+    try:
+        context = ssl.create_default_context(cafile=None if server.authority is None else str(server.authority))
+    except (OSError, ValueError) as error:
+        raise _unusable("authority", server.authority, error) from error
+    context.sslsocket_class = Handshaking
+    if server.certificate is not None and server.key is not None:
+        try:
+            context.load_cert_chain(server.certificate, server.key, password=lambda: "")
+        except (OSError, ValueError) as error:
+            raise _unusable("certificate and key", server.certificate, error) from error
+    return context
+
+
+def _unusable(field: str, path: Path | None, error: Exception) -> DriverError:
+    return SetupError(f"{field} = {str(path)!r} cannot be used: {error}")

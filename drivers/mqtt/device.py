@@ -1,0 +1,68 @@
+"""Topics of an MQTT broker as the channels of a device."""
+
+from collections.abc import Mapping, Sequence
+from time import monotonic
+
+from drivers.base import Clock, Quality, Reading
+from drivers.faults import Fault
+from drivers.mqtt.bus import MqttBus, TopicMessage
+from drivers.mqtt.profile import MqttProfile, MqttTopic
+from drivers.readings import ReadingMaker
+
+
+class MqttDevice:
+    """Some topics; `channels` maps names to the profile's topics, counted from 0."""
+
+    def __init__(
+        self, device: str, bus: MqttBus, profile: MqttProfile, channels: Mapping[str, int], clock: Clock
+    ) -> None:
+        self._device, self._bus, self._clock, self._max_age_s = device, bus, clock, profile.max_age_s
+        self._topics = {name: profile.topics[number] for name, number in channels.items()}
+        self._names = {topic.topic for topic in self._topics.values()}
+        self._maker = ReadingMaker({name: topic.unit or profile.unit for name, topic in self._topics.items()}, clock)
+        bus.want(self._names)
+
+    @property
+    def device(self) -> str:
+        return self._device
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(self._topics)
+
+    async def connect(self) -> None:
+        """Nothing to ask: a topic may be silent for long."""
+
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
+        """One reading per channel, as old as its payload says. Raises ConnectError."""
+        latest = await self._bus.latest(self._device, self._names)
+        judged = {name: self._judged(topic, latest.get(topic.topic)) for name, topic in self._topics.items()}
+        values = {name: value for name, (value, _) in judged.items()}
+        return self._maker.make(values, {name: age_s for name, (_, age_s) in judged.items()})
+
+    async def close(self) -> None:
+        """Nothing to close: the connection is the bus's."""
+
+    def _judged(self, topic: MqttTopic, message: TopicMessage | None) -> tuple[float | Fault, float]:
+        """The value and its age, s."""
+        if message is None:
+            return Fault(Quality.COMM_FAULT, f"no message of topic {topic.topic} has arrived yet"), 0.0
+        value, measured = topic.read(message.payload)
+        if isinstance(value, Fault):
+            return value, 0.0
+        limit_s = self._max_age_s
+        if measured is None:
+            age_s = monotonic() - message.arrived_s
+            if message.retained:
+                text = (
+                    f"topic {topic.topic} was kept by the broker and holds no time; its age is unknown until the next"
+                )
+                return Fault(Quality.STALE, text + " message"), age_s
+        else:
+            age_s = (self._clock.utc() - measured).total_seconds()
+        if age_s > limit_s:
+            how = "the payload's own time" if measured is not None else "the arrival of the last message"
+            return Fault(Quality.STALE, f"{age_s:.0f} s old by {how}"), age_s
+        if age_s < -limit_s:
+            return Fault(Quality.STALE, f"its time is {-age_s:.0f} s ahead of this computer's clock"), 0.0
+        return value, max(0.0, age_s)

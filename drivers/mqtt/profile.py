@@ -1,0 +1,115 @@
+"""Profiles of MQTT topics: which are channels, and where their payloads hold the value and its time."""
+
+import json
+import math
+from datetime import UTC, datetime
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from drivers.base import Quality
+from drivers.faults import Fault
+from drivers.profile import DeviceProfile, LinearValue
+from drivers.section import NotEmpty, Positive, matching
+
+TimeUnit = Literal["s", "ms", "us", "ns"]
+_PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+MOST_BYTES = 65_536
+"""Of a payload."""
+
+
+class MqttTopic(LinearValue):
+    """One channel: value = number * scale + offset."""
+
+    topic: Annotated[str, Field(max_length=1000), matching(r"[^+#\x00]+", "a topic without + and #")]
+    """The topic, with all its levels."""
+    number: NotEmpty | None = None
+    """Where the number is in a JSON payload: names, and numbers of list elements, separated by dots, such as
+    `sensors.0.temperature`. None: the payload is the number itself."""
+    time: NotEmpty | None = None
+    """Where the payload holds the time at which the value was measured, in the same form: ISO 8601, or a number since
+    1970. None: the age counts from the arrival of the message."""
+    time_unit: TimeUnit = "s"
+    """Unit of a time that is a number."""
+
+    def read(self, payload: bytes) -> tuple[float | Fault, datetime | None]:
+        """The value and its time, UTC, or what is wrong."""
+        if len(payload) > MOST_BYTES:
+            return Fault(Quality.SENSOR_FAULT, f"the payload has {len(payload)} bytes, more than {MOST_BYTES}"), None
+        try:
+            content = json.loads(payload)
+        except (ValueError, RecursionError):
+            return Fault(Quality.SENSOR_FAULT, f"the payload is neither a number nor JSON: {_shown(payload)}"), None
+        found = _at(content, self.number)
+        number = number_in(found)
+        if number is None:
+            where = f" at {self.number}" if self.number else ""
+            return Fault(Quality.SENSOR_FAULT, f"the payload holds no number{where}: {_shown(payload)}"), None
+        if self.time is None:
+            return self.value(number), None
+        measured = instant_in(_at(content, self.time), self.time_unit)
+        if measured is None:
+            return Fault(Quality.STALE, f"the payload holds no time at {self.time}: {_shown(payload)}"), None
+        return self.value(number), measured
+
+
+class MqttProfile(DeviceProfile):
+    """Topics of an MQTT broker."""
+
+    buses: ClassVar[tuple[str, ...]] = ("mqtt",)
+
+    protocol: Literal["mqtt"]
+    """`mqtt`."""
+    max_age_s: Positive
+    """A value older than this is `stale`; at most three times `period_s` of the bus."""
+    topics: tuple[MqttTopic, ...] = Field(alias="topic", min_length=1)
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return len(self.topics)
+
+
+def _at(content: object, path: str | None) -> object:
+    """What is at that place; None: nothing."""
+    for part in path.split(".") if path is not None else ():
+        if isinstance(content, dict):
+            content = content.get(part)
+        elif isinstance(content, list) and part.isdecimal() and int(part) < len(content):
+            content = content[int(part)]
+        else:
+            return None
+    return content
+
+
+def instant_in(found: object, unit: TimeUnit) -> datetime | None:
+    """An instant, UTC: ISO 8601 (without offset UTC), or a number of `unit` since 1970."""
+    try:
+        if isinstance(found, str):
+            time = datetime.fromisoformat(found)
+            return time.astimezone(UTC) if time.tzinfo is not None else time.replace(tzinfo=UTC)
+        if isinstance(found, int | float) and not isinstance(found, bool):
+            return datetime.fromtimestamp(found / _PER_SECOND[unit], UTC)
+    except (ValueError, OverflowError, OSError):
+        pass
+    return None
+
+
+def number_in(found: object) -> float | None:
+    """A finite number; also one that is written as text, as some devices send it."""
+    if isinstance(found, str):
+        try:
+            found = float(found)
+        except ValueError:
+            return None
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        return None
+    try:
+        return float(found) if math.isfinite(found) else None
+    except OverflowError:
+        return None
+
+
+def _shown(payload: bytes) -> str:
+    text = payload[:60].decode(errors="replace")
+    return repr(text if len(payload) <= 60 else text + "...")

@@ -1,0 +1,59 @@
+"""An OPC UA server as a bus: one session, which several devices share. It only reads."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from drivers.base import DriverError
+from drivers.opcua.nodes import NodeName, NodeValue
+from drivers.opcua.settings import OpcUaBusSettings
+from drivers.tap import Tap
+
+
+class OpcUaBus:
+    """One session with a server. It is never that of the control, whose errors end the session that writes offsets."""
+
+    kind = "opcua"
+    units = (1, 127)
+
+    def __init__(self, name: str, settings: OpcUaBusSettings, tap: Tap | None = None) -> None:  # noqa: ARG002
+        """`tap`: receives nothing, as what passes on the wire is encrypted."""
+        # Importing OPC UA takes half a second and 20 MB: only for a bus that needs it.
+        from drivers.opcua.session import OpcUaSession
+
+        self._name, self._settings = name, settings
+        self._session = OpcUaSession(settings, "", {})
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        return self._settings.timeout_s
+
+    async def connect(self) -> None:
+        """Open the session, unless it is open. Raises ConnectError, NoAnswer, Refused, SetupError."""
+        if not self._session.is_open:
+            with self._placed():
+                await self._session.connect()
+
+    async def close(self) -> None:
+        await self._session.close()
+
+    async def read(self, device: str, nodes: Sequence[NodeName], *, aged: bool = False) -> list[NodeValue]:
+        """What the server says of these nodes, in one request. The status of a node that it does not have says so.
+
+        aged: look up how old the values are
+
+        Raises NoAnswer or ConnectError, after which the session is closed, and BadAnswer or Refused.
+        """
+        with self._placed(device):
+            return await self._session.read_nodes(tuple(nodes), aged=aged)
+
+    @contextmanager
+    def _placed(self, device: str = "") -> Iterator[None]:
+        """The session's errors name neither bus nor device."""
+        try:
+            yield
+        except DriverError as error:
+            raise type(error)(error.what, bus=self._name, device=device, hint=error.hint) from error

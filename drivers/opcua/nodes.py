@@ -1,0 +1,111 @@
+"""Names of OPC UA nodes as text, a server's answers about them, and what these mean for a channel. No network."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Final
+from uuid import UUID
+
+from pydantic import AfterValidator
+
+from drivers.base import Quality
+from drivers.faults import Fault
+
+_FORM = re.compile(r"(?:ns=(\d+);|nsu=([^;\s]+);)?(i=\d+|s=.+|g=[0-9A-Fa-f-]{36}|b=[A-Za-z0-9+/=]+)", re.DOTALL)
+
+_MOST_INDEX, _MOST_NUMBER = 0xFFFF, 0xFFFF_FFFF
+
+
+@dataclass(frozen=True, slots=True)
+class NodeName:
+    """A node, however the server numbers its namespaces at present."""
+
+    identifier: str
+    """Kind and identifier, such as `s=Temperature`."""
+    namespace: int | str
+    """Index, or URI."""
+
+    def __str__(self) -> str:
+        if not self.namespace:
+            return self.identifier
+        return f"{'ns' if isinstance(self.namespace, int) else 'nsu'}={self.namespace};{self.identifier}"
+
+
+def node_name(text: str, namespace: str | None = None) -> NodeName:
+    """From a `NodeText`; `namespace` is the URI for one that states none. Raises ValueError."""
+    found = _FORM.fullmatch(text)
+    if found is None or not _is_possible(found[1], found[3]):
+        raise ValueError(f"{text!r} is not a node id")
+    index, uri, identifier = found.groups()
+    return NodeName(identifier, uri or (int(index) if index is not None else namespace or 0))
+
+
+def _is_possible(index: str | None, identifier: str) -> bool:
+    """Whether the wire can carry these numbers: otherwise every request for the node would fail."""
+    kind, _, rest = identifier.partition("=")
+    try:
+        if kind == "g":
+            UUID(rest)
+        return int(index or "0") <= _MOST_INDEX and (kind != "i" or int(rest) <= _MOST_NUMBER)
+    except ValueError:
+        return False
+
+
+def _checked(text: str) -> str:
+    try:
+        node_name(text)
+    except ValueError:
+        examples = "'s=/Plc/MB1', 'ns=2;i=1001' or 'nsu=urn:maker;s=Temperature'"
+        raise ValueError(f"{text!r}: expected a node id, such as {examples}") from None
+    return text
+
+
+NodeText = Annotated[str, AfterValidator(_checked)]
+"""A node id in OPC UA's notation (Part 6, 5.3.1.10), its namespace by index or by URI."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeValue:
+    """What a server says of one node."""
+
+    value: object
+    status: int = 0
+    """StatusCode (Part 4, 7.39); 0 is good."""
+    status_name: str = "Good"
+    age_s: float | None = None
+    """From the value's source timestamp to the server's own present time; None if it states none."""
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether the server does not have the node."""
+        return self.status & _CODE in _UNKNOWN
+
+    def fault(self) -> Fault | None:
+        """What the status says against the value; None if it is good."""
+        if not self.status & _SEVERITY:
+            return None
+        code = self.status & _CODE
+        quality = _QUALITIES.get(code)
+        if quality is None:
+            quality = Quality.SENSOR_FAULT if self.status & _SEVERITY == _UNCERTAIN else Quality.COMM_FAULT
+        hint = ": compare the id with the server's own names, case included" if self.is_unknown else ""
+        return Fault(quality, f"the server reports {self.status_name}{hint}")
+
+
+NO_NAMESPACE: Final = NodeValue(None, 0x8033_0000, "BadNodeIdInvalid")
+"""Of a node in a namespace that the server does not have."""
+_CODE, _SEVERITY, _UNCERTAIN = 0xFFFF_0000, 0xC000_0000, 0x4000_0000
+_UNKNOWN = (0x8034_0000, 0x8033_0000, 0x8035_0000)
+"""BadNodeIdUnknown, BadNodeIdInvalid, BadAttributeIdInvalid."""
+_QUALITIES: Mapping[int, Quality] = {
+    0x8089_0000: Quality.SENSOR_FAULT,  # BadConfigurationError
+    0x808B_0000: Quality.SENSOR_FAULT,  # BadDeviceFailure
+    0x808C_0000: Quality.SENSOR_FAULT,  # BadSensorFailure
+    0x803C_0000: Quality.OUT_OF_RANGE,  # BadOutOfRange
+    0x408F_0000: Quality.STALE,  # UncertainNoCommunicationLastUsableValue
+    0x4090_0000: Quality.STALE,  # UncertainLastUsableValue
+    0x4094_0000: Quality.OUT_OF_RANGE,  # UncertainEngineeringUnitsExceeded
+    0x40F2_0000: Quality.OUT_OF_RANGE,  # UncertainOverRange
+    0x40F3_0000: Quality.OUT_OF_RANGE,  # UncertainUnderRange
+}
+"""Where the severity alone does not tell: uncertain otherwise is a sensor fault, bad a communication fault."""

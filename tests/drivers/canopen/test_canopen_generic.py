@@ -1,0 +1,167 @@
+"""Nodes outside CiA 404: objects by hand or by an EDS, read from the canopen library's own node and by TPDOs."""
+
+import struct
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import canopen
+import pytest
+
+from drivers.base import Driver, Quality, Reading, Refused, SetupError, SystemClock, WrongDevice
+from drivers.build import make_bus, make_device
+from drivers.profiles import load_profile, user_profile
+from simulators.devices import Cia404Node, SlcanAdapter
+from tests.benches.library_node import EDS, NODE, LibraryNode
+
+pytestmark = pytest.mark.simulated_time
+
+HEAD = 'protocol = "canopen"\ntitle = "pump"\nunit = "degC"\n'
+PROFILE = (
+    HEAD
+    + """eds = "pump.eds"
+vendor_id = 0x17
+product_code = 0x194
+[[object]]
+index = 0x2100
+subindex = 1
+scale = 0.1
+invalid = [{ equals = 0x7FFF, quality = "sensor_fault", detail = "open" }]
+[[object]]
+index = 0x2100
+subindex = 2
+unit = "K"
+high = 90.0
+"""
+)
+
+
+def written(folder: Path, text: str, name: str = "pump.toml") -> str:
+    (folder / "pump.eds").write_text(EDS, encoding="cp1252")
+    (folder / name).write_text(text)
+    return str(folder / name)
+
+
+@asynccontextmanager
+async def local_node(folder: Path, profile: str, count: int) -> AsyncIterator[tuple[canopen.LocalNode, Driver]]:
+    """The library's node, and our driver of it."""
+    node = LibraryNode(folder / "pump.eds")
+    adapter = SlcanAdapter([node])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 5.0})
+    driver = make_device("pump", bus, profile, NODE, {f"c{i}": i for i in range(count)}, {}, SystemClock())
+    try:
+        await bus.connect()
+        yield node.local, driver
+    finally:
+        await bus.close()
+        await adapter.stop()
+
+
+def told(readings: Sequence[Reading]) -> list[tuple[float | str, str]]:
+    return [(r.value, r.unit) if r.quality is Quality.GOOD else (r.quality.value, r.detail) for r in readings]
+
+
+async def test_objects_by_the_eds(tmp_path: Path) -> None:
+    async with local_node(tmp_path, written(tmp_path, PROFILE), 2) as (node, driver):
+        await driver.connect()
+        assert told(await driver.read()) == [(-21.5, "degC"), (41.5, "K")]
+        node.set_data(0x2100, 1, struct.pack("<h", 0x7FFF))
+        node.set_data(0x2100, 2, struct.pack("<f", 90.5))
+        assert told(await driver.read()) == [
+            ("sensor_fault", "open"),
+            ("out_of_range", "90.5 is beyond the profile's limits"),
+        ]
+        node.data_store[0x2100][2] = b"\x01\x02"  # the library would refuse to set it
+        assert told(await driver.read())[1] == ("comm_fault", "object 2100:02 holds 2 bytes, but a float32 takes 4")
+
+
+async def test_a_refused_object_takes_its_own_channel_only(tmp_path: Path) -> None:
+    by_hand = HEAD + "".join(
+        f'[[object]]\nindex = {index}\nsubindex = {sub}\ntype = "int16"\n' for index, sub in ((0x2100, 1), (0x3000, 4))
+    )
+    async with local_node(tmp_path, written(tmp_path, by_hand), 2) as (_, driver):
+        await driver.connect()
+        first, second = told(await driver.read())
+        assert first == (-215.0, "degC")
+        assert second[0] == "comm_fault"
+        assert second[1].startswith("node 5 refused object 3000:04: Code 0x06020000")
+
+
+@pytest.mark.parametrize(
+    ("profile", "error", "message"),
+    [
+        (PROFILE.replace("0x194", "0x195"), WrongDevice, "node 5 has product_code 0x194, not 0x195"),
+        (HEAD + '[[object]]\nindex = 0x3000\ntype = "int16"\n', Refused, "node 5 refused object 3000:00"),
+    ],
+)
+async def test_another_device_is_refused(tmp_path: Path, profile: str, error: type[Exception], message: str) -> None:
+    count = profile.count("[[object]]")
+    async with local_node(tmp_path, written(tmp_path, profile), count) as (_, driver):
+        with pytest.raises(error, match=message):
+            await driver.connect()
+
+
+@pytest.mark.parametrize("transfer", ["sync", "timer"])
+async def test_mapped_objects_come_by_tpdo(tmp_path: Path, transfer: str) -> None:
+    """A CiA 404 node read by its objects, without a vendor."""
+    text = HEAD + "".join(f'[[object]]\nindex = 0x9130\nsubindex = {i}\ntype = "int32"\nscale = 0.1\n' for i in (1, 2))
+    node = Cia404Node(NODE, lambda: [20.0, -3.3], inputs=2, event_ms=60 if transfer == "timer" else 0)
+    adapter = SlcanAdapter([node])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.2})
+    profile = written(tmp_path, text)
+    driver = make_device("node", bus, profile, NODE, {"a": 0, "b": 1}, {"transfer": transfer}, SystemClock())
+    node.start(adapter.send)
+    try:
+        await bus.connect()
+        await driver.connect()
+        assert [r.value for r in await driver.read()] == pytest.approx([20.0, -3.3])
+    finally:
+        node.stop()
+        await bus.close()
+        await adapter.stop()
+
+
+@pytest.mark.parametrize(
+    ("objects", "message"),
+    [
+        ("index = 0x2101", "index: the EDS has no object 2101"),
+        ("index = 0x2100\nsubindex = 3", "subindex: the EDS has no object 2100:03"),
+        ("index = 0x2200", "index: by the EDS object 2200:00 (Name) is no number"),
+        ("index = 0x2201", "index: by the EDS object 2201:00 (Set point) cannot be read"),
+        ("index = 0x1000\nsubindex = 1", "subindex: 1: by the EDS object 1000 is one number, sub-index 0"),
+        (
+            'index = 0x2100\nsubindex = 1\ntype = "int32"',
+            "type: 'int32', but by the EDS object 2100:01 (Bearing) is int16",
+        ),
+        ("index = 0x2100\nsubindex = 1\nscale = 0", "scale: 0 would make every value the same"),
+        (
+            "index = 0x2100\nsubindex = 1\ninvalid = [{ high = 40000, quality = 'sensor_fault', detail = 'x' }]",
+            "expected -32768 to 32767",
+        ),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, objects: str, message: str) -> None:
+    profile = written(tmp_path, HEAD + f'eds = "pump.eds"\n[[object]]\n{objects}\n')
+    with pytest.raises(SetupError) as caught:
+        load_profile(profile)
+    assert message in str(caught.value)
+
+
+def test_a_type_is_stated_once(tmp_path: Path) -> None:
+    with pytest.raises(SetupError, match="type: missing; state it, or give the node's EDS file as eds"):
+        load_profile(written(tmp_path, HEAD + "[[object]]\nindex = 0x2100\n"))
+    broken = written(tmp_path, PROFILE)
+    (tmp_path / "pump.eds").write_text("[2100]\nnothing\n")
+    with pytest.raises(SetupError, match=r"eds: .*pump.eds cannot be read"):
+        load_profile(broken)
+
+
+def test_the_eds_belongs_to_the_profile(tmp_path: Path) -> None:
+    """A change of it is a change of the configuration."""
+    profile = written(tmp_path, PROFILE)
+    before = user_profile(profile)
+    (tmp_path / "pump.eds").write_text(EDS.replace("DataType=0x3", "DataType=0x4"), encoding="cp1252")
+    after = user_profile(profile)
+    assert before.content_hash != after.content_hash
+    assert after.other is not None
+    assert after.other[0] == "eds"

@@ -1,0 +1,110 @@
+"""Another master on the line: its frames, encoded by pymodbus, are told from everything else that may be heard."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+import pytest
+from pymodbus.framer.rtu import FramerRTU
+from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadCoilsResponse
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadHoldingRegistersResponse,
+    WriteSingleRegisterRequest,
+)
+
+from drivers.base import DriverError
+from drivers.modbus.numbers import Block
+from drivers.modbus.rtu import ModbusRtuBus
+from tests.benches.rtu_talk import TWO, RtuPeer, honest, line, registers
+
+pytestmark = pytest.mark.simulated_time
+
+OURS = 3
+_FRAMER = FramerRTU(DecodePDU(False))
+
+
+def framed(pdu: ModbusPDU, unit: int) -> bytes:
+    pdu.dev_id = unit
+    return _FRAMER.buildFrame(pdu)
+
+
+ASKS = framed(ReadHoldingRegistersRequest(address=10, count=2), 9)
+ANSWER = framed(ReadHoldingRegistersResponse(registers=[7, 8]), 9)
+
+
+async def told(between: Sequence[bytes], reply: Callable[[bytes], bytes] = honest, periods: int = 4) -> str:
+    """What the bus tells after some periods, with these bytes heard before each."""
+    async with line() as (bus, peer):
+        peer.reply = reply
+        await _periods(bus, peer, between, periods)
+        return bus.other_master()
+
+
+async def _periods(bus: ModbusRtuBus, peer: RtuPeer, between: Sequence[bytes], periods: int) -> None:
+    for _ in range(periods):
+        for heard in between:
+            peer.port.write(heard)
+        await asyncio.sleep(1.0)
+        try:
+            await bus.read("rtd1", OURS, TWO)
+        except DriverError:
+            await asyncio.sleep(0.5)
+
+
+@pytest.mark.parametrize(
+    "between",
+    [
+        [ASKS, ANSWER],
+        [ANSWER],
+        [b"\xff\x00" + ASKS + ANSWER[:3]],
+        [framed(WriteSingleRegisterRequest(address=1, registers=[5]), 9)],
+        [framed(ReadCoilsRequest(address=0, count=4), OURS), framed(ReadCoilsResponse(bits=[True] * 4), OURS)],
+        [framed(ExceptionResponse(3, 2), 9)],
+        [framed(ReadHoldingRegistersRequest(address=0, count=2), OURS)],  # our own unit, by another function
+    ],
+)
+async def test_another_masters_frames_show(between: list[bytes]) -> None:
+    text = await told(between)
+    unit, function = (OURS, 1) if between[0][:2] == b"\x03\x01" else (OURS, 3) if between[0][0] == OURS else (9, 0)
+    assert f"unit {unit}, function " in text
+    assert f"function {function}" in text or not function
+    assert "frames in the last minute are not ours" in text
+
+
+NOISE = bytes(range(250))
+
+
+@pytest.mark.parametrize(
+    ("between", "reply"),
+    [
+        ([], honest),
+        ([NOISE, b"\x00" * 30], honest),
+        ([registers(OURS, 1, 2)], honest),  # a second answer to our question, long after
+        ([], lambda request: honest(request) * 2),  # two units with one id
+        ([], lambda request: request + honest(request)),  # local echo
+        ([], lambda request: honest(request)[:-1] + b"\x00"),  # disturbed
+        ([], lambda _: b""),
+        ([ASKS[:-1] + b"\x00", ANSWER[:-2]], honest),  # disturbed, or cut
+    ],
+)
+async def test_nothing_else_does(between: list[bytes], reply: Callable[[bytes], bytes]) -> None:
+    assert await told(between, reply, periods=8) == ""
+
+
+async def test_one_frame_is_no_master_and_what_is_over_is_forgotten() -> None:
+    async with line() as (bus, peer):
+        peer.reply = honest
+        await _periods(bus, peer, [ANSWER], 2)
+        assert bus.other_master() == ""
+        await _periods(bus, peer, [ANSWER], 1)
+        assert bus.other_master() != ""
+        await asyncio.sleep(61.0)
+        assert bus.other_master() == ""
+
+
+async def test_our_values_stay_right() -> None:
+    async with line() as (bus, peer):
+        peer.reply = lambda request: ANSWER + honest(request)
+        assert [await bus.read("rtd1", OURS, Block(4, 0, 2)) for _ in range(4)] == [(100, 101)] * 4
+        assert bus.other_master() != ""

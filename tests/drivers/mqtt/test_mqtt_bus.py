@@ -1,0 +1,130 @@
+"""Topics of a real broker as channels: retained messages, ages, faults, loss and return."""
+
+import subprocess
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from drivers.base import ConnectError, Driver, Quality, Reading, SystemClock
+from drivers.build import make_bus, make_device
+from drivers.mqtt import MqttBus
+from tests.benches.mosquitto import LIMIT_S, Mosquitto, mosquitto
+
+pytestmark = pytest.mark.peer
+
+PROFILE = """
+protocol = "mqtt"
+title = "sensors of the plant"
+unit = "degC"
+max_age_s = 100
+[[topic]]
+topic = "plant/timed"
+number = "t"
+time = "at"
+[[topic]]
+topic = "plant/plain"
+[[topic]]
+topic = "plant/never"
+"""
+
+
+def say(broker: Mosquitto, topic: str, payload: str, *more: str) -> None:
+    command = ["mosquitto_pub", "-h", "127.0.0.1", "-p", str(broker.port), "-q", "1", "-t", topic, "-m", payload, *more]
+    subprocess.run(command, check=True, timeout=LIMIT_S)
+
+
+def timed(value: float, age_s: float) -> str:
+    return f'{{"t": {value}, "at": "{(datetime.now(UTC) - timedelta(seconds=age_s)).isoformat()}"}}'
+
+
+def site(broker: Mosquitto, tmp_path: Path, names: dict[str, int], timeout_s: float) -> tuple[MqttBus, Driver]:
+    profile = tmp_path / "plant.toml"
+    profile.write_text(PROFILE)
+    bus = make_bus("broker", "mqtt", {"url": broker.url, "timeout_s": timeout_s})
+    assert isinstance(bus, MqttBus)
+    return bus, make_device("plant", bus, str(profile), 1, names, {}, SystemClock())
+
+
+async def until(driver: Driver, quality: Quality, value: float | None = None) -> Reading:
+    """The first channel, when it is so: the broker hands messages on a moment after they were accepted."""
+    while True:
+        (found, *_) = await driver.read()
+        if found.quality is quality and (value is None or found.value == value):
+            return found
+
+
+async def test_the_payloads_time_is_the_age_also_of_what_the_broker_kept(tmp_path: Path) -> None:
+    with mosquitto(tmp_path) as broker:
+        say(broker, "plant/timed", timed(20.5, 60.0), "-r")
+        bus, driver = site(broker, tmp_path, {"timed": 0}, LIMIT_S)
+        try:
+            await bus.connect()
+            await driver.connect()
+            (kept,) = await driver.read()
+            now = datetime.now(UTC)
+            assert (kept.value, kept.unit, kept.quality) == (20.5, "degC", Quality.GOOD)
+            assert timedelta(seconds=59) < now - kept.source_time < timedelta(seconds=60 + LIMIT_S)
+            say(broker, "plant/timed", timed(20.7, 1000.0))
+            assert (await until(driver, Quality.STALE)).detail.endswith("s old by the payload's own time")
+            say(broker, "plant/timed", timed(20.7, -1000.0))
+            while "ahead of this computer's clock" not in (await until(driver, Quality.STALE)).detail:
+                pass
+            say(broker, "plant/timed", "broken")
+            assert "neither a number nor JSON" in (await until(driver, Quality.SENSOR_FAULT)).detail
+            say(broker, "plant/timed", timed(21.0, 0.0))
+            await until(driver, Quality.GOOD, 21.0)
+        finally:
+            await bus.close()
+
+
+async def test_without_a_time_a_kept_message_has_an_unknown_age_and_a_new_one_is_fresh(tmp_path: Path) -> None:
+    with mosquitto(tmp_path) as broker:
+        say(broker, "plant/plain", "19.5", "-r")
+        bus, driver = site(broker, tmp_path, {"plain": 1}, LIMIT_S)
+        try:
+            await bus.connect()
+            (kept,) = await driver.read()
+            assert (kept.quality, "its age is unknown" in kept.detail) == (Quality.STALE, True)
+            say(broker, "plant/plain", "19.6", "-r")
+            await until(driver, Quality.GOOD, 19.6)
+        finally:
+            await bus.close()
+
+
+async def test_a_topic_that_is_silent_is_its_own_channels_fault(tmp_path: Path) -> None:
+    with mosquitto(tmp_path) as broker:
+        say(broker, "plant/timed", timed(20.5, 0.0), "-r")
+        bus, driver = site(broker, tmp_path, {"timed": 0, "never": 2}, 2.0)
+        try:
+            await bus.connect()
+            await until(driver, Quality.GOOD)
+            _, never = await driver.read()
+            assert (never.quality, never.detail) == (
+                Quality.COMM_FAULT,
+                "no message of topic plant/never has arrived yet",
+            )
+        finally:
+            await bus.close()
+
+
+async def test_a_broker_that_goes_ends_the_read_and_the_next_connect_finds_it_again(tmp_path: Path) -> None:
+    broker = Mosquitto(tmp_path)
+    broker.start()
+    say(broker, "plant/timed", timed(20.5, 0.0), "-r")
+    bus, driver = site(broker, tmp_path, {"timed": 0}, LIMIT_S)
+    try:
+        await bus.connect()
+        await until(driver, Quality.GOOD)
+        broker.stop()
+        with pytest.raises(ConnectError, match=r"bus broker, device plant: mqtt://127.0.0.1:\d+: the connection was"):
+            await until(driver, Quality.STALE)
+        with pytest.raises(ConnectError, match=r"bus broker: cannot open mqtt://.*is the broker running"):
+            await bus.connect()
+        broker.start()
+        await bus.connect()
+        say(broker, "plant/timed", timed(21.5, 0.0))
+        await until(driver, Quality.GOOD, 21.5)
+    finally:
+        await bus.close()
+        broker.stop()

@@ -1,0 +1,192 @@
+"""Nodes of a foreign OPC UA server (asyncua's) as channels: values, statuses, ages, unknown nodes, lost sessions."""
+
+import re
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from asyncua.client.client import Client
+from asyncua.ua.status_codes import StatusCodes
+from asyncua.ua.uaerrors import BadTooManyOperations
+
+from drivers.base import BadAnswer, Bus, ConnectError, Driver, Quality, Reading, SetupError, SystemClock, WrongDevice
+from drivers.build import make_bus, make_device
+from drivers.opcua import OpcUaBus
+from drivers.opcua.nodes import node_name
+from tests.benches.opcua_drives import URI, Drives
+
+pytestmark = pytest.mark.simulated_time
+
+PROFILE = f"""
+protocol = "opcua"
+title = "drives"
+unit = "degC"
+namespace = "{URI}"
+[[node]]
+node = "s=motor"
+[[node]]
+node = "s=bearing"
+scale = 0.1
+offset = -5.0
+unit = "K"
+low = 0.0
+high = 100.0
+[[node]]
+node = "s=axes"
+element = 1
+[[node]]
+node = "nsu={URI};s=name"
+[[node]]
+node = "s=absent"
+[[node]]
+node = "nsu=urn:nobody;s=motor"
+[[node]]
+node = "ns=0;i=2255"
+"""
+COUNT = 7
+
+
+@asynccontextmanager
+async def device_at(
+    url: str, folder: Path, text: str = PROFILE, count: int = COUNT
+) -> AsyncIterator[tuple[Bus, Driver]]:
+    profile = folder / "drives.toml"
+    profile.write_text(text)
+    bus = make_bus("opc1", "opcua", {"url": url, "security": "none", "timeout_s": 5.0})
+    device = make_device("drives", bus, str(profile), 1, {f"c{i}": i for i in range(count)}, {}, SystemClock())
+    try:
+        await bus.connect()
+        yield bus, device
+    finally:
+        await bus.close()
+
+
+def told(readings: Sequence[Reading]) -> list[tuple[float | str, str]]:
+    """Value and unit of good channels, quality and reason of others."""
+    return [(r.value, r.unit) if r.quality is Quality.GOOD else (r.quality.value, r.detail) for r in readings]
+
+
+async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> None:
+    server = Drives()
+    await server.start()
+    try:
+        async with device_at(server.url, tmp_path) as (_, device):
+            await device.connect()
+            values = told(await device.read())
+            assert values[:3] == [(61.25, "degC"), (pytest.approx(38.1), "K"), (48.0, "degC")]
+            assert values[3] == ("sensor_fault", "the node holds no number: 'drive'")
+            absent = "the server reports BadNodeIdUnknown: compare the id with the server's own names, case included"
+            assert values[4] == ("comm_fault", absent)
+            assert values[5] == ("comm_fault", absent.replace("Unknown", "Invalid"))
+            assert values[6][0] == "sensor_fault", "an array of texts"
+
+            expected = {
+                StatusCodes.BadSensorFailure: "sensor_fault",
+                StatusCodes.BadNoCommunication: "comm_fault",
+                StatusCodes.BadWaitingForInitialData: "comm_fault",
+                StatusCodes.UncertainLastUsableValue: "stale",
+                StatusCodes.UncertainEngineeringUnitsExceeded: "out_of_range",
+                StatusCodes.UncertainSensorNotAccurate: "sensor_fault",
+                StatusCodes.UncertainSubstituteValue: "sensor_fault",
+                StatusCodes.GoodLocalOverride: "good",
+            }
+            found = {}
+            for status in expected:
+                await server.set("motor", 61.25, status)
+                first, second, *_ = await device.read()
+                assert second.quality is Quality.GOOD, "a neighbour's status is the neighbour's"
+                found[status] = first.quality.value
+            assert found == expected
+            await server.set("bearing", 1051)
+            assert told(await device.read())[1] == ("out_of_range", "100.1 is beyond the profile's limits")
+            await server.set("motor", float("nan"))
+            assert told(await device.read())[0][0] == "sensor_fault"
+
+        nothing = PROFILE.split("[[node]]")[0] + '[[node]]\nnode = "s=Motor"\n'
+        async with device_at(server.url, tmp_path, nothing, 1) as (_, stranger):
+            with pytest.raises(
+                WrongDevice, match=r"bus opc1, device drives: .* none of the nodes nsu=urn:maker:drives;s=Motor"
+            ):
+                await stranger.connect()
+
+        aged = PROFILE.split("[[node]]")[0] + 'max_age_s = 30\n[[node]]\nnode = "s=motor"\n'
+        async with device_at(server.url, tmp_path, aged, 1) as (bus, device):
+            await server.set("motor", 20.0, age_s=20)
+            assert told(await device.read()) == [(20.0, "degC")]
+            await server.set("motor", 20.0, age_s=90)
+            ((quality, detail),) = told(await device.read())
+            assert quality == "stale"
+            assert re.fullmatch(r"the server's source measured it (89|90|91) s ago", detail), detail
+            await server.server.stop()
+            with pytest.raises(ConnectError, match="bus opc1, device drives"):
+                await device.read()
+            server = Drives(server.url)
+            await server.start()
+            await bus.connect()
+            assert told(await device.read()) == [(61.25, "degC")], "in a new session"
+    finally:
+        await server.server.stop()
+
+
+async def test_a_session_whose_namespaces_are_not_known_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another one is opened; an index of an earlier session could be another namespace's by now."""
+    server = Drives()
+    await server.start()
+    try:
+        async with device_at(server.url, tmp_path) as (bus, device):
+            await bus.close()
+            with monkeypatch.context() as patched:
+                patched.setattr(Client, "get_namespace_array", busy)
+                with pytest.raises(BadAnswer, match="BadTooManyOperations when the gateway reads the namespaces"):
+                    await bus.connect()
+                with pytest.raises(ConnectError, match="connect first"):
+                    await device.read()
+            await bus.connect()
+            assert told(await device.read())[0] == (61.25, "degC")
+    finally:
+        await server.server.stop()
+
+
+async def busy(_: Client) -> list[str]:
+    raise BadTooManyOperations
+
+
+@pytest.mark.parametrize("port", [0, 65536, 99999])
+def test_a_port_that_there_is_not_is_an_invalid_address(port: int) -> None:
+    with pytest.raises(SetupError, match="expected a port of 1 to 65535"):
+        make_bus("opc1", "opcua", {"url": f"opc.tcp://drives:{port}", "security": "none"})
+
+
+def test_a_bus_that_is_not_used_loads_no_library() -> None:
+    bus = make_bus("opc1", "opcua", {"url": "opc.tcp://nowhere", "security": "none"})
+    assert isinstance(bus, OpcUaBus)
+    assert bus.timeout_s == 2.0
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("i=2258", "i=2258"),
+        ("ns=2;s=/Plc/MB1", "ns=2;s=/Plc/MB1"),
+        ("s=a;b=c", "nsu=urn:here;s=a;b=c"),
+        (
+            "nsu=http://maker/x;g=09087e75-8e5e-499b-954f-f2a9603db28a",
+            "nsu=http://maker/x;g=09087e75-8e5e-499b-954f-f2a9603db28a",
+        ),
+        ("ns=0;i=1", "i=1"),
+    ],
+)
+def test_names_of_nodes(text: str, shown: str) -> None:
+    assert str(node_name(text, "urn:here" if text.startswith("s=") else None)) == shown
+
+
+@pytest.mark.parametrize(
+    "text", ["", "motor", "ns=65536;i=1", "i=4294967296", f"g={'-' * 36}", "ns=2", "x=1", "i=-1", "ns=99999999999;s=a"]
+)
+def test_a_node_id_that_no_request_can_carry_is_refused(text: str) -> None:
+    """Otherwise each request for the device's nodes would end the session as if the server's answer were malformed."""
+    with pytest.raises(ValueError, match="is not a node id"):
+        node_name(text)
