@@ -1,37 +1,50 @@
 """The database of a gateway: writing while it runs, and reading."""
 
-from gateway.storage.damage import findings
+from gateway.storage import columns
+from gateway.storage.course_pages import StoredCourse, course_between
+from gateway.storage.damage import damage_found
+from gateway.storage.epochs import NUMBERS, Position
 from gateway.storage.faults import DamagedError, StoreError
-from gateway.storage.history import History
+from gateway.storage.history import History, TimeSpan
 from gateway.storage.imported import import_learnt
 from gateway.storage.learnt import Learnt, Reference, learnt_text, parse_learnt
 from gateway.storage.pages import ReadingsPage, readings_page
 from gateway.storage.readings import Retention
-from gateway.storage.snapshot import Snapshot, SnapshotError, decode, encode, marks_of
+from gateway.storage.row_pages import RowsPage, rows_after
+from gateway.storage.snapshot import Snapshot, SnapshotError, decode_snapshot, encode_snapshot, marks_of
 from gateway.storage.store import Store, boot_id
-from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
+from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 
 __all__ = [
+    "NUMBERS",
     "DamagedError",
     "History",
     "Learnt",
+    "Position",
     "ReadingsPage",
     "Reference",
     "Retention",
+    "RowsPage",
     "Snapshot",
     "SnapshotError",
     "Store",
     "StoreError",
     "StoredCompensation",
+    "StoredCourse",
     "StoredMeasurement",
+    "StoredRun",
     "StoredStep",
+    "TimeSpan",
     "boot_id",
-    "decode",
-    "encode",
-    "findings",
+    "columns",
+    "course_between",
+    "damage_found",
+    "decode_snapshot",
+    "encode_snapshot",
     "import_learnt",
     "learnt_text",
     "marks_of",
     "parse_learnt",
     "readings_page",
+    "rows_after",
 ]

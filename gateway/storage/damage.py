@@ -9,7 +9,7 @@ import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
 from pathlib import Path
@@ -17,16 +17,19 @@ from typing import Any
 
 import numpy as np
 
+from gateway.commands import CommandName
 from gateway.config import validate
 from gateway.storage import rows
+from gateway.storage.epochs import begin_epoch, check_epoch
 from gateway.storage.learnt import parse_learnt
-from gateway.storage.schema import NEW, UNREADABLE, connect
+from gateway.storage.schema import NEW, UNREADABLE
 from gateway.storage.snapshot import marks_of
 
-_NOT_COPIED = ("reading", "minute", "mark")
+_NOT_COPIED = ("reading", "minute", "mark", "thinned")
 """Raw readings stay in the file that is set aside: they are many, and nothing is learnt from them."""
 _LEARNT = ("frame", "decision", "measurement", "model")
 _ALSO_LEARNT = ("trust", "reasons", "learnt")
+_SAME_COMMAND = "SELECT 1 FROM command WHERE time = ? AND name = ? AND by = ?"
 _FARTHEST = 2**40
 _LARGEST = 1e9
 """Of any input, error or uncertainty."""
@@ -47,6 +50,8 @@ class Known:
     """Of this run's steps; an earlier run's that was not read when this one began counts as lost."""
     reference: RawRow | None = None
     """The first measurement that was used, the reference of all others; without its id."""
+    standing: dict[CommandName, RawRow] = field(default_factory=dict)
+    """The command that stands until another one ends it; without its id."""
 
 
 def contradiction(connection: sqlite3.Connection) -> str:
@@ -88,7 +93,7 @@ def _frames_of_no_run(connection: sqlite3.Connection) -> int:
     return int(many)
 
 
-def findings(path: Path) -> list[str]:
+def damage_found(path: Path) -> list[str]:
     """What is damaged, in words, with the raw readings; may be called while a gateway writes to the file."""
     found, bad = list[str](), Counter[str]()
     with closing(sqlite3.connect(path, timeout=10.0)) as source:
@@ -106,20 +111,29 @@ def findings(path: Path) -> list[str]:
 def mend(path: Path, why: str, now: datetime, known: Known) -> str:
     """Set the file aside and begin a new one with what can be read. Returns what was done, in words.
 
-    No other program may have the file open. Raises sqlite3.Error or OSError; the file then has its new name.
+    No other program may have the file open. The new one is complete before it takes the place of the damaged one, so
+    that nothing is lost if the disk fails meanwhile. Raises sqlite3.Error or OSError.
     """
     if known.reference is not None and not _checked("measurement", (1, *known.reference)):
         known.reference = None  # it was read from the damaged file
     aside = path.with_name(f"{path.name}.damaged-{now:%Y%m%dT%H%M%S}")
-    for ending in ("-wal", "-shm", ""):
-        with suppress(FileNotFoundError):
-            path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
-    with closing(connect(path)) as target:
+    new = _fresh(path)
+    with closing(sqlite3.connect(new)) as target:
         target.executescript(NEW)
-        counts, lost = _copy(aside, target)
+        counts, lost = _copy(path, target)
         _restore(target, known)
         anew = _settle(target, counts, reference_known=known.reference is not None)
+        lost += _recounted(target, counts)
+        begin_epoch(target)
         target.commit()
+    for ending in ("-wal", "-shm"):
+        with suppress(FileNotFoundError):
+            path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
+    try:
+        aside.hardlink_to(path)  # so that there is a database at the path at any time
+    except OSError:  # a file system without links
+        path.rename(aside)
+    new.replace(path)
     kept = ", ".join(f"{counts[table]} of {table}" for table in _LEARNT)
     text = (
         f"storage: {path} was damaged ({' '.join(why.split())}) and is set aside as {aside.name}; read from it: {kept}"
@@ -134,16 +148,27 @@ def begin_anew(path: Path, known: Known) -> str:
     Raises sqlite3.Error or OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    for ending in ("-wal", "-shm"):  # of the deleted one
-        path.with_name(path.name + ending).unlink(missing_ok=True)
-    with closing(connect(path)) as target:
+    new = _fresh(path)
+    with closing(sqlite3.connect(new)) as target:
         target.executescript(NEW)
         _restore(target, known)
+        begin_epoch(target)
         target.commit()
+    for ending in ("-wal", "-shm"):  # of the deleted one
+        path.with_name(path.name + ending).unlink(missing_ok=True)
+    new.replace(path)
     return (
         f"storage: {path} was deleted while the gateway ran; a new database is begun. What the gateway has learnt stays"
         " in its memory, but after a restart only what is stored from now on counts"
     )
+
+
+def _fresh(path: Path) -> Path:
+    """Where a new database is made before it takes its place; without what an earlier attempt left."""
+    new = path.with_name(path.name + ".new")
+    for ending in ("", "-journal"):
+        new.with_name(new.name + ending).unlink(missing_ok=True)
+    return new
 
 
 def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
@@ -168,6 +193,9 @@ def _restore(target: sqlite3.Connection, known: Known) -> None:
         target.execute(_insert("boot", len(known.boot)), known.boot)
         if known.first_k is not None:
             target.execute("DELETE FROM frame WHERE k >= ? AND boot <> ?", (known.first_k, known.boot[1]))
+    for given in known.standing.values():
+        if not target.execute(f"{_SAME_COMMAND} LIMIT 1", given[:3]).fetchone():
+            target.execute("INSERT INTO command VALUES (NULL, ?, ?, ?, ?, ?)", given)
     if known.reference is None:
         return
     found = target.execute("SELECT count(*) FROM measurement WHERE number = ?", known.reference[:1]).fetchone()
@@ -210,10 +238,20 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
     return "the reference of the measurements or the configuration is lost: learning begins again"
 
 
+def _recounted(target: sqlite3.Connection, counts: Counter[str]) -> int:
+    """Take from the counts what was read and is not kept; returns how many rows that are."""
+    removed = 0
+    for table in _LEARNT:
+        (kept,) = target.execute(f"SELECT count(*) FROM {table}").fetchone()
+        removed += max(counts[table] - kept, 0)
+        counts[table] = min(counts[table], kept)
+    return removed
+
+
 def _inputs_of(config: str) -> int | None:
     """How many inputs a frame of a stored configuration has."""
     try:
-        return len(rows.inputs_of(config)) or None
+        return len(rows.inputs_of_config(config)) or None
     except (AttributeError, ValueError, TypeError, KeyError):
         return None
 
@@ -223,9 +261,13 @@ def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequenc
     if table == "prior":  # has no row numbers
         with suppress(*UNREADABLE):
             yield from source.execute(f"SELECT {', '.join(names)} FROM {table}")
+            return
+        with suppress(*UNREADABLE):  # once more, as below; rows that are there already are ignored
+            yield from source.execute(f"SELECT {', '.join(names)} FROM {table}")
         return
     query = f"SELECT rowid, {', '.join(names)} FROM {table} WHERE rowid > ? ORDER BY rowid"
     low: int | None = -_FARTHEST
+    failed_at: int | None = None
     while low is not None:
         try:
             for number, *row in source.execute(query, (low,)):
@@ -233,7 +275,10 @@ def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequenc
                 yield tuple(row)
             return
         except UNREADABLE:
-            low = _behind(lambda at: source.execute(query + " LIMIT 1", (at,)).fetchone(), low)
+            if failed_at == low:
+                low = _behind(lambda at: source.execute(query + " LIMIT 1", (at,)).fetchone(), low)
+            else:  # once more: a disk that failed once has not damaged a page
+                failed_at = low
 
 
 def _behind(first_after: Callable[[int], RawRow | None], low: int) -> int | None:
@@ -356,7 +401,9 @@ _CHECKS: Mapping[str, Callable[[RawRow], object]] = {
     "reasons": lambda row: rows.reasons_of(row[2]),
     "snapshot": lambda row: marks_of(row[3]),
     "event": lambda row: rows.event_of(row[1:]),
+    "command": lambda row: rows.command_of(row[1:]),
     "compensation": _check_compensation,
     "moment": _check_moment,
     "learnt": lambda row: parse_learnt(row[2]),
+    "epoch": check_epoch,
 }

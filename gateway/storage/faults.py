@@ -1,4 +1,4 @@
-"""What the store raises."""
+"""Errors that the store raises."""
 
 
 class StoreError(Exception):

@@ -3,7 +3,7 @@
 import sqlite3
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Self
@@ -11,16 +11,24 @@ from typing import Any, Self
 import numpy as np
 
 from gateway.ages import StepTime
+from gateway.commands import CommandName, CommandOutcome, Disarmed, Pause
 from gateway.storage import rows
 from gateway.storage.faults import StoreError
+from gateway.storage.pages import first_id
 from gateway.storage.placing import placed_frames, placed_step
 from gateway.storage.readings import EARLIER, counts
 from gateway.storage.schema import READABLE, SCHEMA_VERSION, unusable
-from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
+from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.frame import Event, EventKind, Frames
 from talc.learner import Reasons
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
+
+_ALL = 2**63 - 1
+_WIDER = timedelta(minutes=2)
+"""Rows of one moment may be stored in another order."""
+TimeSpan = tuple[datetime, datetime]
+"""From one instant on, until before another."""
 
 
 class History:
@@ -69,6 +77,10 @@ class History:
         starts = self._connection.execute("SELECT config FROM boot ORDER BY number DESC LIMIT 1").fetchall()
         return [] if latest is None else list(dict.fromkeys([latest[0], *(str(text) for (text,) in starts)]))
 
+    def starts(self) -> list[StoredRun]:
+        """Every start of the gateway, oldest first."""
+        return [rows.run_of(row) for row in self._connection.execute(f"SELECT {rows.RUN_COLUMNS} FROM boot ORDER BY 1")]
+
     def runs(self) -> list[tuple[int, str, str | None]]:
         """First grid index, canonical configuration and prior of each run that made a frame, oldest first."""
         found = self._connection.execute(
@@ -84,10 +96,7 @@ class History:
     def _prior(self, boot: int) -> str | None:
         if not self._has("prior_of_boot"):
             return None
-        row = self._connection.execute(
-            "SELECT p.content FROM prior_of_boot b JOIN prior p ON p.hash = b.hash WHERE b.boot = ?", (boot,)
-        ).fetchone()
-        return None if row is None else str(row[0])
+        return self._content("prior_of_boot b JOIN prior p ON p.hash = b.hash WHERE b.boot = ?", boot)
 
     def last_number(self) -> int | None:
         """Number of the last probing request, whatever its outcome."""
@@ -135,7 +144,9 @@ class History:
 
     def _inputs(self) -> dict[str, tuple[str, ...]]:
         """Names of the inputs of each run, by its id."""
-        return {boot: rows.inputs_of(text) for boot, text in self._connection.execute("SELECT id, config FROM boot")}
+        return {
+            boot: rows.inputs_of_config(text) for boot, text in self._connection.execute("SELECT id, config FROM boot")
+        }
 
     def suspect_since(self) -> int | None:
         """Grid index since when sensors are suspect; None: they agree."""
@@ -147,18 +158,18 @@ class History:
             since = k
         return since
 
-    def steps(self, after_k: int = -1, names: Sequence[str] | None = None) -> Iterator[StoredStep]:
-        """Every grid step after one, oldest first, with these inputs (None: those that it had)."""
+    def steps(self, after_k: int = -1, names: Sequence[str] | None = None, last_k: int = _ALL) -> Iterator[StoredStep]:
+        """Every grid step after one, until `last_k`, oldest first, with these inputs (None: those that it had)."""
         own = {} if names is None else self._inputs()
         adopted: dict[int, list[ModelSet]] = {}
-        newer = "SELECT after_k, models FROM model WHERE after_k > ? ORDER BY id"
-        for k, text in self._connection.execute(newer, (after_k,)):
+        newer = "SELECT after_k, models FROM model WHERE after_k > ? AND after_k <= ? ORDER BY id"
+        for k, text in self._connection.execute(newer, (after_k, last_k)):
             adopted.setdefault(k, []).append(rows.models_of(text))
         trusted, trust = ("t.trusted", "LEFT JOIN trust t ON t.k = f.k") if self._has("trust") else ("NULL", "")
         found = self._connection.execute(
             f"SELECT {rows.STEP_COLUMNS}, {trusted}, f.boot FROM frame f JOIN decision d ON d.k = f.k {trust}"
-            " WHERE f.k > ? ORDER BY f.k",
-            (after_k,),
+            " WHERE f.k > ? AND f.k <= ? ORDER BY f.k",
+            (after_k, last_k),
         )
         last, pauses = after_k, set(self.pauses())
         for row in found:
@@ -197,22 +208,26 @@ class History:
 
     def learnt(self) -> str | None:
         """What was imported before the first step (`gateway.storage.learnt`); None: nothing was."""
-        row = self._connection.execute("SELECT content FROM learnt").fetchone() if self._has("learnt") else None
+        return self._content("learnt") if self._has("learnt") else None
+
+    def _content(self, source: str, *values: object) -> str | None:
+        """The text in the first row of a table or a join; None: it has no row."""
+        row = self._connection.execute(f"SELECT content FROM {source}", values).fetchone()
         return None if row is None else str(row[0])
 
-    def reasons(self) -> Reasons | None:
-        """The latest ones; None: none were given."""
+    def reasons(self, last_k: int = _ALL) -> Reasons | None:
+        """The latest ones, until this grid index; None: none were given."""
         if not self._has("reasons"):
             return None
-        row = self._connection.execute("SELECT reasons FROM reasons ORDER BY k DESC LIMIT 1").fetchone()
+        latest = "SELECT reasons FROM reasons WHERE k <= ? ORDER BY k DESC LIMIT 1"
+        row = self._connection.execute(latest, (last_k,)).fetchone()
         return None if row is None else rows.reasons_of(row[0])
 
-    def reasons_given(self) -> Iterator[Reasons]:
-        """All that are stored, oldest first."""
+    def reasons_given(self, after_k: int = -1, last_k: int = _ALL) -> Iterator[Reasons]:
+        """All that are stored after one grid index, until another, oldest first."""
         if self._has("reasons"):
-            yield from (
-                rows.reasons_of(r) for (r,) in self._connection.execute("SELECT reasons FROM reasons ORDER BY k")
-            )
+            within = "SELECT reasons FROM reasons WHERE k > ? AND k <= ? ORDER BY k"
+            yield from (rows.reasons_of(r) for (r,) in self._connection.execute(within, (after_k, last_k)))
 
     def units(self) -> dict[str, str]:
         """Channel to the unit of its readings; nothing from an earlier program's file."""
@@ -228,10 +243,11 @@ class History:
         ).fetchone()
         return None if row is None else rows.measurement_of(row)
 
-    def measurements(self) -> list[StoredMeasurement]:
-        """Every probing cycle, oldest first; `centres_mm` has three columns."""
-        found = self._connection.execute(f"SELECT {rows.MEASUREMENT_COLUMNS} FROM measurement ORDER BY id")
-        return [rows.measurement_of(row) for row in found]
+    def measurements(self, within: TimeSpan | None = None) -> list[StoredMeasurement]:
+        """Every probing cycle, or those that ended in a span, oldest first; `centres_mm` has three columns."""
+        return [
+            rows.measurement_of(row) for row in self._rows(rows.MEASUREMENT_COLUMNS, "measurement", "ended", within)
+        ]
 
     def residuals_um(self) -> list[float]:
         """What no rigid body explains of each measurement that was used, RMS, µm, oldest first."""
@@ -252,15 +268,52 @@ class History:
         found = "SELECT channel, value, unit, quality, max(time) FROM sample WHERE time >= ? GROUP BY channel"
         return {row[0]: row[1:4] for row in self._connection.execute(found, (since.timestamp(),))}
 
-    def events(self) -> list[tuple[datetime, int | None, Event]]:
-        """Every event, oldest first."""
-        found = self._connection.execute(f"SELECT {rows.EVENT_COLUMNS} FROM event ORDER BY id")
-        return [rows.event_of(row) for row in found]
+    def events(self, within: TimeSpan | None = None) -> list[tuple[datetime, int | None, Event]]:
+        """Every event, or those of a span, oldest first."""
+        return [rows.event_of(row) for row in self._rows(rows.EVENT_COLUMNS, "event", "time", within)]
 
-    def compensation(self) -> list[StoredCompensation]:
-        """Every step of the compensation, oldest first."""
-        found = self._connection.execute(f"SELECT {rows.COMPENSATION_COLUMNS} FROM compensation ORDER BY id")
+    def commands(self) -> list[CommandOutcome]:
+        """Every command that somebody gave, oldest first."""
+        if not self._has("command"):
+            return []
+        found = self._connection.execute(f"SELECT {rows.COMMAND_COLUMNS} FROM command ORDER BY id")
+        return [rows.command_of(row) for row in found]
+
+    def paused(self) -> Pause | None:
+        """The pause that was not resumed; None: there is none."""
+        first = self._standing(CommandName.PAUSE)
+        return None if first is None else Pause(first.command.by, first.time)
+
+    def disarmed(self) -> Disarmed | None:
+        """Who has disarmed the gateway; None: nobody, or it was armed again."""
+        first = self._standing(CommandName.DISARM)
+        return None if first is None else Disarmed(first.command.by, first.time)
+
+    def _standing(self, name: CommandName) -> CommandOutcome | None:
+        row = self._connection.execute(rows.STANDING[name]).fetchone() if self._has("command") else None
+        return None if row is None else rows.command_of(row)
+
+    def compensation(self, within: TimeSpan | None = None) -> list[StoredCompensation]:
+        """Every step of the compensation, or those of a span, oldest first; of a span, those before the clock was set
+        back may be missed."""
+        if within is None:
+            found = self._rows(rows.COMPENSATION_COLUMNS, "compensation", "time", None)
+        else:  # there can be a million of them, without an index by time
+            begin, end = (_text(at) for at in (within[0] - _WIDER, within[1] + _WIDER))
+            behind = self._connection.execute("SELECT coalesce(max(id), 0) + 1 FROM compensation").fetchone()[0]
+            low = first_id(self._connection, "compensation", 1, behind, begin)
+            high = first_id(self._connection, "compensation", low, behind, end)
+            near = f"(SELECT * FROM compensation WHERE id >= {low} AND id < {high})"
+            found = self._rows(rows.COMPENSATION_COLUMNS, near, "time", within)
         return [rows.compensation_of(row) for row in found]
+
+    def _rows(self, columns: str, table: str, time: str, within: TimeSpan | None) -> sqlite3.Cursor:
+        """In their order; times are stored as text in UTC, which sorts as they do."""
+        if within is None:
+            return self._connection.execute(f"SELECT {columns} FROM {table} ORDER BY id")
+        return self._connection.execute(
+            f"SELECT {columns} FROM {table} WHERE {time} >= ? AND {time} < ? ORDER BY id", [_text(at) for at in within]
+        )
 
     def readings(self) -> Iterator[tuple[Any, ...]]:
         """UTC timestamp, channel, value, unit, quality, detail, number of the run and of the read; oldest first."""
@@ -311,3 +364,7 @@ class History:
             of_channel = found.setdefault(channel, {})
             of_channel[quality] = of_channel.get(quality, 0) + count
         return found
+
+
+def _text(time: datetime) -> str:
+    return time.astimezone(UTC).isoformat()

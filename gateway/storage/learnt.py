@@ -103,7 +103,7 @@ def parse_learnt(text: str) -> Learnt:
         raise ValueError(f"version = {_shown(whole.get('version'))}: expected {VERSION}; of a newer program?")
     stated = whole.pop("sha256", None)
     if stated != _checksum(whole):
-        raise ValueError(f"sha256 = {_shown(stated)}: is not that of the rest; the file is damaged or was edited")
+        raise ValueError(f"sha256 = {_shown(stated)}: does not match the rest; the file is damaged or was edited")
     inputs, step_s = _described(whole)
     arrays = _arrays(whole.get("arrays"), inputs=len(inputs))
     try:
@@ -195,7 +195,7 @@ def _checksum(whole: Mapping[str, object]) -> str:
 
 
 def _no_frames(first_k: int, last_k: int) -> Frames:
-    raise ValueError(f"frames {first_k} to {last_k} are no part of the file")
+    raise ValueError(f"frames {first_k} to {last_k} are not in the file")
 
 
 def _shown(value: object) -> str:

@@ -48,7 +48,8 @@ class FileLock:
 
     def release(self) -> None:
         """Remove the lock's file and release it. A process that waits for it detects that and makes a new one."""
-        self._lock_path.unlink(missing_ok=True)
+        with suppress(OSError):  # on a disk that fails the file stays; it locks nobody out
+            self._lock_path.unlink(missing_ok=True)
         self._file.close()
         self._name.close()
 

@@ -1,4 +1,4 @@
-"""Brings a database of an earlier schema to the present one, in place, with a backup of what it was."""
+"""Migrates a database of an earlier schema to the present one, in place, after a backup."""
 
 import sqlite3
 from collections.abc import Mapping

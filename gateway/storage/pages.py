@@ -1,4 +1,4 @@
-"""Stored readings of a span of time, page by page, while a gateway writes: bounded work, and no lock that it feels.
+"""Stored readings of a span of time, page by page, while a gateway writes: bounded work, no lock that delays it.
 
 Rows have no index by time. Within a run their ids ascend with the time at which they were read, so the first and the
 last row of a span are found by bisection of the ids. A span's edge is taken a little wider, as devices on several buses
@@ -7,7 +7,7 @@ are read at once, and then cut exactly. Where the clock was set back within a ru
 
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -23,7 +23,7 @@ _LAST_ID = 2**63 - 1
 _RUN_SPACE = 1 << RUN_SHIFT
 _QUALITIES = [quality.value for quality in QUALITIES]
 
-_Row = tuple[int, int, float, float | None, int]
+_ReadingRow = tuple[int, int, float, float | None, int]
 """Id, id of the channel, time, value, number of the quality."""
 
 
@@ -63,6 +63,23 @@ def readings_page(
     read.
     """
     minutes, last = _place(after)
+    with reading_connection(path) as connection:
+        known = connection.execute("SELECT id, name, unit FROM channel ORDER BY id").fetchall()
+        wanted = _PageSpan(begin.timestamp(), end.timestamp(), _chosen(known, channels))
+        names, units = tuple(str(name) for _, name, _ in known), tuple(str(unit) for *_, unit in known)
+        at = {number: place for place, (number, *_) in enumerate(known)}
+        rows: list[_ReadingRow] = []
+        if minutes:
+            rows, following = _minutes(connection, wanted, limit, last)
+            if rows or following:
+                return _page(60.0, names, units, at, rows, f"m{following}" if following else "r0")
+        rows, following = _readings(connection, wanted, limit, 0 if minutes else last)
+        return _page(0.0, names, units, at, rows, f"r{following}" if following else None)
+
+
+@contextmanager
+def reading_connection(path: Path) -> Iterator[sqlite3.Connection]:
+    """A connection that only reads. Raises StoreError if the database cannot be read, also within the block."""
     if not path.is_file():
         raise StoreError(f"{path}: no such file")
     try:
@@ -70,23 +87,13 @@ def readings_page(
             (version,) = connection.execute("PRAGMA user_version").fetchone()
             if version not in READABLE:
                 raise StoreError(f"{path}: schema version {version}, expected {SCHEMA_VERSION}")
-            known = connection.execute("SELECT id, name, unit FROM channel ORDER BY id").fetchall()
-            wanted = _Span(begin.timestamp(), end.timestamp(), _chosen(known, channels))
-            names, units = tuple(str(name) for _, name, _ in known), tuple(str(unit) for *_, unit in known)
-            at = {number: place for place, (number, *_) in enumerate(known)}
-            rows: list[_Row] = []
-            if minutes:
-                rows, following = _minutes(connection, wanted, limit, last)
-                if rows or following:
-                    return _page(60.0, names, units, at, rows, f"m{following}" if following else "r0")
-            rows, following = _readings(connection, wanted, limit, 0 if minutes else last)
-            return _page(0.0, names, units, at, rows, f"r{following}" if following else None)
+            yield connection
     except UNREADABLE as error:
         raise unusable(path, error) from error
 
 
 @dataclass(frozen=True, slots=True)
-class _Span:
+class _PageSpan:
     begin_s: float
     end_s: float
     channels: tuple[int, ...] | None
@@ -123,7 +130,7 @@ def _page(
     names: tuple[str, ...],
     units: tuple[str, ...],
     at: Mapping[int, int],
-    rows: Sequence[_Row],
+    rows: Sequence[_ReadingRow],
     following: str | None,
 ) -> ReadingsPage:
     return ReadingsPage(
@@ -138,16 +145,20 @@ def _page(
     )
 
 
-def _minutes(connection: sqlite3.Connection, span: _Span, limit: int, last: int) -> tuple[list[_Row], int | None]:
+def _minutes(
+    connection: sqlite3.Connection, span: _PageSpan, limit: int, last: int
+) -> tuple[list[_ReadingRow], int | None]:
     """Rows of minutes after an id, and after which id to go on; None: no more are in the span."""
     (highest,) = connection.execute("SELECT coalesce(max(id), 0) FROM minute").fetchone()
     columns = "id, channel, CAST(time AS REAL) AS time, mean, 0 AS quality"
     return _between(connection, "minute", columns, span, limit, (1, highest + 1), last)
 
 
-def _readings(connection: sqlite3.Connection, span: _Span, limit: int, last: int) -> tuple[list[_Row], int | None]:
+def _readings(
+    connection: sqlite3.Connection, span: _PageSpan, limit: int, last: int
+) -> tuple[list[_ReadingRow], int | None]:
     """Single readings after an id, and after which id to go on; None: no more are in the span."""
-    rows: list[_Row] = []
+    rows: list[_ReadingRow] = []
     columns = f"id, {CHANNEL_OF} AS channel, time, value, quality"
     for run in _runs(connection, last):
         more, following = _between(connection, "reading", columns, span, limit - len(rows), run, last)
@@ -161,14 +172,14 @@ def _between(
     connection: sqlite3.Connection,
     table: str,
     columns: str,
-    span: _Span,
+    span: _PageSpan,
     limit: int,
     ids: tuple[int, int],
     last: int,
-) -> tuple[list[_Row], int | None]:
+) -> tuple[list[_ReadingRow], int | None]:
     """Rows of the span among these ids (the second excluded), whose times ascend; see _readings."""
-    low = _bisect(connection, table, *ids, span.begin_s - _WIDER_S)
-    high = _bisect(connection, table, low, ids[1], span.end_s + _WIDER_S)
+    low = first_id(connection, table, *ids, span.begin_s - _WIDER_S)
+    high = first_id(connection, table, low, ids[1], span.end_s + _WIDER_S)
     low = max(low, last + 1)
     rows = connection.execute(
         f"SELECT * FROM (SELECT {columns} FROM {table} WHERE id >= ? AND id < ? ORDER BY id LIMIT {_MOST_SCANNED})"
@@ -193,13 +204,16 @@ def _runs(connection: sqlite3.Connection, last: int) -> Iterator[tuple[int, int]
         yield found[0], at
 
 
-def _bisect(connection: sqlite3.Connection, table: str, low: int, high: int, time_s: float) -> int:
-    """The smallest id in low..high from which on the times are not before `time_s`; `high`, excluded: there is none."""
+def first_id(connection: sqlite3.Connection, table: str, low: int, high: int, time: float | str) -> int:
+    """The smallest id in low..high from which on the times are not before `time`; `high`, excluded: there is none.
+
+    time: as the table has it: seconds, or text in UTC, which sorts as times do
+    """
     at = f"SELECT id, time FROM {table} WHERE id >= ? AND id < ? ORDER BY id LIMIT 1"
     while low < high:
         middle = (low + high) // 2
         found = connection.execute(at, (middle, high)).fetchone()
-        if found is None or found[1] >= time_s:
+        if found is None or found[1] >= time:
             high = middle
         else:
             low = found[0] + 1

@@ -38,6 +38,12 @@ CREATE VIEW sample AS SELECT r.boot AS boot, r.sequence AS sequence, c.name AS c
     FROM (SELECT *, {_BOOT} AS boot, {_SEQUENCE} AS sequence, {CHANNEL_OF} AS channel FROM reading) r
     JOIN channel c ON c.id = r.channel;
 """
+READ_ROWS = (
+    f"SELECT r.id, r.time, c.name, r.value, c.unit, r.quality, r.detail, r.id >> {RUN_SHIFT},"
+    f" (r.id >> {_CHANNEL_BITS}) & {2**_SEQUENCE_BITS - 1} FROM reading r"
+    f" JOIN channel c ON c.id = (r.id & {2**_CHANNEL_BITS - 1})"
+)
+"""Number, UTC timestamp, channel, value, unit, number of the quality, detail, numbers of the run and of the read."""
 EARLIER = "sample_before"
 """Readings of an earlier schema, as they were; dropped when they are old enough."""
 
@@ -140,7 +146,7 @@ class Pruning:
         ancient = self._before(connection, ran_s - self._keep.minutes_days * _SECONDS_PER_DAY)
         if ancient is not None:
             (minute,) = connection.execute("SELECT minute FROM mark WHERE id = ?", (ancient,)).fetchone()
-            connection.execute("DELETE FROM minute WHERE id <= ? AND id < (SELECT max(id) FROM minute)", (minute,))
+            _delete_old(connection, "minutes", "minute", minute)
             connection.execute("DELETE FROM mark WHERE id < ?", (ancient,))
         self._make_room(connection)
 
@@ -161,7 +167,8 @@ class Pruning:
                 return
             _thin(connection, mark)
         if _used_mb(connection) > self._keep.most_mb:
-            connection.execute("DELETE FROM minute WHERE id < (SELECT min(id) + (max(id) - min(id)) / 10 FROM minute)")
+            (tenth,) = connection.execute("SELECT min(id) + (max(id) - min(id)) / 10 - 1 FROM minute").fetchone()
+            _delete_old(connection, "minutes", "minute", tenth)
 
 
 def _thin(connection: sqlite3.Connection, mark: int) -> None:
@@ -178,9 +185,27 @@ def _thin(connection: sqlite3.Connection, mark: int) -> None:
         " AND value IS NOT NULL AND quality = ? GROUP BY 2, 3 ORDER BY 3, 2",
         (reading, QUALITIES.index(Quality.GOOD)),
     )
-    connection.execute("DELETE FROM reading WHERE id <= ? AND id < (SELECT max(id) FROM reading)", (reading,))
-    connection.execute("DELETE FROM compensation WHERE id <= ? AND id < (SELECT max(id) FROM compensation)", (step,))
+    _delete_old(connection, "readings", "reading", reading)
+    _delete_old(connection, "compensation", "compensation", step)
     connection.execute("DELETE FROM reasons WHERE k <= ? AND k < (SELECT max(k) FROM reasons)", (reasons,))
+
+
+def _delete_old(connection: sqlite3.Connection, name: str, table: str, upto: int | None) -> None:
+    """Delete rows up to a number, but for the newest, and note up to which. None: nothing.
+
+    name: of the table outside the database
+    """
+    old = f"FROM {table} WHERE id <= ? AND id < (SELECT max(id) FROM {table})"
+    (last,) = connection.execute(f"SELECT max(id) {old}", (upto,)).fetchone()
+    if last is not None:
+        connection.execute(f"DELETE {old}", (upto,))
+        connection.execute("INSERT OR REPLACE INTO thinned VALUES (?, ?)", (name, last))
+
+
+def upto_thinned(connection: sqlite3.Connection, name: str) -> int | None:
+    """The highest number of a row that was deleted because it was old; None: none was."""
+    found = connection.execute("SELECT upto FROM thinned WHERE name = ?", (name,)).fetchone()
+    return None if found is None else int(found[0])
 
 
 def _used_mb(connection: sqlite3.Connection) -> float:

@@ -5,18 +5,19 @@ written, bit for bit.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from gateway.ages import StepTime
+from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.learnt import Reference
-from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredStep
+from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.frame import (
     BoolArray,
     Decision,
@@ -35,14 +36,39 @@ from talc.names import THERMAL_ERRORS
 
 Row = tuple[object, ...]
 
+_STEP_S = 300.0
+"""Of programs that did not store it."""
+
 STEP_COLUMNS = (
     "f.k, f.inputs, f.valid, f.errors, f.sigma, d.phase, d.predicted, d.corrected, d.sigma, d.limits,"
     " d.measure, d.training, d.events"
 )
 """And `t.trusted`, or NULL from a file of an earlier program."""
+RUN_COLUMNS = "number, began, config, fingerprint, versions"
 MEASUREMENT_COLUMNS = "number, why, ended, centres, in_force, errors, reason"
 EVENT_COLUMNS = "time, k, kind, text, error, value, bound"
 COMPENSATION_COLUMNS = "time, mode, source, offsets, written"
+COMMAND_COLUMNS = "time, name, by, accepted, text"
+
+
+def _in_force(begins: CommandName, ends: CommandName) -> str:
+    """The first of these commands since the last one that ends it: who repeats it has not begun it."""
+    return (
+        f"SELECT {COMMAND_COLUMNS} FROM command WHERE accepted AND name = '{begins}' AND id >"
+        f" (SELECT coalesce(max(id), 0) FROM command WHERE accepted AND name = '{ends}') ORDER BY id LIMIT 1"
+    )
+
+
+STANDING: Final[Mapping[CommandName, str]] = {
+    CommandName.PAUSE: _in_force(CommandName.PAUSE, CommandName.RESUME),
+    CommandName.DISARM: _in_force(CommandName.DISARM, CommandName.ARM),
+}
+"""Commands that stand until another one ends them, and the query for the one that does now."""
+ENDS: Final[Mapping[CommandName, CommandName]] = {
+    CommandName.RESUME: CommandName.PAUSE,
+    CommandName.ARM: CommandName.DISARM,
+}
+"""By which command which one ends."""
 
 
 def of_frame(boot: str, frame: Frame) -> Row:
@@ -109,6 +135,12 @@ def of_event(event: Event, k: int | None, time: datetime) -> Row:
     return time.isoformat(), k, event.kind.value, event.text, event.error, event.value, event.limit
 
 
+def of_command(outcome: CommandOutcome) -> Row:
+    """Row of `command`, without its id."""
+    name, by = outcome.command.name.value, outcome.command.by
+    return outcome.time.isoformat(), name, by, int(outcome.accepted), outcome.text
+
+
 def of_write(write: Write) -> Row:
     """Row of `compensation`, without its id."""
     return (
@@ -116,6 +148,12 @@ def of_write(write: Write) -> Row:
         _blob(write.step.offsets_um), json.dumps(dict(write.positions)), int(write.written),
         None if write.read_back_um is None else _blob(write.read_back_um), _blob(write.step.coefficients_um),
     )  # fmt: skip
+
+
+def command_of(row: Sequence[Any]) -> CommandOutcome:
+    """From COMMAND_COLUMNS."""
+    time, name, by, accepted, text = row
+    return CommandOutcome(Command(CommandName(name), by), datetime.fromisoformat(time), bool(accepted), text)
 
 
 def models_of(text: str) -> ModelSet:
@@ -152,9 +190,41 @@ def frames_of(found: Sequence[Sequence[Any]]) -> Frames:
     return Frames(k, inputs, valid, measured)
 
 
-def inputs_of(config: str) -> tuple[str, ...]:
-    """Names of the inputs of a stored configuration; none of a text that is not one of this gateway."""
-    data = json.loads(config)
+def run_of(row: Sequence[Any]) -> StoredRun:
+    """From RUN_COLUMNS; of a configuration that is not one of this gateway only what it has."""
+    number, began, config, fingerprint, versions = row
+    data = parsed_config(config)
+    return StoredRun(
+        number, datetime.fromisoformat(began), data.get("machine", {}).get("kind"), step_s_of(config),
+        inputs_if_known(config), json.dumps(data.get("talc", {})), fingerprint, versions,
+    )  # fmt: skip
+
+
+def step_s_of(config: str) -> float:
+    """The grid step of a stored configuration."""
+    return float(parsed_config(config).get("grid", {}).get("step_s", _STEP_S))
+
+
+def parsed_config(config: str) -> dict[str, Any]:
+    """Nothing of a text that is no configuration."""
+    try:
+        whole = json.loads(config)
+    except ValueError:
+        return {}
+    return whole if isinstance(whole, dict) else {}
+
+
+def inputs_of_config(config: str) -> tuple[str, ...]:
+    """Names of the inputs of a stored configuration. Raises ValueError for a text that is not one of this gateway."""
+    return _inputs_in(json.loads(config))
+
+
+def inputs_if_known(config: str) -> tuple[str, ...]:
+    """Likewise; none of a text that is not one of this gateway."""
+    return _inputs_in(parsed_config(config))
+
+
+def _inputs_in(data: Mapping[str, Any]) -> tuple[str, ...]:
     channels = (name for device in data.get("device", ()) for name in device["channels"])
     return (*channels, *(state["name"] for state in data.get("state", ())))
 

@@ -54,6 +54,10 @@ CREATE TABLE IF NOT EXISTS moment (slot INTEGER PRIMARY KEY, k INTEGER NOT NULL,
 CREATE TABLE IF NOT EXISTS learnt (slot INTEGER PRIMARY KEY, imported TEXT NOT NULL, content TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS pause (k INTEGER PRIMARY KEY, origin TEXT NOT NULL, begin_known INTEGER NOT NULL,
     known INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS epoch (number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, starts TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS command (id INTEGER PRIMARY KEY, time TEXT NOT NULL, name TEXT NOT NULL, by TEXT NOT NULL,
+    accepted INTEGER NOT NULL, text TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS thinned (name TEXT PRIMARY KEY, upto INTEGER NOT NULL);
 CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 """
 """Tables that later programs added; in a file without them, nothing of the kind has happened."""

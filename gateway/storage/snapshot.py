@@ -49,10 +49,10 @@ class Snapshot:
 
     def __conform__(self, protocol: object) -> bytes:
         """For SQLite: encoded when it is written, in the writer's thread."""
-        return encode(self)
+        return encode_snapshot(self)
 
 
-def encode(snapshot: Snapshot) -> bytes:
+def encode_snapshot(snapshot: Snapshot) -> bytes:
     """The bytes of a snapshot."""
     plain, arrays = to_plain(snapshot.state)
     header = {
@@ -67,8 +67,10 @@ def encode(snapshot: Snapshot) -> bytes:
     parts = [_NAME, len(text).to_bytes(_LENGTH, "little"), text]
     for array in arrays.values():
         parts += _packed(np.ascontiguousarray(array, dtype=_KINDS[array.dtype.kind]))
-    body = b"".join(parts)
-    return hashlib.sha256(body).digest() + body
+    checksum = hashlib.sha256()
+    for part in parts:
+        checksum.update(part)
+    return b"".join([checksum.digest(), *parts])
 
 
 def marks_of(data: bytes) -> str:
@@ -77,8 +79,8 @@ def marks_of(data: bytes) -> str:
     return str(marks)
 
 
-def decode(data: bytes, frames: Callable[[int, int], Frames]) -> Snapshot:
-    """The inverse of `encode`.
+def decode_snapshot(data: bytes, frames: Callable[[int, int], Frames]) -> Snapshot:
+    """The inverse of `encode_snapshot`.
 
     frames: gives those from a grid index to another one, both included
 

@@ -5,6 +5,7 @@ Decisions and models are committed at once, because a decision that was acted up
 committed in groups, after at most `commit_s`.
 """
 
+import asyncio
 import sqlite3
 from contextlib import AbstractContextManager, closing
 from pathlib import Path
@@ -12,10 +13,12 @@ from typing import Self, assert_never
 
 from drivers.base import Clock
 from gateway.events import (
+    CommandGiven,
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
     EventReported,
+    ForecastMade,
     FrameMade,
     GatewayEvent,
     HealthChecked,
@@ -31,18 +34,19 @@ from gateway.events import (
 )
 from gateway.storage import rows
 from gateway.storage.damage import Known, begin_anew, mend, unreadable_rows
+from gateway.storage.epochs import begin_epoch
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.lock import FileLock
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
-from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema
+from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema, unusable
 from gateway.storage.snapshot import Snapshot
-from gateway.storage.waiting import Kind
+from gateway.storage.waiting import WaitingKind
 from gateway.storage.writer import DatabaseWriter
 
 _RETENTION = Retention()
 _CHANNEL = "INSERT OR IGNORE INTO channel VALUES (?, ?, ?)"
-_NUMBER_WITHIN_S = 5.0
-"""How long the event loop waits for the number of a probing request to be on the disk; half of the usual watchdog."""
+_ON_DISK_WITHIN_S = 5.0
+"""How long a probing request waits for its number to be on the disk."""
 
 
 class Store:
@@ -57,6 +61,9 @@ class Store:
     retention: how long readings, compensation steps and reasons stay
     retry_s: interval between attempts after a failure, in real seconds
     look_s: how often it looks whether the file is still at its path, in real seconds
+    hangs_after_s: a disk that takes longer for one statement or commit counts as failing, in real seconds
+    silent_s: at the end, the longest that the disk may take for one statement or commit, in real seconds; then the
+        process should end, as the lock is only released by that
 
     Raises StoreError: not a database of this gateway, of a newer version, locked by another gateway, or not writable.
     """
@@ -71,6 +78,8 @@ class Store:
         retention: Retention = _RETENTION,
         retry_s: float = 5.0,
         look_s: float = 10.0,
+        hangs_after_s: float = 30.0,
+        silent_s: float = 30.0,
     ) -> None:
         self._boot, self._clock = boot, clock
         self._pruning = Pruning(retention, clock.monotonic())
@@ -90,12 +99,16 @@ class Store:
                     raise
                 mended = self._mend(str(error))
                 self._open()
+        except UNREADABLE as error:
+            self._lock.release()
+            raise unusable(path, error) from error
         except BaseException:
             self._lock.release()
             raise
         self._writer = DatabaseWriter(
-            path, commit_s, self._prune, self._mark, self._mend_and_number, retry_s, mended, look_s
-        )
+            path, commit_s, self._prune, self._mark, self._mend_and_number, retry_s, mended, look_s, hangs_after_s,
+            silent_s,
+        )  # fmt: skip
 
     def _open(self) -> None:
         self.migrated_from = make_schema(self._path) or self.migrated_from
@@ -103,10 +116,14 @@ class Store:
             self._number = _next_boot(connection)
             self._earlier_boot = _latest_boot(connection)
             _remove_torn_step(connection)
+            begin_epoch(connection)
+            connection.commit()
             reference = connection.execute(
                 "SELECT * FROM measurement WHERE errors IS NOT NULL AND centres IS NOT NULL ORDER BY id LIMIT 1"
             ).fetchone()
+            standing = {name: connection.execute(query).fetchone() for name, query in rows.STANDING.items()}
             self._channels = Channels(connection.execute("SELECT id, name, unit FROM channel").fetchall())
+        self._known.standing = {name: row for name, row in standing.items() if row is not None}
         self._known.reference = None if reference is None else reference[1:]
 
     def same_file(self) -> AbstractContextManager[int]:
@@ -116,14 +133,15 @@ class Store:
     def repair(self, error: Exception, file: int) -> None:
         """After `error` while a file was read: set it aside and go on with what can be read.
 
-        Raises StoreError when that fails, or the error itself when nothing is damaged.
+        Raises StoreError when that fails, or when the file cannot be read although nothing is damaged; another error is
+        raised again.
         """
         try:
             damaged = is_damage(error) or unreadable_rows(self._path) > 0
         except UNREADABLE:
             damaged = True
         if not damaged:
-            raise error
+            raise unusable(self._path, error) if isinstance(error, UNREADABLE) else error
         self._writer.mend(str(error), file)
 
     def __enter__(self) -> Self:
@@ -131,8 +149,8 @@ class Store:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._writer.close()
-        self._lock.release()
+        if self._writer.close():
+            self._lock.release()
         self._writer.check()
 
     @property
@@ -149,6 +167,14 @@ class Store:
         """Return when everything received so far is committed. Raises StoreError."""
         self._writer.flush()
 
+    async def on_disk(self, limit_s: float = _ON_DISK_WITHIN_S) -> None:
+        """Return when every number, frame, decision and measurement received so far is committed.
+
+        The event loop runs meanwhile, and with it the heartbeat to the control. Raises StoreError if storing fails or
+        takes longer than `limit_s`, real seconds.
+        """
+        await asyncio.to_thread(self._writer.flush, (WaitingKind.KEPT,), limit_s)
+
     def begin(self, config: str, fingerprint: str, versions: str, prior: tuple[str, str] | None = None) -> None:
         """Record what runs: configuration text and hash, relevant versions, hash and text of a prior."""
         if prior is not None:
@@ -159,10 +185,7 @@ class Store:
         self._writer.put("INSERT OR IGNORE INTO boot VALUES (?, ?, ?, ?, ?, ?)", [row], commit=True)
 
     def record(self, event: GatewayEvent) -> None:  # noqa: C901 - one arm for each kind of event
-        """A gateway.events.Sink. Returns at once; for ProbingRequested, once it is on the disk.
-
-        Raises StoreError only for a ProbingRequested that could not be stored: everything else waits.
-        """
+        """A gateway.events.Sink. What cannot be stored at once waits."""
         put = self._writer.put
         match event:
             case ConfigurationApplied(config):
@@ -174,7 +197,7 @@ class Store:
                 put(
                     "INSERT OR IGNORE INTO reading VALUES (?, ?, ?, ?, ?)",
                     self._channels.readings(self._number, readings),
-                    kind=Kind.READINGS,
+                    kind=WaitingKind.READINGS,
                 )
             case FrameMade(frame, moment):
                 if self._known.first_k is None:
@@ -200,8 +223,7 @@ class Store:
                 )
             case ProbingRequested(number):
                 put("DELETE FROM request", [()])  # only the last one matters
-                put("INSERT INTO request VALUES (?, ?)", [(number, self._clock.utc().isoformat())])
-                self._writer.flush((Kind.KEPT,), _NUMBER_WITHIN_S)
+                put("INSERT INTO request VALUES (?, ?)", [(number, self._clock.utc().isoformat())], commit=True)
             case MeasurementEnded(outcome):
                 row = rows.of_outcome(outcome)
                 if self._known.reference is None and outcome.measurement is not None and outcome.centres_mm is not None:
@@ -211,13 +233,27 @@ class Store:
                 put("INSERT INTO model VALUES (NULL, ?, ?, ?)", [rows.of_models(models, after_k)], commit=True)
             case EventReported(reported, k):
                 row = rows.of_event(reported, k, self._clock.utc())
-                put("INSERT INTO event VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", [row], kind=Kind.EVENTS)
+                put("INSERT INTO event VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", [row], kind=WaitingKind.EVENTS)
+            case CommandGiven(outcome):
+                row = rows.of_command(outcome)
+                name = outcome.command.name
+                if outcome.accepted and name in rows.STANDING:
+                    self._known.standing.setdefault(name, row)
+                elif outcome.accepted and name in rows.ENDS:
+                    self._known.standing.pop(rows.ENDS[name], None)
+                put("INSERT INTO command VALUES (NULL, ?, ?, ?, ?, ?)", [row], commit=True)
             case CompensationStepped(write):
                 row = rows.of_write(write)
-                put("INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row], kind=Kind.STEPS)
+                put(
+                    "INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                    [row],
+                    kind=WaitingKind.STEPS,
+                )
             case ReasonsGiven(reasons):
                 row = (reasons.k, self._clock.utc().timestamp(), rows.of_reasons(reasons))
-                put("INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=Kind.STEPS)
+                put("INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=WaitingKind.STEPS)
+            case ForecastMade():
+                pass  # the decisions tell later what became of it
             case OutlookChanged() | SensorsJudged() | StorageChanged() | HealthChecked():
                 pass  # what an operator should know about them is also an EventReported
             case _:
@@ -230,16 +266,15 @@ class Store:
         """
         slot = "coalesce((SELECT 1 - slot FROM snapshot ORDER BY k DESC LIMIT 1), 0)"
         row = snapshot.k, self._clock.utc().isoformat(), snapshot
-        self._writer.put(f"INSERT OR REPLACE INTO snapshot VALUES ({slot}, ?, ?, ?)", [row], kind=Kind.SNAPSHOTS)
+        self._writer.put(f"INSERT OR REPLACE INTO snapshot VALUES ({slot}, ?, ?, ?)", [row], kind=WaitingKind.SNAPSHOTS)
 
     def _mend(self, why: str) -> str:
         return mend(self._path, why, self._clock.utc(), self._known)
 
     def _mend_and_number(self, why: str) -> str:
         """While it runs: the channels keep their numbers."""
-        mended = self._mend(why) if self._path.exists() else begin_anew(self._path, self._known)
         self._writer.put(_CHANNEL, self._channels.rows())
-        return mended
+        return self._mend(why) if self._path.exists() else begin_anew(self._path, self._known)
 
     def _mark(self, connection: sqlite3.Connection) -> None:
         self._pruning.mark(connection, self._clock.monotonic())

@@ -34,6 +34,22 @@ class StoredMeasurement:
 
 
 @dataclass(frozen=True, slots=True)
+class StoredRun:
+    """One start of the gateway as stored, and what of its configuration the machine is learnt by."""
+
+    number: int
+    began: datetime
+    kind: str | None
+    """Of the machine; None: it has none."""
+    step_s: float
+    inputs: tuple[str, ...]
+    talc: str
+    """The section, JSON."""
+    fingerprint: str
+    versions: str
+
+
+@dataclass(frozen=True, slots=True)
 class StoredCompensation:
     """One step of the compensation as stored."""
 

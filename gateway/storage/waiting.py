@@ -1,15 +1,17 @@
 """Rows that wait for the disk: in order, and bounded by a stated policy. Pure; the writer locks it."""
 
 import math
-from collections import deque
-from collections.abc import Collection, Iterable, Sequence
+import re
+from collections import Counter, deque
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from itertools import chain
 
 Rows = Sequence[Sequence[object]]
 
 
-class Kind(Enum):
+class WaitingKind(Enum):
     """Kinds of rows, and how many of each may wait; beyond that the oldest are dropped. None: all wait."""
 
     KEPT = None
@@ -32,29 +34,44 @@ class Item:
     number: int
     statement: str
     rows: Rows
-    kind: Kind
+    kind: WaitingKind
     commit: bool
     """Commit as soon as nothing else waits."""
 
 
+_TABLE = re.compile(r"(?:INTO|FROM|UPDATE) (\w+)")
+
+
+def tables_of(items: Iterable[Item]) -> "Counter[str]":
+    """How many rows are of which table."""
+    rows = Counter[str]()
+    for item in items:
+        if found := _TABLE.search(item.statement):
+            rows[found[1]] += len(item.rows)
+    return rows
+
+
 class Waiting:
-    """Items in order of arrival, those of Kind.KEPT first: the order between tables does not matter."""
+    """Items in order of arrival, those of WaitingKind.KEPT first: the order between tables does not matter."""
 
     def __init__(self) -> None:
-        self._items: dict[Kind, deque[Item]] = {kind: deque() for kind in Kind}
-        self._rows = dict.fromkeys(Kind, 0)
-        self.dropped = dict.fromkeys(Kind, 0)
+        self._items: dict[WaitingKind, deque[Item]] = {kind: deque() for kind in WaitingKind}
+        self._rows = dict.fromkeys(WaitingKind, 0)
+        self.dropped = dict.fromkeys(WaitingKind, 0)
         """Dropped rows, by kind."""
 
     def __len__(self) -> int:
         return sum(map(len, self._items.values()))
+
+    def __iter__(self) -> Iterator[Item]:
+        return chain.from_iterable(self._items.values())
 
     @property
     def rows(self) -> int:
         """How many rows wait."""
         return sum(self._rows.values())
 
-    def full(self, kind: Kind) -> bool:
+    def full(self, kind: WaitingKind) -> bool:
         """Whether another row of this kind drops the oldest."""
         return kind.value is not None and self._rows[kind] >= kind.value
 
@@ -64,7 +81,7 @@ class Waiting:
         self._rows[item.kind] += len(item.rows)
         self._cut(item.kind)
 
-    def oldest(self, kinds: Collection[Kind]) -> float:
+    def oldest(self, kinds: Collection[WaitingKind]) -> float:
         """The smallest number of the waiting items of some kinds; infinity: none wait."""
         return min(
             (items[0].number for kind, items in self._items.items() if items and kind in kinds), default=math.inf
@@ -75,7 +92,7 @@ class Waiting:
         others = [items for items in self._items.values() if items]
         if not others:
             return None
-        first = self._items[Kind.KEPT] or min(others, key=lambda items: items[0].number)
+        first = self._items[WaitingKind.KEPT] or min(others, key=lambda items: items[0].number)
         item = first.popleft()
         self._rows[item.kind] -= len(item.rows)
         return item
@@ -85,12 +102,12 @@ class Waiting:
         for item in reversed(list(items)):
             self._items[item.kind].appendleft(item)
             self._rows[item.kind] += len(item.rows)
-        for kind in Kind:
+        for kind in WaitingKind:
             self._cut(kind)
 
-    def _cut(self, kind: Kind) -> None:
+    def _cut(self, kind: WaitingKind) -> None:
         items = self._items[kind]
         while kind.value is not None and self._rows[kind] > kind.value and len(items) > 1:
             gone = len(items.popleft().rows)
             self._rows[kind] -= gone
-            self.dropped[kind] += gone if kind is not Kind.SNAPSHOTS else 0
+            self.dropped[kind] += gone if kind is not WaitingKind.SNAPSHOTS else 0

@@ -13,20 +13,24 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 from gateway.events import StoreHealth
 from gateway.storage.damage import contradiction
 from gateway.storage.faults import DamagedError, GoneError, StoreError
 from gateway.storage.schema import connect, is_damage
-from gateway.storage.waiting import Item, Kind, Rows, Waiting
+from gateway.storage.waiting import Item, Rows, Waiting, WaitingKind, tables_of
 
 log = logging.getLogger(__name__)
 
 _PRUNE_EVERY_S = 600.0
 _LOOK_EVERY_S = 10.0
 """Real seconds."""
+_HANGS = "the disk does not answer"
+_REPAIRS = "a damaged database is being repaired"
+_STEPS_A_LOOK = 10_000
+"""Of SQLite's machine: about a millisecond of a statement that takes long."""
 _YIELD_S = 0.05
 """How long a producer that is faster than the thread waits for it, as in a simulation that outruns the disk."""
 _REFUSED = (sqlite3.IntegrityError, sqlite3.DataError, sqlite3.InterfaceError, sqlite3.ProgrammingError, OverflowError)
@@ -47,6 +51,8 @@ class DatabaseWriter:
     retry_s: how long another program's lock is waited for, and how long between two attempts, real seconds
     mended: what became of a file that was damaged before
     look_s: how often the disk's free space is read, and whether the file is still at its path
+    hangs_after_s: a statement or commit that takes longer counts as failing, real seconds
+    silent_s: at the end, the longest that the disk may take for one statement or commit, real seconds
     """
 
     def __init__(
@@ -59,8 +65,14 @@ class DatabaseWriter:
         retry_s: float = 5.0,
         mended: str = "",
         look_s: float = _LOOK_EVERY_S,
+        hangs_after_s: float = 30.0,
+        silent_s: float = 30.0,
     ) -> None:
-        self._look_s = look_s
+        self._look_s, self._hangs_after_s, self._silent_s = look_s, hangs_after_s, silent_s
+        self._abandoned = False
+        """The end did not wait any longer for the disk; the thread may still be in a call."""
+        self._asked_s: float | None = None
+        """Since when the disk has been at work; None: it has nothing to do."""
         self._path, self._commit_s, self._prune, self._end, self._retry_s = path, commit_s, prune, end, retry_s
         self._mend, self._mended, self._to_mend = mend, mended, ""
         self._mending, self._times_mended = threading.Lock(), 0
@@ -69,9 +81,12 @@ class DatabaseWriter:
         self._open: list[Item] = []
         """Executed and not committed."""
         self._last = 0
-        self._closing = self._ended = False
+        self._closing_s: float | None = None
+        self._ended = self._pruning = False
         self._problem, self._failing_since = "", 0.0
         self._refused, self._refusal = 0, ""
+        self._kept = False
+        """Whether a connection stays open between two attempts."""
         self._committed_s = 0.0
         self._free_mb: float | None = None
         self._looked_s = 0.0
@@ -81,9 +96,11 @@ class DatabaseWriter:
     def health(self) -> StoreHealth:
         """The state of storing; may be called from another thread."""
         with self._changed:
+            now, asked_s = time.monotonic(), self._asked_s
+            hanging_s = 0.0 if asked_s is None or now - asked_s < self._hangs_after_s else now - asked_s
             return StoreHealth(
-                problem=self._problem or self._refusal,
-                failing_s=time.monotonic() - self._failing_since if self._problem else 0.0,
+                problem=self._problem or (_HANGS if hanging_s else self._refusal),
+                failing_s=now - self._failing_since if self._problem else hanging_s,
                 waiting=self._waiting.rows,
                 dropped=sum(self._waiting.dropped.values()),
                 free_mb=self._free_mb,
@@ -95,23 +112,43 @@ class DatabaseWriter:
         self._look()
         self._thread.start()
 
-    def close(self) -> None:
-        """Return when everything is committed, or a last attempt has failed."""
+    def close(self) -> bool:
+        """Return when everything is committed, a last attempt has failed, or the disk has been silent for `silent_s`.
+
+        The silence also counts that began before the call. Returns False if the thread is still waiting for the disk.
+        """
         with self._changed:
-            self._closing = True
+            began_s = self._closing_s = time.monotonic()
             self._changed.notify_all()
+            while not self._ended:
+                since_s = began_s if self._asked_s is None else self._asked_s
+                left_s = since_s + self._silent_s - time.monotonic()
+                if left_s <= 0.0:
+                    self._abandoned = True
+                    self._changed.notify_all()
+                    return False
+                self._changed.wait(left_s)
         self._thread.join()
+        return True
 
     def check(self) -> None:
         """Call after `close`. Raises StoreError if rows were not stored."""
-        lost, dropped = self._waiting.rows, sum(self._waiting.dropped.values())
-        if lost or dropped or self._refused:
-            raise StoreError(
-                f"{self._path}: {lost + dropped + self._refused} rows were not stored: "
-                f"{self._problem or self._refusal or 'they waited too long'}"
-            )
+        with self._changed:
+            lost = tables_of([*self._waiting, *self._open])
+            dropped = sum(self._waiting.dropped.values())
+        count = lost.total() + dropped + self._refused
+        which = ", ".join(f"{table} {rows}" for table, rows in lost.items())
+        if self._abandoned:
+            what = _REPAIRS if self._mending.locked() else _HANGS
+            silent = f"{self._path}: {what}; the gateway was stopped without waiting longer than {self._silent_s:g} s"
+            if count:
+                raise StoreError(f"{silent}; {count} rows may be lost ({which})")
+            log.warning("%s; everything is stored", silent)
+        elif count:
+            why = self._problem or self._refusal or "they waited too long"
+            raise StoreError(f"{self._path}: {count} rows were not stored: {why}" + (f" ({which})" if which else ""))
 
-    def put(self, statement: str, rows: Rows, *, kind: Kind = Kind.KEPT, commit: bool = False) -> None:
+    def put(self, statement: str, rows: Rows, *, kind: WaitingKind = WaitingKind.KEPT, commit: bool = False) -> None:
         """Execute the statement for each row; commit: at once, as soon as nothing else waits. Never raises."""
         with self._changed:
             if self._waiting.full(kind) and not self._problem and self._makes_progress():
@@ -120,12 +157,12 @@ class DatabaseWriter:
             self._waiting.put(Item(self._last, statement, rows, kind, commit))
             self._changed.notify_all()
 
-    def flush(self, kinds: Collection[Kind] = tuple(Kind), limit_s: float | None = None) -> None:
+    def flush(self, kinds: Collection[WaitingKind] = tuple(WaitingKind), limit_s: float | None = None) -> None:
         """Return when all of some kinds put so far are committed. Raises StoreError when that fails or takes longer."""
         self.put("", (), commit=True)
         with self._changed:
             number = self._last
-            self._changed.wait_for(lambda: self._oldest(kinds) > number or self._problem or self._ended, limit_s)
+            self._changed.wait_for(lambda: self._oldest(kinds) > number or self._problem or self._over, limit_s)
             if self._oldest(kinds) <= number:
                 raise StoreError(f"{self._path}: {self._problem or f'nothing was stored within {limit_s} s'}")
 
@@ -141,14 +178,23 @@ class DatabaseWriter:
             if self._times_mended == times_mended:
                 self._to_mend = why
                 self._changed.notify_all()
-                self._changed.wait_for(lambda: not self._to_mend or self._ended)
+                self._changed.wait_for(lambda: not self._to_mend or self._over)
             if self._times_mended == times_mended:
                 raise StoreError(f"{self._path}: {self._problem}")
 
-    def _oldest(self, kinds: Collection[Kind]) -> float:
+    def _oldest(self, kinds: Collection[WaitingKind]) -> float:
         """The smallest number of the uncommitted items."""
         executed = (item.number for item in self._open if item.kind in kinds)
         return min(self._waiting.oldest(kinds), min(executed, default=math.inf))
+
+    @property
+    def _closing(self) -> bool:
+        return self._closing_s is not None
+
+    @property
+    def _over(self) -> bool:
+        """Nobody waits for the thread any more."""
+        return self._ended or self._abandoned
 
     def _makes_progress(self) -> bool:
         return time.monotonic() - self._committed_s < _LOOK_EVERY_S
@@ -164,23 +210,47 @@ class DatabaseWriter:
                 self._changed.notify_all()
 
     def _attempt(self) -> None:
-        """Write until it is closed, again after every failure."""
-        while True:
-            last = self._closing
-            try:
-                with closing(connect(self._path, self._retry_s)) as connection:
-                    self._write_to(connection)
-                return
-            except Exception as error:  # noqa: BLE001 - the gateway continues without its store
-                self._failed(error)
-                if is_damage(error) or isinstance(error, GoneError) or self._to_mend:
-                    self._renew(self._to_mend or str(error))
-                    continue
-            if last:
-                return
-            with self._changed:
-                self._changed.wait_for(lambda: self._closing, self._retry_s)
-            self._look()
+        """Write until it is closed, again after every failure.
+
+        A commit whose synchronisation fails is rolled back, but is in the log. Whoever opens the database first, when
+        nobody else has it open, reads all of the log, and the rows would be there twice after the next attempt. So one
+        more connection stays open from one attempt to the next.
+        """
+        with ExitStack() as kept_open:
+            while self._attempted(kept_open):
+                pass
+
+    def _attempted(self, kept_open: ExitStack) -> bool:
+        """One attempt; whether there is to be another one."""
+        last = self._closing
+        self._asked_s = time.monotonic()
+        try:
+            with closing(connect(self._path, self._retry_s)) as connection:
+                connection.set_progress_handler(self._goes_on, _STEPS_A_LOOK)
+                if not self._kept:
+                    self._keep_open(kept_open)
+                self._write_to(connection)
+            return False
+        except Exception as error:  # noqa: BLE001 - the gateway continues without its store
+            self._failed(error)
+            if is_damage(error) or isinstance(error, GoneError) or self._to_mend:
+                kept_open.close()
+                self._kept = False
+                self._renew(self._to_mend or str(error))
+                return True
+        if last:
+            return False
+        with self._changed:
+            self._changed.wait_for(lambda: self._closing, self._retry_s)
+        self._look()
+        return True
+
+    def _keep_open(self, kept_open: ExitStack) -> None:
+        with ExitStack() as opened:
+            connection = opened.enter_context(closing(connect(self._path, self._retry_s)))
+            connection.execute("SELECT count(*) FROM sqlite_master").fetchone()  # opens the log
+            kept_open.push(opened.pop_all())
+        self._kept = True
 
     def _renew(self, why: str) -> None:
         try:
@@ -199,6 +269,7 @@ class DatabaseWriter:
 
     def _failed(self, error: Exception) -> None:
         with self._changed:
+            self._asked_s = None
             self._waiting.put_back(self._open)
             self._open.clear()
             first, self._problem = not self._problem, str(error)
@@ -212,8 +283,7 @@ class DatabaseWriter:
     def _write_to(self, connection: sqlite3.Connection) -> None:
         """Until the writer is closed and nothing waits any more. Raises the database's errors."""
         opened = self._path.stat()
-        self._prune(connection)
-        self._commit(connection)
+        self._delete_old(connection)
         committed = pruned = time.monotonic()
         wanted = False
         while True:
@@ -223,12 +293,13 @@ class DatabaseWriter:
                 if self._closing and not len(self._waiting):
                     self._end(connection)
                     self._commit(connection)
+                    self._goes_on()
                     return
             elif item.statement:
                 self._execute(connection, item)
             now = time.monotonic()
             if now - pruned >= _PRUNE_EVERY_S:
-                self._prune(connection)
+                self._delete_old(connection)
                 pruned = now
             wanted = wanted or (item is not None and item.commit)
             if (wanted and not len(self._waiting)) or now - committed >= self._commit_s:
@@ -237,6 +308,26 @@ class DatabaseWriter:
             if now - self._looked_s >= self._look_s:
                 self._look()
                 self._check_place(opened)
+
+    def _delete_old(self, connection: sqlite3.Connection) -> None:
+        """In a transaction of its own. When the gateway is stopped meanwhile and it takes long: not this time."""
+        if self._open:  # an empty commit succeeds on a disk that fails, and would end the problem
+            self._commit(connection)
+        self._pruning = True
+        try:
+            self._prune(connection)
+        except sqlite3.OperationalError as error:
+            if getattr(error, "sqlite_errorcode", None) != sqlite3.SQLITE_INTERRUPT:
+                raise
+            connection.rollback()
+        finally:
+            self._pruning = False
+        self._commit(connection)
+
+    def _goes_on(self) -> bool:
+        """A statement makes progress; called by SQLite. Whether it is interrupted."""
+        now = self._asked_s = time.monotonic()
+        return self._pruning and self._closing_s is not None and now - self._closing_s > self._silent_s
 
     def _check_place(self, opened: os.stat_result) -> None:
         """A file that is deleted stays open, and whatever is written to it is lost in the end."""
@@ -249,7 +340,9 @@ class DatabaseWriter:
 
     def _next(self) -> Item | None:
         with self._changed:
+            self._asked_s = None
             self._changed.wait_for(lambda: len(self._waiting) or self._closing or self._to_mend, self._commit_s)
+            self._asked_s = time.monotonic()
             if self._to_mend:
                 raise StoreError(self._to_mend)
             item = self._waiting.take()

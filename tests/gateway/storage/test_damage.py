@@ -75,6 +75,26 @@ def test_a_lost_page_of_frames_costs_those_frames_and_learning_goes_on_from_the_
     assert len(list(tmp_path.glob("g.sqlite.damaged-*"))) == 1
 
 
+def test_when_the_disk_fails_while_a_database_is_mended_nothing_is_changed_and_the_next_start_mends_it(
+    whole: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA user_version = 3")  # written with 4: the mark in the header says so
+    damaged_one = path.read_bytes()
+    obstacle = tmp_path / "g.sqlite.new"
+    obstacle.mkdir()
+    with pytest.raises(OSError, match=r"g\.sqlite\.new"):
+        Store(path, "second", SteppedClock())
+    assert path.read_bytes() == damaged_one
+    assert sorted(tmp_path.iterdir()) == [path, obstacle]
+    obstacle.rmdir()
+    past, mended = restarted(path, "second")
+    assert "g.sqlite was damaged" in mended
+    assert past.last_k == STEPS - 1
+
+
 def test_without_the_reference_of_the_measurements_learning_begins_again(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     data = bytearray(whole.read_bytes())

@@ -34,7 +34,7 @@ def until(condition: Callable[[], bool]) -> None:
 
 def delete_all(path: Path) -> None:
     for one in path.parent.iterdir():
-        one.unlink()
+        one.unlink(missing_ok=True)  # SQLite takes files of its own away
 
 
 def delete_the_file(path: Path) -> None:

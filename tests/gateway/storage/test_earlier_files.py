@@ -90,12 +90,13 @@ def test_measurements_events_compensation_and_what_ran(history: History, databas
     assert history.last_number() == 41
 
 
-def test_it_is_continued(database: Path) -> None:
+async def test_it_is_continued(database: Path) -> None:
     with Store(database, "boot-2", SteppedClock()) as store:
         store.record(FrameMade(replace(example.FRAME, k=9)))
         store.record(DecisionMade(replace(example.DECISION, k=9)))
         store.record(ProbingRequested(44))
+        await store.on_disk()
         with History(database) as history:
-            assert history.last_number() == 44, "committed when `record` returns"
+            assert history.last_number() == 44
     with History(database) as history:
         assert [step.frame.k for step in history.steps()] == [7, 8, 9]

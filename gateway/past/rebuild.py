@@ -12,7 +12,16 @@ import numpy as np
 
 import talc
 from gateway.config import GatewayConfig
-from gateway.storage import History, Learnt, Snapshot, SnapshotError, StoredStep, decode, marks_of, parse_learnt
+from gateway.storage import (
+    History,
+    Learnt,
+    Snapshot,
+    SnapshotError,
+    StoredStep,
+    decode_snapshot,
+    marks_of,
+    parse_learnt,
+)
 from gateway.versions import versions
 from talc.control import Controller
 from talc.frame import Decision, Frame, TrainingJob, Why
@@ -144,7 +153,7 @@ def _restored(history: History, config: GatewayConfig) -> Rebuilt | None:
         try:
             if marks_of(data) != wanted:
                 continue
-            found = decode(data, partial(history.frames, config.input_names))
+            found = decode_snapshot(data, partial(history.frames, config.input_names))
             prior = None if config.prior is None else config.prior.prior
             controller = Controller.restore(found.state, config.talc, config.grid.step_s, prior)
         except (SnapshotError, ValueError) as error:

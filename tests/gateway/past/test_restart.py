@@ -14,49 +14,23 @@ import pytest
 from gateway.cli.running import serve
 from gateway.config import GatewayConfig, parse
 from gateway.events import DecisionMade, FrameMade, ModelsAdopted
-from gateway.past import Past, past_in, past_of
-from gateway.rebuild import Interrupted, Rebuilt, marks
+from gateway.past import Interrupted, Past, Rebuilt, SnapshotKeeper, marks, past_in, past_of
 from gateway.replay import replay
-from gateway.snapshots import SnapshotKeeper
-from gateway.storage import History, SnapshotError, Store, StoredStep, decode
+from gateway.storage import History, SnapshotError, Store, StoredStep, decode_snapshot
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement
 from talc.training import train
+from tests.benches.service_file import MACHINE, adam6015, short_calibration
 from tests.benches.stepped_clock import SteppedClock
 
-TEXT = """
-[machine]
-name = "mill"
-[storage]
-path = "gateway.sqlite"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "nowhere"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-bed = 0
-column = 1
-ram = 2
-[talc]
-method = "learner"
-[talc.control]
-calibration_steps = 36
-measurement_interval_steps = 12
-[talc.training]
-max_na = 0
-max_nb = 0
-"""
+TEXT = MACHINE + '[storage]\npath = "gateway.sqlite"\n' + adam6015("bed = 0, column = 1, ram = 2")
 EVERY = 60
 GAP = 20
 LONGER = 2 * EVERY + GAP + 15
 
 
 def config_of(folder: Path, method: str = "learner", **more: str) -> GatewayConfig:
-    text = TEXT.replace('"learner"', f'"{method}"')
+    text = TEXT + short_calibration(method)
     for old, new in more.items():
         text = text.replace(old, new)
     return parse(text, folder / "gateway.toml")
@@ -82,16 +56,22 @@ def run(config: GatewayConfig, past: Past, first: int, end: int, boot: str) -> l
         store.begin(config.canonical(), config.fingerprint(), "")
         keeper = SnapshotKeeper(past, store, config, EVERY)
         for frame in frames(first, end):
-            decision = past.controller.step(frame)
-            for event in (FrameMade(frame), DecisionMade(decision)):
-                store.record(event)
-                keeper.take(event)
-            if decision.training is not None:
-                models = train(decision.training)
-                past.controller.adopt(models)
-                store.record(ModelsAdopted(models, decision.k))
-            made.append(decision)
+            made.append(decision := past.controller.step(frame))
+            keep(frame, decision, past, store, keeper)
     return made
+
+
+def keep(frame: Frame, decision: Decision, past: Past, store: Store, keeper: SnapshotKeeper) -> None:
+    """Store a step; a training that it asks for ends within it."""
+    for event in (FrameMade(frame), DecisionMade(decision)):
+        store.record(event)
+        keeper.take(event)
+    if frame.k % (EVERY // 2) == 0:
+        store.flush()  # on a busy computer the next snapshot would take the place of one that still waits
+    if decision.training is not None:
+        models = train(decision.training)
+        past.controller.adopt(models)
+        store.record(ModelsAdopted(models, decision.k))
 
 
 def fresh(config: GatewayConfig) -> Past:
@@ -204,7 +184,7 @@ def test_the_learners_state_does_not_grow_with_its_age(tmp_path: Path) -> None:
 def test_bytes_that_are_no_snapshot_are_refused() -> None:
     for data in (b"", b"x" * 40, bytes(1000)):
         with pytest.raises(SnapshotError, match="checksum"):
-            decode(data, lambda *_: pytest.fail("not reached"))
+            decode_snapshot(data, lambda *_: pytest.fail("not reached"))
 
 
 def test_a_rebuild_can_be_interrupted(tmp_path: Path) -> None:
@@ -225,7 +205,7 @@ def test_a_rebuild_can_be_interrupted(tmp_path: Path) -> None:
 
 def other_inputs(folder: Path, method: str) -> GatewayConfig:
     """The ram's sensor has gone, one of the slide and one of the bed's far end are new, and the order is another."""
-    return config_of(folder, method, **{"bed = 0": "slide = 2", "ram = 2": "bed = 0\nend = 3"})
+    return config_of(folder, method, **{"bed = 0": "slide = 2", "ram = 2": "bed = 0, end = 3"})
 
 
 def reordered(config: GatewayConfig, frame: Frame) -> Frame:
@@ -256,13 +236,7 @@ def test_other_inputs_and_settings_keep_what_was_learnt_and_are_replayed(method:
         keeper = SnapshotKeeper(past, store, config, EVERY)
         for frame in frames(LONGER, LONGER + 2 * EVERY):
             other = reordered(config, frame)
-            for event in (FrameMade(other), DecisionMade(decision := past.controller.step(other))):
-                store.record(event)
-                keeper.take(event)
-            if decision.training is not None:
-                models = train(decision.training)
-                past.controller.adopt(models)
-                store.record(ModelsAdopted(models, decision.k))
+            keep(other, past.controller.step(other), past, store, keeper)
     with History(config.storage.path) as history:
         result = replay(history)
         seen = past_of(history, config).seen

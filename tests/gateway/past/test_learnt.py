@@ -25,20 +25,10 @@ from talc.settings import TalcSettings
 from talc.training import train
 from talc.transfer import transferred
 from tests.benches.fuzzed_files import signed
-from tests.benches.service_file import MACHINE, adam6015
+from tests.benches.service_file import MACHINE, adam6015, short_calibration
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 NAMES = ("bed", "column", "ram")
-MORE = """
-[talc]
-method = "METHOD"
-[talc.control]
-calibration_steps = 36
-measurement_interval_steps = 12
-[talc.training]
-max_na = 0
-max_nb = 0
-"""
 STEPS = 60
 CENTRES = np.arange(18.0).reshape(6, 3)
 
@@ -46,7 +36,7 @@ CENTRES = np.arange(18.0).reshape(6, 3)
 def config_of(folder: Path, names: Sequence[str] = NAMES, method: str = "learner") -> GatewayConfig:
     folder.mkdir(exist_ok=True)
     channels = ", ".join(f"{name} = {i}" for i, name in enumerate(names))
-    text = MACHINE + adam6015(channels) + MORE.replace("METHOD", method)
+    text = MACHINE + adam6015(channels) + short_calibration(method)
     (folder / "gateway.toml").write_text(text, encoding="utf-8")
     return load(folder / "gateway.toml")
 
@@ -188,7 +178,7 @@ def test_a_damaged_or_foreign_file_is_refused_by_field(source: GatewayConfig) ->
         ("[]", "format = \\[\\]: expected"),
         (json.dumps({"format": 1, "inputs": []}), "format = 1: expected 'talc-gateway learnt'"),
         (text.replace('"version": 1', '"version": 2'), "version = 2: expected 1"),
-        (text.replace('"machine": "mill"', '"machine": "mall"'), "sha256 = '[0-9a-f]+.*: is not that of the rest"),
+        (text.replace('"machine": "mill"', '"machine": "mall"'), "sha256 = '[0-9a-f]+.*: does not match the rest"),
     ):
         with pytest.raises(ValueError, match=said):
             parse_learnt(spoilt)

@@ -12,7 +12,7 @@ import pytest
 from gateway.apart import WorkError
 from gateway.config import GatewayConfig, parse
 from gateway.control import SeenBefore
-from gateway.control.trainer import failed
+from gateway.control.trainer import models_of_failure
 from gateway.events import DecisionMade, EventReported, FrameMade, ModelsAdopted
 from gateway.past import past_of
 from gateway.replay import replay
@@ -53,7 +53,9 @@ def earlier_run(config: GatewayConfig, *events: tuple[int, Event], adopted: bool
             store.record(FrameMade(frame))
             store.record(DecisionMade(decision))
             if decision.training is not None and adopted:
-                models = failed(decision.training, WorkError("its process was ended by SIGKILL; out of memory?"))
+                models = models_of_failure(
+                    decision.training, WorkError("its process was ended by SIGKILL; out of memory?")
+                )
                 for event in controller.adopt(models):
                     store.record(EventReported(event, k))
                 store.record(ModelsAdopted(models, k))

@@ -5,9 +5,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 
 from gateway.ages import StepTime
+from gateway.commands import Disarmed, Pause
 from gateway.config import GatewayConfig, parse_prior, validate
 from gateway.control import SeenBefore
-from gateway.rebuild import (
+from gateway.past.rebuild import (
     Interrupted,
     RebuildProgress,
     Rebuilt,
@@ -48,6 +49,10 @@ class Past:
     seen: SeenBefore | None = None
     since_snapshot: int = 0
     """Steps that the controller has taken since its last snapshot."""
+    paused: Pause | None = None
+    """The compensation's pause; None: it is not paused."""
+    disarmed: Disarmed | None = None
+    """Who has disarmed the gateway; None: nobody."""
 
     former_method: str | None = None
     """`[talc] method` of the latest run, if this configuration has another one."""
@@ -141,6 +146,8 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
             moment=history.moment(),
             reference_mm=_reference_mm(history),
             last_number=history.last_number(),
+            paused=history.paused(),
+            disarmed=history.disarmed(),
         )
     before = stored_config(history)
     changed = before.talc.method != config.talc.method
@@ -165,6 +172,8 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
         measured=tuple(found.measured),
         seen=_seen(history, config, found.last_k),
         since_snapshot=found.steps,
+        paused=history.paused(),
+        disarmed=history.disarmed(),
         former_method=before.talc.method if changed else None,
         other_prior=not changed and config.talc.method == "learner" and before.prior != config.prior,
         changes=(*_inputs_changed(before, config), *(() if changed else _settings_changed(before.talc, config.talc))),

@@ -2,8 +2,8 @@
 
 from gateway.config import GatewayConfig
 from gateway.events import DecisionMade, FrameMade, GatewayEvent
-from gateway.past import Past
-from gateway.rebuild import Rebuilt, marks
+from gateway.past.earlier import Past
+from gateway.past.rebuild import Rebuilt, marks
 from gateway.storage import Store
 from talc.frame import Frame
 

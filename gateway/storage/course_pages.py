@@ -1,0 +1,133 @@
+"""The estimates and measurements of a span of time, thinned: bounded work, however long the span is."""
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from gateway.storage.faults import DamagedError
+from gateway.storage.pages import reading_connection
+from gateway.storage.placing import placed_frames
+from gateway.storage.rows import frames_of, inputs_of_config
+from talc.frame import FloatArray
+from talc.names import THERMAL_ERRORS
+
+_ERRORS = len(THERMAL_ERRORS)
+_TEMPERATURE = "degC"
+_MOST_MEASUREMENTS = 20_000
+"""Rows that are looked at for one answer; of more, the latest."""
+
+_Measured = tuple[str, bytes, bytes | None, float | None]
+"""When it ended, errors, sigma and residual."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredCourse:
+    """n estimates and m measurements, oldest first; times are UTC, seconds since 1970."""
+
+    time: FloatArray
+    """(n,)"""
+    corrected: FloatArray
+    """(n, 9) the estimate; likewise its sigma."""
+    sigma: FloatArray
+    measured_time: FloatArray
+    """(m,)"""
+    measured: FloatArray
+    """(m, 9); likewise measured_sigma."""
+    measured_sigma: FloatArray
+    residual_um: FloatArray
+    """(m,) RMS of what the nine errors do not explain; NaN: unknown."""
+    temperature_names: tuple[str, ...]
+    """Inputs in degC of the latest run; t of them, none unless they were asked for."""
+    temperatures: FloatArray
+    """(n, t) at the times of the estimates; NaN: no good value."""
+
+
+def course_between(
+    path: Path, begin: datetime, end: datetime, most: int, step_s: float, *, temperatures: bool = False
+) -> StoredCourse:
+    """The estimates from `begin` on and before `end`: of at most `most` equal parts of the span, each one's first; and
+    the measurements that were used, evenly thinned to as many.
+
+    most: at least 1
+    step_s: grid step
+
+    Raises StoreError if the database cannot be read.
+    """
+    with reading_connection(path) as connection:
+        first, behind = (int(-(-time.timestamp() // step_s)) for time in (begin, end))
+        found = list(_decisions(connection, first, behind, most))
+        measured = _thinned(_measurements(connection, begin, end), most)
+        names, inputs = _temperatures(connection, [k for k, *_ in found]) if temperatures else ((), None)
+    return StoredCourse(
+        np.array([k * step_s for k, *_ in found]),
+        _nines([row[1] for row in found]),
+        _nines([row[2] for row in found]),
+        np.array([datetime.fromisoformat(row[0]).timestamp() for row in measured]),
+        _nines([row[1] for row in measured]),
+        _nines([row[2] for row in measured]),
+        np.array([np.nan if row[3] is None else row[3] for row in measured], dtype=np.float64),
+        names,
+        np.empty((len(found), 0)) if inputs is None else inputs,
+    )
+
+
+def _decisions(
+    connection: sqlite3.Connection, first: int, behind: int, most: int
+) -> Iterator[tuple[int, bytes, bytes]]:
+    part, k = -(-max(behind - first, 1) // most), first
+    while k < behind:
+        found = connection.execute(
+            "SELECT k, corrected, sigma FROM decision WHERE k >= ? AND k < ? ORDER BY k LIMIT 1", (k, behind)
+        ).fetchone()
+        if found is None:
+            return
+        yield found
+        k = first + ((found[0] - first) // part + 1) * part
+
+
+def _measurements(connection: sqlite3.Connection, begin: datetime, end: datetime) -> list[_Measured]:
+    """Times are stored as text, in UTC, which sorts as they do."""
+    rows = connection.execute(
+        "SELECT ended, errors, sigma, residual FROM measurement WHERE errors IS NOT NULL AND ended >= ? AND ended < ?"
+        f" ORDER BY id DESC LIMIT {_MOST_MEASUREMENTS}",
+        [time.astimezone(UTC).isoformat() for time in (begin, end)],
+    )
+    return rows.fetchall()[::-1]
+
+
+def _thinned(rows: Sequence[_Measured], most: int) -> Sequence[_Measured]:
+    if len(rows) <= most:
+        return rows
+    return [rows[i] for i in np.linspace(0, len(rows) - 1, most).round().astype(int)]
+
+
+def _temperatures(connection: sqlite3.Connection, wanted: Sequence[int]) -> tuple[tuple[str, ...], FloatArray]:
+    """Names and values (n, t) at these grid indices."""
+    runs = connection.execute("SELECT id, config FROM boot ORDER BY number")
+    own = {boot: inputs_of_config(config) for boot, config in runs}
+    units = dict(connection.execute("SELECT name, unit FROM channel").fetchall())
+    latest = next(reversed(own.values()), ())
+    names = tuple(name for name in latest if units.get(name) == _TEMPERATURE)
+    values = np.full((len(wanted), len(names)), np.nan)
+    frame = "SELECT k, inputs, valid, errors, boot FROM frame WHERE k = ?"
+    for into, k in zip(values, wanted, strict=True):
+        row = connection.execute(frame, (k,)).fetchone()
+        if row is not None and (inputs := own.get(row[-1])):
+            placed = placed_frames(frames_of([row[:-1]]), inputs, names)
+            into[:] = np.where(placed.valid[0], placed.inputs[0], np.nan)
+    return names, values
+
+
+def _nines(blobs: Sequence[bytes | None]) -> FloatArray:
+    """(n, 9); a row that is not stored is unknown."""
+    values = np.full((len(blobs), _ERRORS), np.nan)
+    for row, blob in zip(values, blobs, strict=True):
+        if blob is not None:
+            if len(blob) != 8 * _ERRORS:
+                raise DamagedError("a row of nine errors has another length")
+            row[:] = np.frombuffer(blob, dtype="<f8")
+    return values

@@ -1,0 +1,101 @@
+"""Estimates and measurements of a span, thinned, from a database that a gateway has written."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.storage import Store, StoreError, course_between
+from talc.frame import Frame, Measurement
+from tests.benches import telemetry_examples as example
+from tests.benches.stepped_clock import SteppedClock
+
+STEP_S = 300.0
+STEPS = 1000
+
+
+def at(k: float) -> datetime:
+    return datetime.fromtimestamp(k * STEP_S, UTC)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Steps 0 to 399 and 600 to 999, in between it was off; an estimate is its index, and each 100th is measured."""
+    file = tmp_path_factory.mktemp("store") / "g.sqlite"
+    with Store(file, "boot-1", SteppedClock()) as store:
+        for k in (*range(400), *range(600, STEPS)):
+            store.record(FrameMade(replace(example.FRAME, k=k)))
+            store.record(DecisionMade(replace(example.DECISION, k=k, corrected=np.full(9, float(k)))))
+            if k % 100 == 0:
+                found = Measurement(np.full(9, k + 0.5), np.full(9, 0.25))
+                store.record(MeasurementEnded(replace(example.OUTCOME, ended=at(k), measurement=found)))
+        store.record(MeasurementEnded(replace(example.REFUSED, ended=at(350))))
+    return file
+
+
+def test_a_short_span_has_every_estimate_from_its_begin_on_and_before_its_end(path: Path) -> None:
+    found = course_between(path, at(99.5), at(110), 100, STEP_S)
+    assert found.time.tolist() == [k * STEP_S for k in range(100, 110)]
+    assert found.corrected[:, 0].tolist() == [float(k) for k in range(100, 110)]
+    assert found.sigma[0].tolist() == pytest.approx(np.abs(example.NINE).tolist(), nan_ok=True)
+    assert (found.measured_time.tolist(), found.measured[0, 0]) == ([100 * STEP_S], 100.5)
+    assert found.measured_sigma[0, 0] == 0.25
+    assert found.residual_um.tolist() == [example.OUTCOME.residual_um]
+
+
+@pytest.mark.parametrize("most", [1, 7, 50, 400])
+def test_a_long_span_is_thinned_to_as_many_and_time_off_stays_empty(path: Path, most: int) -> None:
+    found = course_between(path, at(0), at(STEPS), most, STEP_S)
+    k = found.time / STEP_S
+    part = -(-STEPS // most)
+    assert len(k) <= most
+    assert (np.diff(k) > 0).all()
+    assert set(k // part) == {i // part for i in (*range(400), *range(600, STEPS))}, "one of each part that has any"
+    assert not ((k >= 400) & (k < 600)).any()
+    assert len(found.measured_time) <= max(most, 1)
+
+
+def test_a_refused_cycle_is_no_measurement_and_thinned_ones_are_first_and_last(path: Path) -> None:
+    everything = course_between(path, at(0), at(STEPS), 100, STEP_S)
+    assert (everything.measured_time / STEP_S).tolist() == [0, 100, 200, 300, 600, 700, 800, 900]
+    few = course_between(path, at(0), at(STEPS), 2, STEP_S)
+    assert (few.measured_time / STEP_S).tolist() == [0, 900]
+
+
+def test_a_span_without_anything_is_empty_and_a_year_costs_no_more_than_its_parts(path: Path) -> None:
+    assert course_between(path, at(5000), at(6000), 10, STEP_S).corrected.shape == (0, 9)
+    year = course_between(path, at(0) - timedelta(days=200), at(0) + timedelta(days=200), 500, STEP_S)
+    assert 1 <= len(year.time) <= 500
+
+
+def test_temperatures_are_those_of_the_same_steps_under_their_names_of_today(tmp_path: Path) -> None:
+    """The inputs change places between two runs; one is no temperature; a value that is not good is unknown."""
+    file, clock = tmp_path / "g.sqlite", SteppedClock()
+    height = {"bed": 100.0, "spindle": 200.0, "growth": 300.0}
+    for boot, names, ks in (
+        ("boot-1", ("bed", "growth", "spindle"), range(10)),
+        ("boot-2", ("spindle", "bed", "growth"), range(10, 20)),
+    ):
+        with Store(file, boot, clock) as store:
+            store.begin(json.dumps({"device": [{"channels": names}]}), "fingerprint", "versions")
+            units = {"bed": "degC", "spindle": "degC", "growth": "um"}
+            store.record(ReadingsTaken([replace(example.READING, channel=n, unit=units[n]) for n in names]))
+            for k in ks:
+                inputs, good = np.array([height[n] + k for n in names]), np.array([(n, k) != ("bed", 5) for n in names])
+                store.record(FrameMade(Frame(k, inputs, good)))
+                store.record(DecisionMade(replace(example.DECISION, k=k)))
+    found = course_between(file, at(0), at(20), 100, STEP_S, temperatures=True)
+    assert found.temperature_names == ("spindle", "bed")
+    expected = np.array([[200.0 + k, 100.0 + k] for k in range(20)])
+    expected[5, 1] = np.nan
+    np.testing.assert_array_equal(found.temperatures, expected)
+    assert course_between(file, at(0), at(20), 100, STEP_S).temperatures.shape == (20, 0)
+
+
+def test_a_database_that_is_not_there_says_so(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="no such file"):
+        course_between(tmp_path / "none.sqlite", at(0), at(1), 10, STEP_S)
