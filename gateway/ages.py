@@ -1,4 +1,4 @@
-"""How long ago something was, across a restart: by the monotonic clock, or by a wall clock that is known to be right.
+"""How long ago something happened, across a restart: by the monotonic clock, or by a wall clock known to be right.
 
 A grid index is a time within a record. What links the record to the present is its last moment. On the same start of
 the computer its monotonic clock goes on. Otherwise only the wall clock can tell, if it was synchronised then and is

@@ -1,13 +1,13 @@
 """Clocks of the service: the computer's, or a simulated one that the command line passes in."""
 
 import asyncio
-import ctypes
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Protocol
 
 from drivers.base import Clock, SystemClock
+from gateway.time_service import clock_synchronised
 
 
 class ServiceClock(Clock, Protocol):
@@ -53,24 +53,3 @@ class RealClock(SystemClock):
 @cache
 def _kernel_boot() -> str:
     return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
-
-
-_TIMEX_BYTES = 512
-"""More than any Linux's struct timex (208 on 64 bit); all zero, it only reads."""
-_TIME_ERROR = 5
-"""What adjtimex returns while no time server keeps the clock (adjtimex(2))."""
-_TIMESYNCD = Path("/run/systemd/timesync")
-"""Where systemd-timesyncd leaves the file `synchronized` once it has set the clock."""
-
-
-def clock_synchronised(timesyncd: Path = _TIMESYNCD) -> bool | None:
-    """Whether a time server keeps the computer's clock; None: unknown.
-
-    The kernel knows it. Where asking it is denied, as by ProtectClock of a systemd unit, systemd-timesyncd's file
-    tells; of another time service nothing is known then.
-    """
-    libc = ctypes.CDLL(None)
-    state = libc.adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES)) if hasattr(libc, "adjtimex") else -1
-    if state >= 0:
-        return bool(state != _TIME_ERROR)
-    return (timesyncd / "synchronized").exists() if timesyncd.is_dir() else None

@@ -16,16 +16,15 @@ import pytest
 from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.ages import Ages, StepTime
-from gateway.clock_watch import ClockWatch
 from gateway.config import GatewayConfig, Probing, parse
 from gateway.control import GridLoop, GridSampler, Schedule
 from gateway.events import DecisionMade, FrameMade, ReadingsTaken
-from gateway.past import Past, past_of
+from gateway.past import Past, controller_of, past_of
 from gateway.polling import Notice
 from gateway.probing import ProbingSchedule
-from gateway.rebuild import controller_of
 from gateway.replay import replay
 from gateway.storage import History, Store
+from gateway.watches import ClockWatch
 from talc.frame import Decision, Frame, Measurement, Why
 from tests.benches.kept_events import KeptEvents
 from tests.benches.service_file import MACHINE, adam6015
@@ -119,7 +118,7 @@ def started(boot: Boot) -> SteppedClock:
     return clock
 
 
-class Running:
+class RestartedGrid:
     """A gateway's grid, on a clock, from what the database holds."""
 
     def __init__(self, config: GatewayConfig, clock: SteppedClock, boot: str) -> None:
@@ -166,7 +165,7 @@ class Running:
 async def test_nothing_is_younger_than_it_is_and_nothing_is_deleted(boot: Boot, config: GatewayConfig) -> None:
     before, knows = last_k(config), earlier(config).controller
     measured_k = before - (STEPS - 1 - MEASURED)
-    at = Running(config, started(boot), "monday")
+    at = RestartedGrid(config, started(boot), "monday")
     weekend_s = WEEKEND.total_seconds()
     assert at.ages.pause_s >= weekend_s - 1.0
     assert -at.ages.monotonic_of(measured_k) >= weekend_s - 1.0 + (STEPS - 1 - MEASURED) * STEP_S
@@ -185,7 +184,7 @@ async def test_nothing_is_younger_than_it_is_and_nothing_is_deleted(boot: Boot, 
     assert all(b.k > a.k for a, b in pairwise(at.frames))
     # also after another restart, by the numbering of the steps.
     tuesday = MONDAY + timedelta(days=1, seconds=end_s)
-    after = Running(config, started(Boot(tuesday, synchronised=True)), "tuesday")
+    after = RestartedGrid(config, started(Boot(tuesday, synchronised=True)), "tuesday")
     true_s = (tuesday - FRIDAY).total_seconds()
     ahead_s = (boot.wall - MONDAY).total_seconds() if MONDAY < boot.wall < MONDAY + timedelta(days=30) else 0.0
     assert true_s - 1.0 <= -after.ages.monotonic_of(before) <= true_s + ahead_s + STEP_S
@@ -204,26 +203,26 @@ async def test_a_clock_that_is_never_synchronised_leaves_the_age_unknown_for_the
     config: GatewayConfig,
 ) -> None:
     before = last_k(config)
-    at = Running(config, started(Boot(FRIDAY)), "monday")
+    at = RestartedGrid(config, started(Boot(FRIDAY)), "monday")
     await at.until((2.5 * STEP_S, None))
-    later = Running(config, started(Boot(MONDAY + timedelta(days=1), synchronised=True)), "tuesday")
+    later = RestartedGrid(config, started(Boot(MONDAY + timedelta(days=1), synchronised=True)), "tuesday")
     assert math.isinf(later.ages.pause_s), "nobody knows when the run on Monday was"
     await later.until((1.5 * STEP_S, None))
     assert later.frames[0].pause_unknown
     assert last_k(config) == int((MONDAY + timedelta(days=1)).timestamp() // STEP_S) + 1
-    same_day = Running(config, started(Boot(MONDAY + timedelta(days=1, hours=1), synchronised=True)), "at noon")
+    same_day = RestartedGrid(config, started(Boot(MONDAY + timedelta(days=1, hours=1), synchronised=True)), "at noon")
     assert same_day.ages.monotonic_of(before) == -math.inf
     assert same_day.ages.monotonic_of(later.frames[0].k) == pytest.approx(-3600.0, abs=STEP_S)
 
 
 async def test_a_restart_of_the_service_alone_needs_no_wall_clock(config: GatewayConfig) -> None:
     before = last_k(config)
-    at = Running(config, started(Boot(FRIDAY)), "monday")
+    at = RestartedGrid(config, started(Boot(FRIDAY)), "monday")
     await at.until((1.5 * STEP_S, None))
     clock = started(Boot(datetime(1980, 1, 1, tzinfo=UTC)))
     clock.started_as = at.clock.started_as
     clock.spend(1.5 * STEP_S + 40 * STEP_S)
-    again = Running(config, clock, "monday again")
+    again = RestartedGrid(config, clock, "monday again")
     first_k, moment = at.frames[0].k, again.past.moment
     assert moment is not None
     assert again.ages.pause_s == pytest.approx(clock.monotonic() - moment.monotonic_s)
@@ -231,13 +230,13 @@ async def test_a_restart_of_the_service_alone_needs_no_wall_clock(config: Gatewa
     assert again.ages.monotonic_of(before) == -math.inf, "the weekend is still unknown"
     await again.until((43 * STEP_S, MONDAY + timedelta(seconds=43 * STEP_S)), (45 * STEP_S, None))
     assert not any(frame.pause_unknown for frame in again.frames)
-    after = Running(config, started(Boot(MONDAY + timedelta(seconds=45 * STEP_S), synchronised=True)), "later")
+    after = RestartedGrid(config, started(Boot(MONDAY + timedelta(seconds=45 * STEP_S), synchronised=True)), "later")
     true_s = WEEKEND.total_seconds() + 45 * STEP_S
     assert true_s - 1.0 <= after.clock.monotonic() - after.ages.monotonic_of(before) <= true_s + 2 * STEP_S
 
 
 async def test_a_clock_that_is_set_before_the_first_step_ends_leaves_nothing_unknown(config: GatewayConfig) -> None:
-    at = Running(config, started(Boot(FRIDAY)), "monday")
+    at = RestartedGrid(config, started(Boot(FRIDAY)), "monday")
     await at.until((30.0, MONDAY + timedelta(seconds=30.0)), (3.5 * STEP_S, None))
     assert not any(frame.pause_unknown for frame in at.frames)
     assert at.frames[0].k == int(MONDAY.timestamp() // STEP_S) + 2

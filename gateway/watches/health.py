@@ -1,4 +1,4 @@
-"""Looks at the gateway's health every 10 s: what is good, and what the gateway waits for."""
+"""Checks the gateway's health every 10 s: what is good, and what the gateway waits for."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -7,7 +7,7 @@ from drivers.base import Quality, Reading
 from gateway.acquisition import Board
 from gateway.clock import ServiceClock
 from gateway.events import DecisionMade, GatewayEvent, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
-from gateway.nc import NcLink
+from gateway.nc import NcLink, NcState
 from gateway.polling import Periodic
 from gateway.probing import Outlook, Standing
 
@@ -61,6 +61,10 @@ class HealthWatch:
         await self._periodic.run(self._look)
 
     async def _look(self, _: float) -> None:
+        self.report()
+
+    def report(self) -> None:
+        """Report it now, as after a change that somebody waits to see."""
         self._sink(HealthChecked(self.health()))
 
     def health(self) -> Health:
@@ -72,6 +76,8 @@ class HealthWatch:
         latest = {channel: found[channel].reading if channel in found else None for channel in self._board.channels}
         bad = {channel: reading for channel, reading in latest.items() if reading is None or not _good(reading)}
         nc, store, synchronised = self._nc(), self._store(), self._synchronised()
+        link = self._link()
+        paused, disarmed = (None, None) if link is None else (link.paused, link.disarmed)
         return Health(
             uptime_s=now_s - self._began_s,
             channels=len(latest),
@@ -79,6 +85,8 @@ class HealthWatch:
             nc=nc,
             clock_synchronised=synchronised,
             waits_for=(
+                *((f"somebody to arm the gateway: {disarmed}",) if disarmed is not None else ()),
+                *((f"somebody to resume the compensation: {paused}",) if paused is not None else ()),
                 *self._first_step(),
                 *_channels(bad),
                 *_WAITS_FOR_NC.get(nc, ()),
@@ -87,20 +95,22 @@ class HealthWatch:
                 *(("the time: no time server keeps this computer's clock",) if synchronised is False else ()),
             ),
             store=store,
+            paused=paused,
+            disarmed=disarmed,
         )
 
-    def _nc(self) -> str:
+    def _nc(self) -> NcState:
         link = self._link()
         if link is None:
-            return "none"
+            return NcState.NONE
         present = link.present
         if present is None:
-            return "away"
+            return NcState.AWAY
         if present.quality is Quality.STALE:
-            return "stale"
+            return NcState.STALE
         if present.ready is False:
-            return "not_ready"
-        return "probing" if present.probing else "ready"
+            return NcState.NOT_READY
+        return NcState.PROBING if present.probing else NcState.READY
 
     def _first_step(self) -> tuple[str, ...]:
         if self._decided:
@@ -110,9 +120,9 @@ class HealthWatch:
 
 
 _WAITS_FOR_NC = {
-    "away": ("the control: it cannot be reached",),
-    "stale": ("the control: its axes report a speed and do not move",),
-    "not_ready": ("the control: it is not ready",),
+    NcState.AWAY: ("the control: it cannot be reached",),
+    NcState.STALE: ("the control: its axes report a speed and do not move",),
+    NcState.NOT_READY: ("the control: it is not ready",),
 }
 
 

@@ -9,13 +9,13 @@ import pytest
 
 from drivers.base import Quality, Reading
 from gateway.acquisition import Board
-from gateway.clock import clock_synchronised
 from gateway.config import parse
 from gateway.events import ConfigurationApplied, DecisionMade, HealthChecked, OutlookChanged, StoreHealth
-from gateway.health_watch import HealthWatch
 from gateway.past import Past
 from gateway.probing import Outlook, Standing
 from gateway.service import Service
+from gateway.time_service import clock_synchronised
+from gateway.watches import HealthWatch
 from talc.control import Controller
 from talc.frame import Why
 from tests.benches.kept_events import KeptEvents
@@ -26,7 +26,7 @@ from tests.benches.telemetry_examples import DECISION
 STEP_S = 300.0
 
 
-class Watched:
+class WatchedHealth:
     """A watch over what the test sets; without a control."""
 
     def __init__(self, channels: int = 2) -> None:
@@ -44,7 +44,7 @@ class Watched:
 
 
 def test_a_gateway_with_all_that_it_needs_waits_for_nothing() -> None:
-    at = Watched()
+    at = WatchedHealth()
     at.read("t0")
     at.read("t1")
     at.watch.take(DecisionMade(DECISION))
@@ -54,7 +54,7 @@ def test_a_gateway_with_all_that_it_needs_waits_for_nothing() -> None:
 
 
 def test_each_thing_that_is_missing_is_named_with_its_reason() -> None:
-    at = Watched()
+    at = WatchedHealth()
     at.read("t1", Quality.SENSOR_FAULT, "wire break")
     at.store, at.synchronised = StoreHealth("database or disk is full"), False
     at.watch.take(OutlookChanged(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 21612", 2, "clean the sphere")))
@@ -73,7 +73,7 @@ def test_each_thing_that_is_missing_is_named_with_its_reason() -> None:
 
 
 def test_a_good_value_that_grows_old_is_not_good_any_more() -> None:
-    at = Watched(1)
+    at = WatchedHealth(1)
     at.read("t0")
     assert at.watch.health().channels_good == 1
     at.clock.spend(3.0)
@@ -83,14 +83,14 @@ def test_a_good_value_that_grows_old_is_not_good_any_more() -> None:
 
 
 def test_of_many_bad_channels_some_are_named_and_the_others_counted() -> None:
-    waits = Watched(29).watch.health().waits_for
+    waits = WatchedHealth(29).watch.health().waits_for
     assert len(waits) == 7
     assert waits[-2:] == ("channel t4: no reading yet", "24 more channels")
 
 
 @pytest.mark.parametrize("synchronised", [True, None])
 def test_an_unknown_clock_is_no_reason_to_wait(synchronised: bool | None) -> None:
-    at = Watched(0)
+    at = WatchedHealth(0)
     at.watch.take(DecisionMade(DECISION))
     at.synchronised = synchronised
     assert at.watch.health().waits_for == ()

@@ -5,14 +5,14 @@ from pathlib import Path
 from gateway.config import Storage
 from gateway.events import GatewayEvent, StorageChanged, StoreHealth
 from gateway.polling import Notice
-from gateway.store_watch import StoreWatch
+from gateway.watches import StoreWatch
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.tasks import running
 
 FULL = "database or disk is full"
 
 
-class Watched:
+class WatchedStore:
     """A watch on a store whose health the test sets."""
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class Watched:
 
 
 async def test_a_failure_is_reported_once_published_as_long_as_it_lasts_and_its_end_reported() -> None:
-    at = Watched()
+    at = WatchedStore()
     async with running(at.watch.run()):
         await at.clock.run_until(20.0)
         assert at.events == []
@@ -45,7 +45,7 @@ async def test_a_failure_is_reported_once_published_as_long_as_it_lasts_and_its_
 
 
 async def test_a_disk_that_fills_up_is_reported_before_it_is_full_and_once() -> None:
-    at = Watched()
+    at = WatchedStore()
     async with running(at.watch.run()):
         for until, free_mb in ((10.0, 510.0), (20.0, 499.0), (30.0, 550.0), (40.0, 480.0), (200.0, 700.0)):
             at.health = StoreHealth(free_mb=free_mb)
@@ -56,7 +56,7 @@ async def test_a_disk_that_fills_up_is_reported_before_it_is_full_and_once() -> 
 
 
 async def test_a_disk_whose_space_is_unknown_is_no_problem() -> None:
-    at = Watched()
+    at = WatchedStore()
     at.health = StoreHealth(free_mb=None)
     async with running(at.watch.run()):
         await at.clock.run_until(20.0)
@@ -64,7 +64,7 @@ async def test_a_disk_whose_space_is_unknown_is_no_problem() -> None:
 
 
 async def test_what_became_of_a_damaged_database_is_reported_once() -> None:
-    at = Watched()
+    at = WatchedStore()
     text = "storage: gateway.sqlite was damaged (malformed) and is set aside as gateway.sqlite.damaged-20260302T060000"
     async with running(at.watch.run()):
         await at.clock.run_until(10.0)

@@ -5,26 +5,18 @@
 // own libraries call the C library (no other library's). Such a wait becomes one without a timeout. A thread of this
 // library, the governor, ends the waits with the earliest deadline when everybody has come to rest.
 #include <dirent.h>
-#include <elf.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <link.h>
 #include <poll.h>
 #include <pthread.h>
-#include <pty.h>
 #include <semaphore.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
 #include <sys/eventfd.h>
-#include <sys/mman.h>
-#include <sys/ioctl.h>
 #include <sys/select.h>
-#include <sys/stat.h>
 #include <sys/syscall.h>
-#include <sys/sysmacros.h>
 #include <sys/time.h>
-#include <termios.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -35,82 +27,22 @@
 #include <map>
 #include <mutex>
 #include <string>
-#include <tuple>
 #include <vector>
 
+#include "clock.h"
+#include "redirection.h"
+#include "terminals.h"
+
+namespace simulated_time {
+std::atomic<bool> active{false};
+
 namespace {
-using Nanoseconds = int64_t;
-constexpr Nanoseconds second = 1'000'000'000, never = INT64_MAX;
 constexpr Nanoseconds cost_of_a_look = 200;  // so that who polls the clock sees it go on, however fast the computer
 constexpr long rest_ns = 30'000, longest_rest_ns = 240'000;  // real time between two looks of the governor
 
-std::atomic<bool> active{false};
 std::atomic<Nanoseconds> simulated{0}, wall_offset{0};
 std::atomic<uint64_t> waits{0};  // that began or ended
 std::atomic<int> for_the_lock{0};  // threads that wait for Python's interpreter lock
-
-Nanoseconds of(const timespec& at) { return at.tv_sec * second + at.tv_nsec; }
-timespec spec(Nanoseconds at) { return {static_cast<time_t>(at / second), static_cast<long>(at % second)}; }
-Nanoseconds real(clockid_t clock) {
-  timespec at;
-  ::clock_gettime(clock, &at);  // this library's own calls are not redirected
-  return of(at);
-}
-
-// ---- Pseudo-terminals ----
-
-// Bytes written at one end reach the other through a queue of the kernel's, later, and nothing shows them until then.
-// So those written and read are counted: what was not read and cannot be read yet is under way.
-struct End {  // one that reads
-  int64_t written = 0, read = 0;
-  int fd = -1;
-  int64_t written_then = 0, read_then = 0;
-  Nanoseconds since = 0;  // real time at which these two were first seen
-};
-struct Terminal {
-  int number;
-  bool ours;  // the end that made it
-  bool operator<(const Terminal& other) const { return std::tie(number, ours) < std::tie(other.number, other.ours); }
-  bool operator==(const Terminal& other) const { return number == other.number && ours == other.ours; }
-};
-constexpr Terminal none{-1, false};
-constexpr Nanoseconds lost_after = 2 * second;  // what has not come then was discarded
-std::mutex ends_guard;
-std::map<Terminal, End> ends;
-
-Terminal terminal(int fd) {
-  struct stat status;
-  if (fstat(fd, &status) != 0 || !S_ISCHR(status.st_mode)) return none;
-  const unsigned kind = major(status.st_rdev), number = minor(status.st_rdev);
-  if (kind >= 136 && kind < 144) return {static_cast<int>(number), false};
-  int made = -1;
-  return kind == 5 && number == 2 && ioctl(fd, TIOCGPTN, &made) == 0 ? Terminal{made, true} : none;
-}
-
-bool find_descriptor(const Terminal& wanted, End& end) {
-  if (end.fd >= 0 && terminal(end.fd) == wanted) return true;
-  for (end.fd = 0; end.fd < 4096; ++end.fd)
-    if (terminal(end.fd) == wanted) return true;
-  end.fd = -1;
-  return false;
-}
-
-// Bytes that have arrived count no more: whoever waits for them is seen as a wait that has ended.
-bool wires_are_quiet() {
-  std::lock_guard lock(ends_guard);
-  for (auto& [at, end] : ends) {
-    if (end.written <= end.read) continue;
-    int ready = 0;
-    if (find_descriptor(at, end)) ioctl(end.fd, FIONREAD, &ready);
-    if (end.fd >= 0 && end.read + ready >= end.written) continue;
-    const Nanoseconds now = real(CLOCK_MONOTONIC);
-    if (end.written != end.written_then || end.read != end.read_then)
-      end.written_then = end.written, end.read_then = end.read, end.since = now;
-    if (end.fd >= 0 && now - end.since < lost_after) return false;
-    end.written = end.read + ready;
-  }
-  return true;
-}
 
 // ---- Waits ----
 
@@ -290,62 +222,7 @@ int sem_wait_(sem_t* semaphore) {
   return failed;
 }
 
-ssize_t write_(int fd, const void* bytes, size_t count) {
-  const Terminal at = active ? terminal(fd) : none;
-  if (at == none) return ::write(fd, bytes, count);
-  const Terminal other{at.number, !at.ours};
-  {
-    std::lock_guard lock(ends_guard);
-    ends[other].written += count;  // before anybody can read them
-  }
-  const ssize_t written = ::write(fd, bytes, count);
-  if (written < static_cast<ssize_t>(count)) {
-    const int error = errno;
-    std::lock_guard lock(ends_guard);
-    ends[other].written -= count - std::max<ssize_t>(written, 0);
-    errno = error;
-  }
-  return written;
-}
-
-ssize_t read_(int fd, void* bytes, size_t count) {
-  const ssize_t got = ::read(fd, bytes, count);
-  if (!active || got <= 0) return got;
-  const int error = errno;
-  if (const Terminal at = terminal(fd); !(at == none)) {
-    std::lock_guard lock(ends_guard);
-    End& end = ends[at];
-    end.read = std::min(end.read + got, end.written);
-  }
-  errno = error;
-  return got;
-}
-
-int tcflush_(int fd, int which) {
-  const int failed = ::tcflush(fd, which);
-  if (const Terminal at = terminal(fd); active && !(at == none) && which != TCOFLUSH) {
-    std::lock_guard lock(ends_guard);
-    ends[at].read = ends[at].written;
-  }
-  return failed;
-}
-
-int openpty_(int* ours, int* theirs, char* name, const termios* state, const winsize* size) {
-  const int failed = ::openpty(ours, theirs, name, state, size);
-  if (!failed && active) {
-    std::lock_guard lock(ends_guard);
-    ends.erase(terminal(*ours)), ends.erase(terminal(*theirs));
-  }
-  return failed;
-}
-
-// ---- Redirection ----
-
-struct Redirection {
-  const char* name;
-  void* ours;
-};
-const Redirection redirections[] = {
+const Redirections redirections = {
     {"clock_gettime", reinterpret_cast<void*>(clock_gettime_)},
     {"gettimeofday", reinterpret_cast<void*>(gettimeofday_)},
     {"time", reinterpret_cast<void*>(time_)},
@@ -363,53 +240,6 @@ const Redirection redirections[] = {
     {"tcflush", reinterpret_cast<void*>(tcflush_)},
     {"openpty", reinterpret_cast<void*>(openpty_)},
 };
-
-#if defined(__x86_64__)
-constexpr unsigned jump_slot = R_X86_64_JUMP_SLOT, global_data = R_X86_64_GLOB_DAT;
-#elif defined(__aarch64__)
-constexpr unsigned jump_slot = R_AARCH64_JUMP_SLOT, global_data = R_AARCH64_GLOB_DAT;
-#endif
-
-bool is_python(const dl_phdr_info& object) {
-  const std::string path = object.dlpi_name;
-  if (path.empty()) return true;  // the interpreter itself
-  return path.find("python3") != std::string::npos && path.find("site-packages") == std::string::npos;
-}
-
-void redirect(const dl_phdr_info& object, const ElfW(Rela)* table, size_t bytes, const ElfW(Sym)* symbols,
-              const char* names) {
-  for (const auto* entry = table; entry < table + bytes / sizeof(*table); ++entry) {
-    const unsigned kind = ELF64_R_TYPE(entry->r_info);
-    if (kind != jump_slot && kind != global_data) continue;
-    const char* name = names + symbols[ELF64_R_SYM(entry->r_info)].st_name;
-    for (const auto& each : redirections) {
-      if (strcmp(name, each.name) != 0) continue;
-      auto** slot = reinterpret_cast<void**>(object.dlpi_addr + entry->r_offset);
-      const long page = sysconf(_SC_PAGESIZE);
-      auto* start = reinterpret_cast<void*>(reinterpret_cast<uintptr_t>(slot) & -page);
-      mprotect(start, page, PROT_READ | PROT_WRITE);
-      *slot = each.ours;
-    }
-  }
-}
-
-int redirect_object(dl_phdr_info* object, size_t, void*) {
-  if (!is_python(*object)) return 0;
-  for (int i = 0; i < object->dlpi_phnum; ++i) {
-    if (object->dlpi_phdr[i].p_type != PT_DYNAMIC) continue;
-    std::map<ElfW(Sxword), uintptr_t> of_tag;
-    for (auto* entry = reinterpret_cast<ElfW(Dyn)*>(object->dlpi_addr + object->dlpi_phdr[i].p_vaddr);
-         entry->d_tag != DT_NULL; ++entry)
-      of_tag[entry->d_tag] = entry->d_un.d_ptr;  // the loader has added the base to addresses
-    const auto* symbols = reinterpret_cast<const ElfW(Sym)*>(of_tag[DT_SYMTAB]);
-    const auto* names = reinterpret_cast<const char*>(of_tag[DT_STRTAB]);
-    if (of_tag.count(DT_JMPREL))
-      redirect(*object, reinterpret_cast<const ElfW(Rela)*>(of_tag[DT_JMPREL]), of_tag[DT_PLTRELSZ], symbols, names);
-    if (of_tag.count(DT_RELA))
-      redirect(*object, reinterpret_cast<const ElfW(Rela)*>(of_tag[DT_RELA]), of_tag[DT_RELASZ], symbols, names);
-  }
-  return 0;
-}
 
 // ---- The governor ----
 
@@ -487,7 +317,9 @@ void* govern(void*) {
   return nullptr;
 }
 }  // namespace
+}  // namespace simulated_time
 
+using namespace simulated_time;
 extern "C" {
 double real_monotonic_s() { return real(CLOCK_MONOTONIC) * 1e-9; }
 
@@ -496,10 +328,10 @@ uint64_t steps_of_simulated_time() { return steps; }
 void jump_simulated_wall_clock(long seconds) { wall_offset += seconds * second; }
 
 void begin_simulated_time() {
-  dl_iterate_phdr(redirect_object, nullptr);  // libraries may have been loaded since the last time
+  redirect_python(redirections);  // libraries may have been loaded since the last time
   simulated = real(CLOCK_MONOTONIC);
   wall_offset = real(CLOCK_REALTIME) - simulated;
-  ends.clear();
+  forget_terminals();
   active = true;
   pthread_create(&governor, nullptr, govern, nullptr);
 }
