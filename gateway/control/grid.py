@@ -56,6 +56,11 @@ class Schedule:
         self._seen_s = 0.0
         """UTC seconds minus monotonic seconds, as last seen."""
 
+    @property
+    def step_s(self) -> float:
+        """Grid step, s."""
+        return self._step
+
     def next(self, utc: datetime, monotonic_s: float, *, known: bool = True) -> Instant:
         """The next instant after now. Call it once per step, because it counts the instant as used.
 

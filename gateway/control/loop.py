@@ -9,10 +9,11 @@ from gateway.ages import Ages, StepTime
 from gateway.clock import ServiceClock
 from gateway.config import Probing
 from gateway.control.grid import GridSampler, Instant, Schedule
-from gateway.control.trainer import failed, train_apart
+from gateway.control.trainer import models_of_failure, train_apart
 from gateway.events import (
     DecisionMade,
     EventReported,
+    ForecastMade,
     FrameMade,
     MeasurementEnded,
     ModelsAdopted,
@@ -25,12 +26,15 @@ from gateway.polling import Periodic
 from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement, TrainingJob, Why
+from talc.learner import ForecastRecord
 from talc.models import ModelSet
 
 log = logging.getLogger(__name__)
 
 _EXPLAIN_EVERY_S = 3599.0
 """An hour, less what the ends of its steps may differ by."""
+_AHEAD_S = (1800.0, 3600.0, 7200.0, 10800.0, 14400.0, 21600.0, 28800.0)
+"""How far the forecasts reach."""
 
 
 class GridLoop:
@@ -73,28 +77,48 @@ class GridLoop:
         self._plan.want(wanted, clock.monotonic())
         self._run_training, self._seen = train, seen
         self._bulletin, self._outlook = Bulletin(), Outlook(Standing.NOT_WANTED, None)
+        ahead = {max(1, round(ahead_s / schedule.step_s)) for ahead_s in _AHEAD_S}
+        self._forecasts = ForecastRecord(tuple(sorted(ahead)), schedule.step_s)
         self._finished: Measurement | None = None
         self._measuring: asyncio.Task[None] | None = None
         self._training: asyncio.Task[None] | None = None
         self._last_k = -1
+        self._present: tuple[asyncio.TaskGroup, Instant] | None = None
+        """Tasks and end of the present step; None: it does not run."""
         self._explain_s = -math.inf
         """When the reasons are due, if no measurement comes before."""
 
     async def run(self) -> None:
         """Run until cancelled."""
-        async with asyncio.TaskGroup() as tasks:
-            while True:
-                instant = self._schedule.next(self._clock.utc(), self._clock.monotonic(), known=self._ages.known)
-                if instant.clock_moved_s:
-                    log.warning("the clock was set by %+.0f s; the grid follows", instant.clock_moved_s)
-                self._begin_what_is_wanted(tasks, instant)
-                await self._clock.sleep_until(instant.monotonic_s)
-                if self._last_k < 0 and self._schedule.moved(self._clock.utc(), self._clock.monotonic()):
-                    continue  # the clock was set after the start: the first frame of a run says how long the pause was
-                with self._clock.hold():
-                    self._step(instant)
-                    # Let the other tasks of this instant start while time still stands still.
-                    await asyncio.sleep(0)
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                while True:
+                    instant = self._schedule.next(self._clock.utc(), self._clock.monotonic(), known=self._ages.known)
+                    if instant.clock_moved_s:
+                        log.warning("the clock was set by %+.0f s; the grid follows", instant.clock_moved_s)
+                    self._present = tasks, instant
+                    self._begin_what_is_wanted(tasks, instant)
+                    await self._clock.sleep_until(instant.monotonic_s)
+                    if self._last_k < 0 and self._schedule.moved(self._clock.utc(), self._clock.monotonic()):
+                        continue  # the clock was set after the start: a run's first frame says how long the pause was
+                    with self._clock.hold():
+                        self._step(instant)
+                        # Let the other tasks of this instant start while time still stands still.
+                        await asyncio.sleep(0)
+        finally:
+            self._present = None
+
+    def measure_now(self) -> Outlook:
+        """A person wants a measurement, so that this step contains its result if there is time for it.
+
+        Returns how it stands.
+        """
+        self._plan.order(self._clock.monotonic())
+        if self._present is not None:
+            self._begin_what_is_wanted(*self._present)
+        outlook = self._plan.look(None if self._link is None else self._link.present, self._clock.monotonic())
+        self._tell(outlook)
+        return outlook
 
     def _begin_what_is_wanted(self, tasks: asyncio.TaskGroup, instant: Instant) -> None:
         if self._job is not None and (self._training is None or self._training.done()):
@@ -128,6 +152,10 @@ class GridLoop:
         self._seen(frame)
         if measurement is not None or instant.monotonic_s >= self._explain_s:
             self._explain(instant.monotonic_s)
+        if (forecast := self._controller.forecast(self._forecasts.steps)) is not None:
+            measured = measurement is not None
+            misses = self._forecasts.take(forecast, decision.corrected, decision.sigma, measured=measured)
+            self._sink(ForecastMade(forecast, misses))
 
     def _moment(self, instant: Instant) -> StepTime:
         return StepTime(instant.k, self._clock.origin(), instant.monotonic_s, instant.lead_s, instant.known)
@@ -142,11 +170,15 @@ class GridLoop:
         polls = Periodic(self._clock, self._probing.poll_s, first_s=at_s)
         while True:
             await polls.wait()
+            if not link.tried:  # a run begins with a measurement that an earlier one wanted
+                polls.done()
+                continue
             outlook = self._plan.look(link.present, self._clock.monotonic())
             self._tell(outlook)
             if outlook.standing is Standing.DUE:
                 break
             if not self._plan.wanted:
+                self._tell(self._plan.look(link.present, self._clock.monotonic()))
                 return
             polls.done()
         why = self._plan.asked()
@@ -178,7 +210,7 @@ class GridLoop:
                 models = await self._run_training(job)
             except Exception as error:
                 log.exception("the training of step %d failed", job.k)
-                models = failed(job, error)
+                models = models_of_failure(job, error)
             events = self._controller.adopt(models)
         self._sink(ModelsAdopted(models, self._last_k))
         for event in events:

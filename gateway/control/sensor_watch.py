@@ -35,13 +35,14 @@ Learn = Callable[[Sequence[str], FloatArray, BoolArray, SensorCheckSettings], Aw
 
 
 @dataclass(slots=True)
-class _Standing:
+class _StandingFinding:
     """A finding that still holds."""
 
     finding: Finding
     first: int
     last: int
     """Numbers of judgements."""
+    first_k: int
     told: bool = False
 
     def is_about(self, finding: Finding) -> bool:
@@ -101,7 +102,7 @@ class SensorWatch:
         self._problems = Problems(clock, _JUDGE_EVERY_S, self._noticed, log)
         self._judged = self._quiet = 0
         """Number of judgements, and of those without a finding since the last one with a finding."""
-        self._findings: list[_Standing] = []
+        self._findings: list[_StandingFinding] = []
         self._suspect_since_k = None if before is None else before.suspect_since_k
         self._due = asyncio.Event()
         if before is not None:
@@ -171,20 +172,27 @@ class SensorWatch:
             judgement = await asyncio.to_thread(judge, *given)
         else:
             judgement = await apart(judge, *given)
-        self._sink(SensorsJudged(judgement, k))
+        self._sink(SensorsJudged(judgement, k, tuple(self._since(finding, k) for finding in judgement.findings)))
         if not judgement.smallest_offset_K:
             return False
         self._compare(judgement.findings, k)
         return True
+
+    def _since(self, finding: Finding, k: int) -> int:
+        standing = self._standing(finding)
+        return k if standing is None else standing.first_k
+
+    def _standing(self, finding: Finding) -> _StandingFinding | None:
+        return next((standing for standing in self._findings if standing.is_about(finding)), None)
 
     def _compare(self, findings: Sequence[Finding], k: int) -> None:
         """Counts judgements, not time: a weekend at rest, which is not judged, ends no finding."""
         self._judged += 1
         window = math.ceil(self._settings.window_steps / _JUDGE_EVERY_STEPS)
         for finding in findings:
-            standing = next((s for s in self._findings if s.is_about(finding)), None)
+            standing = self._standing(finding)
             if standing is None:
-                self._findings.append(standing := _Standing(finding, self._judged, self._judged))
+                self._findings.append(standing := _StandingFinding(finding, self._judged, self._judged, k))
             standing.finding, standing.last = finding, self._judged
             # While the window contains the beginning or end of an exchange, the exchange looks like an offset.
             wait = window if finding.kind == "offset" else window // 2

@@ -14,7 +14,7 @@ async def train_apart(job: TrainingJob) -> ModelSet:
     return await apart(train, job)
 
 
-def failed(job: TrainingJob, error: Exception) -> ModelSet:
+def models_of_failure(job: TrainingJob, error: Exception) -> ModelSet:
     """An empty model set, adopted instead of a failed training's models: the former ones stay."""
     note = f"{_FAILED}{error}; the models stay as they were"
     nothing = (None,) * len(THERMAL_ERRORS)

@@ -1,21 +1,42 @@
-"""Telemetry: the messages that are published over Zenoh, and their keys."""
+"""Telemetry: the messages that are published over Zenoh, and their keys.
 
+`NcState`, `Source` and `Standing` are the texts of some fields, for programs that only read messages.
+"""
+
+from gateway.nc import NcState, Source
+from gateway.probing import Standing
 from gateway.telemetry import keys
-from gateway.telemetry.compose import Composer, Dropped
-from gateway.telemetry.history_queries import MOST_ROWS, HistoryRequest, HistorySource
+from gateway.telemetry.answers import (
+    CommandAnswer,
+    CommandRequest,
+    CommandTerms,
+    CoursePage,
+    HistoryPage,
+    ReportPage,
+    StoredColumn,
+    StoredRows,
+    StoredTable,
+)
+from gateway.telemetry.asking import ask, command, running
+from gateway.telemetry.codec import TYPES, decode, decode_answer, decode_refusal, encode
+from gateway.telemetry.command_door import CommandDoor, Entitled
+from gateway.telemetry.command_signer import CommandSigner, SignedCommand
+from gateway.telemetry.compose import Composer, Dropped, courses
+from gateway.telemetry.history_queries import MOST_ROWS, CourseRequest, CourseSource, HistoryRequest, HistorySource
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import (
-    TYPES,
     CompensationMessage,
     DecisionMessage,
     EventMessage,
+    ForecastMessage,
     FrameMessage,
-    HistoryPage,
     MeasurementMessage,
     ModelMessage,
+    PauseStanding,
     ProbingMessage,
     ProbingStanding,
     Published,
+    PublishedCourse,
     PublishedReason,
     ReadingMessage,
     ReasonsMessage,
@@ -23,49 +44,78 @@ from gateway.telemetry.messages import (
     SensorsMessage,
     StatusMessage,
     StorageStanding,
-    decode,
-    decode_page,
-    decode_refusal,
-    encode,
 )
 from gateway.telemetry.publisher import TelemetryError, TelemetryPublisher
+from gateway.telemetry.queries import AskedQuery, Replied
+from gateway.telemetry.report_queries import ReportRequest, ReportSource
 from gateway.telemetry.session import Access, own_access, page_config, reader_config, without_path
+from gateway.telemetry.stored_queries import StoredRequest, StoredSource
 
 __all__ = [
     "MOST_ROWS",
     "TYPES",
     "Access",
+    "AskedQuery",
+    "CommandAnswer",
+    "CommandDoor",
+    "CommandRequest",
+    "CommandSigner",
+    "CommandTerms",
     "CompensationMessage",
     "Composer",
+    "CoursePage",
+    "CourseRequest",
+    "CourseSource",
     "DecisionMessage",
     "Dropped",
+    "Entitled",
     "EventMessage",
+    "ForecastMessage",
     "FrameMessage",
     "HistoryPage",
     "HistoryRequest",
     "HistorySource",
     "MeasurementMessage",
     "ModelMessage",
+    "NcState",
+    "PauseStanding",
     "ProbingMessage",
     "ProbingStanding",
     "Published",
+    "PublishedCourse",
     "PublishedReason",
     "ReadingMessage",
     "ReasonsMessage",
+    "Replied",
+    "ReportPage",
+    "ReportRequest",
+    "ReportSource",
     "SensorFinding",
     "SensorsMessage",
+    "SignedCommand",
+    "Source",
+    "Standing",
     "StatusMessage",
     "StorageStanding",
+    "StoredColumn",
+    "StoredRequest",
+    "StoredRows",
+    "StoredSource",
+    "StoredTable",
     "TelemetryError",
     "TelemetryPublisher",
+    "ask",
+    "command",
+    "courses",
     "decode",
-    "decode_page",
+    "decode_answer",
     "decode_refusal",
     "encode",
     "keys",
     "own_access",
     "page_config",
     "reader_config",
+    "running",
     "schemas",
     "without_path",
 ]

@@ -2,7 +2,10 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from importlib.metadata import version
+from itertools import zip_longest
+from types import MappingProxyType
 from typing import NamedTuple, assert_never
 
 import numpy as np
@@ -10,11 +13,14 @@ from msgspec.structs import replace
 
 from drivers.base import Clock
 from gateway.acquisition import Sample
+from gateway.commands import StandingOrder
 from gateway.events import (
+    CommandGiven,
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
     EventReported,
+    ForecastMade,
     FrameMade,
     GatewayEvent,
     Health,
@@ -36,12 +42,15 @@ from gateway.telemetry.messages import (
     CompensationMessage,
     DecisionMessage,
     EventMessage,
+    ForecastMessage,
     FrameMessage,
     MeasurementMessage,
     ModelMessage,
+    PauseStanding,
     ProbingMessage,
     ProbingStanding,
     Published,
+    PublishedCourse,
     PublishedReason,
     ReadingMessage,
     ReasonsMessage,
@@ -51,7 +60,7 @@ from gateway.telemetry.messages import (
     StorageStanding,
 )
 from talc.frame import Decision, Event, FloatArray, Frame
-from talc.learner import Reasons
+from talc.learner import Forecast, Misses, Reasons
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Judgement
@@ -106,8 +115,8 @@ class Composer:
                 return [(keys.FRAME, _frame(self._stamp(), frame, self._names))]
             case DecisionMade(decision):
                 return [(keys.DECISION, _decision(self._stamp(), decision))]
-            case ConfigurationApplied() | ProbingRequested() | StorageChanged() | HealthChecked():
-                return []  # all but the second are in the status
+            case ConfigurationApplied() | ProbingRequested() | StorageChanged() | HealthChecked() | CommandGiven():
+                return []  # in the status, but for the second; a command is also an EventReported
             case MeasurementEnded(outcome):
                 return [(keys.MEASUREMENT, _measurement(self._stamp(), outcome))]
             case ModelsAdopted(models, after_k):
@@ -121,8 +130,10 @@ class Composer:
                 return [(keys.PROBING, _probing(self._stamp(), outlook))]
             case ReasonsGiven(reasons):
                 return [(keys.REASONS, _reasons(self._stamp(), reasons))]
-            case SensorsJudged(judgement, k):
-                return [(keys.SENSORS, _sensors(self._stamp(), judgement, k))]
+            case ForecastMade(forecast, misses):
+                return [(keys.FORECAST, _forecast(self._stamp(), forecast, misses))]
+            case SensorsJudged(judgement, k, since_k):
+                return [(keys.SENSORS, _sensors(self._stamp(), judgement, k, since_k))]
             case _:
                 assert_never(event)
 
@@ -136,12 +147,17 @@ class Composer:
         storage: StoreHealth | None = None,
         unarmed: tuple[str, ...] = (),
         health: Health | None = None,
+        *,
+        commands: bool = False,
+        certificates: Mapping[str, datetime] = MappingProxyType({}),
     ) -> Keyed:
         """The latest decision, the fingerprint of the configuration that really runs, how probing and storing stand.
 
         periods_missed: by bus
         unarmed: what the configuration leaves off, in words
         health: as it was looked at last; None: not yet
+        commands: whether the configuration allows anybody to give commands
+        certificates: when they end, by field of the configuration
         """
         message = StatusMessage(
             *self._stamp(),
@@ -154,6 +170,8 @@ class Composer:
             probing=None if outlook is None else _probing_state(outlook),
             storage=None if storage is None else _storage(storage),
             unarmed=unarmed,
+            certificates={field: ends.isoformat() for field, ends in certificates.items()},
+            commands=commands,
             version=self._version,
             key_space=keys.VERSION,
         )
@@ -289,7 +307,13 @@ def _with_health(status: StatusMessage, h: Health) -> StatusMessage:
         nc=h.nc,
         clock_synchronised=h.clock_synchronised,
         waits_for=h.waits_for,
+        paused=_order(h.paused),
+        disarmed=_order(h.disarmed),
     )
+
+
+def _order(order: StandingOrder | None) -> PauseStanding | None:
+    return None if order is None else PauseStanding(order.by, order.since.isoformat())
 
 
 def _storage(h: StoreHealth) -> StorageStanding:
@@ -297,10 +321,10 @@ def _storage(h: StoreHealth) -> StorageStanding:
     return StorageStanding(h.problem, h.waiting, h.dropped, free_mb)
 
 
-def _sensors(stamp: _Stamp, j: Judgement, k: int) -> SensorsMessage:
+def _sensors(stamp: _Stamp, j: Judgement, k: int, since_k: tuple[int, ...]) -> SensorsMessage:
     findings = (
-        SensorFinding(f.kind, f.inputs, f.alternatives, _number(f.offset_K), _number(f.score), f.text())
-        for f in j.findings
+        SensorFinding(f.kind, f.inputs, f.alternatives, _number(f.offset_K), _number(f.score), f.text(), since)
+        for f, since in zip_longest(j.findings, since_k[: len(j.findings)])
     )
     return SensorsMessage(
         *stamp,
@@ -327,6 +351,30 @@ def _reasons(stamp: _Stamp, r: Reasons) -> ReasonsMessage:
         for e in r.errors
     }
     return ReasonsMessage(*stamp, k=r.k, next_k=r.next_k, next_why=r.next_why.value, errors=errors)
+
+
+def _forecast(stamp: _Stamp, f: Forecast, misses: Misses) -> ForecastMessage:
+    return ForecastMessage(
+        *stamp,
+        k=f.k,
+        ahead_s=f.ahead_s,
+        stays=courses(f.value, f.sigma),
+        usual=courses(f.usual_value, f.usual_sigma),
+        measured=_columns(f.measured_sigma),
+        missed=courses(misses.value, misses.sigma),
+    )
+
+
+def courses(value: FloatArray, sigma: FloatArray) -> dict[str, PublishedCourse]:
+    """Of (S, 9) numbers and their sigma."""
+    values, sigmas = _columns(value), _columns(sigma)
+    return {error: PublishedCourse(values[error], sigmas[error]) for error in THERMAL_ERRORS}
+
+
+def _columns(values: FloatArray) -> dict[str, list[float | None]]:
+    """Of (S, 9); to a thousandth, so that the message stays small."""
+    columns = zip(THERMAL_ERRORS, values.T.tolist(), strict=True)
+    return {error: [_number(round(value, 3)) for value in column] for error, column in columns}
 
 
 def _number(value: float) -> float | None:

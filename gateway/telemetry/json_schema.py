@@ -4,7 +4,7 @@ import json
 
 import msgspec
 
-from gateway.telemetry.messages import ANSWERS, TYPES
+from gateway.telemetry.codec import ANSWERS, TYPES
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

@@ -15,14 +15,24 @@ COMPENSATION: Final = "compensation"
 PROBING: Final = "probing"
 SENSORS: Final = "sensors"
 REASONS: Final = "reasons"
+FORECAST: Final = "forecast"
 STATUS: Final = "status"
 ALIVE: Final = "alive"
 """A liveliness token; nothing is published under it."""
 
 SCHEMA: Final = "schema"
 """A query on `schema/<kind>` is answered with the JSON Schema of that kind; nothing is published under it."""
+COURSE: Final = "course"
+"""A query on it is answered with stored estimates and measurements; nothing is published under it."""
 HISTORY: Final = "history"
 """A query on it is answered with stored readings; nothing is published under it."""
+REPORT: Final = "report"
+"""A query on it is answered with the report of a day; nothing is published under it."""
+STORED: Final = "stored"
+"""A query on it is answered with the rows that follow a position in each table; nothing is published under it."""
+
+COMMAND: Final = "command"
+"""A query on it is answered with a challenge, one on `command/<name>` is a command; nothing is published under it."""
 
 
 def root(prefix: str, machine: str) -> str:

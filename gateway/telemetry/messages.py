@@ -5,32 +5,16 @@ ignore unknown fields. `python -m gateway.telemetry docs/telemetry` generates th
 these classes.
 """
 
-from collections.abc import Mapping
-from enum import StrEnum
-from typing import Annotated, Final
+from typing import Annotated
 
-import msgspec
 from msgspec import Meta, Struct
 
 from drivers.base import Quality
-from gateway.nc import Source
+from gateway.nc import NcState, Source
 from gateway.probing import Standing
 from gateway.telemetry import keys
-from talc.frame import EventKind, Phase, Why
-
-
-def _texts(texts: type[StrEnum] | tuple[str, ...], description: str = "") -> Meta:
-    """A field with one of these texts at present; later versions may add more."""
-    known = [str(text) for text in texts]
-    return Meta(description=description or None, extra_json_schema={"examples": known})
-
-
-Number = float | None
-ByError = Annotated[dict[str, Number], Meta(description="By thermal error; µm, and µm/m for EA0C, EB0C and EC0C")]
-Utc = Annotated[str, Meta(description="UTC, ISO 8601", extra_json_schema={"format": "date-time"})]
-GridIndex = Annotated[int, Meta(description="Grid index: UTC seconds // grid step")]
-Offsets = Annotated[tuple[float, float, float], Meta(description="X, Y, Z at the tool centre point, µm")]
-Reason = Annotated[str, _texts(Why)]
+from gateway.telemetry.fields import ByError, GridIndex, Number, OffsetsUm, Reason, Utc, one_of
+from talc.frame import EventKind, Phase
 
 
 class Message(Struct, frozen=True):
@@ -39,7 +23,7 @@ class Message(Struct, frozen=True):
     boot: Annotated[str, Meta(description="Identifies a run of the gateway")]
     seq: Annotated[int, Meta(description="Ascends within a run, over all keys")]
     time: Annotated[Utc, Meta(description="When this was published, UTC")]
-    clock: Annotated[str, _texts(("system", "unsynchronised", "simulated"))]
+    clock: Annotated[str, one_of(("system", "unsynchronised", "simulated"))]
 
 
 class ReadingMessage(Message, frozen=True):
@@ -48,7 +32,7 @@ class ReadingMessage(Message, frozen=True):
     channel: str
     value: Number
     unit: str
-    quality: Annotated[str, _texts(Quality)]
+    quality: Annotated[str, one_of(Quality)]
     source_time: Utc
     age_s: Annotated[float, Meta(description="How long ago the value was taken when this was published", ge=0.0)]
     sequence: Annotated[int, Meta(description="The same for all channels of one read; none occurs twice in a boot")]
@@ -67,7 +51,7 @@ class DecisionMessage(Message, frozen=True):
     """`decision`: what the controller decided on one frame."""
 
     k: GridIndex
-    phase: Annotated[str, _texts(Phase)]
+    phase: Annotated[str, one_of(Phase)]
     predicted: ByError
     corrected: ByError
     sigma: ByError
@@ -78,7 +62,8 @@ class DecisionMessage(Message, frozen=True):
         tuple[str, ...], Meta(description="Inputs of models without a good value, replaced by their last good value")
     ]
     trusted: Annotated[
-        dict[str, bool], Meta(description="By thermal error; false: not corrected, as no estimate is better than none")
+        dict[str, bool],
+        Meta(description="By thermal error; false: not corrected, as its estimate is no better than no correction"),
     ] = {}
 
 
@@ -115,7 +100,7 @@ class EventMessage(Message, frozen=True):
     """`event`: the controller or the service reports something in words."""
 
     k: GridIndex | None
-    kind: Annotated[str, _texts(EventKind)]
+    kind: Annotated[str, one_of(EventKind)]
     text: str
     error: Annotated[str | None, Meta(description="Thermal error that it concerns")]
     value: Number
@@ -126,21 +111,21 @@ class CompensationMessage(Message, frozen=True):
     """`compensation`: one step of the compensation; not published in mode monitor."""
 
     k: Annotated[GridIndex | None, Meta(description="Grid index of the decision that was used")]
-    mode: Annotated[str, _texts(("advise", "compensate"))]
-    source: Annotated[str, _texts(Source)]
-    target_um: Offsets
-    offsets_um: Offsets
+    mode: Annotated[str, one_of(("advise", "compensate"))]
+    source: Annotated[str, one_of(Source)]
+    target_um: OffsetsUm
+    offsets_um: OffsetsUm
     coefficients_um: Annotated[tuple[tuple[float, ...], ...], Meta(description="Rows X, Y, Z")]
     bounded: Annotated[tuple[bool, bool, bool], Meta(description="Axes that were limited by the bound")]
     positions: Annotated[dict[str, Number], Meta(description="X, Y, Z in mm; A, C in degrees")]
     written: bool
-    read_back_um: Offsets | None
+    read_back_um: OffsetsUm | None
 
 
 class ProbingStanding(Struct, frozen=True):
     """State of a wanted measurement."""
 
-    standing: Annotated[str, _texts(Standing)]
+    standing: Annotated[str, one_of(Standing)]
     why: Reason | None
     reason: Annotated[str, Meta(description="Why no measurement is requested yet")]
     rejected: Annotated[int, Meta(description="Results rejected in a row")]
@@ -150,7 +135,7 @@ class ProbingStanding(Struct, frozen=True):
 class ProbingMessage(Message, frozen=True):
     """`probing`: the state of a wanted measurement, when it changes. Fields as in ProbingStanding."""
 
-    standing: Annotated[str, _texts(Standing)]
+    standing: Annotated[str, one_of(Standing)]
     why: Reason | None
     reason: str
     rejected: int
@@ -160,12 +145,15 @@ class ProbingMessage(Message, frozen=True):
 class SensorFinding(Struct, frozen=True):
     """An input with an offset, or two exchanged inputs."""
 
-    kind: Annotated[str, _texts(("offset", "swap"))]
+    kind: Annotated[str, one_of(("offset", "swap"))]
     inputs: tuple[str, ...]
     alternatives: Annotated[tuple[str, ...], Meta(description="Other inputs that would explain it equally well")]
     offset_K: Number  # noqa: N815
     score: Annotated[Number, Meta(description="1 is just enough evidence")]
     text: str
+    since_k: Annotated[
+        GridIndex | None, Meta(description="Of the first comparison of this run since which it has been found")
+    ] = None
 
 
 class SensorsMessage(Message, frozen=True):
@@ -185,7 +173,7 @@ class SensorsMessage(Message, frozen=True):
 class StorageStanding(Struct, frozen=True):
     """How storing goes."""
 
-    problem: Annotated[str, Meta(description="Why rows wait in memory; empty: all is stored")]
+    problem: Annotated[str, Meta(description="Why rows wait in memory; empty: everything is stored")]
     waiting: Annotated[int, Meta(description="Rows that wait in memory")]
     dropped: Annotated[int, Meta(description="Rows that had to go: raw readings, steps, events; never decisions")]
     free_mb: Annotated[Number, Meta(description="Free space on the disk, MB")]
@@ -214,11 +202,44 @@ class ReasonsMessage(Message, frozen=True):
     errors: Annotated[dict[str, PublishedReason], Meta(description="By thermal error")]
 
 
+class PublishedCourse(Struct, frozen=True):
+    """One thermal error at the times ahead; µm or µm/m."""
+
+    value: list[Number]
+    sigma: list[Number]
+
+
+class ForecastMessage(Message, frozen=True):
+    """`forecast`: what becomes of the learner's estimates, after each step. Each list has one number for each of
+    `ahead_s`."""
+
+    k: GridIndex
+    ahead_s: Annotated[tuple[float, ...], Meta(description="How far ahead, s")]
+    stays: Annotated[dict[str, PublishedCourse], Meta(description="By thermal error: if the inputs stay as they are")]
+    usual: Annotated[
+        dict[str, PublishedCourse], Meta(description="If the inputs have their mean of two weeks from now on")
+    ]
+    measured: Annotated[
+        dict[str, list[Number]], Meta(description="Sigma if the inputs stay and the machine is measured now")
+    ]
+    missed: Annotated[
+        dict[str, PublishedCourse],
+        Meta(description="Root mean square by which `stays` has been off so far; null: not known yet"),
+    ]
+
+
+class PauseStanding(Struct, frozen=True):
+    """A command that stands until another one ends it."""
+
+    by: Annotated[str, Meta(description="Who gave the command")]
+    since: Utc
+
+
 class StatusMessage(Message, frozen=True):
     """`status`: the latest decision and how the gateway runs, at least every 10 s. `phase` and `k` are null before the
     first decision; `uptime_s` to `clock_synchronised` until the health was looked at for the first time."""
 
-    phase: Annotated[str | None, _texts(Phase)]
+    phase: Annotated[str | None, one_of(Phase)]
     k: GridIndex | None
     readings_dropped: Annotated[int, Meta(description="Readings not published because the network was too slow")]
     periods_missed: Annotated[
@@ -236,34 +257,21 @@ class StatusMessage(Message, frozen=True):
     uptime_s: Annotated[Number, Meta(description="Since the service began to run")] = None
     channels: Annotated[int | None, Meta(description="Channels of the configuration")] = None
     channels_good: Annotated[int | None, Meta(description="Of these, how many have a good value now")] = None
-    nc: Annotated[str | None, _texts(("none", "away", "stale", "not_ready", "probing", "ready"), "The control")] = None
+    nc: Annotated[str | None, one_of(NcState, "The control")] = None
     clock_synchronised: Annotated[
         bool | None, Meta(description="Whether a time server keeps the computer's clock; null: unknown, or simulated")
     ] = None
     waits_for: Annotated[
         tuple[str, ...], Meta(description="What has to come before it learns and corrects with all that it has")
     ] = ()
-
-
-class HistoryPage(Struct, frozen=True):
-    """The answer to a query on `history`: readings as columns of one length, in the order in which they were stored."""
-
-    period_s: Annotated[
-        float, Meta(description="0: single readings; 60: means of a minute's good readings, as older ones are kept")
-    ]
-    names: Annotated[tuple[str, ...], Meta(description="Channels; `channel` counts from 0 in this list")]
-    units: Annotated[tuple[str, ...], Meta(description="By channel")]
-    time: Annotated[list[float], Meta(description="When it was read, UTC, seconds since 1970")]
-    channel: list[int]
-    value: list[Number]
-    quality: list[Annotated[str, _texts(Quality)]]
-    next: Annotated[str | None, Meta(description="`after` of the query for the next page; null: this is the last one")]
-
-
-class QueryRefused(Struct, frozen=True):
-    """The error reply to a query that is not answered."""
-
-    error: Annotated[str, Meta(description="What is wrong, and what would be right")]
+    certificates: Annotated[dict[str, Utc], Meta(description="By field of the configuration: when it ends")] = {}
+    paused: Annotated[
+        PauseStanding | None, Meta(description="The compensation is paused by a command; null: it is not")
+    ] = None
+    disarmed: Annotated[
+        PauseStanding | None, Meta(description="The gateway is disarmed by a command; null: it is not")
+    ] = None
+    commands: Annotated[bool, Meta(description="Whether the configuration allows anybody to give commands")] = False
 
 
 Published = (
@@ -277,63 +285,6 @@ Published = (
     | ProbingMessage
     | SensorsMessage
     | ReasonsMessage
+    | ForecastMessage
     | StatusMessage
 )
-
-TYPES: Final[Mapping[str, type[Published]]] = {
-    keys.READING: ReadingMessage,
-    keys.FRAME: FrameMessage,
-    keys.DECISION: DecisionMessage,
-    keys.MEASUREMENT: MeasurementMessage,
-    keys.MODEL: ModelMessage,
-    keys.EVENT: EventMessage,
-    keys.COMPENSATION: CompensationMessage,
-    keys.PROBING: ProbingMessage,
-    keys.SENSORS: SensorsMessage,
-    keys.REASONS: ReasonsMessage,
-    keys.STATUS: StatusMessage,
-}
-"""Type of each kind of key."""
-
-ANSWERS: Final[Mapping[str, type[Struct]]] = {keys.HISTORY: HistoryPage, "error": QueryRefused}
-"""Type of what queries are answered with, by kind of key; `error`: every error reply."""
-
-_ENCODER = msgspec.json.Encoder()
-_PAGE_DECODER = msgspec.json.Decoder(HistoryPage)
-_REFUSAL_DECODER = msgspec.json.Decoder(QueryRefused)
-_DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in TYPES.items()}
-
-
-def encode(message: Published | HistoryPage | QueryRefused) -> bytes:
-    """JSON."""
-    return _ENCODER.encode(message)
-
-
-def decode_page(payload: bytes) -> HistoryPage:
-    """The answer to a query on `history`. Raises ValueError."""
-    try:
-        return _PAGE_DECODER.decode(payload)
-    except msgspec.DecodeError as error:
-        raise ValueError(f"payload of {keys.HISTORY}: {error}") from error
-
-
-def decode_refusal(payload: bytes) -> str:
-    """What an error reply says; the payload itself, if it is of another program."""
-    try:
-        return _REFUSAL_DECODER.decode(payload).error
-    except msgspec.DecodeError:
-        return payload.decode(errors="replace")
-
-
-def decode(suffix: str, payload: bytes) -> Published | None:
-    """The message under a key below the root; None: a kind of key that this version does not know.
-
-    Raises ValueError naming key and field if the payload does not fit the type.
-    """
-    decoder = _DECODERS.get(keys.kind_of(suffix))
-    if decoder is None:
-        return None
-    try:
-        return decoder.decode(payload)
-    except msgspec.DecodeError as error:
-        raise ValueError(f"payload of {suffix}: {error}") from error

@@ -3,14 +3,18 @@
 import asyncio
 import logging
 import threading
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from datetime import datetime
 from typing import Self
 
 import zenoh
 
 from drivers.base import Clock
+from drivers.signature import shared_key
+from gateway.commands import Command, CommandOutcome
 from gateway.config import Telemetry as TelemetrySettings
-from gateway.config import unarmed
+from gateway.config import certificate_ends, unarmed
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -25,11 +29,15 @@ from gateway.events import (
 from gateway.probing import Outlook
 from gateway.telemetry import keys
 from gateway.telemetry.backlog import Backlog
+from gateway.telemetry.codec import encode
+from gateway.telemetry.command_door import CommandDoor, Entitled
 from gateway.telemetry.compose import Composer, Dropped, Keyed
-from gateway.telemetry.history_queries import HistoryQueries, HistorySource
+from gateway.telemetry.history_queries import CourseSource, HistorySource, course_answer, history_answer
 from gateway.telemetry.json_schema import schemas
-from gateway.telemetry.messages import encode
+from gateway.telemetry.queries import Queries
+from gateway.telemetry.report_queries import ReportSource, report_answer
 from gateway.telemetry.session import session_config, without_path
+from gateway.telemetry.stored_queries import StoredSource, stored_answer
 from talc.frame import Decision
 
 log = logging.getLogger(__name__)
@@ -42,6 +50,13 @@ _MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODE
 """Kinds for which a slow subscriber makes the publishing thread wait instead of losing a sample."""
 
 
+_OBEYED_WITHIN_S = 60.0
+"""A command waits for the disk, twice."""
+
+Obey = Callable[[Command, str], Coroutine[object, object, CommandOutcome]]
+"""Obeys a command in the event loop, or refuses it for the reason that is given. Raises OSError while nobody does."""
+
+
 class TelemetryError(OSError):
     """No session could be opened; the message names the endpoints and what to do."""
 
@@ -49,10 +64,10 @@ class TelemetryError(OSError):
 class TelemetryPublisher:
     """Publishes every event, as an async context manager.
 
-    A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`; queries on `schema/<kind>`
-    and on `history` are answered too. When the network is slower
-    than what is published, the oldest readings, compensation steps and states are dropped and counted; of the rest the
-    oldest goes only beyond 20 000 messages or 32 MB, and is counted apart. A query larger than 1 MiB is not taken.
+    A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`; queries on
+    `schema/<kind>`, `history`, `course`, `report` and `stored` are answered too. When the network is slower than what
+    is published, the oldest readings, compensation steps and states are dropped and counted; of the rest the oldest
+    goes only beyond 20 000 messages or 32 MB, and is counted apart. A query larger than 1 MiB is not taken.
 
     Parameters
     ----------
@@ -63,6 +78,9 @@ class TelemetryPublisher:
     boot: identifies this run of the process
     simulated: whether the clock is a simulated one
     history: finds stored readings; None: queries on `history` are refused
+    course: finds stored estimates; None: queries on `course` are refused
+    stored: finds stored rows; None: queries on `stored` are refused
+    report: makes the report of a day; None: queries on `report` are refused
 
     Raises TelemetryError on entry if the session cannot be opened.
     """
@@ -77,6 +95,9 @@ class TelemetryPublisher:
         *,
         simulated: bool,
         history: HistorySource | None = None,
+        course: CourseSource | None = None,
+        stored: StoredSource | None = None,
+        report: ReportSource | None = None,
     ) -> None:
         self._settings, self._root = settings, keys.root(settings.prefix, machine)
         self._composer = Composer(boot, input_names, clock, simulated=simulated)
@@ -87,13 +108,21 @@ class TelemetryPublisher:
         self._decision: Decision | None = None
         self._config: str | None = None
         self._unarmed: tuple[str, ...] = ()
+        self._certificates: Mapping[str, datetime] = {}
         self._periods_missed: Callable[[], Mapping[str, int]] = dict
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._send, name="telemetry", daemon=True)
         self._session: zenoh.Session | None = None
-        self._history = HistoryQueries(f"{self._root}/{keys.HISTORY}", history)
+        self._queries: tuple[Queries, ...] = (
+            Queries(self._root, keys.HISTORY, None if history is None else history_answer(history)),
+            Queries(self._root, keys.COURSE, None if course is None else course_answer(course)),
+            Queries(self._root, keys.STORED, None if stored is None else stored_answer(stored)),
+            Queries(self._root, keys.REPORT, None if report is None else report_answer(report)),
+        )
         self._schemas: dict[str, bytes] = {}
+        self._machine = machine
+        self._obey: Obey | None = None
 
     @property
     def dropped(self) -> int:
@@ -115,9 +144,11 @@ class TelemetryPublisher:
                 "Is another program listening there? `talc-gateway check` looks at certificates and passwords."
             ) from error
         self._schemas = {f"{keys.SCHEMA}/{kind}": text.encode() for kind, text in schemas().items()}
-        self._history.start()
+        self._queries = (*self._queries, *self._command_queries(asyncio.get_running_loop()))
+        for queries in self._queries:
+            queries.start()
         self._queryables = [
-            self._session.declare_queryable(f"{self._root}/{keys.HISTORY}", self._history.take),
+            *(self._session.declare_queryable(queries.declared, queries.take) for queries in self._queries),
             self._session.declare_queryable(f"{self._root}/**", self._answer),
         ]
         self._token = self._session.liveliness().declare_token(f"{self._root}/{keys.ALIVE}")
@@ -127,9 +158,27 @@ class TelemetryPublisher:
     async def __aexit__(self, *_: object) -> None:
         self._backlog.close()
         await asyncio.to_thread(self._thread.join)
-        await asyncio.to_thread(self._history.close)
+        for queries in self._queries:
+            await asyncio.to_thread(queries.close)
         if self._session is not None:
             await asyncio.to_thread(self._close, self._session)
+
+    def _command_queries(self, loop: asyncio.AbstractEventLoop) -> tuple[Queries, ...]:
+        """None without operators: then nothing listens for commands."""
+        operators = {}
+        for one in self._settings.operators:
+            try:
+                operators[one.name] = Entitled(shared_key(one.key_file), frozenset(one.may))
+            except (OSError, ValueError) as error:
+                log.error("commands of %s are refused: key_file '%s': %s", one.name, one.key_file, error)
+
+        def give(command: Command, refused: str) -> CommandOutcome:
+            if self._obey is None:
+                raise OSError("the gateway is starting; give the command again")
+            return asyncio.run_coroutine_threadsafe(self._obey(command, refused), loop).result(_OBEYED_WITHIN_S)
+
+        door = CommandDoor(self._machine, operators, give, time.monotonic)
+        return (Queries(self._root, keys.COMMAND, door.answer, below=True),) if self._settings.operators else ()
 
     def _close(self, session: zenoh.Session) -> None:
         self._token.undeclare()
@@ -144,6 +193,7 @@ class TelemetryPublisher:
                 return
             case ConfigurationApplied(config):
                 self._config, self._unarmed = config.fingerprint(), unarmed(config)
+                self._certificates = certificate_ends(config)  # a few small files: as the programs use them from now on
             case DecisionMade(decision):
                 self._decision = decision
             case OutlookChanged(outlook):
@@ -167,6 +217,10 @@ class TelemetryPublisher:
         """Set the source of whether the computer's clock is known to be right, for every message."""
         self._composer.clock_known = known
 
+    def take_commands(self, obey: Obey) -> None:
+        """Set who obeys commands."""
+        self._obey = obey
+
     def _put_status(self) -> None:
         missed = self._periods_missed()
         self._put(
@@ -179,6 +233,8 @@ class TelemetryPublisher:
                 self._storage,
                 self._unarmed,
                 self._health,
+                commands=bool(self._settings.operators),
+                certificates=self._certificates,
             )
         )
 

@@ -148,7 +148,8 @@ def _control(
 
 
 def _config(values: Mapping[str, object]) -> zenoh.Config:
+    """Without shared memory: what passes is small, and a session would not open where locking pages is denied."""
     config = zenoh.Config()
-    for key, value in values.items():
+    for key, value in {"transport/shared_memory/enabled": False, **values}.items():
         config.insert_json5(key, json.dumps(value))
     return config

@@ -12,7 +12,7 @@ import pytest
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
 from gateway.config import Probing, parse
 from gateway.control import GridLoop, GridSampler, Schedule
-from gateway.events import DecisionMade, FrameMade, ModelsAdopted, ReasonsGiven
+from gateway.events import DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
 from gateway.past import past_of
 from gateway.probing import ProbingSchedule, Standing
 from gateway.service import Service
@@ -40,11 +40,12 @@ async def running(
     pending: Why | None = None,
     retries: int = 2,
     settings: TalcSettings = TalcSettings(method="models"),  # noqa: B008 -- frozen
+    probing: Probing = Probing(),  # noqa: B008 -- frozen
 ) -> AsyncIterator[ProbingSchedule]:
     plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
     loop = GridLoop(
         Controller(("a",), settings), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock,
-        bench.link, plan, Probing(), told, (None, pending),
+        bench.link, plan, probing, told, (None, pending),
     )  # fmt: skip
     task = asyncio.create_task(loop.run())
     try:
@@ -87,6 +88,17 @@ async def test_what_blocks_probing_is_published_and_logged_once(caplog: pytest.L
     assert bench.control.requests == CYCLES_OF_THE_REFERENCE
 
 
+@pytest.mark.parametrize("absent", [False, True])
+async def test_a_run_that_begins_with_a_wanted_measurement_first_tries_to_reach_the_control(absent: bool) -> None:
+    bench, told = LinkBench("monitor"), KeptEvents()
+    bench.control.absent = absent
+    at_once = Probing(lead_s=STEP_S)
+    async with running(bench, told, pending=Why.CALIBRATION, probing=at_once):
+        await bench.clock.run_until(100.0)
+    assert told.texts(EventKind.PROBLEM) == (["probing: the control cannot be reached"] if absent else [])
+    assert bool(bench.control.requests) is not absent
+
+
 async def test_a_measurement_that_is_no_longer_wanted_is_never_requested() -> None:
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.program, bench.control.speed = ProgramState.RUNNING, 8000.0
@@ -124,6 +136,19 @@ async def test_the_learner_says_why_after_each_measurement_and_each_hour() -> No
     assert measured == [1, 14]
     assert [r.k - first for r in given] == [0, 1, 13, 14]
     assert [r.next_k - first for r in given] == [1, 14, 14, 27]
+
+
+async def test_the_learner_says_after_each_step_what_the_next_hours_bring() -> None:
+    bench, told = LinkBench("monitor"), KeptEvents()
+    bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
+    async with running(bench, told, settings=TalcSettings()):
+        await bench.clock.run_until(15 * STEP_S)
+    said = told.of(ForecastMade)
+    assert [each.forecast.k for each in said] == [f.k for f in told.frames]
+    assert said[0].forecast.ahead_s == (1800.0, 3600.0, 7200.0, 10800.0, 14400.0, 21600.0, 28800.0)
+    known = [bool(np.isfinite(each.misses.value[0]).all()) for each in said]
+    # The first value is of the second step; six forecasts over half an hour have then come due after twelve more.
+    assert known == [False] * 12 + [True] * (len(known) - 12)
 
 
 async def test_a_restart_remembers_since_when_an_input_is_missing(tmp_path: Path) -> None:

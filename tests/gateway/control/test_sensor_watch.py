@@ -33,13 +33,15 @@ class Ear:
     def __init__(self) -> None:
         self.events: list[tuple[EventKind, str, int | None]] = []
         self.judgements: list[tuple[Judgement, int]] = []
+        self.since: list[tuple[int, ...]] = []
 
     def __call__(self, event: GatewayEvent) -> None:
         match event:
             case EventReported(reported, k):
                 self.events.append((reported.kind, reported.text, k))
-            case SensorsJudged(judgement, k):
+            case SensorsJudged(judgement, k, since):
                 self.judgements.append((judgement, k))
+                self.since.append(since)
             case _:
                 raise AssertionError(event)
 
@@ -100,6 +102,14 @@ async def test_an_exchange_is_reported_once_and_so_is_its_end(caplog: pytest.Log
     assert any(set(f.inputs) == set(SWAPPED) for f in ear.judgements[-1][0].findings)
     told_k = ear.events[0][2]
     assert told_k is not None
+    swaps = [
+        (k, since)
+        for (judged, k), since_k in zip(ear.judgements, ear.since, strict=True)
+        for finding, since in zip(judged.findings, since_k, strict=True)
+        if finding.kind == "swap"
+    ]
+    assert {since for _, since in swaps} == {swaps[0][0]}, "since the first judgement that found it"
+    assert swaps[0][0] < told_k
     assert told_k - (K0 + 3 * DAY) <= 1.5 * SETTINGS.window_steps
     assert len(teacher.rows) == 3
     assert teacher.rows[-1] < 3 * DAY, "learnt from what was suspect"
@@ -114,11 +124,12 @@ async def test_a_finding_is_published_and_shown() -> None:
     await run(watch(ear, Teacher(), seen), x[2 * DAY : 2 * DAY + 150], K0 + 2 * DAY)
     judgement, k = ear.judgements[-1]
     composer = Composer("boot", INPUTS, SteppedClock(), simulated=False)
-    ((key, message),) = composer.messages(SensorsJudged(judgement, k))
+    ((key, message),) = composer.messages(SensorsJudged(judgement, k, ear.since[-1]))
     received = decode(key, encode(message))
     assert isinstance(received, SensorsMessage)
     finding = received.findings[0]
     assert (finding.kind, set(finding.inputs), finding.offset_K) == ("swap", set(SWAPPED), None)
+    assert finding.since_k == ear.since[-1][0] < k
     assert set(received.smallest_offset_K) == set(NAMES)
     state = ViewState("mill")
     state.apply(received)
@@ -166,7 +177,7 @@ async def test_a_gap_is_no_window() -> None:
     assert ear.events == []
 
 
-class Failing(Teacher):
+class FailingTeacher(Teacher):
     """Learns once it has raised as often as was asked for."""
 
     def __init__(self, *errors: Exception) -> None:
@@ -189,7 +200,7 @@ class Failing(Teacher):
 async def test_a_learning_that_fails_is_reported_once_and_tried_each_hour(
     caplog: pytest.LogCaptureFixture, error: Exception, said: str
 ) -> None:
-    ear, teacher = Ear(), Failing(*[error] * 3)
+    ear, teacher = Ear(), FailingTeacher(*[error] * 3)
     with caplog.at_level(logging.WARNING, logger="gateway.control.sensor_watch"):
         await run(watch(ear, teacher), days()[: DAY + 48], K0)
     text = "their model could not be learnt"

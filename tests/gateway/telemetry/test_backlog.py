@@ -61,7 +61,7 @@ def test_who_takes_waits_for_the_next_and_ends_with_the_last() -> None:
     for name in ("a", "b"):
         backlog.put(name, b"x", firm=True)
     backlog.close()
-    thread.join(10.0)
+    thread.join(60.0)
     assert not thread.is_alive()
     assert found == ["a", "b"]
 

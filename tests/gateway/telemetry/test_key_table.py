@@ -11,6 +11,7 @@ from gateway.events import (
     ConfigurationApplied,
     DecisionMade,
     EventReported,
+    ForecastMade,
     FrameMade,
     Health,
     HealthChecked,
@@ -23,7 +24,7 @@ from gateway.events import (
     StorageChanged,
     StoreHealth,
 )
-from gateway.nc import Source, Step, Write
+from gateway.nc import NcState, Source, Step, Write
 from gateway.probing import Outcome, Outlook, Standing
 from gateway.telemetry import keys
 from talc.frame import Event, EventKind, Frame, Measurement, Why
@@ -59,9 +60,10 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
         t.publish(CompensationStepped(Write(NOW, "advise", step, 7, {"X": 1.0}, False, None)))
         t.publish(SensorsJudged(Judgement(), 7))
         t.publish(ReasonsGiven(example.REASONS))
+        t.publish(ForecastMade(example.FORECAST, example.MISSES))
         t.publish(OutlookChanged(Outlook(Standing.DUE, Why.INTERVAL, "", 0, "")))
         t.publish(StorageChanged(StoreHealth("database is locked", 5.0, 40, 0, 900.0)))
-        t.publish(HealthChecked(Health(60.0, 30, 29, "ready", True, (), StoreHealth())))
+        t.publish(HealthChecked(Health(60.0, 30, 29, NcState.READY, True, (), StoreHealth())))
         t.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
         found = last_values(port)
     common = {"boot", "seq", "time", "clock"}

@@ -14,6 +14,7 @@ from gateway.events import (
     CompensationStepped,
     DecisionMade,
     EventReported,
+    ForecastMade,
     FrameMade,
     GatewayEvent,
     MeasurementEnded,
@@ -27,6 +28,7 @@ from gateway.events import (
 from gateway.probing import Outlook
 from gateway.telemetry import TYPES, Composer, DecisionMessage, Dropped, ReadingMessage, decode, encode, schemas
 from talc.frame import Decision
+from talc.learner import Forecast, Misses
 from talc.names import THERMAL_ERRORS
 from tests.benches import telemetry_examples as example
 
@@ -36,7 +38,7 @@ PUBLISHED = (FOLDER / "published.txt").read_text(encoding="utf-8").splitlines()
 """Key and payload of each example, as the first version of the key space published them: never renewed."""
 
 
-class Clock:
+class StillClock:
     """Stands still."""
 
     def monotonic(self) -> float:
@@ -48,7 +50,7 @@ class Clock:
 
 def published() -> list[tuple[str, bytes]]:
     """The examples as they are published now."""
-    composer = Composer("boot-1", example.NAMES, Clock(), simulated=True)
+    composer = Composer("boot-1", example.NAMES, StillClock(), simulated=True)
     found: list[tuple[str, bytes]] = []
 
     def take(event: GatewayEvent) -> None:
@@ -111,8 +113,25 @@ def test_what_was_published_is_read_without_loss(line: str) -> None:
     assert_kept(json.loads(payload), json.loads(encode(message)))
 
 
+def test_a_forecast_is_published_by_error_to_a_thousandth_and_stays_small() -> None:
+    composer = Composer("boot-1", example.NAMES, StillClock(), simulated=True)
+    ((key, message),) = composer.messages(ForecastMade(example.FORECAST, example.MISSES))
+    payload = json.loads(encode(message))
+    assert (key, payload["k"], payload["ahead_s"]) == ("forecast", 7, [1800.0, 28800.0])
+    assert payload["stays"][THERMAL_ERRORS[0]] == {"value": [1.5, 1.5], "sigma": [1.0, 1.0]}
+    assert payload["usual"][THERMAL_ERRORS[0]]["sigma"] == [0.333, 0.333]
+    assert payload["measured"][THERMAL_ERRORS[0]] == [0.5, 0.5]
+    assert payload["missed"][THERMAL_ERRORS[0]] == {"value": [2.0, 2.0], "sigma": [None, None]}
+    assert payload["stays"][THERMAL_ERRORS[3]]["value"] == [None, None]
+    steps = tuple(range(1, 8))
+    widest = np.full((7, 9), -1234.5678)
+    whole = Forecast(7, steps, (28800.0,) * 7, widest, widest, widest, widest, widest)
+    ((_, message),) = composer.messages(ForecastMade(whole, Misses(widest, widest)))
+    assert len(encode(message)) < 8000
+
+
 def test_reasons_are_published_by_error_and_what_is_not_known_is_null() -> None:
-    composer = Composer("boot-1", example.NAMES, Clock(), simulated=True)
+    composer = Composer("boot-1", example.NAMES, StillClock(), simulated=True)
     ((key, message),) = composer.messages(ReasonsGiven(example.REASONS))
     payload = json.loads(encode(message))
     assert (key, payload["k"], payload["next_k"], payload["next_why"]) == ("reasons", 7, 19, "uncertainty")
@@ -122,7 +141,7 @@ def test_reasons_are_published_by_error_and_what_is_not_known_is_null() -> None:
 
 
 def test_a_decision_says_which_errors_are_corrected_and_one_of_an_earlier_program_is_read_without() -> None:
-    composer = Composer("boot-1", example.NAMES, Clock(), simulated=True)
+    composer = Composer("boot-1", example.NAMES, StillClock(), simulated=True)
     half = replace(example.DECISION, trusted=np.array([True] * 8 + [False]))
     ((key, message),) = composer.messages(DecisionMade(half))
     payload = json.loads(encode(message))

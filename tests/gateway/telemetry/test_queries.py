@@ -3,7 +3,7 @@
 import json
 import threading
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from typing import Any
 
 import pytest
@@ -15,11 +15,23 @@ from gateway.events import EventReported
 from gateway.telemetry import (
     MOST_ROWS,
     TYPES,
+    CoursePage,
+    CourseRequest,
+    CourseSource,
     HistoryPage,
     HistoryRequest,
     HistorySource,
+    PublishedCourse,
+    ReportPage,
+    ReportRequest,
+    ReportSource,
+    StoredColumn,
+    StoredRequest,
+    StoredRows,
+    StoredSource,
+    StoredTable,
     TelemetryPublisher,
-    decode_page,
+    decode_answer,
     decode_refusal,
     schemas,
 )
@@ -33,9 +45,26 @@ DAY = "from=2026-03-02T00:00:00Z;to=2026-03-03T00:00:00+01:00"
 PAGE = HistoryPage(0.0, ("a", "b"), ("degC", "um"), [1.5, 2.5], [0, 1], [20.0, None], ["good", "stale"], "r7")
 
 
-def with_history(port: int, source: HistorySource | None) -> TelemetryPublisher:
+def with_history(
+    port: int,
+    source: HistorySource | None,
+    stored: StoredSource | None = None,
+    course: CourseSource | None = None,
+    report: ReportSource | None = None,
+) -> TelemetryPublisher:
     settings = Telemetry(listen=(f"tcp/127.0.0.1:{port}",))
-    return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, history=source)
+    return TelemetryPublisher(
+        settings,
+        "mill",
+        (),
+        SystemClock(),
+        "boot-1",
+        simulated=False,
+        history=source,
+        course=course,
+        stored=stored,
+        report=report,
+    )
 
 
 def ask(port: int, selector: str) -> tuple[list[zenoh.Sample], list[str]]:
@@ -56,7 +85,7 @@ async def test_a_page_is_what_was_asked_for() -> None:
     async with with_history(port, find):
         found, errors = ask(port, f"{ROOT}/history?{DAY};channels=a,b;limit=5;after=r3")
     assert errors == []
-    assert [(str(reply.key_expr), decode_page(reply.payload.to_bytes())) for reply in found] == [
+    assert [(str(reply.key_expr), decode_answer(HistoryPage, reply.payload.to_bytes())) for reply in found] == [
         (f"{ROOT}/history", PAGE)
     ]
     begin, end = datetime(2026, 3, 2, tzinfo=UTC), datetime(2026, 3, 2, 23, tzinfo=UTC)
@@ -75,7 +104,7 @@ async def test_a_page_is_what_was_asked_for() -> None:
         (f"{DAY};limit=1000000000000", f"expected 1 to {MOST_ROWS}"),
         (f"{DAY};limit=0000500001", "history: limit = '0000500001': expected 1"),
         (f"{DAY};limit=-5", "history: limit = '-5': expected 1"),
-        (f"{DAY};chanels=a", "history: chanels: unknown; known are from, to, channels, limit, after"),
+        (f"{DAY};chanels=a", "history: chanels: unknown; expected one of from, to, channels, limit, after"),
         (f"{DAY};channels=bed", "history: channels: 'bed' was never stored"),
         (f"{DAY};channels=gone", "history: gateway.sqlite: no such file"),
         (f"{DAY};channels=bug", "history: unexpected KeyError"),
@@ -99,6 +128,32 @@ async def test_a_wrong_query_is_answered_with_what_is_wrong(parameters: str, sai
     assert found == []
     assert [text for text in errors if said in text] == errors
     assert len(errors) == 1
+
+
+async def test_a_course_is_what_was_asked_for_and_a_wrong_query_says_what_is_wrong() -> None:
+    port, asked = free_port(), list[CourseRequest]()
+    page = CoursePage([1.5], {"EX0C": PublishedCourse([0.5], [None])}, [], {})
+
+    def find(request: CourseRequest) -> CoursePage:
+        asked.append(request)
+        return page
+
+    async with with_history(port, None, course=find):
+        found, errors = ask(port, f"{ROOT}/course?{DAY};limit=50")
+        assert errors == []
+        assert [decode_answer(CoursePage, reply.payload.to_bytes()) for reply in found] == [page]
+        ask(port, f"{ROOT}/course?{DAY};temperatures=yes")
+        for wrong, said in (
+            ("limit=2001", "expected 1 to 2000"),
+            ("channels=a", "expected one of from, to, limit, temperatures"),
+            ("temperatures=1", "temperatures = '1': expected yes or no"),
+        ):
+            found, (error,) = ask(port, f"{ROOT}/course?{DAY};{wrong}")
+            assert found == []
+            assert error.startswith("course: ")
+            assert said in error
+    begin, end = datetime(2026, 3, 2, tzinfo=UTC), datetime(2026, 3, 2, 23, tzinfo=UTC)
+    assert asked == [CourseRequest(begin, end, 50), CourseRequest(begin, end, 500, temperatures=True)]
 
 
 async def test_a_gateway_without_a_store_says_so() -> None:
@@ -134,10 +189,66 @@ async def test_more_queries_than_can_wait_are_refused_at_once_and_the_others_ans
                 session.get(f"{ROOT}/history?{DAY}", take, timeout=LIMIT_S)
             with changed:
                 assert changed.wait_for(come(2), LIMIT_S)
-                assert answers == ["history: busy: 8 queries wait already; ask again"] * 2
+                assert answers == ["history: busy: 8 queries are waiting already; ask again"] * 2
                 go_on.set()
                 assert changed.wait_for(come(11), LIMIT_S)
     assert answers[2:] == ["page"] * 9
+
+
+E = "0123456789abcdef" * 2
+ROWS = StoredRows(
+    {
+        "events": StoredTable(
+            E,
+            4,
+            True,
+            None,
+            [3, 4],
+            (StoredColumn("text", "text", [0, None], ("hot",)), StoredColumn("k", "whole", [7, 8])),
+        )
+    }
+)
+
+
+async def test_stored_rows_are_those_after_the_position_that_was_asked_for() -> None:
+    port, asked = free_port(), list[StoredRequest]()
+
+    def find(request: StoredRequest) -> StoredRows:
+        asked.append(request)
+        return ROWS
+
+    async with with_history(port, None, find):
+        found, errors = ask(port, f"{ROOT}/stored?after=events:{E}:2,steps,models:{E}:-1;limit=5")
+        assert ask(port, f"{ROOT}/*") == ([], [])
+    assert errors == []
+    assert [(str(reply.key_expr), decode_answer(StoredRows, reply.payload.to_bytes())) for reply in found] == [
+        (f"{ROOT}/stored", ROWS)
+    ]
+    assert asked == [StoredRequest({"events": (E, 2), "steps": None, "models": (E, -1)}, 5)]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ("", "stored: after = '': expected different tables, as TABLE or TABLE:EPOCH:NUMBER"),
+        ("after=steps,steps", "stored: after = 'steps': expected different tables"),
+        ("after=steps:1:2", "stored: after = 'steps:1:2': expected different tables"),
+        (f"after=steps:{E}:9999999999999999999", "expected a number of a row"),
+        (f"after=steps:{E}:1.5", "expected different tables, as TABLE or TABLE:EPOCH:NUMBER"),
+        ("after=steps;limit=0", "stored: limit = '0': expected 1 to 50000"),
+        ("after=steps;until=4", "stored: until: unknown; expected one of after, limit"),
+        ("after=frames", "stored: frames: no such table"),
+    ],
+)
+async def test_a_corrupt_position_is_answered_with_what_is_wrong(parameters: str, said: str) -> None:
+    def find(request: StoredRequest) -> StoredRows:
+        raise ValueError("frames: no such table")
+
+    port = free_port()
+    async with with_history(port, None, find):
+        found, (error,) = ask(port, f"{ROOT}/stored?{parameters}")
+    assert found == []
+    assert said in error
 
 
 async def test_each_schema_is_answered_and_describes_what_is_published() -> None:
@@ -150,7 +261,8 @@ async def test_each_schema_is_answered_and_describes_what_is_published() -> None
     texts = {str(reply.key_expr).removeprefix(f"{ROOT}/schema/"): reply.payload.to_string() for reply in found}
     assert texts == schemas()
     assert only.payload.to_string() == texts["status"]
-    assert {*TYPES, "history", "error"} == set(texts)
+    commands = {"command", "command_terms", "command_request"}
+    assert {*TYPES, "history", "course", "report", "stored", *commands, "error"} == set(texts)
     definitions = json.loads(texts["event"])["$defs"]["EventMessage"]
     assert set(event) == set(definitions["properties"])
     assert set(definitions["required"]) <= set(event)
@@ -162,3 +274,30 @@ async def test_a_query_for_all_keys_gets_last_values_and_neither_schemas_nor_his
         publisher.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
         assert list(last_values(port)) == [f"{ROOT}/event"]
         assert ask(port, f"{ROOT}/*")[1] == []
+
+
+async def test_a_report_is_that_of_the_day_and_a_wrong_query_says_what_is_wrong() -> None:
+    port, asked = free_port(), list[ReportRequest]()
+    page = ReportPage("2026-03-02", "Europe/Zurich", b"\x1f\x8b\x00\xff")
+
+    def find(request: ReportRequest) -> ReportPage:
+        asked.append(request)
+        return page
+
+    async with with_history(port, None, report=find):
+        found, errors = ask(port, f"{ROOT}/report?day=2026-03-02;zone=Europe/Zurich")
+        assert errors == []
+        assert [decode_answer(ReportPage, reply.payload.to_bytes()) for reply in found] == [page]
+        ask(port, f"{ROOT}/report?day=2026-03-02")
+        for wrong, said in (
+            ("", "day = '': expected a day such as 2026-03-02"),
+            ("day=2026-02-30", "day = '2026-02-30': expected a day"),
+            ("day=1999-12-31", "expected one between 2000 and 2199"),
+            ("day=2026-03-02;zone=" + "a" * 65, "zone: expected at most 64 letters"),
+            ("from=2026-03-02", "from: unknown; expected one of day, zone"),
+        ):
+            found, (error,) = ask(port, f"{ROOT}/report?{wrong}")
+            assert found == []
+            assert error.startswith("report: ")
+            assert said in error
+    assert asked == [ReportRequest(date(2026, 3, 2), zone) for zone in ("Europe/Zurich", "")]

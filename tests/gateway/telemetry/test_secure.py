@@ -1,5 +1,6 @@
 """Who may connect, read and ask, and that nobody else's samples are passed on: real Zenoh sessions on loopback."""
 
+import asyncio
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,9 +13,10 @@ import zenoh
 
 from drivers.base import SystemClock
 from gateway.client import Machine, MachineError
-from gateway.config import Telemetry, TelemetryTls
+from gateway.commands import Command, CommandName, CommandOutcome
+from gateway.config import Operator, Telemetry, TelemetryTls
 from gateway.events import EventReported
-from gateway.telemetry import Access, HistoryPage, HistoryRequest, TelemetryError, TelemetryPublisher
+from gateway.telemetry import Access, CommandSigner, HistoryPage, HistoryRequest, TelemetryError, TelemetryPublisher
 from talc.frame import Event, EventKind
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import PlantAuthority
@@ -44,7 +46,7 @@ def _utc(seconds: float) -> datetime:
     return datetime.fromtimestamp(seconds, UTC)
 
 
-class Site:
+class SecureSite:
     """A gateway by mutual TLS whose readers are named, and what its readers need."""
 
     def __init__(self, folder: Path) -> None:
@@ -73,7 +75,7 @@ def refused(where: str, access: Access) -> str:
 
 
 async def test_by_mutual_tls_a_reader_of_the_plant_gets_in_and_no_other(tmp_path: Path) -> None:
-    site, other = Site(tmp_path), PlantAuthority(tmp_path / "other")
+    site, other = SecureSite(tmp_path), PlantAuthority(tmp_path / "other")
     async with publisher(site.settings()) as gateway:
         gateway.publish(told("by TLS"))
         with Machine(connect=site.here, access=site.access("alice")) as machine:
@@ -89,7 +91,7 @@ async def test_by_mutual_tls_a_reader_of_the_plant_gets_in_and_no_other(tmp_path
 
 
 async def test_by_tls_alone_who_believes_the_authority_gets_in(tmp_path: Path) -> None:
-    site, other = Site(tmp_path), PlantAuthority(tmp_path / "other")
+    site, other = SecureSite(tmp_path), PlantAuthority(tmp_path / "other")
     tls = TelemetryTls(certificate=site.tls.certificate, key=site.tls.key)
     async with publisher(Telemetry(listen=(site.here,), tls=tls)):
         with Machine(connect=site.here, access=Access(authority=site.authority.path)) as machine:
@@ -101,7 +103,7 @@ async def test_by_tls_alone_who_believes_the_authority_gets_in(tmp_path: Path) -
 
 
 async def test_of_those_that_connect_only_the_readers_read(tmp_path: Path) -> None:
-    site = Site(tmp_path)
+    site = SecureSite(tmp_path)
     async with publisher(site.settings("alice")) as gateway:
         gateway.publish(told("for alice"))
         with Machine(connect=site.here, access=site.access("alice")) as machine:
@@ -195,7 +197,7 @@ async def test_a_password_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 
 
 @contextmanager
-def router(site: Site) -> Iterator[None]:
+def router(site: SecureSite) -> Iterator[None]:
     """deploy/zenoh/router.json5 as it stands there, but for its files and its address."""
     text = ROUTER.read_text(encoding="utf-8")
     certificate, key = site.authority.issue("router")
@@ -222,7 +224,7 @@ def raw(access: Access) -> dict[str, Any]:
 
 
 async def test_behind_the_plants_router_readers_read_a_large_page_and_can_send_nothing(tmp_path: Path) -> None:
-    site, other = Site(tmp_path), PlantAuthority(tmp_path / "other")
+    site, other = SecureSite(tmp_path), PlantAuthority(tmp_path / "other")
     to_router = Telemetry(mode="client", connect=(site.here,), tls=site.tls)
     with router(site):
         async with publisher(to_router) as gateway:
@@ -249,7 +251,7 @@ async def test_behind_the_plants_router_readers_read_a_large_page_and_can_send_n
 
 
 async def test_another_machines_gateway_cannot_speak_for_the_mill(tmp_path: Path) -> None:
-    site = Site(tmp_path)
+    site = SecureSite(tmp_path)
     with router(site):
         async with publisher(Telemetry(mode="client", connect=(site.here,), tls=site.tls)) as gateway:
             with (
@@ -257,3 +259,29 @@ async def test_another_machines_gateway_cannot_speak_for_the_mill(tmp_path: Path
                 reader(site.here, raw(site.access("lathe"))) as bad,
             ):
                 assert_not_passed_on(gateway, good, bad)
+
+
+async def test_behind_the_plants_router_only_a_panel_may_ask_for_commands(tmp_path: Path) -> None:
+    site, key = SecureSite(tmp_path), tmp_path / "anna.key"
+    key.write_text("anna" * 10, encoding="utf-8")
+    anna = Operator(name="anna", key_file=key, may=(CommandName.PAUSE,))
+    signer = CommandSigner.of_file("anna", key)
+
+    async def obey(command: Command, refused: str) -> CommandOutcome:
+        return CommandOutcome(command, _utc(0.0), not refused, refused or "it is done")
+
+    def give() -> None:
+        with Machine("mill", connect=site.here, access=site.access("panel"), operator=signer) as machine:
+            assert machine.pause().text == "it is done"
+        with Machine("mill", connect=site.here, access=site.access("dashboard"), operator=signer) as machine:
+            while not machine.latest("event"):  # everything else it may ask
+                pass
+            with pytest.raises(MachineError, match="no answer"):
+                machine.pause()
+
+    with router(site):
+        to_router = Telemetry(mode="client", connect=(site.here,), tls=site.tls, operator=(anna,))
+        async with publisher(to_router) as gateway:
+            gateway.take_commands(obey)
+            gateway.publish(told("by the router"))
+            await asyncio.to_thread(give)

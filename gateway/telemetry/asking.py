@@ -1,0 +1,55 @@
+"""A reader's questions: which gateways run, and what one of them answers to a query or a command."""
+
+import re
+from typing import TypeVar
+
+import zenoh
+from msgspec import Struct
+
+from gateway.commands import CommandName
+from gateway.telemetry import keys
+from gateway.telemetry.answers import CommandAnswer, CommandTerms
+from gateway.telemetry.codec import decode_answer, decode_refusal
+from gateway.telemetry.command_signer import CommandSigner
+
+_Answer = TypeVar("_Answer", bound=Struct)
+_MACHINE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def running(session: zenoh.Session, prefix: str, limit_s: float) -> list[str]:
+    """The machines under a prefix whose gateways run now, by name; blocks for at most `limit_s`."""
+    replies = session.liveliness().get(f"{keys.root(prefix, '*')}/{keys.ALIVE}", timeout=limit_s)
+    found = {str(reply.ok.key_expr).split("/")[-2] for reply in replies if reply.ok is not None}
+    return sorted(name for name in found if _MACHINE.fullmatch(name))
+
+
+def ask(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: float) -> _Answer:
+    """The first answer to a query; blocks for at most `limit_s`.
+
+    Raises OSError with what the gateway says when it refuses, or that it says nothing; ValueError for an answer that
+    is not of this type.
+    """
+    return decode_answer(answer, _first(session, selector, limit_s).payload.to_bytes())
+
+
+def command(session: zenoh.Session, root: str, by: CommandSigner, name: CommandName, limit_s: float) -> CommandAnswer:
+    """Give the gateway whose keys begin with `root` a command; blocks for at most `limit_s`, twice.
+
+    The answer may be a refusal. Raises OSError as `ask`, ValueError if what answers does not hold the operator's key.
+    """
+    key = f"{root}/{keys.COMMAND}"
+    signed = by.sign(name, ask(session, key, CommandTerms, limit_s), root.rpartition("/")[2])
+    found = _first(session, f"{key}/{name.value}", limit_s, signed.payload, signed.signature)
+    proof = found.attachment
+    return signed.answered(found.payload.to_bytes(), b"" if proof is None else proof.to_bytes())
+
+
+def _first(
+    session: zenoh.Session, selector: str, limit_s: float, payload: bytes | None = None, proof: bytes | None = None
+) -> zenoh.Sample:
+    for reply in session.get(selector, timeout=limit_s, payload=payload, attachment=proof):
+        if reply.ok is not None:
+            return reply.ok
+        if reply.err is not None:
+            raise OSError(decode_refusal(reply.err.payload.to_bytes()))
+    raise OSError(f"no answer within {limit_s:g} s")

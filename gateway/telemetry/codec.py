@@ -1,0 +1,113 @@
+"""The published messages and the answers to queries as JSON: which type each kind of key has, and its coding."""
+
+from collections.abc import Mapping
+from typing import Final, TypeVar
+
+import msgspec
+from msgspec import Struct
+
+from gateway.telemetry import keys
+from gateway.telemetry.answers import (
+    CommandAnswer,
+    CommandRequest,
+    CommandTerms,
+    CoursePage,
+    HistoryPage,
+    QueryRefused,
+    ReportPage,
+    StoredRows,
+)
+from gateway.telemetry.messages import (
+    CompensationMessage,
+    DecisionMessage,
+    EventMessage,
+    ForecastMessage,
+    FrameMessage,
+    MeasurementMessage,
+    ModelMessage,
+    ProbingMessage,
+    Published,
+    ReadingMessage,
+    ReasonsMessage,
+    SensorsMessage,
+    StatusMessage,
+)
+
+_Answer = TypeVar("_Answer", bound=Struct)
+
+TYPES: Final[Mapping[str, type[Published]]] = {
+    keys.READING: ReadingMessage,
+    keys.FRAME: FrameMessage,
+    keys.DECISION: DecisionMessage,
+    keys.MEASUREMENT: MeasurementMessage,
+    keys.MODEL: ModelMessage,
+    keys.EVENT: EventMessage,
+    keys.COMPENSATION: CompensationMessage,
+    keys.PROBING: ProbingMessage,
+    keys.SENSORS: SensorsMessage,
+    keys.REASONS: ReasonsMessage,
+    keys.FORECAST: ForecastMessage,
+    keys.STATUS: StatusMessage,
+}
+"""Type of each kind of key."""
+
+ANSWERS: Final[Mapping[str, type[Struct]]] = {
+    keys.COURSE: CoursePage,
+    keys.HISTORY: HistoryPage,
+    keys.REPORT: ReportPage,
+    keys.STORED: StoredRows,
+    keys.COMMAND: CommandAnswer,
+    "command_terms": CommandTerms,
+    "command_request": CommandRequest,
+    "error": QueryRefused,
+}
+"""Type of what queries are answered with, by kind of key; `error`: every error reply. And what a command is made of."""
+
+_ENCODER = msgspec.json.Encoder()
+_REFUSAL_DECODER = msgspec.json.Decoder(QueryRefused)
+_DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in TYPES.items()}
+
+
+def encode(
+    message: Published
+    | CoursePage
+    | HistoryPage
+    | ReportPage
+    | StoredRows
+    | CommandTerms
+    | CommandRequest
+    | CommandAnswer
+    | QueryRefused,
+) -> bytes:
+    """JSON."""
+    return _ENCODER.encode(message)
+
+
+def decode_answer(answer: type[_Answer], payload: bytes) -> _Answer:
+    """The answer to a query. Raises ValueError naming type and field if the payload does not fit."""
+    try:
+        return msgspec.json.decode(payload, type=answer)
+    except msgspec.DecodeError as error:
+        raise ValueError(f"{answer.__name__}: {error}") from error
+
+
+def decode_refusal(payload: bytes) -> str:
+    """What an error reply says; the payload itself, if it is of another program."""
+    try:
+        return _REFUSAL_DECODER.decode(payload).error
+    except msgspec.DecodeError:
+        return payload.decode(errors="replace")
+
+
+def decode(suffix: str, payload: bytes) -> Published | None:
+    """The message under a key below the root; None: a kind of key that this version does not know.
+
+    Raises ValueError naming key and field if the payload does not fit the type.
+    """
+    decoder = _DECODERS.get(keys.kind_of(suffix))
+    if decoder is None:
+        return None
+    try:
+        return decoder.decode(payload)
+    except msgspec.DecodeError as error:
+        raise ValueError(f"payload of {suffix}: {error}") from error

@@ -1,0 +1,141 @@
+"""Lets in commands of operators who prove their key, each once; anything else is refused. Knows no network.
+
+A command is signed for one challenge of this run of the gateway, so it needs no clock that is right, and what somebody
+recorded or held back is of no use later or elsewhere.
+"""
+
+import hmac
+import logging
+import secrets
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from drivers.signature import is_signed, session_key, signature
+from gateway.commands import Command, CommandName, CommandOutcome
+from gateway.telemetry import keys
+from gateway.telemetry.answers import CommandAnswer, CommandRequest, CommandTerms
+from gateway.telemetry.codec import decode_answer, encode
+from gateway.telemetry.queries import AskedQuery, Replied
+
+log = logging.getLogger(__name__)
+
+VALID_S = 30.0
+ASKER, GATEWAY = "client", "gateway"
+"""Who signs."""
+_LONGEST = 4096
+_TELL_EVERY_S = 60.0
+
+Give = Callable[[Command, str], CommandOutcome]
+"""Obeys a command, or refuses it for the reason that is given. Raises OSError while nobody does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entitled:
+    """Of one operator."""
+
+    key: bytes
+    may: frozenset[CommandName]
+
+
+class Challenges:
+    """Random texts, each good for one command within VALID_S. Only those that were used are remembered, so that asking
+    for many costs nothing."""
+
+    def __init__(self) -> None:
+        self._secret = secrets.token_bytes(32)
+        self._used: dict[str, float] = {}
+
+    def issue(self, now_s: float) -> str:
+        """A new one."""
+        text = f"{now_s:.3f} {secrets.token_hex(16)}"
+        return f"{text} {self._mark(text)}"
+
+    def use(self, challenge: str, now_s: float) -> None:
+        """Use it up. Raises ValueError if it was used, has expired, or is of another gateway or run."""
+        text, _, mark = challenge.rpartition(" ")
+        if not hmac.compare_digest(self._mark(text).encode(), mark.encode()):
+            raise ValueError("the challenge is not of this run of this gateway; ask for another one")
+        if now_s - (issued_s := float(text.split()[0])) > VALID_S:
+            raise ValueError(f"the challenge is older than {VALID_S:g} s; ask for another one")
+        self._used = {one: at for one, at in self._used.items() if now_s - at <= VALID_S}
+        if challenge in self._used:
+            raise ValueError("this command was given already; each needs a challenge of its own")
+        self._used[challenge] = issued_s
+
+    def _mark(self, text: str) -> str:
+        return hmac.digest(self._secret, text.encode(), "sha256").hex()
+
+
+class CommandDoor:
+    """Answers queries on `command` and `command/<name>`; one at a time.
+
+    Parameters
+    ----------
+    machine: of this gateway
+    operators: by name
+    give: what obeys
+    monotonic: seconds, in which VALID_S counts: real ones, also where the machine's time is simulated
+    """
+
+    def __init__(
+        self, machine: str, operators: Mapping[str, Entitled], give: Give, monotonic: Callable[[], float]
+    ) -> None:
+        self._machine, self._operators, self._give, self._monotonic = machine, dict(operators), give, monotonic
+        self._challenges = Challenges()
+        self._strangers, self._told_s = 0, -_TELL_EVERY_S
+
+    def answer(self, asked: AskedQuery) -> Replied:
+        """A gateway.telemetry.queries.Answer."""
+        if asked.below:
+            return self._command(asked)
+        challenge = self._challenges.issue(self._monotonic())
+        return Replied(encode(CommandTerms(self._machine, challenge, VALID_S, tuple(CommandName))))
+
+    def _command(self, asked: AskedQuery) -> Replied:
+        if asked.below not in list(CommandName):
+            raise ValueError(f"{asked.below!r}: expected one of {', '.join(CommandName)}")
+        if len(asked.payload) > _LONGEST:
+            raise ValueError(f"a payload of {len(asked.payload)} bytes: expected at most {_LONGEST}")
+        request = decode_answer(CommandRequest, asked.payload)
+        operator, session = self._proved(request, asked)
+        for what, given, wanted in (
+            ("machine", request.machine, self._machine),
+            ("name", request.name, asked.below),
+        ):
+            if given != wanted:
+                raise ValueError(
+                    f"{what} = {given!r}: this is {wanted!r}; a command counts for one machine and one name"
+                )
+        self._challenges.use(request.challenge, self._monotonic())
+        name = CommandName(request.name)
+        refused = "" if name in operator.may else f"[[telemetry.operator]] may of {request.by} does not have it"
+        outcome = self._give(Command(name, request.by), refused)
+        payload = encode(
+            CommandAnswer(
+                self._machine, name.value, request.by, outcome.time.isoformat(), outcome.accepted, outcome.text
+            )
+        )
+        return Replied(payload, signature(session, GATEWAY, 0, payload))
+
+    def _proved(self, request: CommandRequest, asked: AskedQuery) -> tuple[Entitled, bytes]:
+        """Whose command this is, and the session's key. Raises ValueError, which does not tell names from keys."""
+        operator = self._operators.get(request.by)
+        key = secrets.token_bytes(32) if operator is None else operator.key
+        session = session_key(key, request.challenge, request.nonce)
+        signed = is_signed(session, ASKER, 0, asked.payload, asked.attachment)
+        if operator is None or not signed:
+            self._tell_strangers(request.by)
+            raise ValueError("by and key are not those of an operator of this gateway")
+        return operator, session
+
+    def _tell_strangers(self, by: str) -> None:
+        self._strangers += 1
+        now_s = self._monotonic()
+        if now_s - self._told_s >= _TELL_EVERY_S:
+            self._told_s = now_s
+            log.warning(
+                "%s: %d commands without a valid key were refused so far, the last in the name of %.64r",
+                keys.COMMAND,
+                self._strangers,
+                by,
+            )

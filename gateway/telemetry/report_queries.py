@@ -1,0 +1,47 @@
+"""Queries on `report`: the report of one day."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+
+from gateway.telemetry.answers import ReportPage
+from gateway.telemetry.codec import encode
+from gateway.telemetry.queries import Answer, Replied, parameters_of
+
+_LONGEST_NAME = 64
+
+
+@dataclass(frozen=True, slots=True)
+class ReportRequest:
+    """What a query on `report` asks for."""
+
+    day: date
+    zone: str
+    """Time zone in which the day is one, such as Europe/Zurich; empty: that of the gateway's computer."""
+
+
+ReportSource = Callable[[ReportRequest], ReportPage]
+"""Makes the page. Raises ValueError when the request is wrong, OSError when it cannot be made."""
+
+
+def report_answer(source: ReportSource) -> Answer:
+    """What answers queries with reports of this source."""
+    return lambda asked: Replied(encode(source(parse_report(asked.parameters))))
+
+
+def parse_report(selected: str) -> ReportRequest:
+    """The request of a selector's parameters.
+
+    Raises ValueError naming parameter, value and what would be right.
+    """
+    parameters = parameters_of(selected, ("day", "zone"))
+    day, zone = parameters.get("day", ""), parameters.get("zone", "")
+    try:
+        found = date.fromisoformat(day)
+    except ValueError:
+        raise ValueError(f"day = {day!r}: expected a day such as 2026-03-02") from None
+    if not 2000 <= found.year < 2200:
+        raise ValueError(f"day = {day!r}: expected one between 2000 and 2199")
+    if len(zone) > _LONGEST_NAME:
+        raise ValueError(f"zone: expected at most {_LONGEST_NAME} letters, such as Europe/Zurich")
+    return ReportRequest(found, zone)

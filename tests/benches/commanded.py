@@ -1,0 +1,72 @@
+"""A gateway without devices that takes commands: link, grid loop and the taker, on a clock that the test drives."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+from gateway.commands import Command, CommandName, CommandOutcome
+from gateway.config import Probing
+from gateway.control import CommandTaker, GridLoop, GridSampler, Schedule
+from gateway.probing import ProbingSchedule
+from gateway.storage import StoreError
+from talc.control import Controller
+from talc.settings import TalcSettings
+from tests.benches.kept_events import KeptEvents
+from tests.benches.nc_link_bench import LinkBench, decision
+from tests.benches.service_file import MACHINE, adam6015
+
+STEP_S = 300.0
+CONFIG = MACHINE + '[storage]\npath = "a.sqlite"\n[talc]\nmethod = "models"\n' + adam6015("a = 0")
+NOWHERE = ((0.0, 0.0, 0.0),) * 6
+
+
+@dataclass
+class Commanded:
+    """A gateway without devices: link, grid loop and commands."""
+
+    bench: LinkBench
+    told: KeptEvents
+    taker: CommandTaker
+    disk_fails: str = ""
+
+    async def give(self, name: CommandName, by: str = "anna", refused: str = "") -> CommandOutcome:
+        return await self.taker.take(Command(name, by), refused)
+
+    async def on_disk(self) -> None:
+        if self.disk_fails:
+            raise StoreError(self.disk_fails)
+
+    def largest_step_um(self, begins: float = 0.0) -> float:
+        """Of all that was written to the control, one after the other, a second apart."""
+        z = [offsets[2] for _, offsets in self.bench.control.writes]
+        return max(abs(b - a) for a, b in zip([begins, *z], z, strict=False))
+
+
+@asynccontextmanager
+async def commanded(bench: LinkBench, *, follow: float | None = None) -> AsyncIterator[Commanded]:
+    """follow: the link is given a decision with this error each 30 s, instead of the loop's own."""
+    told = KeptEvents()
+    plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=2, pause_s=3600.0)
+    loop = GridLoop(
+        Controller(("a",), TalcSettings(method="models")), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock,
+        None if follow is not None else bench.link, plan, Probing(), told,
+    )  # fmt: skip
+    found = Commanded(bench, told, None)  # type: ignore[arg-type]
+    found.taker = CommandTaker(bench.link, loop.measure_now, bench.clock, told, found.on_disk)
+
+    async def following(error: float) -> None:
+        while True:
+            bench.link.follow(decision(error))
+            await bench.clock.sleep_until(bench.clock.monotonic() + 30.0)
+
+    tasks = [asyncio.create_task(loop.run())]
+    if follow is not None:
+        tasks.append(asyncio.create_task(following(follow)))
+    try:
+        async with bench.running():
+            yield found
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)

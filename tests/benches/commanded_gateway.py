@@ -1,0 +1,52 @@
+"""The telemetry of a gateway that takes commands, and that a command pauses, with neither machine nor store.
+
+`python -m tests.benches.commanded_gateway PORT MACHINE OPERATOR KEY_FILE` says `listening`, then each command.
+"""
+
+import asyncio
+import sys
+from pathlib import Path
+
+from drivers.base import SystemClock
+from gateway.commands import Command, CommandName, CommandOutcome, Pause
+from gateway.config import Operator, Telemetry
+from gateway.events import EventReported, Health, HealthChecked, StoreHealth
+from gateway.nc import NcState
+from gateway.telemetry import CoursePage, PublishedCourse, TelemetryPublisher
+from talc.frame import Event, EventKind
+from talc.names import THERMAL_ERRORS
+
+
+async def main(port: int, machine: str, operator: str, key_file: Path) -> None:
+    """Until standard input ends."""
+    clock, paused = SystemClock(), None
+    may = (CommandName.PAUSE, CommandName.RESUME)
+    settings = Telemetry(
+        listen=(f"tcp/127.0.0.1:{port}",), operator=(Operator(name=operator, key_file=key_file, may=may),)
+    )
+    nothing = {error: PublishedCourse([], []) for error in THERMAL_ERRORS}
+    stored = CoursePage([], nothing, [], nothing)
+    async with TelemetryPublisher(
+        settings, machine, (), clock, "boot", simulated=False, course=lambda _: stored
+    ) as publisher:
+
+        def tell() -> None:
+            publisher.publish(HealthChecked(Health(1.0, 0, 0, NcState.READY, True, (), StoreHealth(), paused)))
+
+        async def obey(command: Command, refused: str) -> CommandOutcome:
+            nonlocal paused
+            if not refused:
+                paused = Pause(command.by, clock.utc()) if command.name is CommandName.PAUSE else None
+            print(command.by, command.name.value, refused, flush=True)
+            publisher.publish(EventReported(Event(EventKind.COMMAND, f"{command.by}: {command.name.value}"), None))
+            tell()
+            return CommandOutcome(command, clock.utc(), not refused, refused or "it is done")
+
+        publisher.take_commands(obey)
+        tell()
+        print("listening", flush=True)
+        await asyncio.to_thread(sys.stdin.readline)
+
+
+if __name__ == "__main__":
+    asyncio.run(main(int(sys.argv[1]), sys.argv[2], sys.argv[3], Path(sys.argv[4])))

@@ -1,0 +1,185 @@
+"""Who may give commands: only operators with their key, each command once, within its time, to this machine."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+import pytest
+
+from gateway.commands import Command, CommandName, CommandOutcome
+from gateway.telemetry import (
+    AskedQuery,
+    CommandAnswer,
+    CommandDoor,
+    CommandSigner,
+    CommandTerms,
+    Entitled,
+    SignedCommand,
+    decode_answer,
+)
+from tests.benches.stepped_clock import SteppedClock
+
+KEY, OTHER_KEY = b"a" * 64, b"b" * 64
+ANNA = CommandSigner("anna", KEY)
+PAUSE = CommandName.PAUSE
+NOW = datetime(2026, 3, 2, 6, tzinfo=UTC)
+
+
+class Gate:
+    """A door, and what it let in."""
+
+    def __init__(self, machine: str = "mill", clock: SteppedClock | None = None) -> None:
+        self.clock = clock or SteppedClock()
+        self.given: list[tuple[Command, str]] = []
+        entitled = {
+            "anna": Entitled(KEY, frozenset({CommandName.MEASURE, PAUSE})),
+            "ben": Entitled(OTHER_KEY, frozenset({CommandName.MEASURE})),
+        }
+        self.door = CommandDoor(machine, entitled, self._give, self.clock.monotonic)
+
+    def _give(self, command: Command, refused: str) -> CommandOutcome:
+        self.given.append((command, refused))
+        return CommandOutcome(command, NOW, not refused, refused or "done")
+
+    def terms(self) -> CommandTerms:
+        return decode_answer(CommandTerms, self.door.answer(AskedQuery("", "", b"", b"")).payload)
+
+    def send(self, signed: SignedCommand, below: str = "pause") -> CommandAnswer:
+        replied = self.door.answer(AskedQuery(below, "", signed.payload, signed.signature))
+        return signed.answered(replied.payload, replied.attachment or b"")
+
+
+def test_an_operator_with_the_key_is_obeyed_and_answered_with_a_signature() -> None:
+    gate = Gate()
+    answer = gate.send(ANNA.sign(PAUSE, gate.terms(), "mill"))
+    assert answer == CommandAnswer("mill", "pause", "anna", NOW.isoformat(), accepted=True, text="done")
+    assert gate.given == [(Command(PAUSE, "anna"), "")]
+
+
+def wrong_key(gate: Gate) -> tuple[SignedCommand, str]:
+    return CommandSigner("anna", OTHER_KEY).sign(PAUSE, gate.terms(), "mill"), "pause"
+
+
+def unknown_name(gate: Gate) -> tuple[SignedCommand, str]:
+    return CommandSigner("eve", KEY).sign(PAUSE, gate.terms(), "mill"), "pause"
+
+
+def altered(gate: Gate) -> tuple[SignedCommand, str]:
+    signed = ANNA.sign(CommandName.MEASURE, gate.terms(), "mill")
+    payload = signed.payload.replace(b'"measure"', b'"pause"')
+    assert payload != signed.payload
+    return SignedCommand(payload, signed.signature, b""), "pause"
+
+
+def of_another_name(gate: Gate) -> tuple[SignedCommand, str]:
+    return ANNA.sign(CommandName.MEASURE, gate.terms(), "mill"), "pause"
+
+
+def to_another_machine(gate: Gate) -> tuple[SignedCommand, str]:
+    return ANNA.sign(PAUSE, gate.terms(), "lathe"), "pause"
+
+
+def for_another_gateway_s_challenge(gate: Gate) -> tuple[SignedCommand, str]:
+    return ANNA.sign(PAUSE, Gate("mill", gate.clock).terms(), "mill"), "pause"
+
+
+def too_late(gate: Gate) -> tuple[SignedCommand, str]:
+    signed = ANNA.sign(PAUSE, gate.terms(), "mill")
+    gate.clock.spend(30.5)
+    return signed, "pause"
+
+
+def unknown_command(gate: Gate) -> tuple[SignedCommand, str]:
+    return ANNA.sign(PAUSE, gate.terms(), "mill"), "dance"
+
+
+def every_command(gate: Gate) -> tuple[SignedCommand, str]:
+    return ANNA.sign(PAUSE, gate.terms(), "mill"), "*"
+
+
+def no_json(gate: Gate) -> tuple[SignedCommand, str]:
+    return SignedCommand(b"\xff{", b"", b""), "pause"
+
+
+def no_such_field(gate: Gate) -> tuple[SignedCommand, str]:
+    payload = ANNA.sign(PAUSE, gate.terms(), "mill").payload
+    return SignedCommand(payload.replace(b"{", b'{"force":true,', 1), b"", b""), "pause"
+
+
+def too_long(gate: Gate) -> tuple[SignedCommand, str]:
+    return SignedCommand(b" " * 5000, b"", b""), "pause"
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (wrong_key, "by and key are not those of an operator of this gateway"),
+        (unknown_name, "by and key are not those of an operator of this gateway"),
+        (altered, "by and key are not those of an operator of this gateway"),
+        (of_another_name, "name = 'measure': this is 'pause'"),
+        (to_another_machine, "machine = 'lathe': this is 'mill'"),
+        (for_another_gateway_s_challenge, "not of this run of this gateway"),
+        (too_late, "older than 30 s"),
+        (unknown_command, "'dance': expected one of measure, pause, resume"),
+        (every_command, "expected one of measure"),
+        (no_json, "CommandRequest: "),
+        (no_such_field, "force"),
+        (too_long, "expected at most 4096"),
+    ],
+)
+def test_what_is_not_proved_is_refused_and_obeyed_by_nobody(
+    make: Callable[[Gate], tuple[SignedCommand, str]], said: str
+) -> None:
+    gate = Gate()
+    signed, below = make(gate)
+    with pytest.raises(ValueError) as refused:
+        gate.send(signed, below)
+    assert said in str(refused.value)
+    assert gate.given == []
+
+
+def test_a_command_counts_once() -> None:
+    gate = Gate()
+    signed = ANNA.sign(PAUSE, gate.terms(), "mill")
+    assert gate.send(signed).accepted
+    for _ in range(2):
+        gate.clock.spend(20.0)
+        with pytest.raises(ValueError, match=r"given already|older than 30 s"):
+            gate.send(signed)
+    assert len(gate.given) == 1
+
+
+def test_a_challenge_is_valid_for_thirty_seconds_after_many_others() -> None:
+    gate = Gate()
+    signed = ANNA.sign(PAUSE, gate.terms(), "mill")
+    for _ in range(1000):
+        gate.terms()
+    gate.clock.spend(29.5)
+    assert gate.send(signed).accepted
+
+
+def test_what_the_configuration_does_not_allow_is_refused_in_the_operator_s_name() -> None:
+    gate = Gate()
+    answer = gate.send(CommandSigner("ben", OTHER_KEY).sign(PAUSE, gate.terms(), "mill"))
+    assert (answer.accepted, answer.text) == (False, "[[telemetry.operator]] may of ben does not have it")
+    assert gate.given == [(Command(PAUSE, "ben"), answer.text)]
+
+
+def test_an_answer_that_is_not_signed_for_this_command_is_not_believed() -> None:
+    gate = Gate()
+    first, second = (ANNA.sign(PAUSE, gate.terms(), "mill") for _ in range(2))
+    replied = gate.door.answer(AskedQuery("pause", "", first.payload, first.signature))
+    for payload, attachment in ((replied.payload, b""), (replied.payload + b" ", replied.attachment or b"")):
+        with pytest.raises(ValueError, match="not a gateway with this key"):
+            first.answered(payload, attachment)
+    with pytest.raises(ValueError, match="not a gateway with this key"):
+        second.answered(replied.payload, replied.attachment or b"")
+
+
+def test_strangers_are_logged_once_a_minute_without_their_keys(caplog: pytest.LogCaptureFixture) -> None:
+    gate = Gate()
+    for _ in range(5):
+        with pytest.raises(ValueError, match="by and key"):
+            gate.send(CommandSigner("eve", KEY).sign(PAUSE, gate.terms(), "mill"))
+    assert [record.message for record in caplog.records] == [
+        "command: 1 commands without a valid key were refused so far, the last in the name of 'eve'"
+    ]
