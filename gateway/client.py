@@ -12,18 +12,22 @@ import zenoh
 from numpy.typing import NDArray
 
 from drivers.base import Quality
+from gateway.commands import CommandName
 from gateway.telemetry import (
     MOST_ROWS,
     TYPES,
     Access,
+    CommandAnswer,
+    CommandSigner,
     HistoryPage,
     Published,
     StatusMessage,
+    ask,
+    command,
     decode,
-    decode_page,
-    decode_refusal,
     keys,
     reader_config,
+    running,
     without_path,
 )
 
@@ -31,6 +35,8 @@ if TYPE_CHECKING:
     import pandas
 
 ANSWER_LIMIT_S = 10.0
+COMMAND_LIMIT_S = 70.0
+"""A command waits for the gateway's disk."""
 _MOST_WAITING = 20_000
 _GOOD = Quality.GOOD.value
 _Array = NDArray[np.float64]
@@ -45,7 +51,10 @@ class MachineError(OSError):
 
 
 class Machine:
-    """One machine's gateway, as a context manager. Read-only: nothing here changes anything on the other side.
+    """One machine's gateway, as a context manager.
+
+    Nothing here changes anything on the other side but the commands, from `measure_now` to `reload`, which
+    need an operator (docs/commands.md).
 
     Parameters
     ----------
@@ -54,6 +63,7 @@ class Machine:
     access: certificates and password, where the gateway or router asks for them
     prefix: of the keys, [telemetry] prefix of the gateway's configuration
     answer_limit_s: how long an answer is waited for, s
+    operator: who gives commands; None: nobody
 
     Raises ValueError for endpoints or names that cannot be; on entry MachineError when nobody answers, no gateway runs,
     or several do and none is named.
@@ -67,6 +77,7 @@ class Machine:
         prefix: str = "talc",
         access: Access = _ANYONE,
         answer_limit_s: float = ANSWER_LIMIT_S,
+        operator: CommandSigner | None = None,
     ) -> None:
         for what, value in (("name", name), ("prefix", prefix)):
             if value is not None and not _NAME.fullmatch(value):
@@ -75,6 +86,7 @@ class Machine:
         self._connect = (connect,) if isinstance(connect, str) else tuple(connect)
         self._config = reader_config(self._connect, access)
         self._session: zenoh.Session | None = None
+        self._operator = operator
         self.missed = 0
         """Messages that `follow` had to leave out because they were not taken fast enough."""
 
@@ -111,10 +123,7 @@ class Machine:
 
     def running(self) -> list[str]:
         """The machines under the prefix whose gateways run now."""
-        at = f"{keys.root(self._prefix, '*')}/{keys.ALIVE}"
-        replies = self.session.liveliness().get(at, timeout=self._limit_s)
-        found = {str(reply.ok.key_expr).split("/")[-2] for reply in replies if reply.ok is not None}
-        return sorted(name for name in found if _NAME.fullmatch(name))
+        return running(self.session, self._prefix, self._limit_s)
 
     def latest(self, *kinds: str) -> dict[str, Published]:
         """The last message of every key below the machine's, or of these kinds of key only.
@@ -228,14 +237,58 @@ class Machine:
         begin, end = (datetime.combine(at, time(), zone) for at in (day, day + timedelta(days=1)))
         return self.history(begin, end, channels, every_s=every_s)
 
+    def measure_now(self) -> CommandAnswer:
+        """Have the gateway request a probing cycle before its grid step ends, as soon as nothing blocks it.
+
+        Raises MachineError with the gateway's own words when it refuses.
+        """
+        return self.give(CommandName.MEASURE)
+
+    def pause(self) -> CommandAnswer:
+        """Have the compensation go to its declared state and stay there until `resume`. Raises as `measure_now`."""
+        return self.give(CommandName.PAUSE)
+
+    def resume(self) -> CommandAnswer:
+        """End the pause. Raises as `measure_now`."""
+        return self.give(CommandName.RESUME)
+
+    def disarm(self) -> CommandAnswer:
+        """Have the offsets go to zero and stay there until `arm`; no probing cycle is requested meanwhile. Raises as
+        `measure_now`."""
+        return self.give(CommandName.DISARM)
+
+    def arm(self) -> CommandAnswer:
+        """End the disarming: what the configuration arms is armed again. Raises as `measure_now`."""
+        return self.give(CommandName.ARM)
+
+    def reload(self) -> CommandAnswer:
+        """Have the gateway read its configuration again and apply it. Raises as `measure_now`, and when something in it
+        needs a restart."""
+        return self.give(CommandName.RELOAD)
+
+    def give(self, name: CommandName) -> CommandAnswer:
+        """Give a command, and return the answer of the gateway, which has stored it.
+
+        Raises MachineError without an operator, when the gateway refuses or does not answer, or when what answers does
+        not hold the operator's key.
+        """
+        if self._operator is None:
+            raise MachineError("commands need an operator: Machine(..., operator=CommandSigner.of_file(NAME, FILE))")
+        try:
+            answer = command(self.session, self.root, self._operator, name, max(self._limit_s, COMMAND_LIMIT_S))
+        except (OSError, ValueError) as error:
+            hint = "; does its configuration have [[telemetry.operator]]?" if "no answer" in str(error) else ""
+            raise MachineError(f"{self.name}: {error}{hint}") from error
+        if not answer.accepted:
+            raise MachineError(f"{self.name}: {name.value} refused: {answer.text}")
+        return answer
+
     def _page(self, asked: dict[str, str]) -> HistoryPage:
         selector = f"{self.root}/{keys.HISTORY}?" + ";".join(f"{name}={value}" for name, value in asked.items())
-        for reply in self.session.get(selector, timeout=self._limit_s):
-            if reply.ok is not None:
-                return decode_page(reply.ok.payload.to_bytes())
-            if reply.err is not None:
-                raise MachineError(f"{self.name}: {decode_refusal(reply.err.payload.to_bytes())}")
-        raise MachineError(f"{self.name}: no answer to a query on {keys.HISTORY} within {self._limit_s:g} s")
+        try:
+            return ask(self.session, selector, HistoryPage, self._limit_s)
+        except OSError as error:
+            raise MachineError(f"{self.name}: {error}") from error
 
     def _choose(self, alive: Sequence[str]) -> str:
         if self._name is not None and self._name in alive:
@@ -269,7 +322,7 @@ class Machine:
         return decode(self._suffix(sample), sample.payload.to_bytes())
 
 
-class _Columns:
+class _ChannelColumns:
     """The column of each channel: those that were asked for, or all in the order in which they appear."""
 
     def __init__(self, channels: Sequence[str] | None) -> None:
@@ -293,7 +346,7 @@ class _Columns:
 
 def _as_read(pages: Iterable[HistoryPage], channels: Sequence[str] | None) -> tuple[_Array, _Array, list[str]]:
     """Times, a row for each, and the columns' names."""
-    columns = _Columns(channels)
+    columns = _ChannelColumns(channels)
     parts = [columns.good(page) for page in pages]
     times, row = np.unique(np.concatenate([part[0] for part in parts]), return_inverse=True)
     table = np.full((len(times), len(columns.names)), np.nan)
@@ -308,7 +361,7 @@ def _means(
     if not every_s > 0:
         raise ValueError(f"every_s = {every_s!r}: expected more than 0")
     times = np.arange(begin_s, end_s, every_s)
-    columns = _Columns(channels)
+    columns = _ChannelColumns(channels)
     sums, counts = np.zeros((len(times), 0)), np.zeros((len(times), 0))
     for page in pages:
         at_s, column, value = columns.good(page)

@@ -1,0 +1,115 @@
+"""`talc-gateway collect`: keeps what the gateways of a site have stored."""
+
+import logging
+import signal
+import threading
+import time
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from gateway.cli.arguments import access_options
+
+if TYPE_CHECKING:
+    from gateway.config import Telemetry
+
+log = logging.getLogger(__name__)
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--connect", multiple=True, required=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a "
+              "router, such as tcp/192.168.1.5:7447; several for a site.")  # fmt: skip
+@click.option("--prefix", default="talc", show_default=True, help="First part of the keys.")
+@click.option("--every", type=click.FloatRange(min=0.1), default=30.0, show_default=True,
+              help="Seconds after which a gateway is asked again.")  # fmt: skip
+@access_options
+def collect(
+    folder: Path,
+    connect: tuple[str, ...],
+    prefix: str,
+    every: float,
+    authority: Path | None,
+    certificate: Path | None,
+    key: Path | None,
+    user: str | None,
+    password_file: Path | None,
+) -> None:
+    """Keep what all gateways at --connect have stored in FOLDER, as Parquet by table, machine and day.
+
+    \b
+    Asks each gateway for the rows that follow those that are in FOLDER: none is lost or there twice, however often
+    gateways, routers and this command are stopped or killed (docs/collect.md). Gateways may come and go; it tries again
+    until SIGINT or SIGTERM, and says at the end what was collected.
+    """
+    if find_spec("pyarrow") is None:
+        raise click.UsageError("pyarrow is not installed; pip install 'talc-gateway[parquet]'")
+    telemetry = _telemetry(
+        connect, prefix, user, password_file, {"authority": authority, "certificate": certificate, "key": key}
+    )
+    from gateway.collect import Collector, SiteFolder, SiteNetwork
+
+    if logging.getLogger().level > logging.INFO:
+        logging.getLogger("gateway").setLevel(logging.INFO)
+    stop = threading.Event()
+    with SiteFolder(folder) as kept, SiteNetwork(telemetry) as network:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: stop.set())
+        collector = Collector(network, kept, every_s=every)
+        click.echo(f"{folder}: collecting what gateways at {', '.join(connect)} have stored")
+        _go_on(collector.turn, stop, every)
+    for name, asked in sorted(collector.machines.items()):
+        rows = ", ".join(f"{many} {table}" for table, many in asked.rows.items()) or "nothing new"
+        click.echo(f"{name}: {rows}")
+
+
+def _telemetry(
+    connect: tuple[str, ...],
+    prefix: str,
+    user: str | None,
+    password_file: Path | None,
+    files: Mapping[str, Path | None],
+) -> "Telemetry":
+    """Where to connect and how. Raises click.UsageError."""
+    from pydantic import ValidationError
+
+    from gateway.config import Telemetry, TelemetryTls, credential_problems
+
+    try:
+        telemetry = Telemetry(
+            listen=(),
+            connect=connect,
+            prefix=prefix,
+            tls=TelemetryTls(**files),
+            user=user,
+            password_file=password_file,
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        option = "".join(f"--{part}: " for part in first["loc"][:1])
+        raise click.UsageError(option + first["msg"].removeprefix("Value error, ")) from None
+    if any(place.encrypted for place in telemetry.connecting) and telemetry.tls.authority is None:
+        raise click.UsageError("a tls/… endpoint needs --authority")
+    for problem in credential_problems(telemetry, datetime.now(UTC)):
+        raise click.UsageError(str(problem))
+    return telemetry
+
+
+def _go_on(turn: Callable[[float], float], stop: threading.Event, every_s: float) -> None:
+    """Turn after turn until `stop`; a failure of the network as a whole is reported, and the turn is tried again."""
+    told = ""
+    while not stop.is_set():
+        try:
+            due_s = turn(time.monotonic())
+        except OSError as error:
+            due_s = time.monotonic() + every_s
+            if str(error) != told:
+                log.warning("%s", error)
+            told = str(error)
+        else:
+            told = ""
+        stop.wait(max(0.0, due_s - time.monotonic()))

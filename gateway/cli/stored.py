@@ -1,0 +1,102 @@
+"""Answers queries on `history`, `course` and `stored` from the database, opened for reading at each query."""
+
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from gateway.storage import Position, RowsPage, StoreError, course_between, readings_page, rows_after
+from gateway.storage.columns import CellKind
+from gateway.telemetry import (
+    CoursePage,
+    CourseRequest,
+    CourseSource,
+    HistoryPage,
+    HistoryRequest,
+    HistorySource,
+    StoredColumn,
+    StoredRequest,
+    StoredRows,
+    StoredSource,
+    StoredTable,
+    courses,
+)
+
+
+def history_of(path: Path) -> HistorySource:
+    """Pages of readings of a database."""
+
+    def find(asked: HistoryRequest) -> HistoryPage:
+        try:
+            page = readings_page(path, asked.begin, asked.end, asked.channels, asked.limit, asked.after)
+        except StoreError as error:
+            raise OSError(str(error)) from error
+        return HistoryPage(
+            page.period_s, page.names, page.units, page.time, page.channel, page.value, page.quality, page.next
+        )
+
+    return find
+
+
+def course_of(path: Path, step_s: float) -> CourseSource:
+    """Estimates and measurements of a database."""
+
+    def find(asked: CourseRequest) -> CoursePage:
+        try:
+            found = course_between(path, asked.begin, asked.end, asked.limit, step_s, temperatures=asked.temperatures)
+        except StoreError as error:
+            raise OSError(str(error)) from error
+        columns = np.round(found.temperatures, 2).T.tolist()
+        return CoursePage(
+            found.time.tolist(),
+            courses(found.corrected, found.sigma),
+            found.measured_time.tolist(),
+            courses(found.measured, found.measured_sigma),
+            [_number(value) for value in found.residual_um.tolist()],
+            {n: [_number(v) for v in column] for n, column in zip(found.temperature_names, columns, strict=True)},
+        )
+
+    return find
+
+
+def rows_of(path: Path) -> StoredSource:
+    """Rows of a database after a position."""
+
+    def find(asked: StoredRequest) -> StoredRows:
+        after = {table: None if position is None else Position(*position) for table, position in asked.after.items()}
+        try:
+            found = rows_after(path, after, asked.limit)
+        except StoreError as error:
+            raise OSError(str(error)) from error
+        return StoredRows({table: _table(page) for table, page in found.items()})
+
+    return find
+
+
+def _table(page: RowsPage | StoreError) -> StoredTable:
+    if isinstance(page, StoreError):
+        return StoredTable(problem=str(page))
+    by_column = zip(*page.rows, strict=True) if page.rows else ((),) * len(page.columns)
+    columns = (
+        _column(name, kind, values) for (name, kind), values in zip(page.columns.items(), by_column, strict=True)
+    )
+    return StoredTable(page.epoch, page.last, page.more, page.thinned, page.numbers, tuple(columns))
+
+
+def _column(name: str, kind: CellKind, values: tuple[object, ...]) -> StoredColumn:
+    match kind:
+        case "text":
+            place = {text: at for at, text in enumerate(dict.fromkeys(v for v in values if v is not None))}
+            at = [None if value is None else place[value] for value in values]
+            return StoredColumn(name, kind, at, tuple(map(str, place)))
+        case "time":
+            return StoredColumn(name, kind, [v.timestamp() if isinstance(v, datetime) else _number(v) for v in values])
+        case "whole":
+            return StoredColumn(name, kind, [v if isinstance(v, int) else None for v in values])
+        case "number":
+            return StoredColumn(name, kind, [_number(value) for value in values])
+
+
+def _number(value: object) -> float | None:
+    """None for what JSON has no number for."""
+    return value if isinstance(value, int | float) and abs(value) < float("inf") else None

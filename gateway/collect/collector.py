@@ -1,0 +1,197 @@
+"""Asks every gateway of a site in turn for its next rows, and commits them before it asks for more."""
+
+import logging
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Protocol
+
+import pyarrow as pa
+
+from gateway.collect.folder import Commit, SiteFolder
+from gateway.collect.progress import CollectProgress, TablePlace
+from gateway.collect.tables import arrow_of
+from gateway.storage import NUMBERS
+from gateway.telemetry import StoredRows, StoredTable
+
+log = logging.getLogger(__name__)
+
+_LIMIT = 10_000
+"""Rows of a table in one answer."""
+_AT_ONCE, _WRITTEN_AT_ONCE = 16, 2
+"""Machines that are asked at the same time, as one that does not answer holds up the others; and answers that are
+written at the same time, as that takes memory."""
+_NAMED = 5
+"""Machines that a line of the log names."""
+_GAPS = "gaps"
+
+
+class SiteGateways(Protocol):
+    """Who is asked."""
+
+    def running(self) -> Sequence[str]:
+        """The machines whose gateways run now."""
+
+    def ask(self, machine: str, after: Mapping[str, TablePlace | None], limit: int) -> StoredRows:
+        """Rows that follow. Raises OSError, ValueError."""
+
+
+@dataclass(slots=True)
+class MachineAsked:
+    """What is known of one machine."""
+
+    progress: CollectProgress | None = None
+    """None: to be read from the disk."""
+    back: dict[str, int] = field(default_factory=dict)
+    """By table: how many epochs the gateway was asked for and does not know."""
+    due_s: float = 0.0
+    """When it is asked next, on the collector's clock."""
+    problem: str = ""
+    """Why it was not collected; empty: it was."""
+    rows: dict[str, int] = field(default_factory=dict)
+    """Collected since the start, by table."""
+
+
+class Collector:
+    """Collects a site.
+
+    Parameters
+    ----------
+    gateways: who is asked
+    folder: where it is kept
+    every_s: how long after it has everything of a machine it asks again
+    limit: rows of a table in one answer
+    utc: the time of gaps
+    """
+
+    def __init__(
+        self,
+        gateways: SiteGateways,
+        folder: SiteFolder,
+        *,
+        every_s: float = 30.0,
+        limit: int = _LIMIT,
+        utc: Callable[[], datetime] = lambda: datetime.now(UTC),
+    ) -> None:
+        self._gateways, self._folder, self._every_s, self._limit, self._utc = gateways, folder, every_s, limit, utc
+        self.machines: dict[str, MachineAsked] = {}
+        self._heard, self._writing = True, threading.Semaphore(_WRITTEN_AT_ONCE)
+
+    def turn(self, now_s: float) -> float:
+        """Ask each machine that runs and is due once: those with a backlog get one page each, so that none waits for
+        another's backlog. Returns when the next turn is due."""
+        running = self._gateways.running()
+        if bool(running) != self._heard:
+            self._heard = bool(running)
+            log.warning("gateways are heard again" if running else "no gateway is heard; trying again")
+        due = [name for name in running if self.machines.setdefault(name, MachineAsked()).due_s <= now_s]
+        before = {name: self.machines[name].problem for name in due}
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            for name, more in zip(due, pool.map(self._collect, due), strict=True):
+                self.machines[name].due_s = now_s if more else now_s + self._every_s
+        self._tell(before)
+        return min((self.machines[name].due_s for name in running), default=now_s + self._every_s)
+
+    def _collect(self, name: str) -> bool:
+        """Whether there is more. Whatever goes wrong with a machine holds up no other one."""
+        asked = self.machines[name]
+        try:
+            more = self._page(name, asked)
+        except Exception as error:  # a gateway, or who says to be one, may answer anything
+            asked.progress = None  # the disk says whether the batch counts
+            asked.problem = str(error) or type(error).__name__
+            if not isinstance(error, OSError | ValueError | pa.ArrowException):
+                log.exception("%s", name)
+            return False
+        asked.problem = ""
+        return more
+
+    def _tell(self, before: Mapping[str, str]) -> None:
+        """What begins and what ends with some machines, in a line for all of them."""
+        begun, ended = dict[str, list[str]](), list[str]()
+        for name, earlier in before.items():
+            problem = self.machines[name].problem
+            if problem and problem != earlier:
+                begun.setdefault(problem, []).append(name)
+            elif earlier and not problem:
+                ended.append(name)
+        for problem, names in begun.items():
+            log.warning("%s: not collected: %s", _some(names), problem)
+        if ended:
+            log.warning("%s: collected again", _some(ended))
+
+    def _page(self, name: str, asked: MachineAsked) -> bool:
+        before = asked.progress or self._folder.progress(name)
+        places = {table: before.place(table, asked.back.get(table, 0)) for table in NUMBERS}
+        answer = self._gateways.ask(name, places, self._limit)
+        with self._writing:
+            return self._keep(name, asked, before, places, answer)
+
+    def _keep(
+        self,
+        name: str,
+        asked: MachineAsked,
+        before: CollectProgress,
+        places: Mapping[str, TablePlace | None],
+        answer: StoredRows,
+    ) -> bool:
+        batch = _Batch(before)
+        for table, page in answer.tables.items():
+            if page.problem:
+                batch.problems.append(page.problem)
+            elif page.epoch is not None and table in NUMBERS:
+                asked.back.pop(table, None)
+                batch.take(table, page.epoch, page, places[table])
+            elif table in NUMBERS:
+                if places[table] is None:
+                    raise ValueError(f"{table}: has no epoch, not even from the beginning")
+                asked.back[table] = asked.back.get(table, 0) + 1
+                batch.more = True
+        rows = batch.rows_at(self._utc())
+        for table, *_ in batch.gaps:
+            log.warning("%s: %s were deleted, being old, before they were collected", name, table)
+        asked.progress = self._folder.add(name, Commit(batch.progress, rows)) if batch.progress != before else before
+        for table, added in rows.items():
+            asked.rows[table] = asked.rows.get(table, 0) + added.num_rows
+        if batch.problems:
+            raise OSError("; ".join(batch.problems))
+        return batch.more
+
+
+@dataclass(slots=True)
+class _Batch:
+    """What one answer adds."""
+
+    progress: CollectProgress
+    rows: dict[str, pa.Table] = field(default_factory=dict)
+    gaps: list[tuple[str, str, int | None, int]] = field(default_factory=list)
+    """Table, epoch, the last row that was collected, and up to which row they were deleted."""
+    problems: list[str] = field(default_factory=list)
+    more: bool = False
+
+    def take(self, table: str, epoch: str, page: StoredTable, place: TablePlace | None) -> None:
+        """Add the rows that follow a place. Raises ValueError."""
+        rows = arrow_of(page, self.progress.last(table, epoch))
+        self.progress = self.progress.moved_on(table, epoch, page.last)
+        self.more = self.more or (page.more and (epoch, page.last) != place)
+        if rows.num_rows:
+            self.rows[table] = rows
+        if page.thinned is not None:
+            self.gaps.append((table, epoch, None if place is None else place[1], page.thinned))
+
+    def rows_at(self, now: datetime) -> dict[str, pa.Table]:
+        """By table, with the gaps that were found now."""
+        if not self.gaps:
+            return self.rows
+        columns = ([now] * len(self.gaps), *zip(*self.gaps, strict=True))
+        types = (pa.timestamp("us", tz="UTC"), pa.string(), pa.string(), pa.int64(), pa.int64())
+        arrays = [pa.array(values, type_) for values, type_ in zip(columns, types, strict=True)]
+        return {**self.rows, _GAPS: pa.table(arrays, ["time", "table", "epoch", "after", "upto"])}
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names, and how many more there are."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,59 @@
+"""A site's gateways, as a collector reaches them over Zenoh."""
+
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from gateway.collect.progress import TablePlace
+from gateway.config import Telemetry
+from gateway.telemetry import StoredRows, TelemetryError, ask, keys, page_config, running, without_path
+
+
+class SiteNetwork:
+    """All gateways that are heard, as a context manager. It only asks.
+
+    Parameters
+    ----------
+    telemetry: where to connect and how, and the prefix of the keys
+    answer_limit_s: how long an answer is waited for, s
+
+    Raises TelemetryError or OSError on entry.
+    """
+
+    def __init__(self, telemetry: Telemetry, answer_limit_s: float = 10.0) -> None:
+        self._telemetry, self._limit_s = telemetry, answer_limit_s
+        self._session: zenoh.Session | None = None
+
+    def __enter__(self) -> Self:
+        try:
+            self._session = zenoh.open(page_config(self._telemetry))
+        except zenoh.ZError as error:
+            raise TelemetryError(f"no Zenoh session: {without_path(error)}") from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._session is not None:
+            self._session.close()
+
+    @property
+    def _open(self) -> zenoh.Session:
+        if self._session is None:
+            raise RuntimeError("used outside of its `with`")
+        return self._session
+
+    def running(self) -> list[str]:
+        """The machines whose gateways run now."""
+        return running(self._open, self._telemetry.prefix, self._limit_s)
+
+    def ask(self, machine: str, after: Mapping[str, TablePlace | None], limit: int) -> StoredRows:
+        """The rows of a gateway that follow these places. Raises OSError when it does not answer, or says why not;
+        ValueError for an answer that is none."""
+        places = ",".join(
+            table if place is None else f"{table}:{place[0]}:{place[1]}" for table, place in after.items()
+        )
+        key = f"{keys.root(self._telemetry.prefix, machine)}/{keys.STORED}"
+        return ask(self._open, f"{key}?after={places};limit={limit}", StoredRows, self._limit_s)

@@ -1,0 +1,77 @@
+"""How far a machine is collected, as a file: it changes as a whole, and a batch of rows counts from then on."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+_MOST_EPOCHS = 100
+"""Of a table, of which the end is remembered: a backup of the gateway's store may be put back."""
+TablePlace = tuple[str, int]
+"""An epoch, and the number of the last row of it."""
+
+
+class CollectProgress(Struct, frozen=True):
+    """Of one machine."""
+
+    batch: int = 0
+    """Number of the last batch."""
+    places: Mapping[str, tuple[TablePlace, ...]] = {}
+    """By table: the latest last."""
+    moves: tuple[tuple[str, str], ...] = ()
+    """Of the last batch: files as they were written, and where they belong, both below the site's folder."""
+
+    def place(self, table: str, back: int = 0) -> TablePlace | None:
+        """Where the next query continues, or how far an epoch before it is collected; None: at the beginning.
+
+        back: how many epochs before the latest
+        """
+        places = self.places.get(table, ())
+        return places[-1 - back] if back < len(places) else None
+
+    def last(self, table: str, epoch: str) -> int | None:
+        """Number of the last row of an epoch; None: none is known."""
+        return dict(self.places.get(table, ())).get(epoch)
+
+    def moved_on(self, table: str, epoch: str, last: int) -> "CollectProgress":
+        """With everything of an epoch up to a row. Epochs that the gateway does not know now are remembered: its
+        database may have been moved away, and come back."""
+        before = self.last(table, epoch)
+        others = tuple(place for place in self.places.get(table, ()) if place[0] != epoch)
+        places = (*others, (epoch, last if before is None else max(last, before)))[-_MOST_EPOCHS:]
+        return msgspec.structs.replace(self, places={**self.places, table: places})
+
+
+_DECODER = msgspec.json.Decoder(CollectProgress)
+
+
+def load_progress(path: Path) -> CollectProgress:
+    """What the file says; nothing is collected if there is none. Raises OSError, ValueError."""
+    try:
+        return _DECODER.decode(path.read_bytes())
+    except FileNotFoundError:
+        return CollectProgress()
+    except msgspec.DecodeError as error:
+        raise ValueError(f"{path}: {error}; restore it from a backup with all of its folder") from error
+
+
+def save_progress(path: Path, progress: CollectProgress) -> None:
+    """Exchange the file; when this returns it is on the disk. Raises OSError."""
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as file:
+        file.write(msgspec.json.encode(progress))
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable. Raises OSError."""
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)

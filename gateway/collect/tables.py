@@ -1,0 +1,63 @@
+"""Converts the rows that gateways send to Arrow tables by day."""
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from itertools import pairwise
+
+import pyarrow as pa
+from pyarrow import compute
+
+from gateway.telemetry import StoredColumn, StoredTable
+
+_TYPES = {"time": pa.timestamp("us", tz="UTC"), "text": pa.string(), "number": pa.float64(), "whole": pa.int64()}
+
+
+def arrow_of(table: StoredTable, above: int | None) -> pa.Table:
+    """The rows with their epoch and number, without those that are there already.
+
+    above: number of the last row of this epoch that is there; None: there is none
+
+    Raises ValueError for rows that contradict themselves: another program's, or damaged on the way.
+    """
+    ascending = all(a < b for a, b in pairwise(table.numbers))
+    if table.numbers and not (ascending and table.numbers[-1] <= table.last):
+        raise ValueError(f"rows {table.numbers[0]} to {table.numbers[-1]} do not ascend up to {table.last}")
+    arrays, names = [], []
+    for column in table.columns:
+        if len(column.values) != len(table.numbers):
+            raise ValueError(f"column {column.name}: {len(column.values)} values for {len(table.numbers)} rows")
+        arrays.append(_array(column))
+        names.append(column.name)
+    numbers = pa.array(table.numbers, pa.int64())
+    rows = pa.table([*arrays, pa.repeat(table.epoch, len(numbers)), numbers], [*names, "epoch", "row"])
+    return rows if above is None else rows.slice(bisect_right(table.numbers, above))
+
+
+def by_day(rows: pa.Table) -> Iterator[tuple[str, pa.Table]]:
+    """Each day, UTC, and its rows in their order. Raises ValueError for rows without a time."""
+    times = [name for name in rows.column_names if pa.types.is_timestamp(rows.schema.field(name).type)]
+    if not times or rows[times[0]].null_count:
+        raise ValueError("rows without a time")
+    days = compute.strftime(rows[times[0]], format="%Y-%m-%d")
+    for day in compute.unique(days).to_pylist():
+        yield day, rows.filter(compute.equal(days, day))
+
+
+def _array(column: StoredColumn) -> pa.Array:
+    kind = _TYPES.get(column.kind)
+    if kind is None:
+        raise ValueError(f"column {column.name}: kind {column.kind!r} is not known; use a newer program")
+    try:
+        match column.kind:
+            case "text":
+                places = pa.array(column.values, pa.int32())
+                return pa.DictionaryArray.from_arrays(places, pa.array(column.texts, pa.string())).cast(pa.string())
+            case "time":
+                seconds = pa.array(column.values, pa.float64(), from_pandas=True)
+                return compute.round(compute.multiply(seconds, 1e6)).cast(pa.int64()).cast(kind)
+            case "number":
+                return pa.array(column.values, kind)
+            case _:
+                return pa.array(column.values).cast(kind)  # refuses fractions
+    except (pa.ArrowException, TypeError, OverflowError) as error:
+        raise ValueError(f"column {column.name}: {error}") from error

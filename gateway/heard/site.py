@@ -1,0 +1,155 @@
+"""Receives everything from the machines of a site: a Zenoh subscriber that publishes nothing, and asks."""
+
+import logging
+import re
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, date, datetime
+from time import monotonic
+from typing import Self, TypeVar
+
+from gateway.commands import CommandName
+from gateway.config import Telemetry
+from gateway.heard.hearing import Hearing
+from gateway.heard.machine import MachineSeen
+from gateway.telemetry import (
+    CommandAnswer,
+    CommandSigner,
+    CoursePage,
+    ReportPage,
+    ask,
+    command,
+    decode,
+    keys,
+)
+
+log = logging.getLogger(__name__)
+
+_MACHINE = re.compile(r"[A-Za-z0-9_-]{1,100}")
+_MOST_MACHINES = 100
+_ANSWER_LIMIT_S = 5.0
+_REPORT_LIMIT_S = 150.0
+"""A small computer draws for half a minute, and others may be waiting."""
+_Answer = TypeVar("_Answer", CoursePage, ReportPage)
+_COMMAND_LIMIT_S = 70.0
+"""A command waits for the gateway's disk."""
+
+
+def listened_to(telemetry: Telemetry) -> tuple[str, ...]:
+    """The endpoints at which what this gateway publishes is heard on its own computer."""
+    return (*(place.from_here for place in telemetry.listening), *telemetry.connect)
+
+
+class SiteSeen:
+    """The machines under one prefix. Zenoh calls from threads of its own; `machines` holds them off.
+
+    Parameters
+    ----------
+    prefix: first part of every key
+    expected: machines that are shown even before anything is heard of them
+    now: this computer's UTC
+    now_s: this computer's monotonic seconds
+    """
+
+    def __init__(
+        self,
+        prefix: str,
+        expected: Iterable[str] = (),
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        now_s: Callable[[], float] = monotonic,
+    ) -> None:
+        self.prefix, self._now, self.now_s = prefix, now, now_s
+        self._lock = threading.Lock()
+        self._machines = {name: MachineSeen(name) for name in expected}
+        self.changed: Callable[[], None] = lambda: None
+        """Called from any thread when something was heard."""
+
+    @contextmanager
+    def machines(self) -> Iterator[dict[str, MachineSeen]]:
+        """By name; nothing changes meanwhile."""
+        with self._lock:
+            yield self._machines
+
+    def may_be(self, machine: str) -> bool:
+        """Whether there is a machine of this name, or one could be heard of later."""
+        return machine in self._machines or _MACHINE.fullmatch(machine) is not None
+
+    def take(self, key: str, payload: bytes) -> None:
+        """One published message; an invalid one is only logged."""
+        machine, _, suffix = key.removeprefix(self.prefix + "/").partition("/")
+        try:
+            message = decode(suffix, payload)
+        except ValueError as error:
+            log.warning("%s: %s", machine, error)
+            return
+        if message is not None:
+            with self._lock:
+                if (seen := self._of(machine)) is not None:
+                    seen.apply(suffix, message, self._now(), self.now_s())
+            self.changed()
+
+    def life(self, key: str, *, alive: bool) -> None:
+        """A liveliness token has appeared or disappeared."""
+        machine = key.removeprefix(self.prefix + "/").partition("/")[0]
+        with self._lock:
+            if (seen := self._of(machine)) is not None:
+                seen.appear(self._now()) if alive else seen.disappear(self._now())
+        self.changed()
+
+    def _of(self, machine: str) -> MachineSeen | None:
+        if machine not in self._machines and _MACHINE.fullmatch(machine) and len(self._machines) < _MOST_MACHINES:
+            self._machines[machine] = MachineSeen(machine)
+        return self._machines.get(machine)
+
+
+class SiteSubscription:
+    """Feeds a site from Zenoh while it is entered; absent gateways are tried again without end.
+
+    Parameters
+    ----------
+    site: what takes in the messages
+    settings: where to connect to; see `page_config`
+
+    Raises TelemetryError on entry.
+    """
+
+    def __init__(self, site: SiteSeen, settings: Telemetry) -> None:
+        self._site = site
+        self._hearing = Hearing(settings, site.take, self._life)
+
+    def __enter__(self) -> Self:
+        self._hearing.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._hearing.__exit__()
+
+    def ask(self, machine: str, begin: datetime, end: datetime, limit: int) -> CoursePage:
+        """Stored estimates of a machine. Blocks. Raises OSError with what the gateway says, or that it says nothing."""
+        selected = f"from={begin.isoformat()};to={end.isoformat()};limit={limit}"
+        return self._asked(machine, f"{keys.COURSE}?{selected}", CoursePage, _ANSWER_LIMIT_S)
+
+    def ask_with_temperatures(self, machine: str, begin: datetime, end: datetime, limit: int) -> CoursePage:
+        """The same with the temperatures at each time."""
+        selected = f"from={begin.isoformat()};to={end.isoformat()};limit={limit};temperatures=yes"
+        return self._asked(machine, f"{keys.COURSE}?{selected}", CoursePage, _ANSWER_LIMIT_S)
+
+    def ask_report(self, machine: str, day: date, zone: str) -> ReportPage:
+        """The report of a machine's day. Blocks. Raises OSError with what the gateway says, or that it says nothing."""
+        selected = f"day={day.isoformat()};zone={zone}"
+        return self._asked(machine, f"{keys.REPORT}?{selected}", ReportPage, _REPORT_LIMIT_S)
+
+    def _asked(self, machine: str, selector: str, answer: type[_Answer], limit_s: float) -> _Answer:
+        try:
+            return ask(self._hearing.session, f"{keys.root(self._site.prefix, machine)}/{selector}", answer, limit_s)
+        except ValueError as error:
+            raise OSError(str(error)) from error
+
+    def give(self, machine: str, by: CommandSigner, name: CommandName) -> CommandAnswer:
+        """Give a machine's gateway a command. Blocks. Raises as `gateway.telemetry.command`."""
+        return command(self._hearing.session, keys.root(self._site.prefix, machine), by, name, _COMMAND_LIMIT_S)
+
+    def _life(self, key: str, alive: bool) -> bool:
+        self._site.life(key, alive=alive)
+        return True

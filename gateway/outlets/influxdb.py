@@ -1,0 +1,206 @@
+"""Outlet to InfluxDB, or to what takes its line protocol by HTTP."""
+
+import json
+import re
+import ssl
+from base64 import b64encode
+from collections.abc import Sequence
+from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
+from pathlib import Path
+from typing import Annotated, Literal, Self
+from urllib.parse import urlencode
+
+from pydantic import Field, model_validator
+
+from drivers.base import SetupError
+from drivers.bus_settings import is_loopback
+from drivers.section import FilePath, NotEmpty, NotNegative, matching, wrong
+from gateway.outlets.line_protocol import WRITTEN, lines
+from gateway.outlets.outlet import OutletError, OutletMessage, OutletSettings, Unacceptable
+
+_URL = re.compile(r"(?P<scheme>https?)://(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(?P<port>\d{1,5}))?/?")
+_PORT = 8086
+_MOST_SHOWN = 300
+
+
+class InfluxDbSettings(OutletSettings):
+    """InfluxDB 2 (`bucket`) or 1 (`database`), by HTTP."""
+
+    kind: Literal["influxdb"]
+    """`influxdb`."""
+    url: Annotated[str, matching(_URL.pattern, "https://HOST:PORT, or http://HOST:PORT for a server without TLS")]
+    """The server, such as `https://influx.plant.example:8086`. The default port is 8086."""
+    allow_unencrypted: bool = False
+    """Whether `http://` may go beyond this computer: everyone in that network can then read what passes, and the token
+    or password."""
+    authority: FilePath | None = None
+    """Certificates of the authorities (PEM), one of which must have issued the server's certificate. None: those that
+    the operating system trusts."""
+    bucket: NotEmpty | None = None
+    """Bucket of InfluxDB 2; with `org` and `token_file`."""
+    org: NotEmpty | None = None
+    """Organisation of InfluxDB 2."""
+    token_file: FilePath | None = None
+    """File that holds only a token that may write to the bucket."""
+    database: NotEmpty | None = None
+    """Database of InfluxDB 1, instead of a bucket."""
+    user: NotEmpty | None = None
+    """User of InfluxDB 1."""
+    password_file: FilePath | None = None
+    """File that holds only the user's password."""
+    gather_for_s: NotNegative = 5.0
+    """Send lines together that come within this time."""
+    lines_at_once: int = Field(default=1000, ge=1, le=10_000)
+    """Send as soon as so many messages wait."""
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Self:
+        if not 1 <= self.port <= 0xFFFF:
+            raise wrong(f"{self.url!r}: expected a port of 1 to 65535", "url")
+        if not (self.encrypted or self.allow_unencrypted or is_loopback(self.host)):
+            raise wrong(
+                f"{self.url!r} can be read and changed by everyone in that network: expected https://, or a loopback "
+                "address, or allow_unencrypted = true",
+                "url",
+            )
+        if self.authority is not None and not self.encrypted:
+            raise ValueError("authority has no effect without TLS: write https:// in url")
+        if (self.bucket is None) == (self.database is None):
+            raise ValueError("expected either bucket (InfluxDB 2) or database (InfluxDB 1)")
+        if self.database is not None and (self.org or self.token_file):
+            raise ValueError("org and token_file are for a bucket of InfluxDB 2")
+        if self.bucket is not None and (self.user or self.password_file):
+            raise ValueError("user and password_file are for a database of InfluxDB 1; a bucket needs token_file")
+        if (self.user is None) != (self.password_file is None):
+            raise ValueError("user and password_file go together: give both or neither")
+        return self
+
+    @property
+    def encrypted(self) -> bool:
+        """Whether it is by TLS."""
+        return self.url.startswith("https:")
+
+    @property
+    def host(self) -> str:
+        """Without brackets."""
+        found = _URL.fullmatch(self.url)
+        return "" if found is None else found["host"].strip("[]")
+
+    @property
+    def port(self) -> int:
+        """As stated, or the default one."""
+        found = _URL.fullmatch(self.url)
+        return _PORT if found is None or found["port"] is None else int(found["port"])
+
+    @property
+    def batch(self) -> int:
+        return self.lines_at_once
+
+    @property
+    def gather_s(self) -> float:
+        return self.gather_for_s
+
+    @property
+    def possible(self) -> frozenset[str]:
+        return WRITTEN
+
+    def outlet(self) -> "InfluxDbOutlet":
+        return InfluxDbOutlet(self)
+
+
+class InfluxDbOutlet:
+    """Writes lines to one server, over one connection while the server keeps it."""
+
+    def __init__(self, settings: InfluxDbSettings) -> None:
+        """Raises SetupError for files that cannot be used."""
+        self._settings = settings
+        asked = {"precision": "ns"}
+        self._headers = {"Content-Type": "text/plain; charset=utf-8"}
+        if settings.bucket is not None:
+            asked |= {"bucket": settings.bucket} | ({} if settings.org is None else {"org": settings.org})
+            self._path = "/api/v2/write?" + urlencode(asked)
+            if settings.token_file is not None:
+                self._headers["Authorization"] = f"Token {_secret('token_file', settings.token_file)}"
+        else:
+            asked["db"] = settings.database or ""
+            if settings.user is not None and settings.password_file is not None:
+                login = f"{settings.user}:{_secret('password_file', settings.password_file)}"
+                self._headers["Authorization"] = f"Basic {b64encode(login.encode()).decode()}"
+            self._path = "/write?" + urlencode(asked)
+        self._tls = _tls(settings.authority) if settings.encrypted else None
+        self._connection: HTTPConnection | None = None
+
+    def open(self) -> None:
+        """Nothing: a server that is not there shows at the first line."""
+
+    def send(self, batch: Sequence[OutletMessage]) -> None:
+        """Write these. Raises OutletError, and Unacceptable for lines that the server will never take."""
+        body = "\n".join(line for told in batch for line in lines(told))
+        if not body:
+            return
+        try:
+            answer, said = self._posted(body.encode())
+        except (OSError, HTTPException) as error:
+            self.close()
+            raise OutletError(f"{self._settings.url}: {str(error) or type(error).__name__}") from error
+        if answer.status // 100 == 2:
+            return
+        text = f"{self._settings.url}: {answer.status} {answer.reason}: {_explained(said)}"
+        if answer.status in (400, 413, 422):  # malformed, too large, or of another type than what is stored
+            raise Unacceptable(text)
+        self.close()
+        raise OutletError(text)
+
+    def close(self) -> None:
+        """Close the connection; the next line opens another."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def _posted(self, body: bytes) -> tuple[HTTPResponse, bytes]:
+        kept = self._connection is not None
+        try:
+            return self._asked(body)
+        except (ConnectionError, HTTPException):
+            if not kept:
+                raise
+            self.close()  # the server had closed the connection meanwhile; a line that is written twice stays one
+            return self._asked(body)
+
+    def _asked(self, body: bytes) -> tuple[HTTPResponse, bytes]:
+        if self._connection is None:
+            host, port, limit_s = self._settings.host, self._settings.port, self._settings.timeout_s
+            if self._tls is not None:
+                self._connection = HTTPSConnection(host, port, timeout=limit_s, context=self._tls)
+            else:
+                self._connection = HTTPConnection(host, port, timeout=limit_s)
+        self._connection.request("POST", self._path, body, self._headers)
+        answer = self._connection.getresponse()
+        return answer, answer.read()
+
+
+def _explained(said: bytes) -> str:
+    """What the server says, which is JSON with a message if it is InfluxDB."""
+    text = said.decode(errors="replace").strip()
+    try:
+        found = json.loads(text)
+    except ValueError:
+        pass
+    else:
+        if isinstance(found, dict):
+            text = str(found.get("message") or found.get("error") or text)
+    return text[:_MOST_SHOWN]
+
+
+def _secret(field: str, path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeError) as error:
+        raise SetupError(f"{field} = {str(path)!r} cannot be used: {error}") from error
+
+
+def _tls(authority: Path | None) -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=None if authority is None else str(authority))
+    except (OSError, ValueError) as error:
+        raise SetupError(f"authority = {str(authority)!r} cannot be used: {error}") from error

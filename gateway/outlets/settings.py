@@ -1,0 +1,84 @@
+"""The file of `talc-gateway publish`: where the gateways are heard, and the outlets."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from drivers.section import FilePath, NotEmpty, Section
+from gateway.config import ConfigError, Endpoint, Name, Problem, Telemetry, TelemetryTls, endpoint, read_as
+from gateway.outlets.feed import Feed
+from gateway.outlets.influxdb import InfluxDbSettings
+from gateway.outlets.mqtt import MqttOutletSettings
+from gateway.telemetry import TYPES
+
+AnyOutlet = Annotated[MqttOutletSettings | InfluxDbSettings, Field(discriminator="kind")]
+
+
+class SourceSettings(Section):
+    """Where the gateways are heard over Zenoh."""
+
+    connect: tuple[Endpoint, ...] = Field(default=("tcp/127.0.0.1:7447",), min_length=1)
+    """Zenoh endpoints of gateways or of a router. The default is a gateway on this computer."""
+    prefix: NotEmpty = "talc"
+    """`[telemetry] prefix` of the gateways."""
+    machines: tuple[Name, ...] = ()
+    """Machines that are passed on; empty: all that are heard."""
+    tls: TelemetryTls = TelemetryTls()
+    """As in a gateway's configuration."""
+    user: NotEmpty | None = None
+    """Where user and password are asked for."""
+    password_file: FilePath | None = None
+    """File that holds only the user's password."""
+
+    @property
+    def telemetry(self) -> Telemetry:
+        """The same as a gateway's section. Raises ValueError."""
+        return Telemetry(
+            listen=(),
+            connect=self.connect,
+            prefix=self.prefix,
+            tls=self.tls,
+            user=self.user,
+            password_file=self.password_file,
+        )
+
+
+class OutletFile(Section):
+    """Which gateways are heard, and where their messages go."""
+
+    source: SourceSettings = SourceSettings()
+    outlets: tuple[AnyOutlet, ...] = Field(alias="outlet", min_length=1)
+
+    def feeds(self) -> list[Feed]:
+        """One for each outlet. Raises SetupError."""
+        return [Feed(settings, settings.outlet()) for settings in self.outlets]
+
+
+def _problems(file: OutletFile) -> Iterator[Problem]:
+    tls = file.source.tls
+    if (file.source.user is None) != (file.source.password_file is None):
+        yield Problem("[source] user", "user and password_file go together: give both or neither")
+    if tls.authority is None:
+        for place in (endpoint(text) for text in file.source.connect):
+            if place.encrypted:
+                yield Problem("[source] connect", f"'{place.text}' needs [source.tls] authority")
+    seen: set[str] = set()
+    for outlet in file.outlets:
+        where = f"outlet '{outlet.name}'"
+        if outlet.name in seen:
+            yield Problem(f"{where}, name", "another outlet has this name already")
+        seen.add(outlet.name)
+        if impossible := sorted(set(outlet.kinds or ()) - outlet.possible):
+            can = ", ".join(kind for kind in TYPES if kind in outlet.possible)
+            yield Problem(f"{where}, kinds", f"{', '.join(impossible)}: expected some of {can}")
+
+
+def load_outlets(path: Path) -> OutletFile:
+    """The checked file. Raises ConfigError with every problem found."""
+    found = read_as(OutletFile, path)
+    problems = list(_problems(found))
+    if problems:
+        raise ConfigError(path, problems)
+    return found

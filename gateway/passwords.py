@@ -1,0 +1,88 @@
+"""Password hashes: scrypt, as `scrypt$n$r$p$salt$hash` with the last two in Base64."""
+
+import hashlib
+import hmac
+import os
+from base64 import b64decode, b64encode
+from binascii import Error as NotBase64
+from collections import deque
+
+_N, _R, _P = 2**14, 8, 1
+"""16 MB and some 50 ms for each attempt (RFC 7914)."""
+_MOST_BYTES = 64 * 2**20
+_SALT, _LENGTH = 16, 32
+
+_FREE, _FIRST_S, _LONGEST_S = 5, 1.0, 300.0
+"""Wrong passwords without a pause; the pause after the next one; the longest."""
+_MOST, _WITHIN_S = 20, 60.0
+"""Passwords that are checked, of all names together: each takes a processor for some 50 ms."""
+
+
+class GuessingBrake:
+    """Slows down guessing. After five wrong passwords for a name the next one is not looked at for 1, 2, 4 … 300 s; a
+    right one ends that. Of all names together 20 a minute are checked.
+
+    Times are monotonic seconds. Give it only names that exist, so that others cannot fill the memory.
+    """
+
+    def __init__(self) -> None:
+        self._wrong: dict[str, tuple[int, float]] = {}
+        """How many in a row, and until when the next one is not looked at."""
+        self._checked_s = deque[float](maxlen=_MOST)
+
+    def wait_s(self, name: str, now_s: float) -> float:
+        """How long until a password for this name is checked; 0: now."""
+        _, until_s = self._wrong.get(name, (0, now_s))
+        many = len(self._checked_s) == _MOST
+        return max(0.0, until_s - now_s, self._checked_s[0] + _WITHIN_S - now_s if many else 0.0)
+
+    def tried(self, name: str, now_s: float, *, right: bool) -> float:
+        """A password was checked; returns for how long the next one for this name is not looked at."""
+        self._checked_s.append(now_s)
+        if right:
+            self._wrong.pop(name, None)
+            return 0.0
+        many = self._wrong.get(name, (0, 0.0))[0] + 1
+        pause_s = 0.0 if many < _FREE else min(_FIRST_S * 2.0 ** min(many - _FREE, 20), _LONGEST_S)
+        self._wrong[name] = many, now_s + pause_s
+        return pause_s
+
+
+def make_hash(password: str) -> str:
+    """The hash of a password, with a salt of its own."""
+    salt = os.urandom(_SALT)
+    return _text(salt, _hashed(password, salt, _N, _R, _P))
+
+
+def is_hash(text: str) -> bool:
+    """Whether it is one that `matches` can check."""
+    return _parts(text) is not None
+
+
+def matches(password: str, text: str) -> bool:
+    """Whether this is the password of the hash."""
+    parts = _parts(text)
+    if parts is None:
+        return False
+    n, r, p, salt, wanted = parts
+    return hmac.compare_digest(_hashed(password, salt, n, r, p), wanted)
+
+
+def _hashed(password: str, salt: bytes, n: int, r: int, p: int) -> bytes:
+    return hashlib.scrypt(password.encode(), salt=salt, n=n, r=r, p=p, maxmem=_MOST_BYTES, dklen=_LENGTH)
+
+
+def _text(salt: bytes, digest: bytes) -> str:
+    return "$".join(("scrypt", str(_N), str(_R), str(_P), b64encode(salt).decode(), b64encode(digest).decode()))
+
+
+def _parts(text: str) -> tuple[int, int, int, bytes, bytes] | None:
+    try:
+        scheme, n, r, p, salt, digest = text.split("$")
+        found = int(n), int(r), int(p), b64decode(salt, validate=True), b64decode(digest, validate=True)
+    except (ValueError, NotBase64):
+        return None
+    cost_n, cost_r, cost_p, _, wanted = found
+    costs = cost_n >= 2 and cost_n & (cost_n - 1) == 0 and 1 <= cost_r <= 32 and 1 <= cost_p <= 16
+    fits = costs and 128 * cost_n * cost_r < _MOST_BYTES
+    return found if scheme == "scrypt" and fits and len(wanted) == _LENGTH else None

@@ -1,0 +1,83 @@
+"""What the OPC UA server needs to know beyond a gateway's configuration: whose machines these are, and who may read."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, model_validator
+
+from drivers.base import SetupError
+from drivers.section import FilePath, NotEmpty, Section, matching
+from gateway.config import Name, endpoint, read_as
+from gateway.passwords import is_hash
+from gateway.umati.model import Nameplate
+
+
+def _a_hash(text: str) -> str:
+    if not is_hash(text):
+        raise ValueError("expected what `talc-gateway opcua --make-password` prints, not the password itself")
+    return text
+
+
+class ServerSecurity(Section):
+    """The server's certificate; with it the server speaks Basic256Sha256 with SignAndEncrypt only."""
+
+    certificate: FilePath
+    """The server's certificate (.der or .pem), which holds its application URI; clients must trust it."""
+    private_key: FilePath
+    """The certificate's key (.pem)."""
+
+
+class ShownMachine(Section):
+    """Nameplate of one machine, which no message tells."""
+
+    manufacturer: NotEmpty = "unknown"
+    """Who made the machine."""
+    serial_number: NotEmpty = "unknown"
+    """The manufacturer's."""
+    product_instance_uri: NotEmpty | None = None
+    """Globally unique URI of the machine, given by its manufacturer. None: `urn:talc-gateway:` and the name."""
+    model: NotEmpty | None = None
+    location: NotEmpty | None = None
+    """Where the machine stands."""
+
+    def plate(self, machine: str) -> Nameplate:
+        """As it is shown."""
+        uri = self.product_instance_uri or f"urn:talc-gateway:{machine}"
+        return Nameplate(self.manufacturer, self.serial_number, uri, self.model, self.location)
+
+
+class OpcUaServing(Section):
+    """The server's own file."""
+
+    security: ServerSecurity | None = None
+    users: Mapping[Annotated[str, matching(r"[^:\x00-\x1f]+", "a name without a colon")],
+                   Annotated[str, AfterValidator(_a_hash)]] = Field(default_factory=dict)  # fmt: skip
+    """Name and password hash of everybody who may read."""
+    machines: Mapping[Name, ShownMachine] = Field(default_factory=dict, alias="machine")
+    """By name of the machine; these are shown beside that of the configuration."""
+
+    @model_validator(mode="after")
+    def _together(self) -> "OpcUaServing":
+        if (self.security is None) != (not self.users):
+            raise ValueError("[security] and [users] go together: give both or neither")
+        return self
+
+
+def load_serving(path: Path | None) -> OpcUaServing:
+    """The checked file; without one the server is for this computer alone. Raises ConfigError."""
+    return OpcUaServing() if path is None else read_as(OpcUaServing, path)
+
+
+def check_serving(host: str, serving: OpcUaServing) -> None:
+    """Raises SetupError for an address beyond this computer without certificate and users."""
+    shown = f"[{host}]" if ":" in host else host
+    try:
+        local = endpoint(f"tcp/{shown}:4840").local
+    except ValueError:
+        local = False
+    if not local and serving.security is None:
+        raise SetupError(
+            f"--listen {host}: others could reach this address, so the file of --settings must have [security] "
+            "certificate and private_key, and a name with a password hash under [users]; or listen on 127.0.0.1"
+        )

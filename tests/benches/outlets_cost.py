@@ -1,0 +1,81 @@
+"""What handing on costs: `python -m tests.benches.outlets_cost SECONDS KEYS`.
+
+One gateway with KEYS readings a second, and a decision with an event every ten, a router, Mosquitto, InfluxDB and the
+outlets run, each as a process. Prints processor time and memory of each program that hands on.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from tests.benches.free_port import free_port
+from tests.benches.line_servers import influxdb1
+from tests.benches.mosquitto import mosquitto
+
+_SETTLED_S = 15.0
+_TICKS = os.sysconf("SC_CLK_TCK")
+
+
+def used(process: int) -> tuple[float, float]:
+    """Processor time, s, and resident memory, MB."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
+    return (int(fields[11]) + int(fields[12])) / _TICKS, pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@contextmanager
+def program(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """Entered when it has printed its first line."""
+    with subprocess.Popen(
+        [sys.executable, "-m", *map(str, arguments)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline()
+            yield process
+        finally:
+            process.terminate()
+            process.communicate()
+
+
+def main(seconds: float, keys: int) -> None:
+    """Prints a line for each program."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder, port = Path(name), free_port()
+        (folder / "site").mkdir()
+        broker = stack.enter_context(mosquitto(folder))
+        database = stack.enter_context(influxdb1(folder))
+        source = f'[source]\nconnect = ["tcp/127.0.0.1:{port}"]\n'
+        mqtt = f'[[outlet]]\nname = "plant"\nkind = "mqtt"\nurl = "{broker.url}"\n'
+        influx = f'[[outlet]]\nname = "history"\nkind = "influxdb"\nurl = "{database.url}"\ndatabase = "talc"\n'
+        shown = folder / "opcua.toml"
+        shown.write_text('[machine.m000]\nmanufacturer = "Muster AG"\n', encoding="utf-8")
+        stack.enter_context(program("tests.benches.site_parts", "router", port))
+        stack.enter_context(program("tests.benches.site_parts", "gateways", port, folder / "site", 0, 1, keys))
+        running = dict[str, subprocess.Popen[str]]()
+        for title, outlets in (("publish: no message", ""), ("publish: MQTT and InfluxDB", mqtt + influx)):
+            file = folder / f"outlets{len(running)}.toml"
+            only = '[[outlet]]\nkinds = ["model"]\n' + mqtt.partition("\n")[2]
+            file.write_text(source + (outlets or only), encoding="utf-8")
+            running[title] = stack.enter_context(program("gateway", "publish", file))
+        listening = ("--connect", f"tcp/127.0.0.1:{port}", "--settings", shown, "--listen", "127.0.0.1:0")
+        running["opcua, without a client"] = stack.enter_context(program("gateway", "opcua", *listening))
+        time.sleep(_SETTLED_S)
+        before = {title: used(process.pid)[0] for title, process in running.items()}
+        began_s = time.monotonic()
+        time.sleep(seconds)
+        took_s = time.monotonic() - began_s
+        for title, process in running.items():
+            cpu_s, memory_mb = used(process.pid)
+            print(f"{title:<28}{100.0 * (cpu_s - before[title]) / took_s:6.2f} % of a core {memory_mb:6.0f} MB")
+        rows = database.ask('SELECT count("value") FROM "reading"')
+        print(f"readings in InfluxDB: {rows}")
+
+
+if __name__ == "__main__":
+    main(float(sys.argv[1]), int(sys.argv[2]))

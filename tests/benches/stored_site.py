@@ -1,0 +1,58 @@
+"""Gateways of a site without a network: their databases, asked as over the network, payload for payload."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import timedelta
+from pathlib import Path
+
+import numpy as np
+
+from drivers.base import Quality
+from gateway.acquisition import Sample
+from gateway.cli.stored import rows_of
+from gateway.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.probing import Outcome
+from gateway.storage import Store
+from gateway.telemetry import StoredRequest, StoredRows, decode_answer, encode
+from talc.frame import Event, EventKind, Frame, Measurement, Why
+from tests.benches import telemetry_examples as example
+from tests.benches.stepped_clock import EPOCH
+
+STEP_S = 300
+FIRST_K = int(EPOCH.timestamp()) // STEP_S
+
+
+class StoredSite:
+    """Implements what a collector asks."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.away: set[str] = set()
+        self.asked: list[str] = []
+
+    def path(self, machine: str) -> Path:
+        return self.folder / f"{machine}.sqlite"
+
+    def running(self) -> list[str]:
+        return sorted(path.stem for path in self.folder.glob("*.sqlite") if path.stem not in self.away)
+
+    def ask(self, machine: str, after: Mapping[str, tuple[str, int] | None], limit: int) -> StoredRows:
+        self.asked.append(machine)
+        return decode_answer(StoredRows, encode(rows_of(self.path(machine))(StoredRequest(after, limit))))
+
+
+def step(store: Store, n: int) -> None:
+    """The n-th step of a machine: two channels at its begin, a frame and a decision, each tenth a measurement and an
+    event."""
+    at = EPOCH + timedelta(seconds=STEP_S * n)
+    store.record(
+        ReadingsTaken([Sample(c, n + 0.5, "degC", Quality.GOOD, at, 0.0, sequence=n + 1) for c in ("bed", "column")])
+    )
+    k = FIRST_K + n
+    store.record(FrameMade(Frame(k, np.array([20.5 + n, np.nan]), np.array([True, False]))))
+    store.record(DecisionMade(replace(example.DECISION, k=k)))
+    if n % 10 == 0:
+        measured = Measurement(np.full(9, float(n)), np.full(9, 0.5))
+        outcome = Outcome(n, Why.INTERVAL, at, at, np.zeros((6, 3)), (0.0, 0.0, 0.0), measured, 0.4)
+        store.record(MeasurementEnded(outcome))
+        store.record(EventReported(Event(EventKind.PROBLEM, f"number {n}"), k))

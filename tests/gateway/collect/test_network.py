@@ -1,0 +1,163 @@
+"""A site collected over Zenoh: the command, killed and started again, beside live messages; and the page's queries."""
+
+import asyncio
+import re
+import signal
+import subprocess
+import sys
+from asyncio.subprocess import Process
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from pyarrow import dataset
+
+from drivers.base import SystemClock
+from gateway.cli import main
+from gateway.cli.stored import rows_of
+from gateway.collect import Collector, SiteFolder, SiteNetwork
+from gateway.config import Telemetry, TelemetryTls
+from gateway.storage import Store
+from gateway.telemetry import TelemetryPublisher
+from tests.benches.free_port import free_port
+from tests.benches.plant_authority import PlantAuthority
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.stored_site import step
+
+PAGE = (Path(__file__).parents[3] / "docs" / "collect.md").read_text(encoding="utf-8")
+LIMIT_S = 120.0
+
+
+def here(port: int) -> str:
+    return f"tcp/127.0.0.1:{port}"
+
+
+def gateway(port: int, database: Path, machine: str = "mill") -> TelemetryPublisher:
+    settings = Telemetry(listen=(here(port),))
+    return TelemetryPublisher(settings, machine, (), SystemClock(), "boot", simulated=False, stored=rows_of(database))
+
+
+def write(store: Store, steps: range) -> None:
+    for n in steps:
+        step(store, n)
+    store.flush()
+
+
+def count(folder: Path, table: str) -> int:
+    """Rows of a table, as a reader sees them while the collector writes."""
+    files = sorted((folder / table).rglob("*.parquet"))
+    return sum(dataset.dataset(file).count_rows() for file in files)
+
+
+async def test_each_row_arrives_once_over_the_network_and_a_gateway_that_is_gone_is_left_out(tmp_path: Path) -> None:
+    port, database = free_port(), tmp_path / "g.sqlite"
+    telemetry = Telemetry(listen=(), connect=(here(port),))
+    with (
+        Store(database, "boot-1", SteppedClock()) as store,
+        SiteFolder(tmp_path / "site") as folder,
+        SiteNetwork(telemetry, LIMIT_S) as network,
+    ):
+        collecting = Collector(network, folder, every_s=1.0, limit=5)
+        async with gateway(port, database):
+            write(store, range(12))
+            now_s = 0.0
+            while count(tmp_path / "site", "readings") < 24:
+                now_s += 1.0
+                await asyncio.to_thread(collecting.turn, now_s)
+        assert await asyncio.to_thread(collecting.turn, now_s + 1.0) == now_s + 2.0
+        assert collecting.machines["mill"].rows == {"measurements": 2, "steps": 12, "events": 2, "readings": 24}
+        assert collecting.machines["mill"].problem == ""
+
+
+async def test_by_mutual_tls_it_is_one_of_the_readers(tmp_path: Path) -> None:
+    authority, port, database = PlantAuthority(tmp_path / "plant"), free_port(), tmp_path / "g.sqlite"
+    where = f"tls/127.0.0.1:{port}"
+
+    def tls(name: str) -> TelemetryTls:
+        certificate, key = authority.issue(name)
+        return TelemetryTls(certificate=certificate, key=key, authority=authority.path, mutual=True)
+
+    settings = Telemetry(listen=(where,), tls=tls("mill"), readers=("collector",))
+    publisher = TelemetryPublisher(
+        settings, "mill", (), SystemClock(), "boot", simulated=False, stored=rows_of(database)
+    )
+    with Store(database, "boot-1", SteppedClock()) as store, SiteFolder(tmp_path / "site") as folder:
+        write(store, range(3))
+        async with publisher:
+            with SiteNetwork(Telemetry(listen=(), connect=(where,), tls=tls("collector")), LIMIT_S) as network:
+                while not network.running():  # the link is made meanwhile
+                    await asyncio.sleep(0.05)
+                Collector(network, folder).turn(0.0)
+    assert count(tmp_path / "site", "steps") == 3
+
+
+async def until(reached: Callable[[], bool], process: Process) -> None:
+    async with asyncio.timeout(LIMIT_S):
+        while not reached():
+            assert process.returncode is None
+            await asyncio.sleep(0.2)
+
+
+async def start(port: int, folder: Path) -> Process:
+    words = ("collect", str(folder), "--connect", here(port), "--every", "0.2")
+    return await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "gateway", *words, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+
+
+@pytest.mark.slow
+async def test_the_command_is_killed_and_goes_on_and_the_queries_of_the_page_give_what_they_say(
+    tmp_path: Path,
+) -> None:
+    port, database, folder = free_port(), tmp_path / "g.sqlite", tmp_path / "site"
+    with Store(database, "boot-1", SteppedClock()) as store:
+        async with gateway(port, database):
+            write(store, range(6))
+            for more in (12, 18):
+                process = await start(port, folder)
+                await until(lambda more=more: count(folder, "steps") >= more - 6, process)  # type: ignore[misc]
+                write(store, range(more - 6, more))
+                process.kill()
+                await process.communicate()
+            process = await start(port, folder)
+            await until(lambda: count(folder, "readings") == 36, process)
+            process.send_signal(signal.SIGTERM)
+            out, err = await process.communicate()
+    assert process.returncode == 0, err
+    assert re.fullmatch(rf"{folder}: collecting .*\nmill: .*\d+ steps.*\n", out.decode())
+    assert count(folder, "steps") == 18
+    code = "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+    assert code.count("site/") == 2
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", code, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    out, err = await process.communicate()
+    assert process.returncode == 0, err.decode()
+    assert "mill" in out.decode()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--connect", "nonsense"), "--connect: 'nonsense': expected PROTOCOL/HOST:PORT"),
+        (("--connect", "tls/mill:7447"), "a tls/… endpoint needs --authority"),
+        (("--connect", "tls/mill:7447", "--authority", "no.pem"), "no.pem': expected certificates in PEM"),
+        (("--connect", "tls/mill:7447", "--certificate", "no.pem"), "certificate and key go together"),
+        (("--connect", "tcp/mill:7447", "--user", "me"), "user and password_file go together"),
+        (("--connect", "tcp/mill:7447", "--prefix", "a b"), "--prefix: "),
+    ],
+)
+def test_a_wrong_option_is_named(words: tuple[str, ...], said: str, tmp_path: Path) -> None:
+    (tmp_path / "no.pem").write_text("no")
+    given = [str(tmp_path / word) if word == "no.pem" else word for word in words]
+    answer = CliRunner().invoke(main, ["collect", str(tmp_path / "site"), *given])
+    assert answer.exit_code == 2
+    assert said in answer.output
+    assert not (tmp_path / "site").exists()
+
+
+def test_a_folder_that_is_a_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "site").touch()
+    answer = CliRunner().invoke(main, ["collect", str(tmp_path / "site"), "--connect", "tcp/127.0.0.1:1"])
+    assert (answer.exit_code, f"{tmp_path / 'site'}: cannot be written" in answer.output) == (3, True)

@@ -1,0 +1,132 @@
+"""The queue of an outlet: order, bound, back-off, one line in the log when it goes and when it is back."""
+
+import logging
+
+import pytest
+
+from gateway.outlets import Feed, OutletError, OutletMessage, Unacceptable
+from gateway.outlets.mqtt import MqttOutletSettings
+from tests.benches.feed_talk import FailingOutlet, heard, reading
+
+
+def settings(**changes: object) -> MqttOutletSettings:
+    return MqttOutletSettings.model_validate({"name": "plant", "kind": "mqtt", "url": "mqtt://127.0.0.1"} | changes)
+
+
+def numbers(batch: list[OutletMessage]) -> list[int]:
+    return [each.message.seq for each in batch if each.message is not None]
+
+
+def test_messages_are_sent_in_their_order_in_batches() -> None:
+    outlet = FailingOutlet()
+    feed = Feed(settings(), outlet)
+    for number in range(250):
+        feed.put(reading(number), 0.0)
+    for _ in range(3):
+        feed.turn(0.0)
+    assert [len(batch) for batch in outlet.sent] == [100, 100, 50]
+    assert [n for batch in outlet.sent for n in numbers(batch)] == list(range(250))
+    assert (feed.sent, feed.waiting, outlet.opened) == (250, 0, 1)
+
+
+def test_an_absent_outlet_is_tried_after_1_2_4_up_to_60_s_and_is_logged_twice(caplog: pytest.LogCaptureFixture) -> None:
+    outlet = FailingOutlet()
+    outlet.away = OutletError("no broker")
+    feed = Feed(settings(), outlet)
+    now_s, pauses = 1000.0, []
+    for _ in range(8):
+        feed.put(reading(1), now_s)
+        due_s = feed.turn(now_s)
+        assert feed.turn(due_s - 0.5) == due_s, "not before its time"
+        pauses.append(due_s - now_s)
+        now_s = due_s
+    assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0]
+    outlet.away = None
+    feed.turn(now_s)
+    feed.put(reading(2), now_s)
+    feed.turn(now_s)
+    assert [record.message for record in caplog.records] == [
+        "plant: no broker; messages wait, at most 20000",
+        "plant: is back after 183 s; 0 messages were dropped meanwhile",
+    ]
+    assert feed.sent == 9
+
+
+def test_the_oldest_are_dropped_and_counted_when_too_many_wait(caplog: pytest.LogCaptureFixture) -> None:
+    outlet = FailingOutlet()
+    outlet.away = OutletError("no broker")
+    feed = Feed(settings(most_waiting=100), outlet)
+    feed.turn(0.0)
+    for number in range(130):
+        feed.put(reading(number), 0.5)
+    assert (feed.waiting, feed.dropped) == (100, 30)
+    outlet.away = None
+    feed.turn(1.0)
+    assert numbers(outlet.sent[0]) == list(range(30, 130))
+    assert caplog.records[-1].message == "plant: is back after 1 s; 30 messages were dropped meanwhile"
+
+
+def test_what_was_not_acknowledged_is_sent_again_in_its_place() -> None:
+    outlet = FailingOutlet()
+    feed = Feed(settings(), outlet)
+    feed.put(reading(1), 0.0)
+    outlet.failing = OutletError("lost")
+    assert feed.turn(0.0) == 1.0
+    assert not outlet.is_open
+    feed.put(reading(2), 0.5)
+    outlet.failing = None
+    feed.turn(1.0)
+    assert [numbers(batch) for batch in outlet.sent] == [[1, 2]]
+
+
+def test_what_the_other_side_will_never_take_does_not_stop_the_rest(caplog: pytest.LogCaptureFixture) -> None:
+    outlet = FailingOutlet()
+    feed = Feed(settings(), outlet)
+    for number in (1, 2):
+        feed.put(reading(number), 0.0)
+        outlet.failing = Unacceptable("unparsable")
+        feed.turn(0.0)
+    outlet.failing = None
+    feed.put(reading(3), 0.0)
+    feed.turn(0.0)
+    assert [numbers(batch) for batch in outlet.sent] == [[3]]
+    assert (feed.sent, feed.unacceptable) == (1, 2)
+    assert [r.message for r in caplog.records] == ["plant: 1 messages are not accepted and were dropped: unparsable"]
+
+
+def test_only_the_wanted_kinds_and_readings_not_too_often_are_passed_on() -> None:
+    outlet = FailingOutlet()
+    feed = Feed(settings(kinds=["reading", "event"], reading_every_s=10.0), outlet)
+    feed.put(heard("decision"), 0.0)
+    for second in range(25):
+        quality = "good" if second != 12 else "stale"
+        feed.put(reading(second, time=f"2026-01-05T06:00:{second:02}+00:00", quality=quality), 0.0)
+    feed.put(heard("event", seq=99), 0.0)
+    feed.turn(0.0)
+    assert numbers(outlet.sent[0]) == [0, 10, 12, 13, 23, 99]
+
+
+def test_an_outlet_that_hangs_delays_nobody(caplog: pytest.LogCaptureFixture) -> None:
+    """`put` is what the subscriber's thread calls: it returns while the outlet's thread is inside `send`."""
+    import threading
+
+    inside, go_on = threading.Event(), threading.Event()
+
+    class Hanging(FailingOutlet):
+        def send(self, batch: object) -> None:
+            inside.set()
+            assert go_on.wait(120.0)
+
+    feed = Feed(settings(most_waiting=100), Hanging())
+    feed.put(reading(0), 0.0)
+    thread = threading.Thread(target=feed.run)
+    thread.start()
+    assert inside.wait(120.0)
+    for number in range(150):
+        feed.put(reading(number), 0.0)
+    assert (feed.waiting, feed.dropped) == (100, 50)
+    caplog.set_level(logging.CRITICAL)
+    feed.stop()
+    go_on.set()
+    thread.join(120.0)
+    assert not thread.is_alive()
