@@ -1,5 +1,6 @@
 """What the charts show: lines over one time axis, for the pictures and for the script alike."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
@@ -7,11 +8,13 @@ from typing import Literal
 import numpy as np
 
 from gateway.report.data import ReportData
-from gateway.report.tool import at_tool
+from gateway.report.tool import ToolCourse
 from talc.frame import FloatArray, Phase
 from talc.models import ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
+_ALIKE = 0.1
+"""Of the largest line of a chart: a smaller one has an axis of its own."""
 _MOST_INPUTS = 8
 """Lines in a chart of inputs that can be told apart."""
 DEGREES = "degC"
@@ -109,9 +112,8 @@ def update_times(data: ReportData) -> list[float]:
     return [float((adopted.after_k - data.k[0]) * data.step_s) for adopted in data.models]
 
 
-def tool_charts(data: ReportData) -> ChartGroup | None:
+def tool_charts(data: ReportData, course: ToolCourse | None) -> ChartGroup | None:
     """Offsets, and the deviation at the tool without and with them, of each axis; None of a recording."""
-    course = at_tool(data)
     if data.recorded is not None or (course is None and not data.compensation_s.size):
         return None
     charts, offsets = [], data.compensation_um
@@ -166,15 +168,26 @@ def input_charts(data: ReportData) -> tuple[ChartGroup | None, str]:
         own = [i for i, u in enumerate(units) if u == unit and np.isfinite(data.inputs[:, i]).any()]
         largest = sorted(own, key=lambda i: -weight[i])[:_MOST_INPUTS]
         chosen = [i for i in largest if unit == DEGREES or weight[i] > 0.0]
-        lines = tuple(
+        lines = [
             ChartLine(data.input_names[i], ink, "line", data.time_s, data.inputs[:, i])
             for i, ink in zip(chosen, _INPUT_INKS, strict=False)
-        )
-        if lines:
-            charts.append(
-                Chart("temperatures" if unit == DEGREES else "other inputs", "°C" if unit == DEGREES else unit, lines)
-            )
+        ]
+        if unit == DEGREES and lines:
+            charts.append(Chart("temperatures", "°C", tuple(lines)))
+        else:
+            name = "inputs" if data.recorded is not None else "other inputs"
+            charts += [Chart(name, unit, alike) for alike in _of_like_size(lines)]
     return (ChartGroup("inputs", "Temperatures and other inputs", tuple(charts)) if charts else None), basis
+
+
+def _of_like_size(lines: Sequence[ChartLine]) -> Iterator[tuple[ChartLine, ...]]:
+    """Lines that can share an axis: beside a speed whose unit is unknown, temperatures would be flat."""
+    rest = {line: float(np.nanmax(np.abs(line.values))) for line in lines}
+    while rest:
+        least = _ALIKE * max(rest.values())
+        alike = [line for line, size in rest.items() if size >= least]
+        yield tuple(alike)
+        rest = {line: size for line, size in rest.items() if line not in alike}
 
 
 def _weights(data: ReportData) -> tuple[FloatArray, str]:
@@ -182,15 +195,15 @@ def _weights(data: ReportData) -> tuple[FloatArray, str]:
     if data.moved is not None and data.moved.any():
         largest = np.maximum(data.moved.max(axis=1, keepdims=True), 1e-12)
         return (data.moved / largest).max(axis=0), "those that moved an error most, by the learner's reasons"
-    chosen = {n for a in data.models for e in range(len(THERMAL_ERRORS)) for n in inputs_of(a.models, e)}
+    chosen = {n for a in data.models for e in range(len(THERMAL_ERRORS)) for n in inputs_of_model(a.models, e)}
     if chosen:
         return np.array([float(name in chosen) for name in data.input_names]), "those that a model chose"
     inputs = np.empty((0, len(data.input_names))) if data.inputs is None else data.inputs
     changes = [float(np.ptp(known)) if (known := of[np.isfinite(of)]).size else 0.0 for of in inputs.T]
-    return np.array(changes), "those that changed most; nothing is known yet of what moves the errors"
+    return np.array(changes), "those that changed most; what moves the errors is not known yet"
 
 
-def inputs_of(models: ModelSet, e: int) -> tuple[str, ...]:
+def inputs_of_model(models: ModelSet, e: int) -> tuple[str, ...]:
     """Of the model of one error."""
     model = models.models[e]
     return () if model is None else tuple(model.inputs)

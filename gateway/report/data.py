@@ -7,6 +7,7 @@ from datetime import UTC, time, tzinfo
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.report.local import local_moment, since
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Phase
 from talc.learner import Reasons, Weights
 from talc.models import ModelSet
@@ -149,11 +150,21 @@ class ReportData:
     """Of the compensation; another one writes nothing to the control."""
     not_yet: tuple[NotYet, ...] = ()
     """Why nothing has been learnt; empty: something has."""
+    health_of: str = "Readings"
+    """What `channel_health` counts."""
+    origin_s: float | None = None
+    """Of a recording without dates: its first row, on the clock of `start_utc_s`; times count from it. None: UTC."""
 
     @property
     def time_s(self) -> FloatArray:
         """(T,) seconds since the first frame."""
         return np.asarray((self.k - self.k[0]) * self.step_s, dtype=np.float64)
+
+    def moment(self, seconds: float) -> str:
+        """Local time of seconds since the first frame; hours since the first row of a recording without dates."""
+        if self.origin_s is not None:
+            return since(self.start_utc_s - self.origin_s + seconds)
+        return local_moment(self.start_utc_s + seconds, self.zone)
 
     def rows_at(self, time_s: FloatArray) -> NDArray[np.intp]:
         """(m,) row of the latest step at or before each instant; -1 before the first."""
@@ -161,7 +172,7 @@ class ReportData:
 
     @property
     def truth_ran(self) -> BoolArray:
-        """(S,) the truth's instants until the last decision: the machine goes on while the gateway stops."""
+        """(S,) the truth's instants until the last decision: the machine continues while the gateway stops."""
         if self.truth is None:
             raise ValueError("data.truth is None")
         return np.asarray(self.truth.time_s <= self.time_s[-1])

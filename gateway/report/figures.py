@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from gateway.report.data import ReportData
-from gateway.report.tool import at_tool
+from gateway.report.tool import ToolCourse, at_tool
 from talc.frame import EventKind, FloatArray
 from talc.indicators import peak_to_peak, productivity, reduction, rms
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -45,7 +45,7 @@ class SummaryRow:
         return self._change(self.e_rms, self.compensated_e_rms)
 
     def _change(self, before: float, after: float) -> str:
-        """In words. A percentage of next to nothing says nothing, so a large increase is told in the error's unit."""
+        """In words. A percentage of a tiny number says nothing, so a large increase is stated in the error's unit."""
         if self.within_noise:
             return "below the probing noise"
         percent = reduction(before, after)
@@ -78,18 +78,23 @@ class Summary:
     rejected_cycles: int
     held: tuple[SummaryRow, ...] = ()
     """For comparison: the same measurements with the last one held; only for a recording."""
-    tool_basis: str = ""
+    course: ToolCourse | None = None
+    """The deviations that `tool` is made of, from the first frame on; None: they cannot be known."""
+
+    @property
+    def tool_basis(self) -> str:
+        """What the figures at the tool are made of, in words."""
+        return self.course.basis if self.course is not None and self.rows else ""
 
 
 def summary(data: ReportData) -> Summary:
     """The figures over all times since corrections began. A run in which they never did has no rows."""
-    first = data.judged_from
+    first, course = data.judged_from, at_tool(data)
     time_s = data.time_s
     total_s = float(time_s[-1]) + data.step_s
     if first is None:
-        return Summary(
-            "no correction has begun", (), (), total_s / 3600, total_s / 3600, 0.0, 0, 0, 0, data.rejected_cycles
-        )
+        basis, hours = "no correction has begun", total_s / 3600
+        return Summary(basis, (), (), hours, hours, 0.0, 0, 0, 0, data.rejected_cycles, course=course)
     begin_s = float(time_s[first])
     if data.truth is not None:
         basis = "simulated truth each minute, against the estimate in force"
@@ -100,13 +105,12 @@ def summary(data: ReportData) -> Summary:
     else:
         basis = "measured instants, against the prediction before each measurement"
         rows = _rows(data, data.measured[first:], data.measured[first:] - data.predicted[first:])
-    tool, tool_basis = _tool(data, begin_s)
     after = int(np.isfinite(data.measured[first:]).any(axis=1).sum())
     return Summary(
         basis=basis,
         rows=rows,
-        tool=tool,
-        tool_basis=tool_basis,
+        tool=() if course is None else _tool(course, begin_s),
+        course=course,
         hours=total_s / 3600,
         begin_hours=begin_s / 3600,
         productivity=productivity(after, CYCLE_S, total_s - begin_s),
@@ -143,16 +147,13 @@ def _rows(data: ReportData, before: FloatArray, after: FloatArray) -> tuple[Summ
     )
 
 
-def _tool(data: ReportData, begin_s: float) -> tuple[tuple[SummaryRow, ...], str]:
-    course = at_tool(data)
-    if course is None:
-        return (), ""
+def _tool(course: ToolCourse, begin_s: float) -> tuple[SummaryRow, ...]:
     use = course.between(begin_s, float("inf"))
     rows = (
         SummaryRow(f"tool {axis}", MICROMETRE, peak_to_peak(b), rms(b), peak_to_peak(a), rms(a), course.noise)
         for axis, b, a in zip("XYZ", course.before[use].T, course.after[use].T, strict=True)
     )
-    return tuple(row for row in rows if np.isfinite(row.e_rms)), course.basis
+    return tuple(row for row in rows if np.isfinite(row.e_rms))
 
 
 def table(s: Summary) -> Table:

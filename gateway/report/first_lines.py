@@ -7,8 +7,7 @@ import numpy as np
 
 from gateway.report.data import CycleSeen, ReportData
 from gateway.report.figures import CYCLE_S, Summary, SummaryRow
-from gateway.report.local import hours, moment, shifts_between
-from gateway.report.tool import at_tool
+from gateway.report.local import hours, shifts_between
 from talc.frame import FloatArray
 from talc.indicators import productivity, rms
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
@@ -61,7 +60,7 @@ def losses(data: ReportData, s: Summary) -> tuple[tuple[str, str], ...]:
 
 def by_shift(data: ReportData, s: Summary) -> tuple[str, tuple[ShiftRow, ...]]:
     """What is judged, and the latest shifts; none of a recording, which says nothing of a machine's shifts."""
-    worst, course = _worst(s), at_tool(data)
+    worst, course = _worst(s), s.course
     if worst is None or data.recorded is not None:
         return "", ()
     axis = "XYZ".find(worst.name.removeprefix("tool "))
@@ -96,7 +95,7 @@ def _shift(
     known = SummaryRow(row.name, row.unit, without, without, left, left, row.noise)
     nothing = not np.isfinite(without)
     return ShiftRow(
-        when=moment(data.start_utc_s + begin_s, data.zone),
+        when=data.moment(begin_s),
         before="not measured" if nothing else _short(without),
         after="" if nothing else _short(left),
         change="" if nothing else known.change_rms,
@@ -142,7 +141,7 @@ def _gaps(data: ReportData) -> list[tuple[str, str]]:
     if data.recorded is not None or not missing.any():
         return []
     longest = int(np.argmax(missing))
-    since = moment(data.start_utc_s + float(data.time_s[longest]), data.zone)
+    since = data.moment(float(data.time_s[longest]))
     many, lasted = int((missing > 0).sum()), hours(float(missing.sum()) * data.step_s)
     return [("gaps", f"{many}, {lasted} without a step; the longest {hours(missing[longest] * data.step_s)}, {since}")]
 

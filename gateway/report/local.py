@@ -7,9 +7,15 @@ from itertools import pairwise
 _DAY = timedelta(days=1)
 
 
-def moment(utc_s: float, zone: tzinfo) -> str:
+def local_moment(utc_s: float, zone: tzinfo) -> str:
     """Such as `Mon 2026-01-05 06:00 CET`: the zone's name tells apart the hour that daylight saving repeats."""
     return f"{datetime.fromtimestamp(utc_s, zone):%a %Y-%m-%d %H:%M %Z}"
+
+
+def since(seconds: float) -> str:
+    """Such as `30:05 h`, of a recording that has no dates."""
+    minutes = round(seconds / 60.0)
+    return f"{minutes // 60}:{minutes % 60:02d} h"
 
 
 def hours(seconds: float) -> str:

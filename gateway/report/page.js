@@ -12,7 +12,10 @@
   const full = new Intl.DateTimeFormat("en-GB", {
     timeZone: data.zone, weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit", timeZoneName: "short",
   });
-  const moment = (s) => { const at = new Date(s * 1e3), time = clock.format(at); return time === "00:00" ? day.format(at) : time; };
+  const hours = (s) => `${Math.floor(Math.round(s / 60) / 60)}:${String(Math.round(s / 60) % 60).padStart(2, "0")} h`;
+  const onClock = (s) => { const at = new Date(s * 1e3), time = clock.format(at); return time === "00:00" ? day.format(at) : time; };
+  const moment = data.dated ? onClock : hours;
+  const inFull = data.dated ? (s) => full.format(new Date(s * 1e3)) : hours;
 
   // Every chart shows the same stretch of time.
   const show = (begin, end) => {
@@ -58,6 +61,40 @@
     ctx.restore();
   };
 
+  // Fingers on a chart: two stretch the time, one moves it; up and down the page scrolls (touch-action in page.css).
+  const LEAST_APART = 20;
+  const fingers = new Map();
+  let held = null, frame = null;
+  // What lies under the fingers stays under them.
+  const hold = (u) => {
+    const left = u.over.getBoundingClientRect().left, width = u.over.clientWidth;
+    const times = [...fingers.values()].map((x) => u.posToVal(x - left, "x"));
+    held = fingers.size ? { u, left, width, times, perPixel: (view[1] - view[0]) / width } : null;
+  };
+  const moved = () => {
+    frame = null;
+    if (!held) return;
+    const [x, other] = [...fingers.values()].map((at) => at - held.left), [time, second] = held.times;
+    const apart = Math.abs(other - x);  // NaN with one finger
+    const perPixel = apart >= LEAST_APART ? Math.abs(second - time) / apart : held.perPixel;
+    show(time - x * perPixel, time + (held.width - x) * perPixel);
+  };
+  const feel = (u) => {
+    u.over.addEventListener("pointerdown", (event) => {
+      if (event.pointerType !== "touch" || fingers.size > 1 || (held && held.u !== u)) return;
+      fingers.set(event.pointerId, event.clientX);
+      hold(u);
+    });
+    u.over.addEventListener("pointermove", (event) => {
+      if (!fingers.has(event.pointerId)) return;
+      fingers.set(event.pointerId, event.clientX);
+      frame ??= requestAnimationFrame(moved);
+    });
+    const lift = (event) => { if (fingers.delete(event.pointerId)) hold(u); };
+    u.over.addEventListener("pointerup", lift);
+    u.over.addEventListener("pointercancel", lift);
+  };
+
   // The axes' numbers as text, which can be selected, enlarged and read aloud.
   const numbers = (u) => {
     let box = u.root.querySelector(".numbers");
@@ -95,7 +132,7 @@
         { ...axis, size: 28, space: 64, values: marks("x") },
         { ...axis, size: 48, space: 28, values: marks("y") },
       ],
-      series: [{ label: "time", value: (_, v) => (v == null ? "–" : full.format(new Date(v * 1e3))) }, ...chart.lines.map((l) => line(l, chart.unit))],
+      series: [{ label: "time", value: (_, v) => (v == null ? "–" : inFull(v)) }, ...chart.lines.map((l) => line(l, chart.unit))],
       cursor: { sync: { key: "report", scales: ["x", null] }, dataIdx: nearest, drag: { x: true, y: false } },
       hooks: { setScale: [follow], drawClear: [behind], draw: [numbers] },
     };
@@ -103,11 +140,15 @@
     heading.className = "axis";
     heading.textContent = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
     place.append(heading);
-    charts.push(new uPlot(options, uPlot.join(tables), place));
+    const u = new uPlot(options, uPlot.join(tables), place);
+    feel(u);
+    charts.push(u);
   };
 
   const drawAll = () => {
     charts.splice(0).forEach((u) => u.destroy());
+    fingers.clear();
+    held = null;
     document.querySelectorAll(".live").forEach((place) => {
       place.replaceChildren();
       data.groups[place.dataset.group].forEach((chart) => draw(place, chart));

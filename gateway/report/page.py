@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date
 from importlib.resources import files
 
 import numpy as np
@@ -13,7 +14,7 @@ from gateway.report.charts import ChartGroup, error_charts, input_charts, tool_c
 from gateway.report.data import NotYet, ReportData
 from gateway.report.figures import summary
 from gateway.report.first_lines import by_shift, losses, verdict
-from gateway.report.local import hours, moment
+from gateway.report.local import hours
 from gateway.report.plots import inputs_plot, still
 from gateway.report.series import series
 from gateway.report.sketch import letters, sketch
@@ -38,7 +39,7 @@ _PAGES = Environment(autoescape=True, undefined=StrictUndefined, loader=Function
 
 @dataclass(frozen=True, slots=True)
 class _ShownGroup:
-    """Charts of the page, and what is told of them."""
+    """Charts of the page, and the notes on them."""
 
     key: str
     title: str
@@ -57,10 +58,10 @@ def build(data: ReportData) -> str:
         for name, counts in data.channel_health.items()
         if any(quality != Quality.GOOD for quality in counts)
     ]
-    tool, (inputs, basis) = tool_charts(data), input_charts(data)
+    tool, (inputs, basis) = tool_charts(data, s.course), input_charts(data)
     errors = [(e, error_charts(data, e)) for e in range(len(THERMAL_ERRORS)) if _known(data, e)]
     groups = [group for group in (tool, inputs, *(group for _, group in errors)) if group is not None]
-    told = [(_at(data, at), event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE]
+    told = [(data.moment(at), event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE]
     return _PAGES.get_template("page.html").render(
         data=data,
         s=s,
@@ -68,10 +69,10 @@ def build(data: ReportData) -> str:
         verdict=verdict(data, s),
         losses=losses(data, s),
         shifts=by_shift(data, s),
-        begin=_at(data, 0.0),
-        end=_at(data, float(data.time_s[-1])),
+        begin=data.moment(0.0),
+        end=data.moment(float(data.time_s[-1])),
         lasted=hours(s.hours * 3600.0),
-        corrections=_at(data, s.begin_hours * 3600.0),
+        corrections=data.moment(s.begin_hours * 3600.0),
         zone=getattr(data.zone, "key", None) or str(data.zone),
         tool=_shown(data, tool),
         inputs=_shown(data, inputs),
@@ -80,7 +81,7 @@ def build(data: ReportData) -> str:
         chosen=Markup(inputs_plot(data)),
         unhealthy=unhealthy,
         healthy=len(data.channel_health) - len(unhealthy),
-        suspects=[(_at(data, at), e.text) for at, e in data.events if e.kind in _SENSORS],
+        suspects=[(data.moment(at), e.text) for at, e in data.events if e.kind in _SENSORS],
         why=_why(data),
         events=told[-_MOST_EVENTS:],
         hidden=max(len(told) - _MOST_EVENTS, 0),
@@ -92,7 +93,23 @@ def build(data: ReportData) -> str:
 
 def nothing_learnt(machine: str, missing: Sequence[NotYet]) -> str:
     """The page of a gateway that has not ended a grid step."""
-    return _PAGES.get_template("nothing.html").render(machine=machine, missing=missing, styles=_styles())
+    return _nothing(machine, "Nothing has been learnt yet", "This is missing, in the order in which it comes:", missing)
+
+
+def nothing_that_day(machine: str, day: date, begin: str, end: str) -> str:
+    """The page of a day of which no grid step is stored.
+
+    begin, end: the first and the last time of which one is
+    """
+    then = NotYet("Choose a day between", f"{begin} and {end}: of these the store has the first and the last grid step")
+    off = NotYet("If it lies between them", "the gateway was off that day, or no grid step ended")
+    return _nothing(machine, f"Nothing is stored of {day:%a %Y-%m-%d}", "What to do:", (then, off))
+
+
+def _nothing(machine: str, title: str, lead: str, missing: Sequence[NotYet]) -> str:
+    return _PAGES.get_template("nothing.html").render(
+        machine=machine, title=title, lead=lead, missing=missing, styles=_styles()
+    )
 
 
 def _styles() -> Markup:
@@ -126,11 +143,6 @@ def _movers(data: ReportData, e: int) -> str:
     return ", ".join(f"{data.input_names[i]} ({by:.1f} {unit})" for i, by in each)
 
 
-def _at(data: ReportData, seconds: float) -> str:
-    """Local time of seconds since the first frame."""
-    return moment(data.start_utc_s + seconds, data.zone)
-
-
 @dataclass(frozen=True, slots=True)
 class _WhyRow:
     """One error's row of reasons, as texts."""
@@ -149,12 +161,12 @@ def _why(data: ReportData) -> tuple[str, str, list[_WhyRow]]:
     if data.reasons is None:
         return "", "", []
     r = data.reasons
-    at, due = moment(r.k * data.step_s, data.zone), moment(r.next_k * data.step_s, data.zone)
+    at, due = (data.moment((k - int(data.k[0])) * data.step_s) for k in (r.k, r.next_k))
     share = None if data.trusted is None else data.trusted.mean(axis=0)
     rows = [
         _WhyRow(
             data.labels[e],
-            ("yes" if reason.trusted else "no: no estimate is better than none")
+            ("yes" if reason.trusted else "no: the estimate is no better than no correction")
             + ("" if share is None else f"; {share[e]:.0%} of the steps"),
             f"{_signed(reason.estimate)} {ERROR_UNITS[reason.error]}",
             _moved(reason),

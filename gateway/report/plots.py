@@ -12,11 +12,11 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
-from gateway.report.charts import Chart, ChartGroup, Ink, inputs_of, spans, update_times
+from gateway.report.charts import Chart, ChartGroup, Ink, inputs_of_model, spans, update_times
 from gateway.report.data import ReportData
 from talc.frame import FloatArray, Phase
 
-_DAY = 86400.0
+_DAY, _HOUR = 86400.0, 3600.0
 _LIGHT = {
     Ink.BEFORE: "#8b97a5",
     Ink.AFTER: "#c2410c",
@@ -60,7 +60,7 @@ _STYLE: dict[Any, Any] = {
 
 
 def still(data: ReportData, group: ChartGroup) -> str:
-    """A group's charts below each other on one axis of local time. SVG."""
+    """A group's charts below each other on one axis of local time, or of hours. SVG."""
     with mpl.rc_context(_STYLE):
         heights = [1.2 if chart.low else 2.0 for chart in group.charts]
         tall = sum(heights) + 0.35 * len(heights) + 0.4
@@ -70,40 +70,54 @@ def still(data: ReportData, group: ChartGroup) -> str:
         for axes, chart in zip(panels, group.charts, strict=True):
             _draw(axes, data, chart)
         last = float(data.time_s[-1])
-        panels[-1].set_xlim(*_days(data, np.array([0.0, last if last > 0 else data.step_s])))
-        locator = AutoDateLocator(tz=data.zone)  # type: ignore[no-untyped-call]
-        panels[-1].xaxis.set_major_locator(locator)
-        formatter = ConciseDateFormatter(locator, tz=data.zone)  # type: ignore[no-untyped-call]
-        panels[-1].xaxis.set_major_formatter(formatter)
+        panels[-1].set_xlim(*_across(data, np.array([0.0, last if last > 0 else data.step_s])))
+        if data.origin_s is None:
+            locator = AutoDateLocator(tz=data.zone)  # type: ignore[no-untyped-call]
+            panels[-1].xaxis.set_major_locator(locator)
+            formatter = ConciseDateFormatter(locator, tz=data.zone)  # type: ignore[no-untyped-call]
+            panels[-1].xaxis.set_major_formatter(formatter)
+        else:
+            panels[-1].xaxis.set_major_formatter("{x:g} h")
         return _svg(figure, group.key)
 
 
 def _draw(axes: Axes, data: ReportData, chart: Chart) -> None:
     for span in spans(data):
-        begin, end = _days(data, np.array([span.begin_s, span.end_s]))
+        begin, end = _across(data, np.array([span.begin_s, span.end_s]))
         axes.axvspan(begin, end, color=_SHADE[span.phase], lw=0, zorder=0)
     for line in chart.lines:
         shown, colour = line.thinned(_MOST_DOTS if line.kind == "dots" else _MOST_POINTS), _LIGHT[line.ink]
-        at = _days(data, shown.time_s)
+        at = _across(data, shown.time_s)
         if line.kind == "dots":
             axes.plot(at, shown.values, ".", color=colour, ms=3.5, label=line.label)
         else:
             style = "steps-post" if line.kind == "step" else "default"
             axes.plot(at, shown.values, color=colour, lw=1.1, drawstyle=style, label=line.label)
     for at_s in update_times(data):
-        axes.axvline(float(_days(data, np.array([at_s]))[0]), color=_UPDATE, lw=0.9, ls="--")
+        axes.axvline(float(_across(data, np.array([at_s]))[0]), color=_UPDATE, lw=0.9, ls="--")
     axes.set_ylabel(f"{chart.title}, {chart.unit}" if chart.unit else chart.title)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=7.5, frameon=False, borderaxespad=0.1)
 
 
-def _days(data: ReportData, seconds: FloatArray) -> FloatArray:
-    """matplotlib's dates: days since 1970, UTC."""
+def _across(data: ReportData, seconds: FloatArray) -> FloatArray:
+    """matplotlib's dates: days since 1970, UTC; of a recording without dates hours since its first row."""
+    if data.origin_s is not None:
+        return np.asarray((data.start_utc_s - data.origin_s + seconds) / _HOUR, dtype=np.float64)
     return np.asarray((data.start_utc_s + seconds) / _DAY, dtype=np.float64)
+
+
+def _below(data: ReportData, seconds: float) -> str:
+    """A moment as the text below a tick."""
+    if data.origin_s is not None:
+        return data.moment(seconds)
+    return f"{datetime.fromtimestamp(data.start_utc_s + seconds, UTC).astimezone(data.zone):%d %b\n%H:%M}"
 
 
 def inputs_plot(data: ReportData) -> str:
     """Which inputs each model used, over the model updates. SVG; empty text without models."""
-    used = [n for n in data.input_names if any(n in inputs_of(a.models, e) for a in data.models for e in range(9))]
+    used = [
+        n for n in data.input_names if any(n in inputs_of_model(a.models, e) for a in data.models for e in range(9))
+    ]
     if not used:
         return ""
     with mpl.rc_context(_STYLE):
@@ -113,7 +127,7 @@ def inputs_plot(data: ReportData) -> str:
         marks = mpl.colormaps["tab10"].colors  # type: ignore[attr-defined]
         for u, adopted in enumerate(data.models):
             for e, name in enumerate(data.labels):
-                rows = [used.index(i) for i in inputs_of(adopted.models, e)]
+                rows = [used.index(i) for i in inputs_of_model(adopted.models, e)]
                 x = [u + (e - 4) * 0.085] * len(rows)
                 axes.plot(x, rows, "s", ms=5, color=marks[e], label=name if u == 0 else None)
         for u in range(len(data.models) - 1):
@@ -122,8 +136,8 @@ def inputs_plot(data: ReportData) -> str:
             axes.axhline(row, color=_GRID, lw=0.8, zorder=0)
         axes.set_yticks(range(len(used)), used)
         axes.set_ylim(len(used) - 0.5, -0.5)
-        times = [datetime.fromtimestamp(data.start_utc_s + at, UTC).astimezone(data.zone) for at in update_times(data)]
-        axes.set_xticks(range(len(times)), [f"{at:%d %b\n%H:%M}" for at in times])
+        times = [_below(data, at) for at in update_times(data)]
+        axes.set_xticks(range(len(times)), times)
         axes.set_xlim(-0.6, len(times) - 0.4)
         axes.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=9, fontsize=7.5, frameon=False)
         return _svg(figure, "chosen")

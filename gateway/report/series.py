@@ -13,13 +13,14 @@ _MOST_SHIFT_LINES = 60
 
 
 def series(data: ReportData, groups: list[ChartGroup]) -> str:
-    """JSON that may stand in a page: times in whole seconds since `start`, UTC."""
+    """JSON that may stand in a page: times in whole seconds since `start` (UTC; without dates since the first row)."""
     last = float(data.time_s[-1])
     edges = [begin for begin, _ in shifts_between(data.start_utc_s, data.start_utc_s + last, data.shifts, data.zone)]
     whole = {
-        "start": data.start_utc_s,
+        "start": data.start_utc_s - (data.origin_s or 0.0),
+        "dated": data.origin_s is None,
         "end": max(last, data.step_s),
-        "zone": getattr(data.zone, "key", "UTC"),
+        "zone": getattr(data.zone, "key", "UTC") if data.origin_s is None else "UTC",
         "spans": [[round(s.begin_s), round(s.end_s), s.phase.value] for s in spans(data)],
         "updates": [round(at) for at in update_times(data)],
         "shifts": [round(at - data.start_utc_s) for at in edges[1:]] if len(edges) <= _MOST_SHIFT_LINES else [],

@@ -5,8 +5,8 @@ from math import cos, pi, sin
 
 from talc.names import ERROR_MEANINGS
 
-_Point = tuple[float, float, float]
-_DIRECTIONS: dict[str, _Point] = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1)}
+_SpacePoint = tuple[float, float, float]
+_DIRECTIONS: dict[str, _SpacePoint] = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1)}
 _MOVED = 0.5
 """Length of a drawn shift; everything is drawn far too large."""
 _TURNED = 0.32
@@ -99,29 +99,29 @@ def _triad() -> list[str]:
     ]
 
 
-def _flat(p: _Point) -> tuple[float, float]:
+def _flat(p: _SpacePoint) -> tuple[float, float]:
     """On paper: X to the right, Y into the depth, Z up."""
     return 46.0 * (p[0] + 0.3 * p[1]), -46.0 * (p[2] + 0.42 * p[1])
 
 
-def _at(radius: float, angle: float, z: float) -> _Point:
+def _at(radius: float, angle: float, z: float) -> _SpacePoint:
     return radius * cos(angle), radius * sin(angle), z
 
 
-def _sum(a: _Point, b: _Point) -> _Point:
+def _sum(a: _SpacePoint, b: _SpacePoint) -> _SpacePoint:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-def _scaled(p: _Point, factor: float) -> _Point:
+def _scaled(p: _SpacePoint, factor: float) -> _SpacePoint:
     return p[0] * factor, p[1] * factor, p[2] * factor
 
 
-def _line(kind: str, a: _Point, b: _Point) -> str:
+def _line(kind: str, a: _SpacePoint, b: _SpacePoint) -> str:
     (x1, y1), (x2, y2) = _flat(a), _flat(b)
     return f'<line class="{kind}" x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"/>'
 
 
-def _arrow(a: _Point, b: _Point) -> str:
+def _arrow(a: _SpacePoint, b: _SpacePoint) -> str:
     """A line with a head at `b`."""
     (x1, y1), (x2, y2) = _flat(a), _flat(b)
     length = max(((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5, 1e-6)
@@ -138,6 +138,6 @@ def _disc(kind: str, radius: float, z: float) -> str:
     return f'<polygon class="{kind} disc" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in rim)}"/>'
 
 
-def _text(p: _Point, text: str, kind: str = "") -> str:
+def _text(p: _SpacePoint, text: str, kind: str = "") -> str:
     x, y = _flat(p)
     return f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}" text-anchor="middle" dominant-baseline="middle">{text}</text>'

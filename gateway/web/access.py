@@ -1,9 +1,8 @@
-"""Who may look: this computer alone, or a known user over TLS. What every answer forbids the browser to do."""
+"""Who may look: only this computer, or a known user over TLS; and what every response forbids the browser to do."""
 
 import asyncio
 import hashlib
 import hmac
-import ipaddress
 import os
 import ssl
 from base64 import b64decode
@@ -16,7 +15,8 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivers.base import SetupError
-from gateway.web.passwords import matches
+from drivers.bus_settings import is_loopback
+from gateway.passwords import matches
 from gateway.web.settings import Tls, WebSettings
 
 HEADERS: Final = {
@@ -35,14 +35,6 @@ _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 _MOST_REMEMBERED = 100
 _CHECKS_AT_ONCE = 2
 """Each takes 16 MB."""
-
-
-def is_loopback(host: str) -> bool:
-    """Whether only this computer reaches it."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def check_listening(host: str, settings: WebSettings) -> None:
@@ -82,7 +74,7 @@ class Guard:
 
     Parameters
     ----------
-    app: what is guarded
+    app: what is guarded; it finds the name of a known user in the request's state
     settings: users, proxy, hosts
     """
 
@@ -112,8 +104,8 @@ class Guard:
 
     async def _refusal(self, scope: Scope) -> PlainTextResponse | None:
         headers, settings = Headers(scope=scope), self._settings
-        if scope["method"] not in ("GET", "HEAD"):
-            return PlainTextResponse("This page can only be read.", 405, {"allow": "GET, HEAD"})
+        if not self._is_method_of(scope):
+            return PlainTextResponse("This page is read-only.", 405, {"allow": "GET, HEAD"})
         if not settings.users and settings.proxy is None:
             if _host_name(headers.get("host", "")) in self._hosts:
                 return None
@@ -122,8 +114,10 @@ class Guard:
         if settings.proxy is not None and client is not None and client[0] in settings.proxy.addresses:
             named = headers.getlist(settings.proxy.header)
             if len(named) == 1 and named[0].strip():
+                scope.setdefault("state", {})["user"] = named[0].strip()
                 return None
-        if settings.users and await self._knows(headers.get("authorization", "")):
+        if settings.users and (user := await self._known_user(headers.get("authorization", ""))) is not None:
+            scope.setdefault("state", {})["user"] = user
             return None
         if not settings.users:
             return PlainTextResponse("The proxy has named no user.", 403)
@@ -133,27 +127,31 @@ class Guard:
             {"www-authenticate": 'Basic realm="talc-gateway", charset="UTF-8"'},
         )
 
-    async def _knows(self, authorization: str) -> bool:
+    def _is_method_of(self, scope: Scope) -> bool:
+        commands = bool(self._settings.operators) and scope["path"].startswith("/command/")
+        return scope["method"] in (("POST",) if commands else ("GET", "HEAD"))
+
+    async def _known_user(self, authorization: str) -> str | None:
         scheme, _, given = authorization.partition(" ")
         if scheme.lower() != "basic":
-            return False
+            return None
         try:
             user, colon, password = b64decode(given.strip(), validate=True).decode().partition(":")
         except (NotBase64, UnicodeDecodeError, ValueError):
-            return False
+            return None
         wanted = self._settings.users.get(user)
         if wanted is None or not colon:
-            return False
+            return None
         digest = hmac.digest(self._secret, f"{user}:{password}".encode(), hashlib.sha256)
         if digest in self._known:
-            return True
+            return user
         async with self._checks:
             right = await asyncio.to_thread(matches, password, wanted)
         if right:
             self._known[digest] = None
             if len(self._known) > _MOST_REMEMBERED:
                 self._known.popitem(last=False)
-        return right
+        return user if right else None
 
 
 def _host_name(host: str) -> str:

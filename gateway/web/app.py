@@ -5,9 +5,11 @@ import logging
 import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import ExitStack, asynccontextmanager, suppress
+from datetime import datetime
 from importlib.resources import files
 from typing import Final
 
+import msgspec
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -16,25 +18,36 @@ from starlette.responses import HTMLResponse, PlainTextResponse, RedirectRespons
 from starlette.routing import Route
 
 from drivers.base import SetupError
+from gateway.config import certificate_end
+from gateway.heard import SiteSeen, SiteSubscription
 from gateway.web.access import Guard
 from gateway.web.at_tool import WorkPoint
 from gateway.web.catalogue import LANGUAGES, chosen_language, texts
+from gateway.web.commands import GivePageCommand, PageCommands
+from gateway.web.day_report import DayReportPages
+from gateway.web.past import MOST_POINTS, shown_past, span
 from gateway.web.settings import MachineUse, WebSettings
-from gateway.web.site import SiteSeen, SiteSubscription
 from gateway.web.streams import Browser, Streams
 from gateway.web.verdict import Viewpoint
+from gateway.web.week_pages import AskCourse, WeekPages
 
 log = logging.getLogger(__name__)
 
+_SCRIPTS = (
+    "charts.js", "choice.js", "commands.js", "elements.js", "machine.js", "page.js", "sensitivity.js", "tables.js",
+    "words.js",
+)  # fmt: skip
 _FILES: Final[Mapping[str, tuple[str, str]]] = {
     "page.css": ("web/static/page.css", "text/css"),
-    "page.js": ("web/static/page.js", "text/javascript"),
+    **{name: (f"web/static/{name}", "text/javascript") for name in _SCRIPTS},
     "icon.svg": ("web/static/icon.svg", "image/svg+xml"),
     "uplot.css": ("report/uplot/uPlot.min.css", "text/css"),
     "uplot.js": ("report/uplot/uPlot.iife.min.js", "text/javascript"),
     "uplot-licence.txt": ("report/uplot/LICENSE", "text/plain"),
 }
 """Name in the address to file and type; there is no other file."""
+_ASKED_AT_ONCE = 2
+_ENCODER = msgspec.json.Encoder()
 _FARTHEST_MM, _LARGEST_TOLERANCE_UM = 10_000.0, 10_000.0
 
 
@@ -50,13 +63,24 @@ def build_app(
     settings: WebSettings,
     subscription: SiteSubscription | None = None,
     uses: Mapping[str, MachineUse] | None = None,
+    give: GivePageCommand | None = None,
 ) -> Starlette:
     """The application.
 
     subscription: entered while it serves; None: somebody else feeds the site
     uses: of machines whose configuration is known; the settings' come before them
+    give: passes commands on; None: the subscription does
+
+    Raises SetupError for a key under [operators] that cannot be used.
     """
-    pages = _Pages(site, {**(uses or {}), **settings.machines})
+    own_end = None if settings.tls is None else certificate_end(settings.tls.certificate)
+    commands = PageCommands(settings, give or (None if subscription is None else subscription.give))
+    ask = None if subscription is None else subscription.ask
+    ask_with_temperatures = None if subscription is None else subscription.ask_with_temperatures
+    asking = asyncio.Semaphore(_ASKED_AT_ONCE)  # a browser that zooms does not stop the others
+    pages = _Pages(site, {**(uses or {}), **settings.machines}, ask, commands, own_end, asking)
+    weeks = WeekPages(site, ask, ask_with_temperatures, asking)
+    reports = DayReportPages(site, None if subscription is None else subscription.ask_report)
 
     @asynccontextmanager
     async def serving(_: Starlette) -> AsyncIterator[None]:
@@ -76,7 +100,12 @@ def build_app(
     routes = [
         Route("/", pages.first),
         Route("/machine/{name}", pages.machine),
+        Route("/machine/{name}/report/{day}", reports.report),
         Route("/file/{name}", pages.file),
+        Route("/past/{name}", pages.past),
+        Route("/scatter/{name}", weeks.scatter),
+        Route("/sensitivity/{name}", weeks.sensitivity),
+        Route("/command/{name}/{command}", pages.command, methods=["POST"]),
         Route("/stream", pages.stream),
         Route("/stream/{name}", pages.stream),
     ]
@@ -86,9 +115,18 @@ def build_app(
 class _Pages:
     """What is answered at each address."""
 
-    def __init__(self, site: SiteSeen, uses: Mapping[str, MachineUse]) -> None:
-        self._site, self._uses = site, uses
-        self.streams = Streams(site)
+    def __init__(
+        self,
+        site: SiteSeen,
+        uses: Mapping[str, MachineUse],
+        ask: AskCourse | None,
+        commands: PageCommands,
+        own_end: datetime | None,
+        asking: asyncio.Semaphore,
+    ) -> None:
+        self._site, self._uses, self._ask, self._commands = site, uses, ask, commands
+        self._asking = asking
+        self.streams = Streams(site, own_end)
 
     async def first(self, request: Request) -> Response:
         """The list of machines; of the only one, its page."""
@@ -118,12 +156,37 @@ class _Pages:
         if name is not None and not self._site.may_be(name):
             return _no_machine()
         if self.streams.full:
-            return PlainTextResponse("The page is open too often.", 503)
+            return PlainTextResponse("The page is open in too many browsers.", 503)
         try:
             viewpoint = _viewpoint_of(request, self._uses)
         except SetupError as error:
             return PlainTextResponse(str(error), 400)
         return StreamingResponse(self.streams.messages(Browser(name, viewpoint)), media_type="text/event-stream")
+
+    async def past(self, request: Request) -> Response:
+        """What a machine's gateway has stored of a span of time, at the chosen point."""
+        name = request.path_params["name"]
+        if not self._site.may_be(name):
+            return _no_machine()
+        try:
+            viewpoint = _viewpoint_of(request, self._uses)(name)
+            begin, end = span(request.query_params.get("from", ""), request.query_params.get("to", ""))
+        except (SetupError, ValueError) as error:
+            return PlainTextResponse(str(error), 400)
+        if self._ask is None:
+            return PlainTextResponse("not connected", 503)
+        try:
+            async with self._asking:
+                page = await asyncio.to_thread(self._ask, name, begin, end, MOST_POINTS)
+            shown = shown_past(page, viewpoint.matrix)
+        except (OSError, ValueError) as error:
+            return PlainTextResponse(str(error), 503)
+        return Response(_ENCODER.encode(shown), media_type="application/json")
+
+    async def command(self, request: Request) -> Response:
+        """A command to a machine's gateway, and its answer."""
+        name = request.path_params["name"]
+        return await self._commands.answer(request, name) if self._site.may_be(name) else _no_machine()
 
     def _page(self, request: Request, template: str, machine: str) -> HTMLResponse:
         language = chosen_language(request.query_params.get("lang"), request.headers.get("accept-language", ""))
@@ -134,17 +197,18 @@ class _Pages:
             t=texts(language),
             use=self._uses.get(machine, MachineUse()),
             declared=machine in self._uses,
+            token=self._commands.token(request),
         )
         return HTMLResponse(html)
 
 
 def _report(ended: asyncio.Task[None]) -> None:
     if not ended.cancelled() and (error := ended.exception()) is not None:
-        log.error("the pages are no longer sent anything; start the program again", exc_info=error)
+        log.error("the pages no longer receive anything; restart the program", exc_info=error)
 
 
 def _no_machine() -> Response:
-    return PlainTextResponse("No machine can have this name.", 404)
+    return PlainTextResponse("This is not a valid name of a machine.", 404)
 
 
 def _viewpoint_of(request: Request, known: Mapping[str, MachineUse]) -> Callable[[str], Viewpoint]:

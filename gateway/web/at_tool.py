@@ -1,11 +1,11 @@
-"""The error at the tool, at one point of the work space: what it would be, what is left, and how surely."""
+"""The error at the tool at one point of the work space: without compensation, with it, and how certain it is."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gateway.web.seen import Applied, Estimated
+from gateway.heard import Applied, Estimated
 from talc.frame import FloatArray
 from talc.kinematics import tcp_offsets
 

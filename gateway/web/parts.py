@@ -1,13 +1,23 @@
-"""The parts of the page below its first: what it waits for, heat, health, events. Samples in, sentences out."""
+"""The parts of the page below the first: what it waits for, heat, health, events. Samples in, sentences out."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
+from statistics import median
 
 from drivers.base import Quality
-from gateway.telemetry import MeasurementMessage, ProbingStanding, StatusMessage
-from gateway.web.seen import MachineSeen
-from gateway.web.sentences import Amount, Name, SaidRow, Sentence, Word, at, name
+from gateway.heard import MachineSeen, believable, instant
+from gateway.telemetry import (
+    MeasurementMessage,
+    NcState,
+    ProbingStanding,
+    SensorFinding,
+    Source,
+    Standing,
+    StatusMessage,
+)
+from gateway.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, name, um
 from talc.frame import EventKind
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
@@ -27,7 +37,10 @@ _BODIES = {
 }
 """Part of the sketch to words in the names of its channels; the first that fits."""
 _BAD = frozenset({EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.MODEL_REJECTED})
-_NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LIMIT_EXCEEDED})
+_NC_MARKS: dict[str, str] = {NcState.READY: "good", NcState.PROBING: "good", NcState.NONE: ""}
+"""Of the control's state; a notice at any other."""
+_RENEW_DAYS, _URGENT_DAYS = 30, 7
+_NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LIMIT_EXCEEDED, EventKind.COMMAND})
 
 
 def waits(seen: MachineSeen) -> Iterator[SaidRow]:
@@ -49,11 +62,13 @@ def _standing(standing: ProbingStanding | None) -> Iterator[SaidRow]:
         yield SaidRow("label.probing", Sentence("probing.nothing_heard"))
         return
     wanted = Sentence("sentence.word", {"word": Word(f"standing.{standing.standing}")})
-    yield SaidRow("label.probing", wanted, "notice" if standing.standing == "blocked" else "")
+    yield SaidRow("label.probing", wanted, "notice" if standing.standing == Standing.BLOCKED else "")
     if standing.why is not None:
         yield SaidRow("label.why", Sentence("sentence.word", {"word": Word(f"why.{standing.why}")}))
     if standing.reason:
-        yield SaidRow("label.waits_for", name(standing.reason), "notice" if standing.standing == "blocked" else "")
+        yield SaidRow(
+            "label.waits_for", name(standing.reason), "notice" if standing.standing == Standing.BLOCKED else ""
+        )
     if standing.rejected:
         yield SaidRow("label.rejected", Sentence("probing.rejected", {"n": Amount(standing.rejected, d=0)}), "bad")
     if standing.operator:
@@ -65,7 +80,7 @@ def _last(message: MeasurementMessage | None) -> SaidRow:
         return SaidRow("label.last", Sentence("last.none"))
     ended = at(datetime.fromisoformat(message.ended))
     if message.errors is None:
-        return SaidRow("label.last", Sentence("last.failed", {"at": ended, "reason": Name(message.reason)}), "bad")
+        return SaidRow("label.last", Sentence("last.failed", {"at": ended, "reason": ToldName(message.reason)}), "bad")
     return SaidRow("label.last", Sentence("last.used", {"at": ended}), "good")
 
 
@@ -134,12 +149,38 @@ def doubts(seen: MachineSeen) -> Iterator[Sentence]:
     """Sensors that fail, that disagree with the others, or whose value was replaced."""
     bad = sorted(r.channel for r in seen.readings.values() if r.quality != Quality.GOOD)
     if bad:
-        yield Sentence("doubt.failed", {"names": Name(", ".join(bad))})
+        yield Sentence("doubt.failed", {"names": ToldName(", ".join(bad))})
     if seen.sensors is not None:
         for finding in seen.sensors.findings:
-            yield Sentence("doubt.finding", {"text": Name(finding.text)})
+            yield _finding(finding, None if finding.since_k is None else seen.at_k(finding.since_k))
     if seen.decision is not None and seen.decision.substituted:
-        yield Sentence("doubt.substituted", {"names": Name(", ".join(seen.decision.substituted))})
+        yield Sentence("doubt.substituted", {"names": ToldName(", ".join(seen.decision.substituted))})
+
+
+def _finding(finding: SensorFinding, since: datetime | None) -> Sentence:
+    off = believable(finding.offset_K)
+    if since is None or not math.isfinite(off):  # of two exchanged ones, or of an earlier program
+        return Sentence("doubt.finding", {"text": ToldName(finding.text)})
+    names = " / ".join((*finding.inputs, *finding.alternatives))
+    values: dict[str, Atom] = {"names": ToldName(names), "off": Amount(abs(off), "K"), "at": at(since)}
+    return Sentence("doubt.warmer" if off > 0.0 else "doubt.colder", values)
+
+
+def watched(seen: MachineSeen) -> Sentence | None:
+    """How small an abnormal temperature would have been seen by what the other sensors say; None: not judged yet."""
+    smallest = (
+        {} if seen.sensors is None else {i: v for i, v in seen.sensors.smallest_offset_K.items() if v is not None}
+    )
+    if not smallest:
+        return None
+    worst = max(smallest, key=smallest.__getitem__)
+    values: dict[str, Atom] = {
+        "n": Amount(len(smallest), d=0),
+        "median": Amount(median(smallest.values()), "K"),
+        "worst": Amount(smallest[worst], "K"),
+        "name": ToldName(worst),
+    }
+    return Sentence("doubt.watched", values)
 
 
 def health(seen: MachineSeen) -> Iterator[SaidRow]:
@@ -153,9 +194,11 @@ def health(seen: MachineSeen) -> Iterator[SaidRow]:
         yield SaidRow("label.control", Sentence("control.nothing"))
     else:
         said = Sentence("control.step", {"mode": Word(f"mode.{step.mode}"), "source": Word(f"source.{step.source}")})
-        yield SaidRow("label.control", said, "good" if step.written and step.source == "prediction" else "notice")
+        yield SaidRow("label.control", said, "good" if step.written and step.source == Source.PREDICTION else "notice")
     if seen.status is not None:
         yield from _status(seen.status)
+    yield from _certificates(seen)
+    yield from _scatter(seen)
     yield _clock(seen)
     if seen.boot:
         yield SaidRow("label.boot", name(seen.boot))
@@ -173,6 +216,35 @@ def _channels(seen: MachineSeen) -> SaidRow:
     return SaidRow("label.channels", said, "good" if good == all_of_them else "bad")
 
 
+def _scatter(seen: MachineSeen) -> Iterator[SaidRow]:
+    """How far the touches of the latest measurement are from a rigid body, beside those of the last hours."""
+    found = [m.residual_um for m in seen.measurements if m.residual_um is not None]
+    if found:
+        values: dict[str, Atom] = {
+            "now": um(found[-1]),
+            "median": um(median(found)),
+            "most": um(max(found)),
+            "n": Amount(len(found), d=0),
+        }
+        yield SaidRow("label.scatter", Sentence("scatter.of", values))
+
+
+def _certificates(seen: MachineSeen) -> Iterator[SaidRow]:
+    for field, text in ({} if seen.status is None else seen.status.certificates).items():
+        if (ends := instant(text)) is not None and seen.latest is not None:
+            yield certificate_row(field, ends, seen.latest)
+
+
+def certificate_row(field: str, ends: datetime, now: datetime) -> SaidRow:
+    """How long a certificate is still valid, and what to do when that is not long."""
+    days = math.floor((ends - now) / timedelta(days=1))
+    values: dict[str, Atom] = {"field": ToldName(field), "n": Amount(days, d=0), "at": at(ends)}
+    if days >= _RENEW_DAYS:
+        return SaidRow("label.certificate", Sentence("certificate.good", values), "good")
+    key = "certificate.ended" if ends <= now else "certificate.renew"
+    return SaidRow("label.certificate", Sentence(key, values), "notice" if days >= _URGENT_DAYS else "bad")
+
+
 def _clock(seen: MachineSeen) -> SaidRow:
     if seen.simulated:
         return SaidRow("label.clock", Sentence("clock.simulated"))
@@ -184,12 +256,14 @@ def _clock(seen: MachineSeen) -> SaidRow:
 
 def _status(status: StatusMessage) -> Iterator[SaidRow]:
     if status.nc is not None:
-        mark = {"ready": "good", "probing": "good", "none": ""}.get(status.nc, "notice")
+        mark = _NC_MARKS.get(status.nc, "notice")
         yield SaidRow("label.nc", Sentence("sentence.word", {"word": Word(f"nc.{status.nc}")}), mark)
     storage = status.storage
     if storage is not None and storage.problem:
         waiting = Amount(storage.waiting, d=0)
-        yield SaidRow("label.store", Sentence("store.problem", {"text": Name(storage.problem), "n": waiting}), "bad")
+        yield SaidRow(
+            "label.store", Sentence("store.problem", {"text": ToldName(storage.problem), "n": waiting}), "bad"
+        )
     elif storage is not None:
         yield SaidRow("label.store", Sentence("store.good"), "good")
     if storage is not None and storage.free_mb is not None:

@@ -27,7 +27,7 @@ class ToldTime:
 
 
 @dataclass(frozen=True, slots=True)
-class Name:
+class ToldName:
     """A text of others, such as a channel's name; never interpreted."""
 
     s: str
@@ -40,7 +40,7 @@ class Word:
     w: str
 
 
-Atom = Amount | ToldTime | Name | Word
+Atom = Amount | ToldTime | ToldName | Word
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,4 +76,4 @@ def at(time: datetime) -> ToldTime:
 
 def name(text: str) -> Sentence:
     """A text of others by itself."""
-    return Sentence("sentence.text", {"text": Name(text)})
+    return Sentence("sentence.text", {"text": ToldName(text)})

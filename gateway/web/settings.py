@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from drivers.section import FilePath, Positive, Section, matching
 from gateway.config import Name, read_as
-from gateway.web.passwords import is_hash
+from gateway.passwords import is_hash
 
 
 def _a_hash(text: str) -> str:
@@ -56,8 +56,17 @@ class WebSettings(Section):
     """Name and password hash of everybody who may look."""
     hosts: tuple[str, ...] = ()
     """Names by which browsers call this computer, beside localhost; of a page without users others are refused."""
+    operators: Mapping[str, FilePath] = Field(default_factory=dict)
+    """Users who may give commands, and the file of each one's key: as in [[telemetry.operator]] of the gateways."""
     machines: Mapping[Name, MachineUse] = Field(default_factory=dict, alias="machine")
     """By name of the machine."""
+
+    @model_validator(mode="after")
+    def _known(self) -> "WebSettings":
+        unknown = [] if self.proxy is not None else sorted(set(self.operators) - set(self.users))
+        if unknown:
+            raise ValueError(f"operators: {', '.join(unknown)}: expected names under [users], or [proxy]")
+        return self
 
 
 def load_settings(path: Path | None) -> WebSettings:

@@ -1,17 +1,19 @@
-"""What each open browser is sent: server-sent events, of which a slow browser's queue drops the oldest."""
+"""Sends server-sent events to each open browser; the queue of a slow browser drops the oldest."""
 
 import asyncio
 from collections import deque
 from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Final
 
 import msgspec
 
-from gateway.web.parts import events
-from gateway.web.seen import MachineSeen
-from gateway.web.site import SiteSeen
+from gateway.heard import MachineSeen, SiteSeen
+from gateway.web.audit import corrections
+from gateway.web.parts import certificate_row, events
+from gateway.web.sentences import SaidRow
 from gateway.web.verdict import Viewpoint
 from gateway.web.view import listed, shown_course, view
 
@@ -63,7 +65,8 @@ class Browser:
     sent: dict[str, bytes] = field(default_factory=dict)
     """The last of each kind of message: what has not changed is not sent again."""
     past: int = -1
-    """State of the charts that it shows."""
+    """State of the charts that it shows; likewise of the corrections."""
+    explanations: int = 0
 
     def send(self, kind: str, shown: object) -> None:
         """Send a part of the page if it has changed."""
@@ -72,7 +75,7 @@ class Browser:
             self.sent[kind] = data
             if self.queue.put(b"event: " + kind.encode() + b"\ndata: " + data + b"\n\n"):
                 self.sent.clear()  # which part was lost does not matter: all of them follow again
-                self.past = -1
+                self.past, self.explanations = -1, 0
 
 
 class Streams:
@@ -81,9 +84,11 @@ class Streams:
     Parameters
     ----------
     site: what was heard
+    own_end: when the page's own certificate ends; None: it has none
     """
 
-    def __init__(self, site: SiteSeen) -> None:
+    def __init__(self, site: SiteSeen, own_end: datetime | None = None) -> None:
+        self._own_end = own_end
         self._site, self._browsers = site, set[Browser]()
         self._changed = asyncio.Event()
         self._ended = False
@@ -123,11 +128,20 @@ class Streams:
                 return
             seen = machines.get(browser.machine) or MachineSeen(browser.machine)
             viewpoint = browser.viewpoint(browser.machine)
-            browser.send("view", view(seen, viewpoint, now_s))
+            browser.send("view", view(seen, viewpoint, now_s, self._own_rows()))
             browser.send("events", tuple(events(seen)))
+            if browser.explanations != seen.explanations:
+                browser.explanations = seen.explanations
+                browser.send("corrections", tuple(corrections(seen)))
             if browser.past != seen.past:
                 browser.past = seen.past
                 browser.send("course", shown_course(seen, viewpoint.matrix))
+
+    def _own_rows(self) -> tuple[SaidRow, ...]:
+        """Of the health of the page itself."""
+        if self._own_end is None:
+            return ()
+        return (certificate_row("[tls] certificate", self._own_end, datetime.now(UTC)),)
 
     @property
     def full(self) -> bool:

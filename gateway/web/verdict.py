@@ -1,20 +1,19 @@
-"""Ready or not: what is left at the tool against a tolerance, as far as it is known."""
+"""Ready or not: compares the remaining error at the tool with a tolerance, as far as the error is known."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
 
 import numpy as np
 
+from gateway.heard import MachineSeen, applied, is_old, nine
+from gateway.telemetry import Standing
+from gateway.web.ahead import advice, ahead, when
 from gateway.web.at_tool import ToolError, at_the_tool, course, half_width
-from gateway.web.seen import MachineSeen, applied, nine
 from gateway.web.sentences import Atom, Sentence, Word, at, um
 from talc.frame import FloatArray, Phase
-
-OLD_S = 900.0
-"""An estimate older than this is no longer shown as that of now, as the compensation no longer uses it by default."""
-_STEPS_MISSED = 3.0
 
 
 class Colour(StrEnum):
@@ -68,15 +67,7 @@ def tool_now(seen: MachineSeen, matrix: FloatArray, now_s: float) -> ToolNow:
     return ToolNow(at_the_tool(matrix, errors, sigma, applied(seen.compensation)))
 
 
-def is_old(seen: MachineSeen, now_s: float) -> bool:
-    """Whether the latest decision is too old to be that of now."""
-    if seen.decision is None:
-        return False
-    age_s = seen.age_s(seen.decision.time, now_s)
-    return age_s is None or age_s > max(OLD_S, _STEPS_MISSED * (seen.step_s or 0.0))
-
-
-def judge(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
+def verdict_of(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
     """The verdict for one browser at this monotonic time."""
     if not seen.alive:
         return _absent(seen)
@@ -86,20 +77,22 @@ def judge(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
     if tool.old:
         decided = datetime.fromisoformat(seen.decision.time)
         return Verdict(Colour.GREY, "word.old", (Sentence("because.old", {"at": at(decided)}),), decided)
-    if seen.probing is not None and seen.probing.standing == "asked":
+    if seen.probing is not None and seen.probing.standing == Standing.ASKED:
         return Verdict(Colour.AMBER, "word.probing", (Sentence("because.probing"),))
     error, since = tool.error, _since(seen, viewpoint)
     if seen.decision.phase == Phase.NO_GOOD:
-        return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),), since, _helps(seen, viewpoint))
+        helps = tuple(_helps(seen, viewpoint, tool, ready=False))
+        return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),), since, helps)
     if error is None or not np.isfinite(error.far).all():
-        return Verdict(Colour.AMBER, "word.unknown", _unknown(seen, error), since, _helps(seen, viewpoint))
+        helps = tuple(_helps(seen, viewpoint, tool, ready=False))
+        return Verdict(Colour.AMBER, "word.unknown", _unknown(seen, error), since, helps)
     worst = int(np.argmax(error.far))
     said = Sentence("because.left", {"axis": Word("XYZ"[worst]), "left": um(abs(float(error.left[worst]))),
                                  "half": um(float(error.half[worst])), "far": um(float(error.far[worst]))})  # fmt: skip
     if viewpoint.tolerance_um is None:
         return Verdict(Colour.GREY, "word.no_tolerance", (said, Sentence("because.no_tolerance")))
     colour = _colour(error.near, error.far, viewpoint.tolerance_um)
-    helps = () if colour is Colour.GREEN else _helps(seen, viewpoint)
+    helps = tuple(_helps(seen, viewpoint, tool, ready=colour is Colour.GREEN))
     return Verdict(colour, _WORDS[colour], (said,), since, helps)
 
 
@@ -148,16 +141,20 @@ def _since(seen: MachineSeen, viewpoint: Viewpoint) -> datetime | None:
     return seen.estimates[first].at if first > 0 else None
 
 
-def _helps(seen: MachineSeen, viewpoint: Viewpoint) -> tuple[Sentence, ...]:
-    """When it will be ready, which no message tells yet, and what a measurement would bring."""
-    found = [Sentence("when.unknown")]
-    if seen.measurements:
+def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: bool) -> Iterator[Sentence]:
+    """When it will be ready or how long it stays so, what would help more, and when the next measurement comes."""
+    coming, tolerance_um = ahead(seen, viewpoint.matrix), viewpoint.tolerance_um
+    if tolerance_um is not None:
+        yield from when(coming, tolerance_um, ready=ready)
+        yield from advice(tool.error, coming, tolerance_um, ready=ready)
+    if ready:
+        return
+    if coming is None and seen.measurements and tolerance_um is not None:
         half = float(np.max(half_width(viewpoint.matrix, seen.measurements[-1].sigma)))
-        if np.isfinite(half) and viewpoint.tolerance_um is not None:
-            key = "help.measure" if half <= viewpoint.tolerance_um else "help.measure_not_enough"
-            found.append(Sentence(key, {"half": um(half), "tolerance": um(viewpoint.tolerance_um)}))
+        if np.isfinite(half):
+            key = "help.measure" if half <= tolerance_um else "help.measure_not_enough"
+            yield Sentence(key, {"half": um(half), "tolerance": um(tolerance_um)})
     expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
     if seen.reasons is not None and expected is not None:
         values: dict[str, Atom] = {"at": at(expected), "why": Word(f"why.{seen.reasons.next_why}")}
-        found.append(Sentence("when.next_measurement", values))
-    return tuple(found)
+        yield Sentence("when.next_measurement", values)

@@ -1,4 +1,4 @@
-"""What a browser shows of one machine or of all: made from what has been heard, at a time that is given."""
+"""What a browser shows of one machine or of all, made from the received messages for a given time."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -6,11 +6,14 @@ from datetime import datetime
 
 import numpy as np
 
+from gateway.heard import MachineSeen, applied
 from gateway.web import parts
+from gateway.web.ahead import ahead
 from gateway.web.at_tool import course, moved
-from gateway.web.seen import MachineSeen, applied
-from gateway.web.sentences import Amount, Name, SaidRow, Sentence, Word, at, um
-from gateway.web.verdict import Verdict, Viewpoint, judge, tool_now
+from gateway.web.past import columns
+from gateway.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, um
+from gateway.web.verdict import Verdict, Viewpoint, tool_now, verdict_of
+from gateway.web.waiting import cost_of_waiting
 from talc.frame import FloatArray
 
 
@@ -48,8 +51,11 @@ class MachineView:
     """The gateway's own time of its latest message."""
     simulated: bool
     alive: bool
+    commands: bool
+    """Whether its configuration allows anybody to give commands."""
+    paused: bool
     notices: tuple[Sentence, ...]
-    """What everybody must know first: what is not armed."""
+    """What everybody must know first: who has disarmed the gateway or paused the compensation, what is not armed."""
     verdict: ShownVerdict
     axes: tuple[ShownAxis, ...]
     tool_notes: tuple[Sentence, ...]
@@ -57,26 +63,30 @@ class MachineView:
     channels: tuple[parts.ShownChannel, ...]
     driven: tuple[parts.DrivenError, ...]
     doubts: tuple[Sentence, ...]
+    watched: Sentence | None
     health: tuple[SaidRow, ...]
 
 
-def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> MachineView:
-    """The page at this monotonic time."""
+def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidRow, ...] = ()) -> MachineView:
+    """The page at this monotonic time. own: how the page's own program is."""
     return MachineView(
         machine=seen.machine,
         heard=_seconds(seen.heard),
         gateway_time=_seconds(seen.latest),
         simulated=seen.simulated,
         alive=seen.alive,
+        commands=seen.status is not None and seen.status.commands,
+        paused=seen.status is not None and seen.status.paused is not None,
         notices=_notices(seen),
-        verdict=_shown(judge(seen, viewpoint, now_s)),
+        verdict=_shown(verdict_of(seen, viewpoint, now_s)),
         axes=_axes(seen, viewpoint.matrix, now_s),
         tool_notes=tuple(_tool_notes(seen)),
-        waits=tuple(parts.waits(seen)),
+        waits=(*parts.waits(seen), *cost_of_waiting(seen, viewpoint.matrix, now_s)),
         channels=tuple(parts.channels(seen)),
         driven=tuple(parts.driven(seen)),
         doubts=tuple(parts.doubts(seen)),
-        health=tuple(parts.health(seen)),
+        watched=parts.watched(seen),
+        health=(*parts.health(seen), *own),
     )
 
 
@@ -92,7 +102,14 @@ def _shown(verdict: Verdict) -> ShownVerdict:
 def _notices(seen: MachineSeen) -> tuple[Sentence, ...]:
     if not seen.alive or seen.status is None:
         return ()
-    return tuple(Sentence("notice.unarmed", {"text": Name(text)}) for text in seen.status.unarmed)
+    unarmed = (Sentence("notice.unarmed", {"text": ToldName(text)}) for text in seen.status.unarmed)
+    standing = (("notice.disarmed", seen.status.disarmed), ("notice.paused", seen.status.paused))
+    orders = (
+        Sentence(key, {"by": ToldName(order.by), "at": at(datetime.fromisoformat(order.since))})
+        for key, order in standing
+        if order is not None
+    )
+    return *orders, *unarmed
 
 
 def _axes(seen: MachineSeen, matrix: FloatArray, now_s: float) -> tuple[ShownAxis, ...]:
@@ -133,6 +150,10 @@ class ShownCourse:
     measured_t: list[float]
     measured: list[list[float | None]]
     """What measurements found, without compensation."""
+    ahead_t: list[float]
+    """The present and the next hours, as far as the forecasts have proved good so far."""
+    ahead: list[list[float | None]]
+    ahead_half: list[list[float | None]]
     said: Sentence | None
     """Why there is nothing to show."""
 
@@ -140,24 +161,30 @@ class ShownCourse:
 def shown_course(seen: MachineSeen, matrix: FloatArray) -> ShownCourse:
     """The last hours at the chosen point."""
     if not seen.estimates:
-        return ShownCourse([], [[]] * 3, [[]] * 3, [[]] * 3, [], [[]] * 3, Sentence("chart.nothing"))
+        none: list[list[float | None]] = [[]] * 3
+        return ShownCourse([], none, none, none, [], none, [], none, none, Sentence("chart.nothing"))
     past = course(matrix, seen.estimates)
     dots = seen.measurements
     found = moved(matrix, np.stack([m.errors for m in dots])) if dots else np.empty((0, 3))
+    coming = ahead(seen, matrix) if seen.alive else None
+    later: list[datetime] = []
+    values, halves = np.empty((0, 3)), np.empty((0, 3))
+    if coming is not None and (known := np.asarray(np.isfinite(coming.half).all(axis=1))).any():
+        later = [seen.estimates[-1].at, *(time for time, told in zip(coming.at, known, strict=True) if told)]
+        values = np.vstack([past.without[-1:], coming.without[known]])
+        halves = np.vstack([past.half[-1:], coming.half[known]])
     return ShownCourse(
         t=[e.at.timestamp() for e in seen.estimates],
-        without=_columns(past.without),
-        left=_columns(past.left),
-        half=_columns(past.half),
+        without=columns(past.without),
+        left=columns(past.left),
+        half=columns(past.half),
         measured_t=[m.at.timestamp() for m in dots],
-        measured=_columns(found),
-        said=Sentence("chart.since", {"at": at(seen.estimates[0].at)}),
+        measured=columns(found),
+        ahead_t=[time.timestamp() for time in later],
+        ahead=columns(values),
+        ahead_half=columns(halves),
+        said=Sentence("chart.legend"),
     )
-
-
-def _columns(values: FloatArray) -> list[list[float | None]]:
-    """(n, 3) as three lists, to a hundredth of a micrometre."""
-    return [[round(v, 2) if np.isfinite(v) else None for v in column] for column in values.T.tolist()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +207,7 @@ def listed(
     machines: Mapping[str, MachineSeen], viewpoints: Mapping[str, Viewpoint], now_s: float
 ) -> list[ListedMachine]:
     """Every machine, the worst first. viewpoints: by machine."""
-    judged = [(seen, judge(seen, viewpoints[name], now_s)) for name, seen in sorted(machines.items())]
+    judged = [(seen, verdict_of(seen, viewpoints[name], now_s)) for name, seen in sorted(machines.items())]
     judged.sort(key=lambda each: _WORST_FIRST.index(each[1].word))
     return [
         ListedMachine(

@@ -110,12 +110,14 @@ def test_the_computers_own_zone_knows_daylight_saving(tmp_path: Path, monkeypatc
     assert str(own_zone(tmp_path / "none")) == "UTC"
 
 
+@pytest.mark.parametrize("command", ["report", "replay", "demo"])
 def test_an_installation_without_the_page_maker_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "g.sqlite").touch()
+    file = tmp_path / "g.sqlite"
+    file.touch()
     monkeypatch.setattr(
-        sys.modules["gateway.cli.recorded"], "find_spec", lambda name: None if name == "jinja2" else object()
+        sys.modules["gateway.cli.extras"], "find_spec", lambda name: None if name == "matplotlib" else object()
     )
-    answer = CliRunner().invoke(main, ["report", str(tmp_path / "g.sqlite")])
-    assert (answer.exit_code, "jinja2 not installed; pip install" in answer.output) == (2, True)
+    answer = CliRunner().invoke(main, [command] if command == "demo" else [command, str(file)])
+    assert (answer.exit_code, "matplotlib not installed; pip install" in answer.output) == (2, True)

@@ -18,7 +18,7 @@ VOID = {"meta", "br", "link", "img", "input", "hr"}
 MOST_BYTES = 3_000_000
 
 
-class Reader(HTMLParser):
+class StrictHtmlReader(HTMLParser):
     """Fails at a tag that is not closed, or closed twice; collects what accessibility and printing need."""
 
     def __init__(self) -> None:
@@ -54,8 +54,8 @@ class Reader(HTMLParser):
         self.text += data
 
 
-def read(page: str) -> Reader:
-    reader = Reader()
+def read(page: str) -> StrictHtmlReader:
+    reader = StrictHtmlReader()
     reader.feed(page)
     reader.close()
     assert reader.open == []
@@ -104,6 +104,16 @@ def test_the_scripts_charts_hold_the_numbers(page: str) -> None:
     left = next(line for line in series["groups"]["tool"][2]["lines"] if line["label"] == "left")
     assert left["x"][:3] == [0, 300, 600]
     assert left["y"][:3] == [-4.0, 4.0, -4.0]
+
+
+def test_a_speed_does_not_flatten_temperatures_of_unknown_unit() -> None:
+    run = small_run()
+    inputs = np.column_stack([np.linspace(20.0, 24.0, 48), np.linspace(0.0, 5000.0, 48), np.linspace(30.0, 31.0, 48)])
+    page = build(replace(run, inputs=inputs, input_units=("", "", "")))
+    found = re.search(r'<script type="application/json" id="series">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    charts = json.loads(found[1])["groups"]["inputs"]
+    assert [{line["label"] for line in chart["lines"]} for chart in charts] == [{"rear"}, {"front", "speed"}]
 
 
 def test_each_error_is_drawn_and_explained(page: str) -> None:

@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from gateway.cli import main
 from gateway.recordings import Columns, read_recording
-from gateway.rehearsal import rehearse
+from gateway.rehearsal import rehearse_recording
 from gateway.report import build
 from talc.settings import TalcSettings
 
@@ -108,7 +108,9 @@ def test_a_calibration_longer_than_a_day_is_reported(
 
 @pytest.mark.slow
 def test_the_page_of_a_gateway_says_whether_sensors_were_compared(tmp_path: Path) -> None:
-    recorded = rehearse(read_recording(recording(tmp_path, 300.0, 60), Columns(), 300.0), TalcSettings(method="models"))
+    recorded = rehearse_recording(
+        read_recording(recording(tmp_path, 300.0, 60), Columns(), 300.0), TalcSettings(method="models")
+    )
     run_of_gateway = replace(recorded, recorded=None, held=None, not_compared="")
     assert "No offset and no exchange of temperature sensors was found" in build(run_of_gateway)
     off = build(replace(run_of_gateway, not_compared="[sensor_check] enabled = false"))

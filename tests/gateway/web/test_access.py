@@ -10,8 +10,9 @@ from starlette.testclient import TestClient
 from drivers.base import SetupError
 from gateway.cli import main
 from gateway.config import ConfigError
-from gateway.web import SiteSeen, WebSettings, build_app, check_certificate, check_listening, load_settings, make_hash
-from gateway.web.passwords import is_hash, matches
+from gateway.heard import SiteSeen
+from gateway.passwords import is_hash, make_hash, matches
+from gateway.web import WebSettings, build_app, check_certificate, check_listening, load_settings
 from gateway.web.settings import Proxy, Tls
 from tests.benches.heard import BEGAN
 

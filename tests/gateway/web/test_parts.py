@@ -1,10 +1,13 @@
 """What it waits for, heat, health: samples in, sentences out."""
 
+from datetime import timedelta
+
 import pytest
 
+from gateway.telemetry import SensorFinding
 from gateway.web import parts
-from gateway.web.sentences import Name, SaidRow, Sentence
-from tests.benches.heard import STEP, HeardMachine
+from gateway.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, at
+from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 
 def keys(rows: object) -> list[tuple[str, str, str]]:
@@ -18,8 +21,8 @@ def test_what_blocks_a_measurement_and_what_the_operator_should_do_stand_there()
     heard.decision()
     heard.probing("blocked", "interval", "alarm 21612", "clean the sphere")
     found = {row.label: row for row in parts.waits(heard.seen)}
-    assert found["label.waits_for"].said == Sentence("sentence.text", {"text": Name("alarm 21612")})
-    assert found["label.operator"].said == Sentence("sentence.text", {"text": Name("clean the sphere")})
+    assert found["label.waits_for"].said == Sentence("sentence.text", {"text": ToldName("alarm 21612")})
+    assert found["label.operator"].said == Sentence("sentence.text", {"text": ToldName("clean the sphere")})
     assert found["label.probing"].mark == "notice"
 
 
@@ -86,3 +89,49 @@ def test_an_event_says_how_much_it_matters_and_the_newest_comes_first() -> None:
         ("event.operator", "notice"),
         ("event.state_update", ""),
     ]
+
+
+def test_abnormal_heat_says_where_how_much_and_since_when() -> None:
+    heard = HeardMachine()
+    heard.decision(0)
+    heard.passes(STEP)
+    heard.decision(1)
+    motor = SensorFinding("offset", ("motor",), ("a_drive",), 4.5, 1.2, "motor or a_drive is off", since_k=-11)
+    cold = SensorFinding("offset", ("bed",), (), -2.0, 1.2, "bed is off", since_k=1)
+    swap = SensorFinding("swap", ("a", "b"), (), None, 1.2, "a and b look exchanged", since_k=1)
+    earlier = SensorFinding("offset", ("bed",), (), 2.0, 1.2, "bed is off by +2.0 K")
+    heard.sensors({"motor": 1.0}, motor, cold, swap, earlier)
+    values: dict[str, Atom] = {
+        "names": ToldName("motor / a_drive"),
+        "off": Amount(4.5, "K"),
+        "at": at(BEGAN - 11 * STEP),
+    }
+    warmer, colder, exchanged, without = parts.doubts(heard.seen)
+    assert warmer == Sentence("doubt.warmer", values)
+    assert (colder.say, colder.values["off"]) == ("doubt.colder", Amount(2.0, "K"))
+    assert exchanged == Sentence("doubt.finding", {"text": ToldName("a and b look exchanged")})
+    assert without == Sentence("doubt.finding", {"text": ToldName("bed is off by +2.0 K")}), "of an earlier program"
+
+
+@pytest.mark.parametrize(
+    ("left", "said", "days", "mark"),
+    [
+        (timedelta(days=30), "certificate.good", 30, "good"),
+        (timedelta(days=29, hours=23), "certificate.renew", 29, "notice"),
+        (timedelta(days=7), "certificate.renew", 7, "notice"),
+        (timedelta(days=6, hours=23), "certificate.renew", 6, "bad"),
+        (timedelta(hours=1), "certificate.renew", 0, "bad"),
+        (timedelta(0), "certificate.ended", 0, "bad"),
+        (timedelta(days=-3), "certificate.ended", -3, "bad"),
+    ],
+)
+def test_a_certificate_says_how_long_it_is_valid_by_the_gateways_clock(
+    left: timedelta, said: str, days: int, mark: str
+) -> None:
+    heard = HeardMachine()
+    ends = (heard.now + left).isoformat()
+    heard.status(certificates={"[telemetry.tls] certificate": ends, "[nc] certificate": "soon"})
+    (row,) = [row for row in parts.health(heard.seen) if row.label == "label.certificate"]
+    assert (row.said.say, row.mark) == (said, mark)
+    assert row.said.values["field"] == ToldName("[telemetry.tls] certificate")
+    assert row.said.values["n"] == Amount(days, d=0)

@@ -4,9 +4,9 @@ import asyncio
 import json
 from contextlib import aclosing
 
+from gateway.heard import SiteSeen
 from gateway.telemetry import EventMessage, encode
 from gateway.web.at_tool import WorkPoint
-from gateway.web.site import SiteSeen
 from gateway.web.streams import MOST_BROWSERS, Browser, BrowserQueue, Streams
 from gateway.web.verdict import Viewpoint
 from tests.benches.heard import BEGAN

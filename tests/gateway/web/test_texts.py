@@ -9,9 +9,10 @@ import pytest
 from starlette.testclient import TestClient
 
 from drivers.base import Quality
-from gateway.nc import Source
+from gateway.heard import SiteSeen
+from gateway.nc import NcState, Source
 from gateway.probing import Standing
-from gateway.web import MachineUse, SiteSeen, WebSettings, build_app
+from gateway.web import MachineUse, WebSettings, build_app
 from gateway.web.catalogue import LANGUAGES, chosen_language, texts
 from talc.frame import EventKind, Phase, Why
 from tests.benches.heard import BEGAN
@@ -19,7 +20,8 @@ from tests.benches.heard import BEGAN
 ROOM = Path(str(files("gateway.web")))
 TEMPLATES = sorted((ROOM / "templates").glob("*.html"))
 CODE = "\n".join(file.read_text("utf-8") for file in sorted(ROOM.glob("*.py")))
-SCRIPT = (ROOM / "static" / "page.js").read_text("utf-8")
+SCRIPTS = sorted((ROOM / "static").glob("*.js"))
+SCRIPT = "\n".join(file.read_text("utf-8") for file in SCRIPTS)
 WORDS = {
     f"{group}.{text}"
     for group, known in (
@@ -29,9 +31,10 @@ WORDS = {
         ("phase", Phase),
         ("why", Why),
         ("event", EventKind),
+        ("nc", NcState),
     )
     for text in known
-} | {f"nc.{text}" for text in ("none", "away", "stale", "not_ready", "probing", "ready")}
+}
 SAID = (
     {key for template in TEMPLATES for key in re.findall(r't\["([\w.]+)"\]', template.read_text("utf-8"))}
     | set(re.findall(r'(?:Sentence|SaidRow|Verdict\(Colour\.\w+,)\(?\s*"([a-z_]+\.[a-z_]+)"', CODE))
@@ -110,3 +113,6 @@ def test_the_page_of_the_only_machine_comes_first_and_says_its_language() -> Non
     assert "Die schlechteste zuerst" in page.get("/").text
     for file in re.findall(r'(?:href|src)="(/file/[^"]+)"', html):
         assert page.get(file).status_code == 200
+    for script in SCRIPTS:
+        for file in [script.name, *re.findall(r'from "\./([\w.]+)"', script.read_text("utf-8"))]:
+            assert page.get(f"/file/{file}").headers["content-type"].startswith("text/javascript")

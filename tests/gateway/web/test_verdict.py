@@ -5,11 +5,11 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
+from gateway.heard import Applied, applied
 from gateway.nc import Source
 from gateway.web.at_tool import WorkPoint, at_the_tool, half_width, moved
-from gateway.web.seen import Applied, applied
 from gateway.web.sentences import at
-from gateway.web.verdict import Colour, Viewpoint, judge
+from gateway.web.verdict import Colour, Viewpoint, verdict_of
 from gateway.web.view import listed, shown_course, view
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
@@ -53,14 +53,14 @@ def test_the_interval_against_the_tolerance_gives_the_colour(tolerance: float, c
     heard = HeardMachine()
     heard.compensation((0.0, 0.0, 27.0), (0.0, 0.0, 30.0))
     heard.decision(corrected=Z_ONLY, sigma={"EZ0A": 1.0} | dict.fromkeys(("EA0C", "EZ0T", "ER0T"), 0.0))
-    verdict = judge(heard.seen, within(tolerance), heard.now_s)
+    verdict = verdict_of(heard.seen, within(tolerance), heard.now_s)
     assert (verdict.colour, verdict.word) == (colour, word)
 
 
 def test_without_a_tolerance_the_interval_is_said_and_no_colour_given() -> None:
     heard = HeardMachine()
     heard.decision()
-    verdict = judge(heard.seen, within(None), heard.now_s)
+    verdict = verdict_of(heard.seen, within(None), heard.now_s)
     assert (verdict.colour, verdict.word) == (Colour.GREY, "word.no_tolerance")
     assert [said.say for said in verdict.because] == ["because.left", "because.no_tolerance"]
 
@@ -69,7 +69,7 @@ def test_what_is_not_written_to_the_control_is_left() -> None:
     heard = HeardMachine()
     heard.compensation((0.0, 0.0, 30.0), mode="advise", written=False)
     heard.decision(corrected=Z_ONLY)
-    assert judge(heard.seen, within(20.0), heard.now_s).colour is Colour.RED
+    assert verdict_of(heard.seen, within(20.0), heard.now_s).colour is Colour.RED
     shown = view(heard.seen, within(20.0), heard.now_s)
     assert shown.axes[2].left.n == pytest.approx(30.0)
     assert shown.axes[2].in_force.n == 0.0
@@ -80,24 +80,24 @@ def test_a_gateway_that_is_gone_is_gone_at_once_and_says_when_it_was_heard() -> 
     heard = HeardMachine()
     heard.compensation()
     heard.decision()
-    assert judge(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
     heard.passes(timedelta(seconds=3))
     heard.seen.disappear(heard.now)
-    verdict = judge(heard.seen, within(10.0), heard.now_s)
+    verdict = verdict_of(heard.seen, within(10.0), heard.now_s)
     assert (verdict.colour, verdict.word, verdict.because[0].say) == (Colour.GREY, "word.gone", "because.gone")
     assert verdict.because[0].values == {"at": at(heard.now), "heard": at(BEGAN)}
     assert view(heard.seen, within(10.0), heard.now_s).axes == ()
 
 
 def test_a_machine_that_was_never_heard_says_what_to_do() -> None:
-    verdict = judge(HeardMachine(alive=False).seen, within(10.0), 0.0)
+    verdict = verdict_of(HeardMachine(alive=False).seen, within(10.0), 0.0)
     assert (verdict.word, [said.say for said in verdict.because]) == ("word.never", ["because.never", "do.start"])
 
 
 def test_a_gateway_without_a_grid_step_has_no_data() -> None:
     heard = HeardMachine()
     heard.reading("bed")
-    assert judge(heard.seen, within(10.0), heard.now_s).word == "word.no_data"
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).word == "word.no_data"
 
 
 def test_an_estimate_grows_old_although_the_gateway_is_alive() -> None:
@@ -105,10 +105,10 @@ def test_an_estimate_grows_old_although_the_gateway_is_alive() -> None:
     heard.compensation()
     heard.decision()
     heard.passes(timedelta(minutes=14))
-    assert judge(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
     heard.passes(timedelta(minutes=2))
     heard.reading("bed")
-    assert judge(heard.seen, within(10.0), heard.now_s).word == "word.old"
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).word == "word.old"
     assert view(heard.seen, within(10.0), heard.now_s).axes == ()
 
 
@@ -117,16 +117,16 @@ def test_while_the_control_probes_it_is_not_ready() -> None:
     heard.compensation()
     heard.decision()
     heard.probing("asked")
-    assert judge(heard.seen, within(10.0), heard.now_s).word == "word.probing"
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).word == "word.probing"
     heard.probing("not_wanted", None)
-    assert judge(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
 
 
 def test_the_phase_no_good_is_red_whatever_the_interval() -> None:
     heard = HeardMachine()
     heard.compensation()
     heard.decision(phase="no_good")
-    assert judge(heard.seen, within(1000.0), heard.now_s).colour is Colour.RED
+    assert verdict_of(heard.seen, within(1000.0), heard.now_s).colour is Colour.RED
 
 
 @pytest.mark.parametrize(("measured", "said"), [(False, "because.no_measurement"), (True, "because.no_estimate")])
@@ -135,7 +135,7 @@ def test_an_error_without_an_estimate_leaves_the_interval_unknown(measured: bool
     if measured:
         heard.measurement()
     heard.decision(corrected={"EZ0A": None})
-    verdict = judge(heard.seen, within(10.0), heard.now_s)
+    verdict = verdict_of(heard.seen, within(10.0), heard.now_s)
     assert (verdict.colour, verdict.because[0].say) == (Colour.AMBER, said)
 
 
@@ -143,9 +143,9 @@ def test_a_correction_at_its_bound_or_not_taken_leaves_the_rest_unknown() -> Non
     heard = HeardMachine()
     heard.compensation((0.0, 0.0, 50.0), bounded=(False, False, True))
     heard.decision(corrected={"EZ0A": 70.0})
-    assert judge(heard.seen, within(10.0), heard.now_s).because[0].say == "because.bounded"
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).because[0].say == "because.bounded"
     heard.compensation((0.0, 0.0, 50.0), written=False)
-    assert judge(heard.seen, within(10.0), heard.now_s).because[0].say == "because.not_taken"
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).because[0].say == "because.not_taken"
 
 
 @pytest.mark.parametrize("source", list(Source))
@@ -157,6 +157,20 @@ def test_only_a_step_by_the_prediction_follows_the_estimate(source: Source) -> N
     assert now.offsets_um == (1.0, 2.0, 3.0)
 
 
+@pytest.mark.parametrize("absurd", [1e200, -1e200, 1e6 + 1.0])
+def test_what_no_machine_can_have_counts_as_unknown(absurd: float) -> None:
+    """Squared, such a number is beyond any double."""
+    heard = HeardMachine()
+    heard.compensation((absurd, 0.0, 0.0), (-absurd, 0.0, 0.0))
+    heard.decision(corrected={"EZ0A": absurd}, sigma={"EY0A": absurd})
+    heard.measurement(sigma=absurd)
+    verdict = verdict_of(heard.seen, within(10.0), heard.now_s)
+    assert (verdict.colour, verdict.word) == (Colour.AMBER, "word.unknown")
+    shown = view(heard.seen, within(10.0), heard.now_s)
+    assert [axis.left.n for axis in shown.axes] == [None, 0.0, None]
+    assert shown_course(heard.seen, MATRIX).without[2] == [None]
+
+
 def test_it_says_since_when() -> None:
     heard, times = HeardMachine(), []
     heard.compensation()
@@ -164,7 +178,7 @@ def test_it_says_since_when() -> None:
         times.append(heard.now)
         heard.decision(k, sigma=sigma)
         heard.passes(STEP)
-    verdict = judge(heard.seen, within(8.0), heard.now_s)
+    verdict = verdict_of(heard.seen, within(8.0), heard.now_s)
     assert (verdict.colour, verdict.since) == (Colour.AMBER, times[2])
 
 
@@ -173,10 +187,10 @@ def test_it_says_whether_a_measurement_would_be_enough_and_that_no_forecast_is_p
     heard.compensation()
     heard.measurement(sigma=0.5)
     heard.decision(sigma=9.0)
-    enough = judge(heard.seen, within(5.0), heard.now_s)
-    assert [said.say for said in enough.helps] == ["when.unknown", "help.measure"]
-    too_little = judge(heard.seen, within(0.5), heard.now_s)
-    assert [said.say for said in too_little.helps] == ["when.unknown", "help.measure_not_enough"]
+    enough = verdict_of(heard.seen, within(5.0), heard.now_s)
+    assert [said.say for said in enough.helps] == ["when.no_forecast", "help.measure"]
+    too_little = verdict_of(heard.seen, within(0.5), heard.now_s)
+    assert [said.say for said in too_little.helps] == ["when.no_forecast", "help.measure_not_enough"]
 
 
 def test_what_is_not_armed_is_said_first() -> None:

@@ -1,0 +1,230 @@
+"""The next hours at the tool, from the published forecast, and what would help more: wait, measure or warm up.
+
+A forecast says no more than it has been good for: its ends are widened by how far such forecasts have been off, and
+what has not been compared with what came for long enough is not said.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+
+from gateway.heard import Applied, MachineSeen, applied, believable, instant
+from gateway.telemetry import ForecastMessage, PublishedCourse
+from gateway.web.at_tool import NINETY_FIVE, ToolError, half_width, moved
+from gateway.web.sentences import Amount, Atom, Sentence, Word, at, um
+from talc.frame import BoolArray, FloatArray
+from talc.names import THERMAL_ERRORS
+
+WAIT_S, WARM_S = 1800.0, 7200.0
+"""What waiting is judged after, and how long a warm-up takes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AheadError:
+    """The error at the tool at S later times, (S, 3) each, µm; NaN: unknown."""
+
+    at: tuple[datetime, ...]
+    seconds: tuple[float, ...]
+    without: FloatArray
+    half: FloatArray
+    """Half of the 95 % interval of `without`, with what forecasts have been off."""
+    far: FloatArray
+    """The far end of what is left."""
+    low: FloatArray
+    """The least and the most that `far` will be, by what forecasts have been off."""
+    high: FloatArray
+    measured_far: FloatArray
+    """`far` if the machine is measured now."""
+    waiting_half: FloatArray
+    """Half of the 95 % interval if it is not measured, as the learner says it; likewise if it is measured now."""
+    measured_half: FloatArray
+    usual_far: FloatArray
+    """`far` if the inputs have their usual values from now on."""
+
+    def known(self) -> BoolArray:
+        """(S,) whether earlier forecasts tell how far this one may be off."""
+        return np.asarray(np.isfinite(self.high).all(axis=1), dtype=np.bool_)
+
+
+def ahead(seen: MachineSeen, matrix: FloatArray) -> AheadError | None:
+    """At one place; None: no forecast belongs to the latest estimate."""
+    message = seen.forecast
+    if message is None or seen.decision is None or not message.ahead_s:
+        return None
+    if seen.decision.k - message.k not in (0, 1):  # it follows its decision
+        return None
+    made = instant(message.time)
+    if made is None or not _whole(message):
+        return None
+    now = applied(seen.compensation)
+    value, sigma = _columns(message.stays)
+    usual_value, usual_sigma = _columns(message.usual)
+    measured = _stacked([message.measured[error] for error in THERMAL_ERRORS])
+    missed, sigma_missed = _columns(message.missed)
+    without, half, measured_half = moved(matrix, value), half_width(matrix, sigma), half_width(matrix, measured)
+    left = _left(without, now)
+    far = np.abs(left) + half
+    if now.following:
+        spread = NINETY_FIVE * sigma_missed
+        high = np.abs(left) + half_width(matrix, sigma + spread)
+        low = np.abs(left) + half_width(matrix, np.maximum(sigma - spread, 0.0))
+    else:
+        off = half_width(matrix, missed)
+        high = np.abs(left) + half_width(matrix, np.hypot(sigma, missed))
+        low = np.maximum(np.abs(left) - off, 0.0) + half
+    return AheadError(
+        at=tuple(made + timedelta(seconds=s) for s in message.ahead_s),
+        seconds=message.ahead_s,
+        without=without,
+        half=half_width(matrix, np.hypot(sigma, missed)),
+        far=far,
+        low=low,
+        high=high,
+        measured_far=np.abs(left) + measured_half,
+        waiting_half=half,
+        measured_half=measured_half,
+        usual_far=np.abs(_left(moved(matrix, usual_value), now)) + half_width(matrix, usual_sigma),
+    )
+
+
+def _whole(message: ForecastMessage) -> bool:
+    """Whether each error has a number, or null, for each time; others may publish too."""
+    size = len(message.ahead_s)
+    courses = [
+        column
+        for table in (message.stays, message.usual, message.missed)
+        for error in THERMAL_ERRORS
+        if (course := table.get(error)) is not None
+        for column in (course.value, course.sigma)
+    ] + [message.measured.get(error, []) for error in THERMAL_ERRORS]
+    within = all(0.0 < s < 7 * 86400.0 for s in message.ahead_s)
+    return within and len(courses) == 7 * len(THERMAL_ERRORS) and all(len(column) == size for column in courses)
+
+
+def _columns(courses: dict[str, PublishedCourse]) -> tuple[FloatArray, FloatArray]:
+    """(S, 9) values and sigmas."""
+    own = [courses[error] for error in THERMAL_ERRORS]
+    return _stacked([course.value for course in own]), _stacked([course.sigma for course in own])
+
+
+def _stacked(columns: list[list[float | None]]) -> FloatArray:
+    """(S, 9)"""
+    return np.array([[believable(v) for v in column] for column in columns], dtype=np.float64).T
+
+
+def _left(without: FloatArray, now: Applied) -> FloatArray:
+    """(S, 3) what is left of it, if the control continues as now."""
+    if not now.following:
+        return np.asarray(without - np.array(now.offsets_um), dtype=np.float64)
+    return np.where(np.isnan(without) | np.array(now.bounded), np.nan, np.array(now.to_come_um))
+
+
+def when(coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
+    """When it will be ready, or until when it stays so."""
+    if coming is None:
+        if not ready:
+            yield Sentence("when.no_forecast")
+        return
+    known = coming.known()
+    surely = known & (coming.high <= tolerance_um).all(axis=1)
+    if ready:
+        stays = int(np.argmin(np.append(surely, False)))
+        if stays:
+            yield Sentence("when.stays", {"at": at(coming.at[stays - 1])})
+        return
+    if surely.any():
+        first = int(np.argmax(surely))
+        yield Sentence("when.ready", {"at": at(coming.at[first]), "far": _worst(coming.high[first])})
+        return
+    if not known.any():
+        yield Sentence("when.not_checked")
+        return
+    never = known & (coming.low > tolerance_um).any(axis=1)
+    until = int(np.argmin(np.append(never, False)))
+    if until == len(coming.at):
+        yield Sentence("when.not_within", {"at": at(coming.at[-1])})
+        return
+    if until:
+        yield Sentence("when.not_before", {"at": at(coming.at[until - 1])})
+    off = coming.high - coming.far
+    yield Sentence("when.not_foreseeable", {"off": _worst(off[known])})
+
+
+def _worst(values: FloatArray) -> Amount:
+    return um(float(np.max(values)))
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One thing that may be done."""
+
+    what: str
+    """Key of the catalogue."""
+    far_um: float
+    """The far end of what is then left, in the worst axis; NaN: unknown."""
+    off_um: float
+    """How far that may be wrong."""
+    gain_um: float
+    """Of what is left now."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether it brings more than it may be wrong."""
+        return self.gain_um > self.off_um  # NaN compares false
+
+
+def options(now: ToolError, coming: AheadError) -> tuple[Option, ...]:
+    """Wait, measure, warm up."""
+    seconds = np.array(coming.seconds)
+    soon, later = (int(np.argmin(np.abs(seconds - s))) for s in (WAIT_S, WARM_S))
+    off, here = np.max(coming.high - coming.far, axis=1), float(np.max(now.far))
+    probed = now.far - (coming.far[soon] - coming.measured_far[soon])
+    found = (
+        ("help.wait", float(np.max(coming.far[soon])), float(off[soon])),
+        ("help.probe", float(np.max(probed)), 0.0),
+        ("help.warm", float(np.max(coming.usual_far[later])), float(off[later])),
+    )
+    return tuple(Option(what, far, wrong, here - far) for what, far, wrong in found)
+
+
+def advice(now: ToolError | None, coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
+    """What would help more, and by how much; and when warming up brings nothing more."""
+    if now is None or coming is None or not np.isfinite(now.far).all():
+        return
+    choices = options(now, coming)
+    if not ready:
+        best = max(choices, key=lambda each: each.gain_um if each.counts else -math.inf)
+        if best.counts:
+            yield Sentence("help.best", {"what": Word(best.what), "gain": um(best.gain_um)})
+        for each in choices:
+            yield _said(each, tolerance_um)
+        if not best.counts and all(math.isfinite(each.off_um) for each in choices):
+            yield Sentence("help.nothing")
+    if _settled(now, coming) and not choices[-1].counts:
+        yield Sentence("help.stop")
+
+
+def _said(option: Option, tolerance_um: float) -> Sentence:
+    what = Word(option.what)
+    if not (math.isfinite(option.far_um) and math.isfinite(option.off_um)):
+        return Sentence("help.unforeseeable", {"what": what})
+    values: dict[str, Atom] = {
+        "what": what,
+        "far": um(option.far_um),
+        "gain": um(-option.gain_um, sign=True),
+        "off": um(option.off_um),
+    }
+    if option.far_um + option.off_um <= tolerance_um:
+        return Sentence("help.enough", values)
+    return Sentence("help.option" if option.counts else "help.little", values)
+
+
+def _settled(now: ToolError, coming: AheadError) -> bool:
+    """Whether nothing gained within two hours is larger than the forecast's own error."""
+    near = np.array(coming.seconds) <= WARM_S
+    gain = np.max(now.far) - np.max(coming.far[near], axis=1)
+    off = np.max(coming.high - coming.far, axis=1)[near]
+    return bool(near.any() and (gain <= off).all())  # NaN compares false

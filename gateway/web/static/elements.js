@@ -1,0 +1,35 @@
+// The elements of the page. Texts of others become text nodes, never markup.
+import { sentence, word } from "./words.js";
+
+export const $ = (id) => document.getElementById(id);
+export const make = (tag, text, kind) => {
+  const found = document.createElement(tag);
+  if (text !== undefined) found.textContent = text;
+  if (kind) found.className = kind;
+  return found;
+};
+export const put = (place, text) => { if (place.textContent !== text) place.textContent = text; };
+// A part is drawn again only when it has changed, so that nothing jumps and what is selected stays selected.
+const drawn = new Map();
+export const changed = (id, data) => {
+  const text = JSON.stringify(data);
+  if (drawn.get(id) === text) return false;
+  drawn.set(id, text);
+  return true;
+};
+export const draw = (id, data, nodes) => { if (changed(id, data)) $(id).replaceChildren(...nodes()); };
+export const marked = (mark) => mark ? make("span", word("mark." + mark), "mark m-" + mark) : "";
+
+const colours = ["red", "grey", "amber", "green"];
+export const paint = (place, colour) => {
+  if (place.classList.contains(colour)) return;
+  place.classList.remove(...colours);
+  place.classList.add(colour);
+};
+export const say = (list, kind) => list.map((each) => make("p", sentence(each), kind));
+export const rows = (list) => list.map((row) => {
+  const each = make("div"), value = make("dd", sentence(row.said));
+  value.prepend(marked(row.mark), row.mark ? " " : "");
+  each.append(make("dt", word(row.label)), value);
+  return each;
+});

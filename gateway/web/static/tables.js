@@ -1,0 +1,75 @@
+// What has happened, as tables: events, corrections, and how far measurements scatter.
+import { machine } from "./choice.js";
+import { $, make, put } from "./elements.js";
+import { amount, atom, date, time, word } from "./words.js";
+
+let events = [];
+const showEvents = () => {
+  const kind = $("event-kind").value, part = $("event-text").value.toLowerCase();
+  const shown = events.filter((e) => (!kind || (kind === "notable" ? e.mark : e.kind === kind))
+    && (!part || (e.text + " " + word(e.kind)).toLowerCase().includes(part)));
+  $("events").hidden = !shown.length;
+  $("events-empty").hidden = shown.length > 0;
+  put($("events-empty"), word(events.length ? "events.no_match" : "events.none"));
+  $("events").tBodies[0].replaceChildren(...shown.map((e) => {
+    const row = make("tr"), kindCell = make("td", word(e.kind));
+    if (e.mark) kindCell.className = "kind m-" + e.mark;
+    row.append(make("td", time(e.t), "when"), kindCell, make("td", e.text));
+    return row;
+  }));
+};
+export const takeEvents = (list) => {
+  events = list;
+  const chooser = $("event-kind"), there = new Set([...chooser.options].map((o) => o.value));
+  for (const kind of new Set(list.map((e) => e.kind))) if (!there.has(kind)) {
+    const option = make("option", word(kind));
+    option.value = kind;
+    chooser.append(option);
+  }
+  showEvents();
+};
+
+let fixes = [];
+const showCorrections = () => {
+  const error = $("correction-error").value, shown = fixes.filter((c) => !error || c.error === error);
+  $("corrections").hidden = !shown.length;
+  $("corrections-empty").hidden = shown.length > 0;
+  $("corrections").tBodies[0].replaceChildren(...shown.map((c) => {
+    const row = make("tr");
+    const by = [...c.movers.map(([input, v]) => `${input} ${amount(v)}`), `${word("corrections.rest")} ${amount(c.rest)}`].join(", ");
+    row.append(make("td", time(c.t), "when"), make("td", c.error, "when"), make("td", `${amount({ ...c.estimate, u: "" })} ± ${amount(c.half)}`, "right"),
+      make("td", by), make("td", c.experts.map(([kind, share]) => `${atom(kind)} ${amount(share)}`).join(", ")),
+      make("td", c.measured ? time(c.measured) : "–", "when"));
+    return row;
+  }));
+};
+export const takeCorrections = (list) => {
+  fixes = list;
+  const chooser = $("correction-error"), there = new Set([...chooser.options].map((o) => o.value));
+  for (const error of new Set(list.map((c) => c.error))) if (!there.has(error)) chooser.append(make("option", error));
+  showCorrections();
+};
+
+// By week, from the store: again each hour, and sooner while the gateway does not answer.
+// answers: whether it does
+export const showWeeks = async (answers) => {
+  if (!answers()) { setTimeout(showWeeks, 1000, answers); return; }
+  const answer = await fetch(`/scatter/${encodeURIComponent(machine)}`).catch(() => null);
+  const { weeks, why } = answer && answer.ok ? await answer.json() : { weeks: null, why: word("word.lost") };
+  $("weeks").hidden = !weeks || !weeks.length;
+  $("weeks-empty").hidden = !$("weeks").hidden;
+  put($("weeks-empty"), weeks ? word("weeks.none") : word("weeks.unknown").replace("{why}", why));
+  $("weeks").tBodies[0].replaceChildren(...(weeks || []).map((w) => {
+    const row = make("tr"), begins = make("th", date.format(new Date(w.t * 1e3)));
+    begins.scope = "row";
+    row.append(begins, ...[w.n, w.median, w.most].map((v) => make("td", amount(v), "right")));
+    return row;
+  }));
+  setTimeout(showWeeks, weeks ? 3600e3 : 10e3, answers);
+};
+
+export const readyTables = () => {
+  $("event-kind").addEventListener("change", showEvents);
+  $("event-text").addEventListener("input", showEvents);
+  $("correction-error").addEventListener("change", showCorrections);
+};

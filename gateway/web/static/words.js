@@ -1,0 +1,30 @@
+// Says what the server sends: sentences of the catalogue, numbers and times as the browser's locale writes them.
+const texts = JSON.parse(document.getElementById("texts").textContent);
+
+const has = (key) => Object.hasOwn(texts, key);
+export const word = (key) => has(key) ? texts[key] : key.replace(/^[a-z]+\./, "").replaceAll("_", " ");
+export const clock = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit" });
+const day = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
+export const date = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });
+export const exact = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+export const time = (iso) => {
+  const at = new Date(iso);
+  if (Number.isNaN(at.getTime())) return "–";
+  return (at.toDateString() === new Date().toDateString() ? clock : day).format(at);
+};
+const numbers = new Map();
+export const amount = ({ n, u, d, sign }) => {
+  if (n === null || n === undefined) return "–";
+  const key = d + (sign ? "+" : "");
+  if (!numbers.has(key)) numbers.set(key, new Intl.NumberFormat(undefined, {
+    minimumFractionDigits: d, maximumFractionDigits: d, signDisplay: sign ? "exceptZero" : "auto" }));
+  return numbers.get(key).format(n).replace("-", "\u2212") + (u ? "\u202f" + u : "");
+};
+export const atom = (a) => {
+  if (a === undefined) return "–";
+  if ("w" in a) return word(a.w);
+  if ("s" in a) return a.s;
+  if ("t" in a) return time(a.t);
+  return amount(a);
+};
+export const sentence = ({ say, values }) => word(say).replace(/\{(\w+)\}/g, (_, name) => atom(values[name]));

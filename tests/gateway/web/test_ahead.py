@@ -1,0 +1,142 @@
+"""When a machine will be ready and what would help: samples in, sentences out; the time is an argument."""
+
+from collections.abc import Sequence
+from datetime import timedelta
+
+import pytest
+
+from gateway.web.at_tool import WorkPoint
+from gateway.web.sentences import Amount, Sentence, Word, at
+from gateway.web.verdict import Viewpoint, verdict_of
+from gateway.web.view import shown_course
+from tests.benches.heard import BEGAN, STEP, HeardMachine
+
+MATRIX = WorkPoint(150.0, 0.0, 80.0).matrix(0.15)
+WITHIN = Viewpoint(MATRIX, 10.0)
+
+
+def cooling(after: Sequence[float], *, now: float = 30.0, missed: float | None = 0.0) -> HeardMachine:
+    """A machine that is only watched: EZ0A is `now`, and `after` in 30 min, 2 h and 8 h."""
+    heard = HeardMachine()
+    heard.compensation(mode="advise")
+    heard.decision(corrected={"EZ0A": now})
+    heard.forecast({"EZ0A": after}, missed=missed)
+    return heard
+
+
+def helps(heard: HeardMachine, viewpoint: Viewpoint = WITHIN) -> dict[str, Sentence]:
+    return {said.say: said for said in verdict_of(heard.seen, viewpoint, heard.now_s).helps}
+
+
+def amount(said: Sentence, name: str) -> float:
+    found = said.values[name]
+    assert isinstance(found, Amount)
+    assert found.n is not None
+    return found.n
+
+
+def test_it_is_ready_when_the_whole_interval_comes_within_the_tolerance() -> None:
+    said = helps(cooling((20.0, 8.0, 2.0)))["when.ready"]
+    assert said.values["at"] == at(BEGAN + timedelta(hours=2))
+    # 8 µm and 1.96 times the root of what EZ0A, EZ0T and the tilts at 150 mm add at 0.1 each
+    assert 8.2 < amount(said, "far") < 8.7
+
+
+def test_a_forecast_that_may_be_off_by_more_than_it_says_promises_nothing() -> None:
+    """8 µm ± 5.9: it may be ready in two hours, and may not be in eight."""
+    heard = cooling((20.0, 8.0, 2.0), missed=3.0)
+    said = helps(heard)
+    assert "when.ready" not in said
+    assert said["when.not_before"].values["at"] == at(BEGAN + timedelta(minutes=30))
+    assert amount(said["when.not_foreseeable"], "off") > 1.96 * 3.0
+
+
+@pytest.mark.parametrize("absurd", [1e200, -1e200])
+def test_a_forecast_of_what_no_machine_can_have_promises_nothing(absurd: float) -> None:
+    """Squared, such a number is beyond any double."""
+    heard = cooling((absurd, 8.0, 2.0), missed=abs(absurd))
+    heard.forecast({"EZ0A": (20.0, absurd, 2.0)}, sigma=absurd, measured=absurd)
+    assert not {"when.ready", "help.best", "help.enough"} & helps(heard).keys()
+    assert shown_course(heard.seen, MATRIX).ahead_t == []
+
+
+def test_what_was_not_yet_compared_with_what_came_is_not_said() -> None:
+    heard = cooling((20.0, 8.0, 2.0), missed=None)
+    said = helps(heard)
+    assert {"when.not_checked", "help.unforeseeable"} <= said.keys()
+    assert not {"when.ready", "help.best", "help.nothing", "help.stop"} & said.keys()
+    assert shown_course(heard.seen, MATRIX).ahead_t == []
+
+
+def test_a_machine_that_does_not_come_within_the_tolerance_says_so() -> None:
+    said = helps(cooling((30.0, 29.0, 28.0), missed=0.5))
+    assert said["when.not_within"].values["at"] == at(BEGAN + timedelta(hours=8))
+
+
+def test_a_ready_machine_says_until_when_it_stays_so() -> None:
+    heard = cooling((3.0, 8.0, 20.0), now=2.0)
+    assert helps(heard)["when.stays"].values["at"] == at(BEGAN + timedelta(hours=2))
+    assert "when.stays" not in helps(cooling((12.0, 8.0, 2.0), now=2.0))
+
+
+def test_what_helps_most_is_said_first_and_by_how_much() -> None:
+    """Waiting takes 10 µm off; the heat that is usual 28."""
+    heard = cooling((20.0, 18.0, 17.0), missed=0.1)
+    heard.forecast({"EZ0A": (20.0, 18.0, 17.0)}, missed=0.1, usual={"EZ0A": (10.0, 2.0, 2.0)})
+    said = verdict_of(heard.seen, WITHIN, heard.now_s).helps
+    best = next(each for each in said if each.say == "help.best")
+    assert best.values["what"] == Word("help.warm")
+    assert amount(best, "gain") == pytest.approx(28.0, abs=0.01)
+    by_option = {each.values["what"]: each for each in said if "what" in each.values and each.say != "help.best"}
+    assert by_option[Word("help.wait")].say == "help.option"
+    assert amount(by_option[Word("help.wait")], "gain") == pytest.approx(-10.0, abs=0.01)
+    assert by_option[Word("help.probe")].say == "help.little", "an interval as narrow as before"
+    assert by_option[Word("help.warm")].say == "help.enough"
+    assert "help.stop" not in [each.say for each in said]
+
+
+def test_a_corrected_machine_is_helped_by_a_measurement() -> None:
+    """It follows the estimate: only the estimate's uncertainty is left, which a measurement narrows."""
+    heard = HeardMachine()
+    heard.compensation((0.0, 0.0, 30.0))
+    heard.decision(corrected={"EZ0A": 30.0}, sigma=5.0)
+    heard.forecast({"EZ0A": (60.0, 90.0, 90.0)}, sigma=5.0, measured=0.5, missed=0.2)
+    said = helps(heard)
+    assert said["help.best"].values["what"] == Word("help.probe")
+    assert said["help.enough"].values["what"] == Word("help.probe")
+    assert "when.not_within" in said, "however the error itself moves"
+
+
+def test_warming_up_is_to_stop_when_more_of_it_brings_nothing() -> None:
+    assert "help.stop" in helps(cooling((3.0, 3.0, 3.0), now=3.0, missed=0.5))
+    assert "help.stop" not in helps(cooling((3.0, 1.0, 1.0), now=6.0, missed=0.5))
+
+
+@pytest.mark.parametrize("spoilt", ["another step", "too short", "no error", "absurd time"])
+def test_a_forecast_that_does_not_fit_the_latest_estimate_is_none(spoilt: str) -> None:
+    heard = cooling((20.0, 8.0, 2.0))
+    match spoilt:
+        case "another step":
+            heard.passes(2 * STEP)
+            heard.decision(2, corrected={"EZ0A": 30.0})
+        case "too short":
+            heard.forecast({"EZ0A": (20.0, 8.0)})
+        case "no error":
+            assert heard.seen.forecast is not None
+            heard.seen.forecast.stays.pop("EZ0A")
+        case _:
+            heard.forecast({}, ahead_s=(1e300, 1e301, 1e302))
+    assert "when.no_forecast" in helps(heard)
+
+
+def test_the_chart_goes_on_with_the_forecast_and_its_band() -> None:
+    heard = cooling((20.0, 8.0, 2.0), missed=2.0)
+    course = shown_course(heard.seen, MATRIX)
+    assert course.ahead_t == [(BEGAN + timedelta(hours=h)).timestamp() for h in (0.0, 0.5, 2.0, 8.0)]
+    assert course.ahead[2] == [30.0, 20.0, 8.0, 2.0]
+    now, *later = (half for half in course.ahead_half[2])
+    assert now is not None
+    assert now < 1.0
+    assert all(half is not None and half > 1.96 * 2.0 for half in later)
+    heard.seen.disappear(heard.now)
+    assert shown_course(heard.seen, MATRIX).ahead_t == []

@@ -1,0 +1,88 @@
+"""What was before the page's program heard anything: asked of the gateway, at the chosen point."""
+
+from datetime import UTC
+from typing import Any, cast
+
+import pytest
+from starlette.testclient import TestClient
+
+from gateway.heard import SiteSeen, SiteSubscription
+from gateway.telemetry import CoursePage, PublishedCourse
+from gateway.web import WebSettings, build_app
+from talc.names import THERMAL_ERRORS
+from tests.benches.heard import BEGAN
+from tests.benches.stored_elsewhere import StoredElsewhere
+
+FROM_S = BEGAN.timestamp()
+SPAN = {"from": str(FROM_S - 3600.0), "to": str(FROM_S)}
+
+
+def stored(value: float | None = 30.0) -> CoursePage:
+    """Two estimates: EZ0A is 30 µm, then `value`; and a measurement of zero."""
+
+    def errors(values: list[float | None]) -> dict[str, PublishedCourse]:
+        nothing: list[float | None] = [0.0] * len(values)
+        return {e: PublishedCourse(values if e == "EZ0A" else nothing, nothing) for e in THERMAL_ERRORS}
+
+    return CoursePage([FROM_S - 600.0, FROM_S - 300.0], errors([30.0, value]), [FROM_S - 500.0], errors([0.0]))
+
+
+def page(source: StoredElsewhere | None) -> TestClient:
+    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+    return TestClient(
+        build_app(site, WebSettings(), cast(SiteSubscription | None, source)), base_url="http://localhost"
+    )
+
+
+def test_it_is_shown_at_the_chosen_point_in_columns() -> None:
+    source = StoredElsewhere(lambda: stored(None))
+    answer = page(source).get("/past/mill", params=SPAN | {"x": "200", "z": "50"})
+    shown: dict[str, Any] = answer.json()
+    assert shown["t"] == [FROM_S - 600.0, FROM_S - 300.0]
+    assert shown["without"][2] == [30.0, None]
+    assert (shown["measured_t"], shown["measured"][2]) == ([FROM_S - 500.0], [0.0])
+    ((machine, begin, end, limit),) = source.asked
+    assert (machine, end, (end - begin).total_seconds(), limit) == ("mill", BEGAN.astimezone(UTC), 3600.0, 500)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {},
+        {"from": "x", "to": "1"},
+        {"from": "nan", "to": "nan"},
+        {"from": "2e9", "to": "1e9"},
+        {"from": "0", "to": "1e9"},
+        {"from": "1e9", "to": "1e30"},
+        SPAN | {"x": "far"},
+    ],
+)
+def test_a_span_that_is_none_is_refused_and_nobody_asked(asked: dict[str, str]) -> None:
+    source = StoredElsewhere(stored)
+    assert page(source).get("/past/mill", params=asked).status_code == 400
+    assert source.asked == []
+
+
+def test_what_the_gateway_says_when_it_cannot_is_passed_on_as_text() -> None:
+    def refuse() -> CoursePage:
+        raise OSError("course: <b>no such file</b>")
+
+    answer = page(StoredElsewhere(refuse)).get("/past/mill", params=SPAN)
+    assert (answer.status_code, answer.text) == (503, "course: <b>no such file</b>")
+    assert answer.headers["content-type"].startswith("text/plain")
+
+
+@pytest.mark.parametrize("spoilt", ["short", "none"])
+def test_an_answer_with_columns_of_other_lengths_is_refused_and_one_without_errors_is_unknown(spoilt: str) -> None:
+    short = {"EZ0A": PublishedCourse([1.0], [1.0])} if spoilt == "short" else {}
+    answer = page(StoredElsewhere(lambda: CoursePage([1.0, 2.0], short, [], {}))).get("/past/mill", params=SPAN)
+    if spoilt == "short":
+        assert answer.status_code == 503
+    else:
+        assert answer.json()["without"][2] == [None, None]
+
+
+def test_without_a_connection_and_for_a_name_that_no_machine_can_have_there_is_none() -> None:
+    assert page(None).get("/past/mill", params=SPAN).status_code == 503
+    assert page(StoredElsewhere(stored)).get("/past/a%20b", params=SPAN).status_code == 404
+    assert page(StoredElsewhere(stored)).post("/past/mill", params=SPAN).status_code == 405
