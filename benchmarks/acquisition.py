@@ -11,8 +11,8 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -86,7 +86,7 @@ def _children(pid: int) -> set[str]:
     return {c for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()}
 
 
-class _Subscriber:
+class _MessageCounter:
     """A subscriber that counts messages, and records when it first had a good value of every channel."""
 
     def __init__(self, channels: Collection[str]) -> None:
@@ -109,7 +109,7 @@ class _Subscriber:
 def measured(path: Path, *, training: bool = False) -> Cost:
     """Run the service of a configuration and measure it once it has settled."""
     config = load(path)
-    ear = _Subscriber([channel.name for channel in config.channels])
+    ear = _MessageCounter([channel.name for channel in config.channels])
     with zenoh.open(_listening()) as session:
         subscriber = session.declare_subscriber("talc/**", ear)
         launched = time.monotonic()
@@ -135,34 +135,79 @@ def _wait_for_child(pid: int) -> None:
         time.sleep(0.1)
 
 
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """What a program used in successive windows of time."""
+
+    shares: Sequence[float]
+    """Of one core."""
+    waits: Sequence[float]
+    """Share of the time in which its main thread was ready but other programs had the cores."""
+    ends: Sequence[tuple[float, float]]
+    """Begin and end of each, s since 1970."""
+    resident_mb: float
+    """At the end."""
+
+
+def _windows(pid: int, window_s: float) -> Windows:
+    """Watch a running program."""
+    shares, waits, marks = list[float](), list[float](), [time.time()]
+    for _ in range(_WINDOWS):
+        used, waited, begun = _ticks(pid), _waited_s(pid), time.monotonic()
+        time.sleep(window_s)
+        took = time.monotonic() - begun
+        shares.append((_ticks(pid) - used) / took)
+        waits.append((_waited_s(pid) - waited) / took)
+        marks.append(time.time())
+    return Windows(shares, waits, list(pairwise(marks)), _resident_mb(pid))
+
+
+def run_in_windows(
+    command: Sequence[str], folder: Path, settle_s: float, window_s: float, environment: Mapping[str, str] | None = None
+) -> Windows:
+    """Run a program in a folder, watch it once it has settled, and end it."""
+    program = subprocess.Popen(command, cwd=folder, env=environment)
+    try:
+        time.sleep(settle_s)
+        if program.poll() is not None:
+            raise RuntimeError(f"{command} ended with {program.returncode}")
+        return _windows(program.pid, window_s)
+    finally:
+        program.terminate()
+        try:
+            program.wait(_READY_S)
+        except subprocess.TimeoutExpired:
+            program.kill()
+            program.wait()
+
+
 def _measured(path: Path, config: GatewayConfig, training: bool) -> Cost:
-    shares, waits, marks = [], [], list[float]()
     service = subprocess.Popen([sys.executable, "-m", "gateway", "run", str(path)])
     try:
         time.sleep(_SETTLE_S)
         if training:
             _wait_for_child(service.pid)
         trainer = _children(service.pid)
-        marks.append(time.time())
-        for _ in range(_WINDOWS):
-            used, waited, begun = _ticks(service.pid), _waited_s(service.pid), time.monotonic()
-            time.sleep(_WINDOW_S)
-            took = time.monotonic() - begun
-            shares.append((_ticks(service.pid) - used) / took)
-            waits.append((_waited_s(service.pid) - waited) / took)
-            marks.append(time.time())
-        resident, trained = _resident_mb(service.pid), bool(trainer & _children(service.pid))
+        used = _windows(service.pid, _WINDOW_S)
+        trained = bool(trainer & _children(service.pid))
     finally:
         service.terminate()
         service.wait(30.0)
     if service.returncode != 0:
         raise RuntimeError(f"the service of {path} ended with {service.returncode}")
-    late = [_late_p99_ms(config, since, until) for since, until in pairwise(marks)]
-    return Cost(median(shares), resident, median(late), max(late), trained, median(waits))
+    late = [_late_p99_ms(config, since, until) for since, until in used.ends]
+    return Cost(median(used.shares), used.resident_mb, median(late), max(late), trained, median(used.waits))
 
 
 def _late_p99_ms(config: GatewayConfig, since: float, until: float) -> float:
     """p99 of |interval - period| over the good readings of a window, given by its wall-clock ends."""
+    times = readings_of(config, since, until)
+    late = [np.abs(np.diff(times[channel.name]) - channel.period_s) for channel in config.channels]
+    return float(np.percentile(np.concatenate(late), 99)) * 1e3
+
+
+def readings_of(config: GatewayConfig, since: float, until: float) -> dict[str, list[float]]:
+    """When each channel had a good reading between these, by the service's store; s since 1970."""
     times: dict[str, list[float]] = {channel.name: [] for channel in config.channels}
     with closing(sqlite3.connect(config.storage.path)) as database:
         for channel, at in database.execute(
@@ -170,8 +215,12 @@ def _late_p99_ms(config: GatewayConfig, since: float, until: float) -> float:
             (since, until),
         ):
             times[channel].append(at)
-    late = [np.abs(np.diff(times[channel.name]) - channel.period_s) for channel in config.channels]
-    return float(np.percentile(np.concatenate(late), 99)) * 1e3
+    return times
+
+
+def emulated() -> AbstractContextManager[dict[str, Any]]:
+    """The devices of the 500 channels, and where they are."""
+    return _process("benchmarks.emulators")
 
 
 @contextmanager
@@ -296,7 +345,7 @@ def _bench_rows() -> list[BenchRow]:
 
 
 def _buses_rows() -> list[BenchRow]:
-    with _process("benchmarks.emulators") as addresses, TemporaryDirectory() as name:
+    with emulated() as addresses, TemporaryDirectory() as name:
         quiet = measured(buses_config(Path(name), addresses))
         path = buses_config(Path(name), addresses, _LONG_TRAINING)
         Path(name, "gateway.sqlite").unlink()

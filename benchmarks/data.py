@@ -8,7 +8,17 @@ import numpy as np
 
 from simulators.cases import SEASONS, random_axes
 from simulators.nc import LoadCase
-from simulators.plant import MACHINES, MachineDrive, Plant, PlantParameters, assemble, load, record, reduced, tables
+from simulators.plant import (
+    MACHINES,
+    MachineDrive,
+    Plant,
+    PlantParameters,
+    assemble_machine,
+    load_machine,
+    machine_tables,
+    record_drive,
+    reduced,
+)
 from studies import Days, days
 
 _IDLE_S = 12 * 3600.0
@@ -19,8 +29,8 @@ def varied(seed: int) -> PlantParameters:
     conduction, films, masses, losses, expansion and lags scattered by 20-35 % (lognormal)."""
     name = MACHINES[seed % len(MACHINES)]
     if seed < len(MACHINES):
-        return load(name)
-    chosen, draw = tables(name), np.random.default_rng([seed, 77])
+        return load_machine(name)
+    chosen, draw = machine_tables(name), np.random.default_rng([seed, 77])
     table = deepcopy(chosen.machine)
     for section, keys, sigma in (
         ("node", ("mass_kg",), 0.25),
@@ -39,7 +49,7 @@ def varied(seed: int) -> PlantParameters:
         body: replace(model, C=model.C * _scatter(draw, 0.25), K=model.K * _scatter(draw, 0.35))
         for body, model in reduced(chosen.reduced).items()
     }
-    return assemble(table, bodies)
+    return assemble_machine(table, bodies)
 
 
 def _scatter(draw: np.random.Generator, sigma: float) -> float:
@@ -61,7 +71,7 @@ def machine(
     drives = random_axes(seed, steps) if kind == "axes" else _day(seed, steps)
     if off is not None:
         drives = [MachineDrive(powered=False) if off(k) else drive for k, drive in enumerate(drives)]
-    series = record(plant, drives)
+    series = record_drive(plant, drives)
     inputs = series.inputs
     if noise_seed is not None:
         draw = np.random.default_rng([noise, 9])

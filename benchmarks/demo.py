@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime, timedelta
+from typing import Literal
 
 import numpy as np
 
@@ -21,11 +22,12 @@ from gateway.probing import End, Probe, ProbingSchedule, Standing, probe_of
 from gateway.report import ReportData, Summary, Truth, summary
 from simulators.bench.machine import BenchMachine
 from simulators.nc import MachineState
-from simulators.plant import RADIUS_MM, load
+from simulators.plant import RADIUS_MM, load_machine
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame, Measurement
 from talc.indicators import reduction
 from talc.settings import TalcSettings
+from talc.training import train
 
 SEEDS = range(1, 21)
 _HOURS = 72.0
@@ -69,16 +71,17 @@ class DemoLoop:
     ----------
     seed: of weather, loads and noise
     hours: of simulated time
+    method: `models` are trained between two steps, which on a machine takes seconds
     """
 
-    def __init__(self, seed: int, hours: float) -> None:
+    def __init__(self, seed: int, hours: float, method: Literal["learner", "models"] = "learner") -> None:
         self._clock = _TimeByHand()
         self._machine = BenchMachine(seed, self._clock, hours)
         self._nck = self._machine.control.nck
-        self._channels = load().channels
+        self._channels = load_machine().channels
         names = (*self._channels, "spindle_growth", *_STATES)
         self._names = names
-        self._controller = Controller(names, TalcSettings(method="learner"), _GRID_S)
+        self._controller = Controller(names, TalcSettings(method=method), _GRID_S)
         self._plan = ProbingSchedule(
             prefer_idle_s=_PROBING.prefer_idle_s,
             insist_after_s=_PROBING.insist_after_s,
@@ -175,6 +178,8 @@ class DemoLoop:
         decision = self._controller.step(frame)
         self._frames.append(frame)
         self._decisions.append(decision)
+        if decision.training is not None:
+            self._controller.adopt(train(decision.training))
         self._plan.want(decision.measure, self._clock.now)
         self._look_from = self._clock.now + _GRID_S - _PROBING.lead_s
 
@@ -229,13 +234,14 @@ def table(found: Sequence[Summary]) -> Iterator[BenchRow]:
         ):
             without, left = zip(*figures, strict=True)
             less = [reduction(*pair) for pair in figures]
-            beside = f"{_range(without)} without; {_range(less, 0)} % less"
-            yield BenchRow(f"{name}, {kind}, {unit}", _range(left), beside)
-    yield BenchRow("measurements", _range([float(s.measurements) for s in found], 0))
-    yield BenchRow("productivity Pd, %", _range([s.productivity for s in found], 1))
+            beside = f"{spread(without)} without; {spread(less, 0)} % less"
+            yield BenchRow(f"{name}, {kind}, {unit}", spread(left), beside)
+    yield BenchRow("measurements", spread([float(s.measurements) for s in found], 0))
+    yield BenchRow("productivity Pd, %", spread([s.productivity for s in found], 1))
 
 
-def _range(values: Sequence[float], digits: int = 2) -> str:
+def spread(values: Sequence[float], digits: int = 2) -> str:
+    """Median, and range in brackets."""
     return f"{np.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 

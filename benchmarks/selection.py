@@ -15,7 +15,7 @@ from talc.control import Controller
 from talc.criteria import adapted_bic
 from talc.frame import Frame, Measurement, TrainingJob, Why
 from talc.models import ModelSet
-from talc.pso import select
+from talc.pso import select_by_swarm
 from talc.settings import TalcSettings, TrainingSettings
 from talc.training import train
 from talc.window import Structure, Window
@@ -84,7 +84,7 @@ def rows() -> list[BenchRow]:
     scaled = (u - u.mean(axis=0)) / u.std(axis=0)
     regression = Regression(Window(scaled, y, y, float(day.measured[:, 1].std())), 5, 5)
     # A swarm converges to candidates that are cheaper than random ones; compare only like with like.
-    ours = median_s(partial(select, regression, seed=0, swarm=_PLACED, iterations=0), 3) / _PLACED
+    ours = median_s(partial(select_by_swarm, regression, seed=0, swarm=_PLACED, iterations=0), 3) / _PLACED
     textbook = {}
     for loop in (True, False):
         draw = np.random.default_rng(0)

@@ -17,10 +17,8 @@ from gateway.acquisition import Sample
 from gateway.config import GatewayConfig, parse
 from gateway.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.nc import Source, Step, Write
-from gateway.past import Past, past_in
+from gateway.past import Past, SnapshotKeeper, controller_of, past_in
 from gateway.probing import Outcome
-from gateway.rebuild import controller_of
-from gateway.snapshots import SnapshotKeeper
 from gateway.storage import Store
 from talc.frame import Frame, Measurement, Why
 
@@ -28,7 +26,7 @@ _DEVICES, _EACH = 7, 4
 _CHANNELS, _STEP_S, _STEPS_A_YEAR = _DEVICES * _EACH, 300, 365 * 288
 _REAL_S = 400
 """At the real pace; the log is checkpointed several times."""
-_AT_ONCE, _DECIDED = 20_000, 300
+_AT_ONCE, _DECIDED, _RESTARTS = 20_000, 300, 7
 _TEXT = """
 [machine]
 name = "mill"
@@ -68,22 +66,29 @@ def rows() -> list[BenchRow]:
                 "written to the disk in a day, 28 channels at 1 Hz", f"{wear(Path(folder)):.2f} GB", "", "≤ 0.5 GB"
             )
         ]
-    for years in (1.0, 5.0):
-        with tempfile.TemporaryDirectory(dir=".") as folder:
-            config = config_in(Path(folder))
-            fill(config, years)
-            size = config.storage.path.stat().st_size / 1e6
-            done = subprocess.run([sys.executable, "-c", _RESTART, folder], check=True, capture_output=True, text=True)
-            found = json.loads(done.stdout)
-            table.append(
-                BenchRow(
-                    f"restart on a {years:g}-year record ({size:.0f} MB): controller there, first decision",
-                    f"{found['rebuilt_s']:.2f} s, {found['decided_s']:.2f} s",
-                    f"of which {found['imported_s']:.2f} s to import; {found['memory_mb']:.0f} MB of memory",
-                    "≤ 3 s, ≤ 6 s",
-                )
-            )
-    return table
+    return [*table, restart_row(1.0), restart_row(5.0)]
+
+
+def restart_row(years: float) -> BenchRow:
+    """Several restarts on one record, one after the other; the median of each figure."""
+    with tempfile.TemporaryDirectory(dir=".") as folder:
+        config = config_in(Path(folder))
+        fill(config, years)
+        size = config.storage.path.stat().st_size / 1e6
+        command = [sys.executable, "-c", _RESTART, folder]
+        done = [
+            json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+            for _ in range(_RESTARTS)
+        ]
+    found = {name: float(np.median([one[name] for one in done])) for name in done[0]}
+    slowest_s = max(one["decided_s"] for one in done)
+    return BenchRow(
+        f"restart on a {years:g}-year record ({size:.0f} MB), median of {_RESTARTS}: controller there, first decision",
+        f"{found['rebuilt_s']:.2f} s, {found['decided_s']:.2f} s",
+        f"{found['processor_s']:.2f} s of processor time; {found['imported_s']:.2f} s to import; slowest"
+        f" {slowest_s:.2f} s; {found['memory_mb']:.0f} MB of memory at most",
+        "≤ 3 s, ≤ 6 s",
+    )
 
 
 def wear(folder: Path, real_s: int = _REAL_S) -> float:
@@ -188,4 +193,4 @@ def restart(folder: str) -> None:
         decided_s = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks
     peak = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmHWM"))
     found = {"rebuilt_s": rebuilt_s, "decided_s": decided_s, "memory_mb": int(peak.split()[1]) / 1024}
-    print(json.dumps({**found, "imported_s": imported_s}))
+    print(json.dumps({**found, "imported_s": imported_s, "processor_s": time.process_time()}))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from simulators.cases import long_term
-from simulators.plant import MachineDrive, Plant, PlantRecording, load, record
+from simulators.plant import MachineDrive, Plant, PlantRecording, load_machine, record_drive
 from studies.adaptive_inputs_report import report
 from studies.frame import RunParameters, Study
 from studies.loop import TEMPERATURES, Course, Days, control, days, held, regressed
@@ -85,13 +85,13 @@ def plainly_measured(here: Days) -> BoolArray:
 def series(seed: int, repetition: int, small: bool) -> Days:
     """The three seasons one after the other; errors count from the start of the first."""
     parts: list[PlantRecording] = []
-    parameters, first = load(), None
+    parameters, first = load_machine(), None
     for n, stretch in enumerate(long_term(seed, step_s=STEP_S)[: 1 if small else None]):
         plant = Plant(parameters, stretch.environment, 10 * seed + n)
         plant.advance(IDLE_S, MachineDrive())
         plant.zero(first)
         first = first or plant
-        parts.append(record(plant, stretch.drives[: SMALL_STEPS if small else None], STEP_S))
+        parts.append(record_drive(plant, stretch.drives[: SMALL_STEPS if small else None], STEP_S))
     inputs, truth = np.concatenate([p.inputs for p in parts]), np.concatenate([p.errors for p in parts])
     draw = np.random.default_rng([seed, repetition, 12])
     size = np.zeros(inputs.shape[1])

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simulators.three_body import DRIFTS, SENSORS, SOURCES, load
+from simulators.three_body import DRIFTS, SENSORS, SOURCES, load_reduced
 from studies.arx_vs_static_report import report
 from studies.frame import RunParameters, Study
 from talc import indicators
@@ -70,7 +70,7 @@ def recordings(parameters: RunParameters) -> list[tuple[FloatArray, FloatArray, 
     loads = [heat(rng), heat(rng)]
     made = []
     for load_case in loads:
-        drift, sensors = load().respond(load_case)
+        drift, sensors = load_reduced().respond(load_case)
         read, measured = sensors[:, chosen], drift
         if parameters["noise"]:
             noisy = read + rng.normal(0.0, TEMPERATURE_NOISE_K, read.shape)
@@ -88,13 +88,13 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
         axis = DRIFTS.index(direction)
         predicted = predictions(direction, u, y[:, axis], new_u, new_y[:, axis])
         result[direction] = {
-            model: None if values is None else judge(truth[REST:, axis], values[REST:])
+            model: None if values is None else judge_forecast(truth[REST:, axis], values[REST:])
             for model, values in predicted.items()
         }
     return result
 
 
-def judge(truth: FloatArray, predicted: FloatArray) -> dict[str, float]:
+def judge_forecast(truth: FloatArray, predicted: FloatArray) -> dict[str, float]:
     """PV as a share of the drift's own peak-to-peak, %; RMSE and P99, µm; SMAPE, %."""
     left = truth - predicted
     return {

@@ -103,7 +103,7 @@ def _claim(runs: list[Run], sensors: str, noise: bool) -> Claim:
 
 
 def _default_way(runs: list[Run], conditions: list[tuple[str, bool]]) -> Claim:
-    """Ours, against the paper's model and against the same model fitted in free run."""
+    """Our models, against the paper's model and against the same model fitted in free run."""
     places = [(d, s, n) for d in PAPER for s, n in conditions]
     ours, plain, refined = (
         np.array([_median(_at(runs, s, n), d, model, "RMSE") for d, s, n in places])
@@ -117,7 +117,7 @@ def _default_way(runs: list[Run], conditions: list[tuple[str, bool]]) -> Claim:
     worst = max(finite, key=lambda i: ours[i] / plain[i])
     ran_away = ", ".join(names[i] for i in np.flatnonzero(diverged))
     return Claim(
-        "(ours) The gateway's default way is better than ARX by least squares",
+        "(ours) The gateway's models (output error) are better than ARX by least squares",
         "not asked",
         f"RMSE: in {better} of {len(finite)} medians"
         + (f", and where ARX ran away ({ran_away})" if ran_away else "")

@@ -5,7 +5,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -23,6 +23,8 @@ from studies.page import Origin, Report, write
 
 RunParameters = Mapping[str, Any]
 """JSON-able; contains everything that a run depends on, including its seed."""
+Only = Mapping[str, Sequence[str]]
+"""Parameter to the values, as text, of the runs that are wanted."""
 _PHYSICS = ("plant", "cases", "three_body")
 """Packages of the simulators that studies use."""
 _CODE = {".py", ".json", ".toml", ".cpp", ".hpp"}
@@ -88,19 +90,44 @@ def key(study: Study, parameters: RunParameters) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()[:20]
 
 
-def carry_out(study: Study, folder: Path, seed: int, small: bool, workers: int) -> Iterator[tuple[int, int]]:
+def carry_out(
+    study: Study, folder: Path, seed: int, small: bool, workers: int, only: Only | None = None
+) -> Iterator[tuple[int, int]]:
     """Do what is not done yet, then write the report. Yields (runs done, runs in all), first those already there.
 
-    A study that was stopped continues where it was. ValueError: no worker. An exception of a run ends the study.
+    A study that was stopped continues where it was. ValueError: no worker; `only` names a parameter or a value that no
+    run has. An exception of a run ends the study.
     """
     if workers < 1:
         raise ValueError(f"workers = {workers}: expected 1 or more")
+    only = only or {}
+    wanted = chosen(study.runs(seed, small), only)
     kept = folder / "runs"
     kept.mkdir(parents=True, exist_ok=True)
-    runs = yield from _do(study, kept, study.runs(seed, small), workers, 0)
+    runs = yield from _do(study, kept, wanted, workers, 0)
     if study.then is not None:
         runs += yield from _do(study, kept, study.then(runs), workers, len(runs))
-    write(folder, study.summary, study.report(runs), _origin(study, runs, seed, small, workers))
+    again = f"python -m studies {study.name} --seed {seed}" + (" --small" if small else "")
+    again += "".join(f" --only {name}={','.join(values)}" for name, values in only.items())
+    write(folder, study.summary, study.report(runs), _origin(study, runs, again, workers, whole=not (small or only)))
+
+
+def chosen(runs: list[RunParameters], only: Only) -> list[RunParameters]:
+    """Those with one of the values of each parameter in `only`, or without that parameter.
+
+    ValueError: no run has the parameter or the value.
+    """
+    for name, values in only.items():
+        there = list(dict.fromkeys(str(run[name]) for run in runs if name in run))
+        unknown = [value for value in values if value not in there]
+        if not there:
+            raise ValueError(
+                f"{name}: no run has it; expected one of {', '.join(dict.fromkeys(n for r in runs for n in r))}"
+            )
+        if unknown:
+            raise ValueError(f"{name}={','.join(unknown)}: expected of {', '.join(there)}")
+        runs = [run for run in runs if name not in run or str(run[name]) in values]
+    return runs
 
 
 def _do(
@@ -160,22 +187,22 @@ def _keep(file: Path, content: Mapping[str, Any]) -> None:
     part.replace(file)
 
 
-def _origin(study: Study, runs: list[Run], seed: int, small: bool, workers: int) -> Origin:
+def _origin(study: Study, runs: list[Run], again: str, workers: int, *, whole: bool) -> Origin:
     packages = ", ".join(f"{p} {version(p)}" for p in ("talc-gateway", "numpy", "scipy", "osqp"))
     return Origin(
         runs=len(runs),
-        seed=seed,
+        seed=runs[0].parameters["seed"],
         versions=packages,
         code=code_fingerprint(study.run.__module__)[:8],
-        took=_took(study, runs, small, workers),
-        again=f"python -m studies {study.name} --seed {seed}" + (" --small" if small else ""),
+        took=_took(study, runs, workers, whole=whole),
+        again=again,
         date=f"{datetime.now(UTC):%Y-%m-%d}",
     )
 
 
-def _took(study: Study, runs: list[Run], small: bool, workers: int) -> str:
+def _took(study: Study, runs: list[Run], workers: int, *, whole: bool) -> str:
     """The total time of all runs divided among the workers, even over several sessions; with the goal, if any."""
-    goal = "" if study.goal_min is None or small else f" (goal: {study.goal_min:g} min on 2)"
+    goal = "" if study.goal_min is None or not whole else f" (goal: {study.goal_min:g} min on 2)"
     known = [run.seconds for run in runs if run.seconds is not None]
     if len(known) < len(runs):
         return f"time not kept{goal}"

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -14,6 +15,8 @@ from markupsafe import Markup
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+_PROSE_WIDTH = 120
+"""As of all pages."""
 _STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "talc-gateway",
@@ -150,7 +153,7 @@ def write(folder: Path, title: str, report: Report, origin: Origin) -> None:
 def summary(report: Report, origin: Origin) -> str:
     """The block of docs/results.md."""
     made = f"`{origin.again}`, {origin.runs} runs, {origin.took}, code {origin.code}, {origin.date}"
-    return f"{report.summary.markdown()}\n{made}\n"
+    return f"{report.summary.markdown()}\n{fill(made, _PROSE_WIDTH, break_long_words=False, break_on_hyphens=False)}\n"
 
 
 def renew(results: Path, name: str, text: str) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from simulators.cases import Letter, table_and_fluid
-from simulators.plant import MACHINES, MachineDrive, Plant, load, record
+from simulators.plant import MACHINES, MachineDrive, Plant, load_machine, record_drive
 from studies.frame import Run, RunParameters, Study
 from studies.loop import Course, Days, control, days, fitted_in_hindsight, held, regressed
 from studies.parameters_points import chosen_sets, name_of
@@ -96,10 +96,10 @@ def then(first: list[Run]) -> list[RunParameters]:
 def series(case: Letter, seed: int, machine: str = "base") -> Days:
     """The load case on the machine, with the noise of probing."""
     stretch = table_and_fluid(case, seed, hours=HOURS, step_s=STEP_S)
-    plant = Plant(load(machine), stretch.environment, seed)
+    plant = Plant(load_machine(machine), stretch.environment, seed)
     plant.advance(IDLE_S, MachineDrive())
     plant.zero()
-    return days(record(plant, stretch.drives, STEP_S), seed)
+    return days(record_drive(plant, stretch.drives, STEP_S), seed)
 
 
 def run(parameters: RunParameters) -> Mapping[str, Any]:

@@ -31,7 +31,7 @@ below 5 µm.
 apart) make 2,197 combinations; the paper has 2,191, whose list is not at hand. P99 and RMSE are taken over the six
 position errors together, against the simulated truth, after the calibration, before a measurement of the same moment.
 Pd counts a cycle of 95 s for each measurement over the whole series, calibration included. Inputs are chosen in the
-calibration and kept, as the paper's are; models are those of the default way, renewed when a limit is exceeded.
+calibration and kept, as the paper's are; models are output-error ones (`search`), renewed when a limit is exceeded.
 
 Then the control decides by itself when to measure: when a prediction's 95 % interval fills a share of its limit
 (uncertainty), or when the inputs leave what training has seen (novelty), each within a shortest and a longest

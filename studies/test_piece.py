@@ -11,7 +11,7 @@ from typing import Any, get_args
 import numpy as np
 
 from simulators.cases import SEASONS, Axis, table_and_fluid, warm_up_and_cool_down
-from simulators.plant import MACHINES, Failure, FailureKind, MachineDrive, Plant, load, record
+from simulators.plant import MACHINES, Failure, FailureKind, MachineDrive, Plant, load_machine, record_drive
 from studies.frame import RunParameters, Study
 from studies.loop import RADIUS_M, Days, control, days, filled, held, regressed
 from studies.test_piece_report import METHODS, report
@@ -78,7 +78,7 @@ def failures(channels: Sequence[str], seed: int) -> list[Failure]:
 def run(parameters: RunParameters) -> Mapping[str, Any]:
     """By method, without and with the workpiece's growth: (sets, features) µm against the first set."""
     seed = 1000 * parameters["seed"] + parameters["repetition"]
-    rest, machine = MachineDrive(), load(parameters["machine"])
+    rest, machine = MachineDrive(), load_machine(parameters["machine"])
     test = warm_up_and_cool_down(parameters["axis"], share=1.0, warm_h=WARM_H, cool_h=COOL_H, step_s=STEP_S)
     case = table_and_fluid("C", seed, hours=CALIBRATION_H, step_s=STEP_S).drives
     drives = [*case, *[rest] * (REST_H * HOUR), *test]
@@ -87,7 +87,7 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
         plant = Plant(machine, SEASONS["spring"], seed, failures=failing)
         plant.advance(IDLE_H * 3600.0, rest)
         plant.zero()
-        return days(record(plant, drives, STEP_S), seed)
+        return days(record_drive(plant, drives, STEP_S), seed)
 
     whole = observed(())
     series = observed(failures(machine.channels, seed)) if parameters["failing"] else whole

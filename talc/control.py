@@ -19,7 +19,7 @@ from talc.frame import (
     Why,
 )
 from talc.free_running import FreeRunningModel, ModelState
-from talc.learner import CourseState, Explanation, LearningCourse, Prior, Reasons, Weights
+from talc.learner import CourseState, Explanation, Forecast, LearningCourse, Prior, Reasons, Weights
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.record import Record
@@ -126,6 +126,10 @@ class Controller:
     def reasons(self) -> Reasons | None:
         """The same for people, with what is expected at the next measurement. Takes as long as a few steps."""
         return None if self._course is None else self._course.reasons()
+
+    def forecast(self, steps: Sequence[int]) -> Forecast | None:
+        """The learner's estimates so many steps ahead. Takes as long as a few steps."""
+        return None if self._course is None else self._course.forecast(steps)
 
     def state(self) -> ControllerState:
         """All that is known, copied: later steps do not change it."""

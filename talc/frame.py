@@ -42,6 +42,8 @@ class Why(StrEnum):
     """A prediction may no longer be within its action control limit."""
     NO_GOOD = "no_good"
     RETRY = "retry"
+    COMMAND = "command"
+    """A person asked for it. The controller itself never does."""
 
 
 class EventKind(StrEnum):
@@ -67,6 +69,8 @@ class EventKind(StrEnum):
     """From the service: a probing cycle failed, or its result is rejected. From the controller: impossible number."""
     OPERATOR = "operator"
     """From the service: the operator should know or do something."""
+    COMMAND = "command"
+    """From the service: a person has given a command."""
 
 
 @dataclass(frozen=True, slots=True)

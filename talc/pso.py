@@ -40,7 +40,7 @@ class Chosen:
     """Relative duality gap of the best candidate."""
 
 
-def select(
+def select_by_swarm(
     regression: Regression,
     *,
     seed: int,

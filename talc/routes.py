@@ -104,7 +104,7 @@ def by_arx(
     """
     seed = settings.seed * len(THERMAL_ERRORS) + THERMAL_ERRORS.index(error)
     swarm = partial(
-        pso.select,
+        pso.select_by_swarm,
         seed=seed,
         criterion=settings.criterion,
         tolerance=settings.tolerance_um if ERROR_UNITS[error] == MICROMETRE else settings.tolerance_um_per_m,
@@ -116,7 +116,7 @@ def by_arx(
     regression = Regression(window, settings.max_na, settings.max_nb)
     criterion = np.nan
     if settings.selector == "tck" and fixed is None:
-        structure = tck.select(regression, sensors(), most=settings.max_inputs)
+        structure = tck.select_by_clusters(regression, sensors(), most=settings.max_inputs)
     elif fixed is not None and (settings.selector == "tck" or not fixed):
         structure = _orders(regression, fixed)
     elif fixed is not None:

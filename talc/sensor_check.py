@@ -94,7 +94,7 @@ def judge(
     change, both = changes(x, good)
     if not both.any() or activity(change[both]) < model.quietest_K:
         return Judgement()
-    window = _Window(model.part(present), x, good, settings)
+    window = _JudgedWindow(model.part(present), x, good, settings)
     smallest, alike = window.smallest_offset_K(), window.alike()
     found: list[Finding] = []
     while len(found) < min(_MOST_FINDINGS, len(present) - 2) and (best := window.best()) is not None:
@@ -103,7 +103,7 @@ def judge(
     return Judgement(tuple(found), smallest, alike)
 
 
-class _Window:
+class _JudgedWindow:
     """One window of m >= 3 inputs under all hypotheses."""
 
     def __init__(self, model: SensorModel, x: FloatArray, good: BoolArray, settings: SensorCheckSettings) -> None:
@@ -151,16 +151,16 @@ class _Window:
         beyond = float(abs(score[first]) / self._largest_score)
         return Finding("offset", (names[first],), float(self._residual[first]), beyond, equal)
 
-    def after(self, finding: Finding) -> "_Window":
+    def after(self, finding: Finding) -> "_JudgedWindow":
         """The window with the finding undone: exchanged back, or without the input that has the offset."""
         places = [self._model.names.index(name) for name in finding.inputs]
         if finding.kind == "swap":
             back = self._x.copy()
             back[:, places] = back[:, places[::-1]]
-            return _Window(self._model, back, self._good, self._settings)
+            return _JudgedWindow(self._model, back, self._good, self._settings)
         x: FloatArray = np.delete(self._x, places, axis=1)
         rest = [name for name in self._model.names if name not in finding.inputs]
-        return _Window(self._model.part(rest), x, self._good, self._settings)
+        return _JudgedWindow(self._model.part(rest), x, self._good, self._settings)
 
 
 def _exchange(

@@ -44,7 +44,7 @@ class TrainingSettings:
     static_inputs: bool = False
     """Keep the first model's inputs; renew only orders and parameters (Z22 'static inputs')."""
     window_steps: int | None = None
-    """Train on the last so many grid steps; None: on all data since the start."""
+    """Train on this many of the latest grid steps; None: on all data since the start."""
     max_pole: float = 0.999
     """A model with a pole of this magnitude or more never goes live."""
 
@@ -125,7 +125,7 @@ class ControlSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorCheckSettings:
-    """Whether temperatures still agree with each other as they did when they were learnt."""
+    """Whether the temperatures still agree with each other as they did during learning."""
 
     enabled: bool = True
     """Look for offsets and exchanged sensors."""
@@ -164,7 +164,7 @@ class LearnerSettings:
     noise_um: float = 1.0
     """Standard uncertainty of a measured position error that is reported without one, µm."""
     noise_um_per_m: float = 3.0
-    """The same of an orientation error, µm/m."""
+    """The same for an orientation error, µm/m."""
 
     def __post_init__(self) -> None:
         for name in ("limit_um", "limit_um_per_m", "noise_um", "noise_um_per_m"):

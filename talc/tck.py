@@ -28,7 +28,7 @@ MOST_INPUTS: Final = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Mixture:
+class _SegmentMixture:
     """A diagonal Gaussian mixture over one segment of the steps."""
 
     begin: int
@@ -80,7 +80,7 @@ class Ensemble:
         return np.asarray(sum(m.assigned @ p for m, p in own) / (self._length * length), dtype=np.float64)
 
 
-def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> _Mixture:
+def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> _SegmentMixture:
     """Fitted to a part of the series on one segment."""
     n, steps = series.shape
     a0, b0, n0 = draw.uniform(0.001, 1.0), draw.uniform(0.005, 0.2), draw.uniform(0.001, 0.2)
@@ -112,7 +112,7 @@ def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> 
         mean = np.linalg.solve(system, (precision @ prior_mean + first / variance[:, None])[:, :, None])[:, :, 0]
         std = np.sqrt(variance)
         assigned = _posterior(x, r, share, mean, std)
-    return _Mixture(begin, share, mean, std, _posterior(values, known.astype(np.float64), share, mean, std))
+    return _SegmentMixture(begin, share, mean, std, _posterior(values, known.astype(np.float64), share, mean, std))
 
 
 def _posterior(x: FloatArray, r: FloatArray, share: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
@@ -131,7 +131,7 @@ def offered(u: FloatArray) -> FloatArray:
     return np.vstack([u.T, -u.T])
 
 
-def select(regression: Regression, sensors: Ensemble, *, most: int = MOST_INPUTS) -> Structure:
+def select_by_clusters(regression: Regression, sensors: Ensemble, *, most: int = MOST_INPUTS) -> Structure:
     """Inputs one by one, at the regression's largest orders, while the BIC of the free run falls.
 
     The first input is the one most similar to the output itself, each further one the most similar to the residual of

@@ -50,7 +50,7 @@ def train(
     training; within: progress of the present error; its `cancel` ends the training from another thread.
     Raises Cancelled.
     """
-    run = _Run(job, within)
+    run = _Training(job, within)
     models: list[ErrorModel | None] = []
     notes = list(run.notes)
     for e, error in enumerate(THERMAL_ERRORS):
@@ -71,7 +71,7 @@ class _NoModel(Exception):
     """An error gets no model; the message says why."""
 
 
-class _Run:
+class _Training:
     """One training: the inputs on offer, each error's measurements, and what errors share.
 
     Parameters
@@ -149,7 +149,7 @@ class _Offer:
 
 
 @dataclass(frozen=True, slots=True)
-class _Record:
+class _ErrorRecord:
     """One error's measurements."""
 
     measured: FloatArray
@@ -164,11 +164,11 @@ class _Record:
         return (self.measured - self.mean) / self.std
 
 
-def _record(job: TrainingJob, e: int) -> _Record:
+def _record(job: TrainingJob, e: int) -> _ErrorRecord:
     measured: FloatArray = np.where(np.isfinite(job.measured[:, e]), job.measured[:, e], np.nan)
     rows: BoolArray = np.isfinite(measured)
     known = measured[rows] if rows.any() else np.zeros(1)
-    return _Record(measured, rows, float(known.mean()), max(float(known.std()), _LEAST_OUTPUT_SPREAD))
+    return _ErrorRecord(measured, rows, float(known.mean()), max(float(known.std()), _LEAST_OUTPUT_SPREAD))
 
 
 def _pole_sets(settings: TrainingSettings) -> list[tuple[float, ...]]:
@@ -196,7 +196,7 @@ def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
     return _Offer(names, inputs, inputs.mean(axis=0), inputs.std(axis=0)), notes
 
 
-def _model(error: str, record: _Record, found: Fitted, offer: _Offer) -> ErrorModel:
+def _model(error: str, record: _ErrorRecord, found: Fitted, offer: _Offer) -> ErrorModel:
     steps = np.flatnonzero(record.rows)
     measured, y_std = record.measured[steps], record.std
     chosen = list(found.inputs)

@@ -12,7 +12,7 @@ from drivers.problems import problems_of
 from drivers.section import NotNegative, Positive
 from gateway.config import ConfigError, Problem, place
 
-Unit = Literal["nm", "um", "µm", "mm", "m", "um/m", "µm/m", "urad", "µrad", "mrad", "rad", "arcsec", "deg"]
+DescribedUnit = Literal["nm", "um", "µm", "mm", "m", "um/m", "µm/m", "urad", "µrad", "mrad", "rad", "arcsec", "deg"]
 POSITION: Mapping[str, float] = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}
 """µm per unit."""
 ANGLE: Mapping[str, float] = {
@@ -30,19 +30,19 @@ ColumnKind = Literal["temperature", "speed", "power", "length", "state", "other"
 _TABLES = (".csv", ".parquet")
 
 
-class _Section(BaseModel):
+class _DescriptionSection(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class ErrorColumn(_Section):
+class ErrorColumn(_DescriptionSection):
     """One error; fields that are not given here are those given for all."""
 
-    unit: Unit | None = None
+    unit: DescribedUnit | None = None
     noise: NotNegative | None = None
     probing: NotNegative | None = None
 
 
-class InputColumn(_Section):
+class InputColumn(_DescriptionSection):
     """One input, or all that a pattern matches."""
 
     kind: ColumnKind | None = None
@@ -50,7 +50,7 @@ class InputColumn(_Section):
     """By how much the input typically changes, in its own unit."""
 
 
-class TimeColumn(_Section):
+class TimeColumn(_DescriptionSection):
     """The column of times."""
 
     column: str = "time"
@@ -60,7 +60,7 @@ class TimeColumn(_Section):
     """Format of other date-times, for Python's strptime."""
 
 
-class Runs(_Section):
+class Runs(_DescriptionSection):
     """Stretches between which the machine was off."""
 
     column: str | None = None
@@ -73,7 +73,7 @@ class Runs(_Section):
     """Measure at the beginning of each run."""
 
 
-class Description(_Section):
+class Description(_DescriptionSection):
     """The content of a recording's TOML file."""
 
     name: str = ""
@@ -83,7 +83,7 @@ class Description(_Section):
     """By name or pattern; an exact name has precedence over patterns, which apply in their order."""
     ignore: tuple[str, ...] = ()
     """Names or patterns of columns that are neither."""
-    unit: Unit = "um"
+    unit: DescribedUnit = "um"
     noise: NotNegative = 0.5
     """Standard deviation of the noise in the recorded errors, in their own unit."""
     probing: NotNegative = 0.0
@@ -123,7 +123,7 @@ class Description(_Section):
             return self.inputs[column]
         return next((said for pattern, said in self.inputs.items() if fnmatchcase(column, pattern)), None)
 
-    def unit_of(self, error: str) -> Unit:
+    def unit_of(self, error: str) -> DescribedUnit:
         return self.errors[error].unit or self.unit
 
     def scale_of(self, error: str) -> float:

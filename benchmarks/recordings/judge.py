@@ -101,7 +101,7 @@ def residual(series: Series, course: MethodCourse) -> FloatArray:
     return series.truth - np.where(np.isfinite(course.estimate), course.estimate, 0.0)
 
 
-def judge(series: Series, course: MethodCourse, dense_h: float, errors: Sequence[int]) -> Figures:
+def judge_course(series: Series, course: MethodCourse, dense_h: float, errors: Sequence[int]) -> Figures:
     """Figures of some errors over all rows after the dense beginning in which they were recorded."""
     chosen = list(errors)
     after = series.on_h >= dense_h

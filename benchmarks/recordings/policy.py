@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from benchmarks.recordings.judge import Figures, Peeked, carry_out, judge, moments
+from benchmarks.recordings.judge import Figures, Peeked, carry_out, judge_course, moments
 from benchmarks.recordings.methods import Given, Method, MethodCourse, given_of
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
@@ -54,7 +54,7 @@ def point_of(
     what: str, series: Series, course: MethodCourse, used: BoolArray, dense_h: float, errors: Sequence[int]
 ) -> Point:
     """The result of one way, after the beginning."""
-    found: Figures = judge(series, course, dense_h, errors)
+    found: Figures = judge_course(series, course, dense_h, errors)
     return Point(what, int(used[series.on_h >= dense_h].sum()), found.rms, found.p99, found.inside)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.recordings.description import Description, recordings_in
-from benchmarks.recordings.judge import carry_out, judge, moments
+from benchmarks.recordings.judge import carry_out, judge_course, moments
 from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import HoldLast, Method, Nothing, Ridge
 from benchmarks.recordings.models import papers
@@ -123,5 +123,5 @@ def cell(said: Description, series: Series, method: Method, dense_h: float, inte
     if course is not None:
         for unit, there in zip(JUDGED_UNITS, (~series.angle, series.angle), strict=True):
             if there.any():
-                figures[unit] = judge(series, course, dense_h, np.flatnonzero(there).tolist())
+                figures[unit] = judge_course(series, course, dense_h, np.flatnonzero(there).tolist())
     return Cell(method.name, dense_h, interval_min, int(used.sum()), time.perf_counter() - begin, figures)

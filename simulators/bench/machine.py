@@ -7,7 +7,7 @@ from pathlib import Path
 
 from simulators.devices import ValueSource
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, SimulatedClock
-from simulators.plant import RADIUS_MM, STEP_S, Environment, MachineDrive, Plant, load
+from simulators.plant import RADIUS_MM, STEP_S, Environment, MachineDrive, Plant, load_machine
 from talc.names import THERMAL_ERRORS
 
 GROWTH_GAP_UM = 250.0
@@ -38,7 +38,7 @@ class BenchMachine:
         self._epoch_s = clock.utc().timestamp() - clock.monotonic()
         start_hour = clock.utc().hour + clock.utc().minute / 60.0
         program = _day(seed, hours, start_hour)
-        self.plant = Plant(load(), Environment(), seed, start_utc=clock.utc() - timedelta(seconds=IDLE_S))
+        self.plant = Plant(load_machine(), Environment(), seed, start_utc=clock.utc() - timedelta(seconds=IDLE_S))
         self.plant.advance(IDLE_S, MachineDrive())
         self.plant.zero()
         self.control = EmulatedControl(self, clock, program, cycle=CycleSettings(radius_mm=RADIUS_MM), seed=seed)

@@ -11,12 +11,12 @@ from pathlib import Path
 from simulators.bench.machine import BenchMachine, TruthRecorder
 from simulators.clock import SharedClock
 from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
-from simulators.plant import load
+from simulators.plant import load_machine
 
 GROWTH_RANGE_UM = 500.0
 """The eddy-current sensor's measuring range; as in gateway.toml."""
 CAN_NODE = 5
-_SENSORS = load().channels
+_SENSORS = load_machine().channels
 _RTU, _TCP, _CAN = _SENSORS[:18], _SENSORS[18:25], _SENSORS[25:]
 """As wired in gateway.toml."""
 

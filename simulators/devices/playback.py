@@ -8,7 +8,7 @@ from functools import partial
 from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.pty_port import PtyPort
-from simulators.devices.script import HANG_UP, Said, Script, frame_key, frame_of, numbered
+from simulators.devices.script import HANG_UP, Script, TimedBytes, frame_key, frame_of, numbered
 from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
 
 _MBAP = 7
@@ -193,7 +193,7 @@ class _Timers:
     def __init__(self) -> None:
         self._waiting: set[asyncio.TimerHandle] = set()
 
-    def say(self, said: Sequence[Said], to: Transmit) -> None:
+    def say(self, said: Sequence[TimedBytes], to: Transmit) -> None:
         """Each after its delay; without delay at once, in order."""
         for delay_s, data in said:
             self._later(delay_s, to, data)

@@ -20,7 +20,7 @@ _FORMS = {
 _BEYOND = (SensorFault.OVER, SensorFault.UNDER)
 _JUDGES = ("type_code", "fault_bits", "status", "sentinel", "plausibility")
 
-_Table = Mapping[str, Any]
+_ProfileTable = Mapping[str, Any]
 _Memory = dict[tuple[int, int], int]
 
 
@@ -37,9 +37,9 @@ class ProfiledUnit:
     source: values of all channels, in the profile's units
     """
 
-    def __init__(self, profile: _Table, source: ValueSource) -> None:
+    def __init__(self, profile: _ProfileTable, source: ValueSource) -> None:
         self._blocks = blocks_of(profile)
-        self._settings: Sequence[_Table] = profile.get("setting", ())
+        self._settings: Sequence[_ProfileTable] = profile.get("setting", ())
         self._max_gap: int = profile.get("max_gap", 8)
         self._source = source
         self.faults = Faults()
@@ -63,7 +63,7 @@ class ProfiledUnit:
         words |= {address: memory[function, address] for address in used}
         return {address: word for address, word in words.items() if (function, address) not in self.refused}
 
-    def _put(self, memory: _Memory, block: _Table, index: int, value: float, fault: SensorFault | None) -> None:
+    def _put(self, memory: _Memory, block: _ProfileTable, index: int, value: float, fault: SensorFault | None) -> None:
         quality = "out_of_range" if fault in _BEYOND else "sensor_fault"
         code = block["type_code"]["code"][0] if "type_code" in block else None
         if code is not None:
@@ -81,7 +81,7 @@ class ProfiledUnit:
             _write_status(memory, block["status"], index, quality if fault is not None else "")
 
 
-def blocks_of(profile: _Table) -> list[dict[str, Any]]:
+def blocks_of(profile: _ProfileTable) -> list[dict[str, Any]]:
     """The profile's blocks; `[value]` with the tables beside it is one."""
     if "value" not in profile:
         return [dict(block) for block in profile["block"]]
@@ -89,12 +89,12 @@ def blocks_of(profile: _Table) -> list[dict[str, Any]]:
     return [{**profile["value"], **tables, "channels": profile["channels"]}]
 
 
-def channels_of(block: _Table) -> int:
+def channels_of(block: _ProfileTable) -> int:
     """How many channels the block has."""
     return len(block["addresses"]) if "addresses" in block else int(block.get("channels", 1))
 
 
-def _raw(block: _Table, value: float) -> float:
+def _raw(block: _ProfileTable, value: float) -> float:
     """What the device sends for this value, before it is rounded."""
     if block.get("scaled_by") == "type_code":
         codes = block["type_code"]
@@ -104,7 +104,7 @@ def _raw(block: _Table, value: float) -> float:
     return float((value - block.get("offset", 0.0)) / block.get("scale", 1.0))
 
 
-def _shown(block: _Table, value: float, fault: SensorFault) -> float:
+def _shown(block: _ProfileTable, value: float, fault: SensorFault) -> float:
     """What a device without a sentinel for this fault measures."""
     limits = block.get("plausibility", {})
     if fault in _BEYOND:
@@ -112,7 +112,7 @@ def _shown(block: _Table, value: float, fault: SensorFault) -> float:
     return float(limits.get("open_input_low", value))
 
 
-def _write(memory: _Memory, block: _Table, index: int, raw: float) -> None:
+def _write(memory: _Memory, block: _ProfileTable, index: int, raw: float) -> None:
     function, kind = block["function"], block["type"]
     if kind == "bit":
         _write_bit(memory, block, index, raw)
@@ -136,7 +136,7 @@ def _words(data: bytes, byte_order: str) -> Iterator[int]:
         yield high << 8 | low if byte_order == "big" else low << 8 | high
 
 
-def _write_bit(memory: _Memory, block: _Table, index: int, raw: float) -> None:
+def _write_bit(memory: _Memory, block: _ProfileTable, index: int, raw: float) -> None:
     function, on = block["function"], int(raw > 0.5)
     distance = 0 if "addresses" in block else index * block.get("stride", 1)
     address = block["addresses"][index] if "addresses" in block else block["address"]
@@ -150,7 +150,7 @@ def _write_bit(memory: _Memory, block: _Table, index: int, raw: float) -> None:
     memory[place] = memory.get(place, 0) & ~(1 << bit) | on << bit
 
 
-def _write_status(memory: _Memory, status: _Table, index: int, quality: str) -> None:
+def _write_status(memory: _Memory, status: _ProfileTable, index: int, quality: str) -> None:
     """quality: of the fault; empty: the sensor is in order."""
     number = status.get("good", [0])[0]
     if quality:

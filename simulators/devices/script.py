@@ -11,7 +11,7 @@ EXTENDED = 1 << 31
 HANG_UP = None
 """Instead of bytes: the device closed the connection."""
 
-Said = tuple[float, bytes | None]
+TimedBytes = tuple[float, bytes | None]
 """Seconds after the request (or after the start), and what came."""
 
 
@@ -32,8 +32,8 @@ class Passed:
 class Script:
     """What to send. Keys are requests in the form in which `Playback` compares them."""
 
-    answers: Mapping[bytes, Sequence[Sequence[Said]]]
-    unasked: Sequence[Said] = ()
+    answers: Mapping[bytes, Sequence[Sequence[TimedBytes]]]
+    unasked: Sequence[TimedBytes] = ()
     """Sent unasked since the start of the connection, in order."""
     lasts_s: float = 0.0
     """Length of the recording, after which the unasked messages are repeated."""
@@ -41,7 +41,7 @@ class Script:
     """Requests that were not in the recording."""
     _turns: dict[bytes, int] = field(default_factory=dict)
 
-    def answer(self, request: bytes) -> Sequence[Said]:
+    def answer(self, request: bytes) -> Sequence[TimedBytes]:
         """The next answers to this request; empty if it was never made."""
         said = self.answers.get(request)
         if said is None:
@@ -54,9 +54,9 @@ class Script:
 
 def stream_script(events: Sequence[Passed]) -> Script:
     """The script of a serial line or TCP connection: bytes after a request and before the next one answer it."""
-    answers: dict[bytes, list[list[Said]]] = {}
-    unasked: list[Said] = []
-    current: list[Said] | None = None
+    answers: dict[bytes, list[list[TimedBytes]]] = {}
+    unasked: list[TimedBytes] = []
+    current: list[TimedBytes] | None = None
     asked_s = began_s = events[0].at_s if events else 0.0
     for event in events:
         if event.sent and event.data:
@@ -80,16 +80,16 @@ def can_script(events: Sequence[Passed]) -> Script:
     Everything else, and process data when no SYNC was sent, is unasked: heartbeats, emergencies, plain CAN.
     """
     synchronised = any(event.sent and event.identifier == _SYNC for event in events)
-    answers: dict[bytes, list[list[Said]]] = {}
-    unasked: list[Said] = []
-    current: dict[int, tuple[float, list[Said]]] = {}
+    answers: dict[bytes, list[list[TimedBytes]]] = {}
+    unasked: list[TimedBytes] = []
+    current: dict[int, tuple[float, list[TimedBytes]]] = {}
     began_s = events[0].at_s if events else 0.0
     for event in events:
         if event.identifier is None or event.data is None:
             continue
         frame = frame_key(event.identifier, event.data)
         if event.sent:
-            said: list[Said] = []
+            said: list[TimedBytes] = []
             answers.setdefault(frame, []).append(said)
             current[event.identifier] = event.at_s, said
         elif (asked := current.get(_request_of(event.identifier, synchronised))) is not None:

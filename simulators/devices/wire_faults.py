@@ -10,7 +10,7 @@ from functools import partial
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.source import Actions
 
-Change = Callable[[bytes], bytes]
+ChangedBytes = Callable[[bytes], bytes]
 _CUT_BYTES = 3
 _UNIT = 6
 """Position of the unit id after a Modbus TCP header's numbers and length."""
@@ -20,9 +20,9 @@ _UNIT = 6
 class Framing:
     """The faulty form of one frame on this kind of wire; None: the wire does not have this fault."""
 
-    cut: Change
+    cut: ChangedBytes
     """It ends too early."""
-    wrong_crc: Change | None = None
+    wrong_crc: ChangedBytes | None = None
     exception: Callable[[bytes, int], bytes] | None = None
     """The same request refused with a Modbus exception."""
     abort: Callable[[bytes, int], bytes] | None = None
@@ -40,7 +40,7 @@ class WireFaults:
     def __init__(self, framing: Framing) -> None:
         self._framing = framing
         self._delay_s = 0.0
-        self._changes: dict[str, Change] = {}
+        self._changes: dict[str, ChangedBytes] = {}
 
     def spoil(self, sender: int, frame: bytes) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002 - it is the only sender
         if not self._framing.concerns(frame):
@@ -63,7 +63,7 @@ class WireFaults:
     def _delay(self, seconds: float) -> None:
         self._delay_s = seconds
 
-    def _switch(self, name: str, change: Change, on: bool) -> None:
+    def _switch(self, name: str, change: ChangedBytes, on: bool) -> None:
         self._changes.pop(name, None)
         if on:
             self._changes[name] = change

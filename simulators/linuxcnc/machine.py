@@ -45,7 +45,7 @@ _START = (
 )
 _REAL_TIME_USER = 65534
 """LinuxCNC's real-time part refuses root unless it is told which user it works for: `nobody`."""
-_BOOT_S, _ANSWER_S, _STOP_S = 60.0, 60.0, 30.0
+_BOOT_S, _ANSWER_S, _STOP_S = 180.0, 90.0, 60.0
 _LONGEST_ANSWER = 2**24
 _MOTION_ANSWERS_S = 30.0
 """Without a real-time kernel, a busy computer lets LinuxCNC's motion controller wait; after 1 s it ends the program."""

@@ -12,12 +12,13 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import linuxcnc
 
-LIMIT_S = 20.0
+LIMIT_S = 60.0
 _LISTENS = "0A"
 """TCP_LISTEN in /proc/net/tcp."""
 
@@ -181,11 +182,15 @@ class ControlScreen:
 
 def _signal(name: str, number: signal.Signals) -> None:
     """Send the signal to every process of this name in this namespace."""
-    found = [path.parent.name for path in Path("/proc").glob("[0-9]*/comm") if path.read_text().strip() == name]
+    found = []
+    for path in Path("/proc").glob("[0-9]*/comm"):
+        with suppress(OSError):  # another process may end while this one reads
+            if path.read_text().strip() == name:
+                found.append(int(path.parent.name))
     if not found:
         raise RuntimeError(f"no process {name}")
     for pid in found:
-        os.kill(int(pid), number)
+        os.kill(pid, number)
 
 
 def _sphere() -> Any:

@@ -4,9 +4,16 @@ from simulators.plant.ageing import Ageing, Failure, FailureKind
 from simulators.plant.body import FloatArray
 from simulators.plant.drive import MachineDrive
 from simulators.plant.environment import Environment
-from simulators.plant.parameters import MACHINES, PlantParameters, assemble, load, reduced, tables
+from simulators.plant.parameters import (
+    MACHINES,
+    PlantParameters,
+    assemble_machine,
+    load_machine,
+    machine_tables,
+    reduced,
+)
 from simulators.plant.plant import RADIUS_MM, STEP_S, Plant
-from simulators.plant.recording import PlantRecording, record
+from simulators.plant.recording import PlantRecording, record_drive
 
 __all__ = [
     "MACHINES",
@@ -21,9 +28,9 @@ __all__ = [
     "Plant",
     "PlantParameters",
     "PlantRecording",
-    "assemble",
-    "load",
-    "record",
+    "assemble_machine",
+    "load_machine",
+    "machine_tables",
+    "record_drive",
     "reduced",
-    "tables",
 ]

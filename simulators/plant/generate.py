@@ -13,9 +13,9 @@ from scipy.sparse.linalg import splu
 
 from simulators.plant.body import BodyModel, FloatArray
 from simulators.plant.joined import Joined, join
-from simulators.plant.parameters import MACHINES, tables
-from simulators.plant.shape import HERE, read
-from simulators.plant.solid import SparseSum, assemble
+from simulators.plant.parameters import MACHINES, machine_tables
+from simulators.plant.shape import HERE, read_shape
+from simulators.plant.solid import SparseSum, assemble_bodies
 
 CONDITIONS = ((0, 0, 0, 0), (1, 0, 0, 0), (1, 1, 0, 0), (1, 0, 1, 1))
 """Factors of the films: off, powered, wet, everything turning."""
@@ -64,7 +64,7 @@ def basis(body: BodyModel, there: FloatArray, back: FloatArray) -> FloatArray:
     return np.asarray(np.column_stack([body.even, distinct]) / np.sqrt(heat), dtype=np.float64)
 
 
-def reduce(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> dict[str, BodyModel]:
+def reduce_bodies(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> dict[str, BodyModel]:
     """Each body in its own basis, so that joints, films and losses can still be changed afterwards."""
     there, back = snapshots(join(table, bodies, SparseSum), table)
     small, at = {}, 0
@@ -95,9 +95,9 @@ def _lower(dense: FloatArray) -> list[float]:
 
 def main() -> None:
     """Write the matrices of every machine that has a shape of its own."""
-    for name in sys.argv[1:] or [m for m in MACHINES if tables(m).reduced == m]:
-        chosen = tables(name)
-        small = reduce(chosen.machine, assemble(read(chosen.shape)))
+    for name in sys.argv[1:] or [m for m in MACHINES if machine_tables(m).reduced == m]:
+        chosen = machine_tables(name)
+        small = reduce_bodies(chosen.machine, assemble_bodies(read_shape(chosen.shape)))
         path = HERE / "reduced" / f"{name}.json"
         path.parent.mkdir(exist_ok=True)
         path.write_text(json.dumps(stored(small)).replace("}, ", "},\n") + "\n", encoding="utf-8")

@@ -77,7 +77,7 @@ class Tables:
     """name of the reduced bodies"""
 
 
-def tables(name: str = "base") -> Tables:
+def machine_tables(name: str = "base") -> Tables:
     """The tables of "base" or of a variant in variants.toml. ValueError: another name."""
     if name not in MACHINES:
         raise ValueError(f"machine {name!r}: expected one of {', '.join(MACHINES)}")
@@ -87,10 +87,10 @@ def tables(name: str = "base") -> Tables:
     return Tables(machine, shape, name if name == "base" or shape else "base")
 
 
-def load(name: str = "base") -> PlantParameters:
+def load_machine(name: str = "base") -> PlantParameters:
     """A machine by name: "base", or a variant of variants.toml. ValueError names an invalid name or entry."""
-    chosen = tables(name)
-    return assemble(chosen.machine, reduced(chosen.reduced))
+    chosen = machine_tables(name)
+    return assemble_machine(chosen.machine, reduced(chosen.reduced))
 
 
 def reduced(name: str) -> dict[str, BodyModel]:
@@ -112,7 +112,7 @@ def reduced(name: str) -> dict[str, BodyModel]:
     return bodies
 
 
-def assemble(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> PlantParameters:
+def assemble_machine(table: Mapping[str, Any], bodies: Mapping[str, BodyModel]) -> PlantParameters:
     """A table's machine over reduced bodies. ValueError names an invalid entry."""
     joined, flow = join(table, bodies), table["flow"]
     laws = []

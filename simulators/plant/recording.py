@@ -23,7 +23,7 @@ class PlantRecording:
     """(T, 9) true errors, µm and µm/m."""
 
 
-def record(plant: Plant, drives: Sequence[MachineDrive], step_s: float = 300.0) -> PlantRecording:
+def record_drive(plant: Plant, drives: Sequence[MachineDrive], step_s: float = 300.0) -> PlantRecording:
     """Advance the plant through one drive per step, and record inputs and true errors after each."""
     start = plant.time_s
     inputs, errors = [], []

@@ -86,7 +86,7 @@ def merge(table: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def read(change: Mapping[str, Any] | None = None) -> Shape:
+def read_shape(change: Mapping[str, Any] | None = None) -> Shape:
     """The shape of `shape.toml`, with a variant's changes. ValueError names an invalid entry."""
     table = merge(tomllib.loads((HERE / "shape.toml").read_text(encoding="utf-8")), change or {})
     bodies = {}

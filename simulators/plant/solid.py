@@ -15,7 +15,7 @@ from simulators.plant.shape import Shape, inside
 _EPS = 1e-6
 
 
-def mesh(shape: Shape, body: str, coarser: float = 1.0) -> MeshHex:
+def mesh_body(shape: Shape, body: str, coarser: float = 1.0) -> MeshHex:
     """A body's cells, not longer than its `mesh_m` times `coarser`; every box's edge is a line of the grid."""
     boxes = np.array(shape.boxes_of(body))
     size = shape.bodies[body].mesh_m * coarser
@@ -28,9 +28,9 @@ def mesh(shape: Shape, body: str, coarser: float = 1.0) -> MeshHex:
     return grid.restrict(np.flatnonzero(inside(grid.p[:, grid.t].mean(axis=1), shape.bodies[body].boxes)))
 
 
-def assemble(shape: Shape, coarser: float = 1.0) -> dict[str, BodyModel]:
+def assemble_bodies(shape: Shape, coarser: float = 1.0) -> dict[str, BodyModel]:
     """The whole model, by body."""
-    cells = {name: mesh(shape, name, coarser) for name in shape.bodies}
+    cells = {name: mesh_body(shape, name, coarser) for name in shape.bodies}
     rows = elastic_rows(shape, cells)
     return {name: replace(conduction(shape, name, cells[name]), elastic=rows[name]) for name in shape.bodies}
 

@@ -16,7 +16,7 @@ STATES = 14  # the least that keeps drift within 0.02 µm; 12 miss it in the ste
 SHIFTS = np.logspace(-6, -2, 9)  # 1/s: from beyond the slowest mode to below the 5-min step
 
 
-def reduce(solid: Solid, states: int = STATES) -> ThreeBody:
+def reduce_whole(solid: Solid, states: int = STATES) -> ThreeBody:
     """Rational Krylov space of inputs and outputs, then balanced truncation (Antoulas 2005, ch. 7 and 11)."""
     sides = np.column_stack([solid.S, solid.D.T])
     blocks = []
@@ -49,7 +49,7 @@ def _root(gramian: FloatArray) -> FloatArray:
 
 def main() -> None:
     """Write the matrices beside this file."""
-    model = reduce(assemble())
+    model = reduce_whole(assemble())
     stored = {name: getattr(model, name).tolist() for name in ("A", "B", "D")}
     path = Path(__file__).with_name("reduced.json")
     path.write_text(json.dumps(stored, indent=0) + "\n", encoding="utf-8")

@@ -52,7 +52,7 @@ class ThreeBody:
         return np.asarray(-self.D @ np.linalg.solve(self.A, self.B @ heat), dtype=np.float64)
 
 
-def load() -> ThreeBody:
+def load_reduced() -> ThreeBody:
     """The committed matrices, made by `python -m simulators.three_body.generate`."""
     text = (files("simulators.three_body") / "reduced.json").read_text(encoding="utf-8")
     stored = json.loads(text)

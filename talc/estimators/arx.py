@@ -8,7 +8,7 @@ import numpy as np
 
 from talc.estimators.clock import RowClock
 from talc.estimators.conventions import Conventions, NotFittedError
-from talc.estimators.rows import inputs_of, names_or_numbers, outputs_of
+from talc.estimators.rows import input_rows, names_or_numbers, outputs_of
 from talc.frame import FloatArray, Frame, TrainingJob, Why
 from talc.free_running import FreeRunningModel
 from talc.models import ErrorModel
@@ -42,8 +42,8 @@ class TrainedModels(Conventions, ABC):
         measured. times: (T,) UTC seconds or datetimes, ascending; None: X's DatetimeIndex, or rows without gaps.
         ValueError and TypeError say what is wrong with them.
         """
-        rows = inputs_of(X, times)
-        measured, names, self._flat = outputs_of(y)
+        rows = input_rows(X, times)
+        measured, names, self._flat = outputs_of(y, X)
         if len(measured) != len(rows.values):
             raise ValueError(f"X has {len(rows.values)} rows, y {len(measured)}: expected the same number")
         if not np.isfinite(measured).any():

@@ -6,7 +6,7 @@ from warnings import warn
 
 import numpy as np
 
-from talc.estimators.rows import Inputs, inputs_of, outputs_of
+from talc.estimators.rows import Inputs, input_rows, outputs_of
 from talc.frame import FloatArray
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Conventions:
 
     def _following(self, X: object, times: object) -> Inputs:
         """Rows of the inputs that were fitted. ValueError: others."""
-        rows, name = inputs_of(X, times), type(self).__name__
+        rows, name = input_rows(X, times), type(self).__name__
         if rows.values.shape[1] != self.n_features_in_:
             raise ValueError(
                 f"X has {rows.values.shape[1]} features, "

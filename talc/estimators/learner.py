@@ -8,7 +8,7 @@ import numpy as np
 
 from talc.estimators.clock import RowClock
 from talc.estimators.conventions import Conventions, NotFittedError
-from talc.estimators.rows import Inputs, inputs_of, names_or_numbers, outputs_of
+from talc.estimators.rows import Inputs, input_rows, names_or_numbers, outputs_of
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
 from talc.learner.learner import RowLearner
 
@@ -78,16 +78,16 @@ class Learner(Conventions):
         measured. times: (T,) UTC seconds or datetimes, ascending; None: X's DatetimeIndex, or rows without gaps.
         ValueError and TypeError say what is wrong with them.
         """
-        measured, names, flat = outputs_of(y)
+        measured, names, flat = outputs_of(y, X)
         if not np.isfinite(measured).any():
             raise ValueError("y holds no measurement: all of it is NaN")
-        return self._begin(inputs_of(X, times), measured, names, flat)
+        return self._begin(input_rows(X, times), measured, names, flat)
 
     def partial_fit(self, X: object, y: object, times: object = None) -> Self:
         """Learn from the rows that follow, measured or not; the first time from the beginning, as `fit`."""
-        measured, names, flat = outputs_of(y)
+        measured, names, flat = outputs_of(y, X)
         if not hasattr(self, "_learner"):
-            return self._begin(inputs_of(X, times), measured, names, flat)
+            return self._begin(input_rows(X, times), measured, names, flat)
         rows = self._following(X, times)
         expected = len(self.error_names_)
         if measured.shape[1] != expected or (names is not None and names != self.error_names_):

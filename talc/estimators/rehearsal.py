@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from talc.estimators.rows import inputs_of
+from talc.estimators.rows import input_rows
 from talc.frame import LARGEST_ERROR, Decision, FloatArray, Frame, IntArray
 from talc.learner import LearningCourse
 from talc.names import like_an_error
@@ -63,6 +63,8 @@ def rehearse(
     ------
     ValueError
         A column is missing, has two roles, or looks like an error but would become an input.
+    TypeError
+        `df` is no DataFrame.
 
     Examples
     --------
@@ -81,9 +83,11 @@ def rehearse(
         import pandas as pd
     except ImportError:
         raise ImportError("talc.rehearse needs pandas: install talc-gateway with the extra `pandas`") from None
+    if not isinstance(df, pd.DataFrame):
+        raise TypeError(f"df is of type {type(df).__name__}: expected a pandas DataFrame")
     errors, inputs = _columns(df, errors, inputs)
-    measured = inputs_of(df[errors]).values
-    rows = inputs_of(df[inputs], times)
+    measured = input_rows(df[errors]).values
+    rows = input_rows(df[inputs], times)
     if not step_s > 0:
         raise ValueError(f"step_s = {step_s!r}: expected more than 0")
     time_s = step_s * np.arange(1.0, len(df) + 1) if rows.time_s is None else rows.time_s

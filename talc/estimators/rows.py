@@ -8,6 +8,9 @@ import numpy as np
 
 from talc.frame import FloatArray
 
+_TIMES = ("M", "m")
+"""NumPy's letters of moments, and of times since some beginning."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inputs:
@@ -21,7 +24,7 @@ class Inputs:
     """(T,) UTC seconds, ascending, if rows have times."""
 
 
-def inputs_of(X: object, times: object = None) -> Inputs:
+def input_rows(X: object, times: object = None) -> Inputs:
     """The rows of a table or array. ValueError and TypeError say what is wrong with it.
 
     X: (T, n) array or DataFrame; times: (T,) seconds, datetime64 or a DatetimeIndex; None: those of X's own index.
@@ -51,19 +54,19 @@ def inputs_of(X: object, times: object = None) -> Inputs:
         row, column = (int(i) for i in np.argwhere(np.isinf(values))[0])
         where = f"column {names[column]!r}" if names else f"column {column}"
         raise ValueError(f"Input X contains infinity, row {row}, {where}; a missing value is NaN")
-    if times is None:
-        index = getattr(X, "index", None)
-        times = index if getattr(getattr(index, "dtype", None), "kind", "") == "M" else None
+    times = _index_of(X) if times is None else times
     return Inputs(values, names, None if times is None else seconds_of(times, len(values)))
 
 
-def outputs_of(y: object) -> tuple[FloatArray, tuple[str, ...] | None, bool]:
+def outputs_of(y: object, X: object = None) -> tuple[FloatArray, tuple[str, ...] | None, bool]:
     """(T, m) measured errors with NaN where there is none, their names if they have any, and whether y is one column.
 
-    y: (T,) or (T, m) array, Series or DataFrame. ValueError and TypeError say what is wrong with it.
+    y: (T,) or (T, m) array, Series or DataFrame; its DatetimeIndex, if any, is that of X. ValueError and TypeError say
+    what is wrong with it.
     """
     if y is None:
         raise ValueError("requires y to be passed, but the target y is None")
+    _same_times(X, y)
     columns, name = getattr(y, "columns", None), getattr(y, "name", None)
     names = None
     if columns is not None and all(isinstance(column, str) for column in columns):
@@ -81,15 +84,16 @@ def outputs_of(y: object) -> tuple[FloatArray, tuple[str, ...] | None, bool]:
 def seconds_of(times: object, rows: int) -> FloatArray:
     """(rows,) UTC seconds. ValueError: another number of times, or they do not ascend.
 
-    times: numbers in seconds, datetime64, or a DatetimeIndex; without a time zone they are UTC.
+    times: numbers in seconds, datetime64, timedelta64, or an index of pandas of one of these; without a time zone UTC.
     """
     if getattr(times, "tz", None) is not None:
         times = times.tz_convert(None)  # type: ignore[attr-defined]
     found: Any = np.asarray(times)
     if found.dtype.kind == "O":  # datetime objects
         found = np.array([_second(t) for t in found.tolist()])
-    elif found.dtype.kind == "M":
-        found = np.where(np.isnat(found), np.nan, found.astype("datetime64[ns]").astype(np.int64) / 1e9)
+    elif found.dtype.kind in _TIMES:
+        whole = "timedelta64[ns]" if found.dtype.kind == "m" else "datetime64[ns]"
+        found = np.where(np.isnat(found), np.nan, found.astype(whole).astype(np.int64) / 1e9)
     found = np.asarray(found, dtype=np.float64)
     if found.shape != (rows,):
         raise ValueError(f"times has shape {found.shape}: expected ({rows},), one for each row")
@@ -107,6 +111,31 @@ def names_or_numbers(names: Sequence[str] | None, count: int, letter: str) -> tu
     return tuple(names) if names is not None else tuple(f"{letter}{i}" for i in range(count))
 
 
+def _index_of(table: object) -> Any:
+    """Its DatetimeIndex or TimedeltaIndex; None without one."""
+    index = getattr(table, "index", None)
+    kind = getattr(getattr(index, "dtype", None), "kind", None)
+    return index if kind in _TIMES else None
+
+
+def _same_times(X: object, y: object) -> None:
+    """Raises ValueError: rows of the same place have other times. Another number of rows is reported elsewhere."""
+    own, others = _index_of(X), _index_of(y)
+    if own is None or others is None or len(own) != len(others):
+        return
+    try:
+        apart = np.flatnonzero(np.asarray(own != others))
+    except TypeError:
+        raise ValueError(
+            "of X and y one has times with a time zone and the other without: give both the same"
+        ) from None
+    if apart.size:
+        row = int(apart[0])
+        raise ValueError(
+            f"row {row} is of {own[row]} in X and of {others[row]} in y; y.reindex(X.index) puts them side by side"
+        )
+
+
 def _second(time: Any) -> float:
     """A number of seconds, or a datetime; without a time zone it is UTC."""
     if hasattr(time, "timestamp"):
@@ -120,4 +149,20 @@ def _numbers(table: object, name: str) -> FloatArray:
         raise ValueError(f"Complex data not supported: {name} holds complex numbers")
     if raw.dtype.kind in "Mm":
         raise TypeError(f"{name} holds dates: expected numbers; give them as times")
-    return np.asarray(raw, dtype=np.float64)
+    try:
+        return np.asarray(raw, dtype=np.float64)
+    except ValueError as error:
+        columns = getattr(table, "columns", None)
+        if columns is None:
+            raise
+        raise ValueError(f"{name}, column {_first_text(table, columns)!r}: {error}") from error
+
+
+def _first_text(table: Any, columns: Any) -> object:
+    """The first column that holds no numbers."""
+    for column in columns:
+        try:
+            np.asarray(table[column], dtype=np.float64)
+        except ValueError:
+            return column
+    return columns[0]

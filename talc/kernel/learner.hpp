@@ -7,7 +7,7 @@
 #include "arrays.hpp"
 
 // Kalman filters of linear weights, many at once. A covariance is stored once: its lower triangle, row after row, n (n + 1)
-// / 2 numbers. So it is symmetric by construction. Sums have a fixed order: results are the same on every processor.
+// / 2 numbers. So it is symmetric by construction. Sums have a fixed order: the compiler chooses nothing.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__)
 #define TALC_WIDE __attribute__((target_clones("avx2", "default")))
 #else

@@ -1,6 +1,7 @@
 """Thermal errors as weighted lags of the inputs, learnt at every measurement by a mixture of Kalman filters."""
 
 from talc.learner.course import CourseState, LearningCourse
+from talc.learner.forecast import Forecast, ForecastRecord, Misses
 from talc.learner.learner import Explanation, LearnerState, Weights
 from talc.learner.mixture import MixtureState
 from talc.learner.prior import Prior, make_prior
@@ -11,8 +12,11 @@ __all__ = [
     "CourseState",
     "ErrorReason",
     "Explanation",
+    "Forecast",
+    "ForecastRecord",
     "LearnerState",
     "LearningCourse",
+    "Misses",
     "MixtureState",
     "Prior",
     "Reasons",

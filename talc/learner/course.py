@@ -18,6 +18,7 @@ from talc.frame import (
     Why,
 )
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS
+from talc.learner.forecast import Forecast
 from talc.learner.learner import Estimate, Explanation, LearnerState, RowLearner, Weights
 from talc.learner.mixture import Surprise
 from talc.learner.prior import Prior
@@ -79,6 +80,7 @@ class LearningCourse:
         noise = np.where(positions, settings.noise_um, settings.noise_um_per_m)
         self._learner = RowLearner(len(self._names), step_s, noise, None if prior is None else prior.of(self._names))
         self._experts = EXPERTS if prior is None else (*EXPERTS, *OTHERS_EXPERTS)
+        self._step_s = step_s
         self._long_gap, self._unknown_gap = round(_SETTLED_S / step_s), round(_UNKNOWN_PAUSE_S / step_s)
         self._phase = Phase.CALIBRATION
         self._last_k: int | None = None
@@ -147,6 +149,22 @@ class LearningCourse:
         now, then = self._learner.estimate(), self._learner.estimate(next_k - self._last_k)
         errors = reasons_for(self._errors, self._names, self._experts, now, then, self._learner.explain())
         return Reasons(self._last_k, next_k, why, errors)
+
+    def forecast(self, steps: Sequence[int]) -> Forecast | None:
+        """The estimates so many steps ahead; None before the first frame."""
+        if self._last_k is None:
+            return None
+        stays, measured_sigma, usual = self._learner.forecast(steps)
+        return Forecast(
+            k=self._last_k,
+            steps=tuple(steps),
+            ahead_s=tuple(ahead * self._step_s for ahead in steps),
+            value=np.stack([each.value for each in stays]),
+            sigma=np.stack([each.sigma for each in stays]),
+            measured_sigma=measured_sigma,
+            usual_value=np.stack([each.value for each in usual]),
+            usual_sigma=np.stack([each.sigma for each in usual]),
+        )
 
     def state(self) -> CourseState:
         """A copy of everything that is known."""

@@ -39,8 +39,12 @@ class LagBank:
 
     def ahead(self, steps: int) -> FloatArray:
         """The features this many steps ahead, if the inputs stay as they are."""
+        return self.towards(steps, self.level[:, 0] * self.span)
+
+    def towards(self, steps: int, deviation: FloatArray) -> FloatArray:
+        """The features this many steps ahead, if the inputs have these (n,) deviations from now on."""
         kept = self._kept**steps
-        return np.append((kept * self.level + (1.0 - kept) * self.level[:, :1]).ravel(), 1.0)
+        return np.append((kept * self.level + (1.0 - kept) * (deviation / self.span)[:, None]).ravel(), 1.0)
 
     def widen(self, deviation: FloatArray) -> FloatArray:
         """Let spans grow where these (n,) deviations require it. Returns the (n,) factors by which they grew."""

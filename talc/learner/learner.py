@@ -1,5 +1,6 @@
 """From rows of inputs and measurements to estimates of the nine errors, with their uncertainty and reasons."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -157,7 +158,24 @@ class RowLearner:
 
     def estimate(self, ahead: int = 0) -> Estimate:
         """The estimates of the present row, or of this many steps ahead if the inputs stay as they are."""
-        x = self._bank.ahead(ahead) if ahead else self._bank.features()
+        return self._estimate(self._bank.ahead(ahead) if ahead else self._bank.features(), ahead)
+
+    def forecast(self, ahead: Sequence[int]) -> tuple[list[Estimate], FloatArray, list[Estimate]]:
+        """The estimates at S later steps if the inputs stay as they are; (S, 9) their sigma if the machine is measured
+        now; and the estimates if the inputs have their mean of the last two weeks from now on."""
+        bank, mixture = self._bank, self._mixture
+        x, later = bank.features(), np.stack([bank.ahead(steps) for steps in ahead])
+        stays = [self._estimate(features, steps) for features, steps in zip(later, ahead, strict=True)]
+        usual = self._memory.mean - self._memory.reference
+        moved = [self._estimate(bank.towards(steps, usual), steps) for steps in ahead]
+        _, now = mixture.predict(x)
+        shared = self._scale**2 * mixture.covariance(x, later)
+        gained = shared**2 / (self._scale**2 * now + self._doubt + self._noise**2)[:, None]
+        left = np.stack([e.sigma for e in stays]) ** 2 - gained.T
+        return stays, np.sqrt(np.maximum(left, 0.0)), moved
+
+    def _estimate(self, x: FloatArray, ahead: int) -> Estimate:
+        """With features x (n,), so many steps ahead."""
         mean, variance = self._mixture.predict(x, ahead)
         variance = self._scale**2 * variance + self._doubt
         believed = self._mixture.believed

@@ -228,6 +228,21 @@ class Mixture:
         _kernel.mixtures_predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed + ahead, x, mean, variance)
         return mean, variance + s.jolt
 
+    def each(self, x: FloatArray) -> FloatArray:
+        """(9, E) what each expert predicts with features x (n,)."""
+        return np.asarray(self._s.mean @ x, dtype=np.float64)
+
+    def covariance(self, x: FloatArray, others: FloatArray) -> FloatArray:
+        """(9, S) between what is predicted now with features x (n,), and with others (S, n)."""
+        s = self._s
+        growth = s.drift * s.elapsed[:, None]
+        growth[:, -1] += s.jolt
+        gain, spread = np.empty_like(growth), np.empty(self._errors)
+        _kernel.filters_look(s.mixed.copy(), growth, x, gain, spread)
+        here, there = s.mean @ x, s.mean @ others.T
+        apart = here - np.sum(s.weight * here, axis=1)[:, None]
+        return np.asarray(gain @ others.T + np.einsum("je,jes->js", s.weight * apart, there), dtype=np.float64)
+
     def widen(self, factor: FloatArray) -> None:
         """(inputs,) features became this much smaller, and so must their weights become larger; but a priori they are
         in the new unit what they were in the old one."""

@@ -80,6 +80,11 @@ def test_the_report_marks_the_papers_figures_and_draws_what_it_has(studied: Stud
         "search, adaptive",
         "learner, adaptive",
     }
+    assert {name for name, cells in rows.items() if cells[3] == "not in it"} == {"hold", "regression"} | {
+        "search, static",
+        "search, adaptive",
+        "learner, adaptive",
+    }
     table: Any = report.sections[0].blocks[0]
     assert {row.cells[-1] for row in table.rows if row.paper} >= {f"{v:g}" for v in PAPER_MEAN_E_PV.values()}
     assert all(row.cells.count("not at hand") >= 8 for row in table.rows if row.paper)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from simulators.cases import Axis
-from simulators.plant import MACHINES, FailureKind, PlantRecording, load
+from simulators.plant import MACHINES, FailureKind, PlantRecording, load_machine
 from studies import STUDIES, Run, days, held
 from studies.loop import regressed
 from studies.test_piece import (
@@ -107,7 +107,7 @@ def test_the_full_study_is_not_judged_on_one_machine_one_axis_and_whole_sensors(
 
 
 def test_three_sensors_fail_after_the_calibration_each_in_its_way() -> None:
-    channels = load().channels
+    channels = load_machine().channels
     for seed in range(20):
         found = failures(channels, seed)
         assert len({f.channel for f in found} & set(channels)) == 3

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from simulators.cases import SEASONS, random_axes
-from simulators.plant import Plant, load, record
+from simulators.plant import Plant, load_machine, record_drive
 from talc.admm import admm, duality_gap
 from talc.group_lasso import Gram, GroupLasso
 
@@ -55,8 +55,8 @@ def raw_gap(x: Array, y: Array, sizes: Sequence[int], penalty: float, theta: Arr
 
 def thermal(seed: int, lags: int, sensors: int) -> tuple[Array, Array]:
     """Lagged temperatures of the simulated machine, 0.1 K steps, and EX0C with 1 µm of noise; z-scored."""
-    plant = Plant(load(), SEASONS["spring"], seed)
-    series = record(plant, random_axes(seed, 300))
+    plant = Plant(load_machine(), SEASONS["spring"], seed)
+    series = record_drive(plant, random_axes(seed, 300))
     u = np.round(series.inputs[:, :sensors], 1)
     u = (u - u.mean(0)) / np.maximum(u.std(0), 1e-9)
     y = series.errors[:, 2] + np.random.default_rng(seed).normal(0, 1.0, 300)

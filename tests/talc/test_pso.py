@@ -11,7 +11,7 @@ from talc import criteria
 from talc._kernel import Progress
 from talc.admm import admm
 from talc.arx import Regression
-from talc.pso import Chosen, select
+from talc.pso import Chosen, select_by_swarm
 from talc.window import Structure, Window
 from tests.benches.thermal_series import series
 
@@ -73,7 +73,7 @@ def _places(structure: Structure) -> list[tuple[int, int]]:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_best_candidate_costs_what_the_swarm_says(seed: int, criterion: criteria.Criterion) -> None:
     regression = problem(seed)
-    chosen = select(regression, seed=seed, swarm=20, iterations=20, criterion=criterion)
+    chosen = select_by_swarm(regression, seed=seed, swarm=20, iterations=20, criterion=criterion)
     assert chosen.gap <= 1e-8
     again = judged(criterion, run_again(regression, chosen), chosen.structure)
     assert chosen.criterion == pytest.approx(again, rel=1e-4)
@@ -81,26 +81,26 @@ def test_the_best_candidate_costs_what_the_swarm_says(seed: int, criterion: crit
 
 def test_the_same_seed_gives_the_same_choice_and_more_iterations_no_worse_one() -> None:
     regression = problem(4)
-    short = select(regression, seed=7, swarm=20, iterations=5)
-    assert short == select(regression, seed=7, swarm=20, iterations=5)
-    assert select(regression, seed=7, swarm=20, iterations=40).criterion <= short.criterion
+    short = select_by_swarm(regression, seed=7, swarm=20, iterations=5)
+    assert short == select_by_swarm(regression, seed=7, swarm=20, iterations=5)
+    assert select_by_swarm(regression, seed=7, swarm=20, iterations=40).criterion <= short.criterion
 
 
 def test_what_made_the_record_is_among_the_chosen_inputs() -> None:
-    chosen = select(problem(5, error=2, steps=400), seed=1)
+    chosen = select_by_swarm(problem(5, error=2, steps=400), seed=1)
     assert {2, 5} <= set(chosen.structure.inputs)
 
 
 def test_a_cancelled_swarm_stops() -> None:
     progress = Progress()
     progress.cancel()
-    select(problem(6), seed=1, iterations=500, progress=progress)
+    select_by_swarm(problem(6), seed=1, iterations=500, progress=progress)
     assert progress.share == 0.0
 
 
 def test_too_few_rows_are_refused() -> None:
     with pytest.raises(ValueError, match="rows: expected at least 2"):
-        select(problem(7, steps=4), seed=1)
+        select_by_swarm(problem(7, steps=4), seed=1)
 
 
 def test_adapted_bic_by_hand() -> None:

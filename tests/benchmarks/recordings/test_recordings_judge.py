@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.recordings.description import InputColumn
-from benchmarks.recordings.judge import Peeked, carry_out, check_causal, coverage, judge, moments
+from benchmarks.recordings.judge import Peeked, carry_out, check_causal, coverage, judge_course, moments
 from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import Given, HoldLast, Method, MethodCourse, Nothing, Ridge, given_of
 from benchmarks.recordings.models import Models, papers, slots
@@ -85,7 +85,7 @@ def test_hold_leaves_a_ramp_by_its_age() -> None:
     assert course is not None
     left = series.truth[1:, 0] - course.estimate[1:, 0]
     assert left[:24].tolist() == [*range(1, 13), *range(1, 13)]
-    found = judge(series, course, 0.0, [0])
+    found = judge_course(series, course, 0.0, [0])
     squares = np.tile(np.arange(1.0, 13.0) ** 2, 20)
     assert found.rms == pytest.approx(np.sqrt(squares.sum() / 241))
     assert found.largest == 12.0
@@ -96,7 +96,7 @@ def test_nothing_leaves_the_errors_themselves() -> None:
     series = ramp()
     course = carry_out(Nothing(), series, moments(series, 0.0, 60.0), 0, 0.0, 60.0)
     assert course is not None
-    found = judge(series, course, 12.0, [0, 1])
+    found = judge_course(series, course, 12.0, [0, 1])
     after = series.truth[144:]
     assert found.rms == pytest.approx(np.sqrt(np.mean(after**2)))
     assert found.p99 == pytest.approx(np.quantile(after, 0.99))
@@ -127,7 +127,7 @@ def test_ridge_finds_a_ramp_that_is_linear_in_its_input() -> None:
     series = ramp()
     course = carry_out(Ridge(), series, moments(series, 0.0, 60.0), 0, 6.0, 60.0)
     assert course is not None
-    assert judge(series, course, 6.0, [0, 1]).rms < 0.02
+    assert judge_course(series, course, 6.0, [0, 1]).rms < 0.02
 
 
 def test_all_methods_are_measured_at_the_same_moments_with_the_same_noise() -> None:
@@ -194,7 +194,7 @@ def test_models_through_the_controller_beat_nothing_on_what_they_can_learn() -> 
     assert course is not None
     assert not np.isfinite(course.estimate[:100]).any()  # calibrating
     none = np.sqrt(np.mean(series.truth[144:] ** 2))
-    found = judge(series, course, 12.0, [0, 1, 2])
+    found = judge_course(series, course, 12.0, [0, 1, 2])
     assert found.rms < 0.5 * none
     assert np.isfinite(found.inside)
 
@@ -206,8 +206,8 @@ def test_the_learner_estimates_from_the_first_measurements_on() -> None:
     held = carry_out(HoldLast(), series, used, 0, 0.0, 60.0)
     assert course is not None
     assert held is not None
-    found = judge(series, course, 0.0, [0, 1, 2])
-    assert found.rms < judge(series, held, 0.0, [0, 1, 2]).rms
+    found = judge_course(series, course, 0.0, [0, 1, 2])
+    assert found.rms < judge_course(series, held, 0.0, [0, 1, 2]).rms
     assert found.curve[2] < 0.5
     assert 0.8 < found.inside <= 1.0
 
@@ -280,9 +280,9 @@ def test_rows_after_the_beginning_alone_are_judged() -> None:
     estimate = series.truth.copy()
     estimate[:144] += 50.0
     course = MethodCourse(estimate, np.ones_like(estimate))
-    assert judge(series, course, 12.0, [0]).rms == 0.0
-    assert judge(series, course, 12.0, [0]).inside == 1.0
-    assert judge(series, course, 0.0, [0]).largest == 50.0
+    assert judge_course(series, course, 12.0, [0]).rms == 0.0
+    assert judge_course(series, course, 12.0, [0]).inside == 1.0
+    assert judge_course(series, course, 0.0, [0]).largest == 50.0
 
 
 def test_savings_are_read_off_between_the_fixed_intervals() -> None:

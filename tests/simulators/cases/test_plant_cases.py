@@ -5,7 +5,7 @@ import pytest
 
 from simulators.cases import long_term, random_axes, table_and_fluid, warm_up_and_cool_down
 from simulators.cases.series import AXES
-from simulators.plant import Environment, MachineDrive, Plant, load, record
+from simulators.plant import Environment, MachineDrive, Plant, load_machine, record_drive
 
 CALM = Environment(mean_degC=22, daily_amplitude_K=0, weather_sigma_K=0, gradient_K_m=0, door_openings_per_day=0)
 
@@ -28,7 +28,7 @@ def test_one_axis_at_a_time_and_every_one_in_turn() -> None:
 
 def test_spindle_grows_while_it_turns_and_shrinks_after() -> None:
     drives = warm_up_and_cool_down("spindle_speed")
-    growth = record(Plant(load(), CALM, 1), drives).inputs[:, 29]
+    growth = record_drive(Plant(load_machine(), CALM, 1), drives).inputs[:, 29]
     assert growth[47] > growth[5] > 1.0
     assert growth[-1] < 0.2 * growth[47]
 

@@ -121,7 +121,7 @@ def test_program_says_where_it_listens_and_ends_when_interrupted(tmp_path: Path)
         assert process.stdout is not None
         assert process.stdout.readline().startswith('kind = "modbus_rtu", port = "/dev/pts/')
         process.send_signal(signal.SIGINT)
-        assert process.wait(10) == 0
+        assert process.wait(60) == 0
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def scenario_of(device: str, *entries: str) -> Scenario:
     return Scenario.parse(text + "".join(f"[[at]]\ns = {10 * n}\n{e}\n" for n, e in enumerate(entries, 1)))
 
 
-class Heard:
+class LatestRead:
     """What was read, the latest last."""
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class Heard:
 
 
 @asynccontextmanager
-async def read(device: str, scenario: Scenario, clock: ManualClock, folder: Path) -> AsyncIterator[Heard]:
+async def read(device: str, scenario: Scenario, clock: ManualClock, folder: Path) -> AsyncIterator[LatestRead]:
     """The device on its wire, read twenty times a second; the scenario's time is the clock's."""
     profile = logger_profile(folder) if device == "can_logger" else PROFILES[device][0]
     unit = 126 if device in ("me_rs485", "me_dt6120") else 1
@@ -96,7 +96,7 @@ async def read(device: str, scenario: Scenario, clock: ManualClock, folder: Path
     settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
     bus = make_bus("bus", settings.pop("kind"), settings | {"timeout_s": 0.2})
     driver: Driver = make_device("device", bus, profile, unit, {"a": 0}, options(device), SystemClock())
-    heard = Heard()
+    heard = LatestRead()
     line = Line(bus, (driver,), period_s=0.05, retry_max_periods=2)
     try:
         async with Acquisition([line], RealClock(), heard.take, lambda _: None):

@@ -5,14 +5,14 @@ import math
 import pytest
 
 from simulators.linuxcnc.chain import centre_mm
-from simulators.plant import RADIUS_MM, Environment, MachineDrive, Plant, load
+from simulators.plant import RADIUS_MM, Environment, MachineDrive, Plant, load_machine
 
 HEIGHT_MM = 80.0
 POSES = ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0), (-37, 481))
 
 
 def test_sphere_is_off_by_what_the_plant_deviates() -> None:
-    plant = Plant(load(), Environment(), 1)
+    plant = Plant(load_machine(), Environment(), 1)
     plant.advance(2 * 3600.0, MachineDrive(speed_x=6000.0, speed_c=1200.0, spindle_speed=12000.0, coolant_on=True))
     for a_deg, c_deg in POSES:
         a, c = math.radians(a_deg), math.radians(c_deg)

@@ -17,8 +17,8 @@ from simulators.plant import (
     MachineDrive,
     Plant,
     PlantParameters,
-    load,
-    record,
+    load_machine,
+    record_drive,
 )
 from simulators.plant.drive import loads
 from simulators.plant.joined import FAMILIES, ZONES
@@ -65,12 +65,12 @@ def test_the_page_names_every_number_of_the_hall_with_its_default() -> None:
 
 @pytest.fixture(scope="module")
 def machine() -> PlantParameters:
-    return load()
+    return load_machine()
 
 
 @pytest.fixture(scope="module", params=MACHINES)
 def any_machine(request: pytest.FixtureRequest) -> PlantParameters:
-    return load(request.param)
+    return load_machine(request.param)
 
 
 def shut(machine: PlantParameters) -> PlantParameters:
@@ -219,7 +219,7 @@ def test_a_change_within_a_step_counts_by_its_share(machine: PlantParameters) ->
 
 def test_same_seed_same_run_other_seed_other_hall(machine: PlantParameters) -> None:
     drives = [MachineDrive(speed_y=9000)] * 24
-    one, two, other = (record(Plant(machine, Environment(), seed), drives) for seed in (4, 4, 5))
+    one, two, other = (record_drive(Plant(machine, Environment(), seed), drives) for seed in (4, 4, 5))
     assert np.array_equal(one.inputs, two.inputs)
     assert np.array_equal(one.errors, two.errors)
     assert not np.allclose(one.errors, other.errors)
@@ -307,7 +307,7 @@ def test_errors_start_at_zero_and_reach_tens_of_micrometres(machine: PlantParame
     axes += [MachineDrive(speed_y=20000), MachineDrive(spindle_speed=12000)]
     while len(drives) < 864:
         drives += [replace(axes[draw.integers(6)], coolant_on=bool(draw.random() < 0.4))] * int(draw.integers(6, 36))
-    swing = dict(zip(THERMAL_ERRORS, np.ptp(record(plant, drives[:864]).errors, axis=0), strict=True))
+    swing = dict(zip(THERMAL_ERRORS, np.ptp(record_drive(plant, drives[:864]).errors, axis=0), strict=True))
     assert 5 < swing["EX0C"] < 100
     assert 20 < swing["EZ0A"] < 100
     assert 10 < swing["EZ0T"] < 100
@@ -319,20 +319,20 @@ def test_stiff_machine_bends_less_warm_one_more_cooled_spindle_grows_less() -> N
     drives = [MachineDrive(spindle_speed=12000)] * 48 + [MachineDrive(speed_c=1000, speed_x=20000)] * 48
     swing, growth = {}, {}
     for name in MACHINES:
-        run = record(Plant(load(name), CALM, 1, ageing=NEW), drives)
+        run = record_drive(Plant(load_machine(name), CALM, 1, ageing=NEW), drives)
         swing[name] = dict(zip(THERMAL_ERRORS, np.ptp(run.errors, axis=0), strict=True))
         growth[name] = float(np.ptp(run.inputs[:, 29]))
     assert swing["stiff"]["EA0C"] < 0.9 * swing["base"]["EA0C"]
     assert swing["warm"]["ER0T"] > 1.2 * swing["base"]["ER0T"]
     assert growth["cooled_spindle"] < 0.6 * growth["base"]
     with pytest.raises(ValueError, match="machine 'weak': expected one of base, stiff"):
-        load("weak")
+        load_machine("weak")
 
 
 def test_friction_and_sensors_drift_slowly_and_repeatably(machine: PlantParameters) -> None:
     old, again, new = (Plant(machine, CALM, 2, ageing=a) for a in (Ageing(), Ageing(), NEW))
     drives = [MachineDrive(speed_x=20000, speed_y=20000)] * 12 * 24
-    runs = [record(plant, drives) for plant in (old, again, new)]
+    runs = [record_drive(plant, drives) for plant in (old, again, new)]
     assert np.array_equal(runs[0].inputs, runs[1].inputs)
     apart = np.abs(runs[0].errors - runs[2].errors).max()
     assert 0.1 < apart < 10
@@ -348,8 +348,8 @@ def test_sensors_fail_as_specified(machine: PlantParameters) -> None:
         Failure(channel="y_nut", kind=FailureKind.OFFSET, from_s=600, by_K=4.0),
     )
     drives = [MachineDrive(speed_c=1200, speed_y=30000)] * 8
-    bad = record(Plant(machine, CALM, 2, failures=failures), drives).inputs
-    good = record(Plant(machine, CALM, 2), drives).inputs
+    bad = record_drive(Plant(machine, CALM, 2, failures=failures), drives).inputs
+    good = record_drive(Plant(machine, CALM, 2), drives).inputs
     x, c, y = (machine.channels.index(name) for name in ("x_nut", "c_drive", "y_nut"))
     assert np.isnan(bad[:, x]).tolist() == [False, True, True, False, False, False, False, False]
     assert np.ptp(bad[1:, c]) == 0 < np.ptp(good[1:, c])
@@ -373,4 +373,4 @@ def test_another_plant_counts_from_the_same_state(machine: PlantParameters) -> N
     twin.zero(plant)
     assert np.array_equal(twin.errors(), plant.errors())
     with pytest.raises(ValueError, match="same parameters"):
-        twin.zero(Plant(load("stiff"), CALM, 1))
+        twin.zero(Plant(load_machine("stiff"), CALM, 1))

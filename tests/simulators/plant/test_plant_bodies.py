@@ -10,13 +10,13 @@ from scipy.sparse.linalg import splu
 from skfem import Basis, ElementHex2, ElementVector
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from simulators.plant import FloatArray, reduced, tables
+from simulators.plant import FloatArray, machine_tables, reduced
 from simulators.plant.body import BodyModel
 from simulators.plant.elastic import POISSON, elastic_rows, rigid_motion, stiffness, swelling
 from simulators.plant.generate import basis as chosen_basis
 from simulators.plant.joined import Joined, join
-from simulators.plant.shape import Body, Joint, Shape, read
-from simulators.plant.solid import SparseSum, assemble, conduction, mesh
+from simulators.plant.shape import Body, Joint, Shape, read_shape
+from simulators.plant.solid import SparseSum, assemble_bodies, conduction, mesh_body
 from talc.names import THERMAL_ERRORS
 
 LENGTH, SIDE, K, RHO_C = 1.0, 0.1, 50.0, 3.6e6
@@ -33,7 +33,7 @@ BAR = Shape(
 
 @pytest.fixture(scope="module")
 def bar() -> BodyModel:
-    return conduction(BAR, "bar", mesh(BAR, "bar"))
+    return conduction(BAR, "bar", mesh_body(BAR, "bar"))
 
 
 def test_bar_heated_at_one_end_and_cooled_at_the_other(bar: BodyModel) -> None:
@@ -66,7 +66,7 @@ def test_projection_keeps_balance_and_needs_an_even_warming(bar: BodyModel) -> N
 
 def test_free_body_bends_as_a_linear_temperature_demands() -> None:
     """T = g z gives u = g (x z, y z, (z² - x² - y²)/2) without stress; T = 1 gives u = (x, y, z)."""
-    basis = Basis(mesh(BAR, "bar"), ElementHex2(), intorder=4)
+    basis = Basis(mesh_body(BAR, "bar"), ElementHex2(), intorder=4)
     x, y, z = np.asarray(basis.doflocs)
     matrix, force = stiffness(basis), swelling(basis)
     bent = np.concatenate([x * z, y * z, (z**2 - x**2 - y**2) / 2])
@@ -77,7 +77,7 @@ def test_free_body_bends_as_a_linear_temperature_demands() -> None:
 
 
 def test_stiffness_is_that_of_scikit_fem() -> None:
-    cells = mesh(BAR, "bar")
+    cells = mesh_body(BAR, "bar")
     basis, theirs = Basis(cells, ElementHex2(), intorder=4), Basis(cells, ElementVector(ElementHex2()), intorder=4)
     matrix = linear_elasticity(*lame_parameters(1.0, POISSON)).assemble(theirs)
 
@@ -91,7 +91,7 @@ def test_stiffness_is_that_of_scikit_fem() -> None:
 
 
 def test_rigid_motion_is_found_again() -> None:
-    basis = Basis(mesh(BAR, "bar"), ElementHex2(), intorder=4)
+    basis = Basis(mesh_body(BAR, "bar"), ElementHex2(), intorder=4)
     rows, centre = rigid_motion(basis, ((0, 0.3, 0, SIDE, 0, SIDE),))
     assert centre == pytest.approx([0.15, 0.05, 0.05])
     shift, turn = np.array([1.0, -2.0, 3.0]), np.array([0.3, 0.2, -0.5])
@@ -100,7 +100,7 @@ def test_rigid_motion_is_found_again() -> None:
 
 
 def test_committed_bodies_weigh_what_the_table_says() -> None:
-    shape = read()
+    shape = read_shape()
     for name, model in reduced("base").items():
         body = shape.bodies[name]
         volume = sum((b[1] - b[0]) * (b[3] - b[2]) * (b[5] - b[4]) for b in body.boxes)
@@ -117,7 +117,7 @@ def test_committed_bodies_weigh_what_the_table_says() -> None:
 
 def follow(joined: Joined, name: str = "base") -> FloatArray:
     """(60, k) errors, points and nodes over 5 h of random loads, hall, films; implicit Euler, 5 min."""
-    draw, table = np.random.default_rng(3), tables(name).machine
+    draw, table = np.random.default_rng(3), machine_tables(name).machine
     watts = [row.get("linear", 0) + row["power"] for row in table["heat"].values()]
     seen = np.vstack([joined.elastic, joined.growth, *joined.points.values()])
     x, out = np.zeros(joined.even.size), []
@@ -137,19 +137,19 @@ def follow(joined: Joined, name: str = "base") -> FloatArray:
 @pytest.fixture(scope="module")
 def exact() -> FloatArray:
     """What the whole model does."""
-    return follow(join(tables().machine, assemble(read()), SparseSum))
+    return follow(join(machine_tables().machine, assemble_bodies(read_shape()), SparseSum))
 
 
 @pytest.mark.slow
 def test_reduced_machine_follows_the_whole_one(exact: FloatArray) -> None:
     assert np.ptp(exact[:, 0]) > 10
-    follows(follow(join(tables().machine, reduced("base"))), exact)
+    follows(follow(join(machine_tables().machine, reduced("base"))), exact)
 
 
 @pytest.mark.slow
 def test_reduced_stiff_machine_follows_its_own_whole_one_and_not_the_base_one(exact: FloatArray) -> None:
-    chosen = tables("stiff")
-    whole = follow(join(chosen.machine, assemble(read(chosen.shape)), SparseSum), "stiff")
+    chosen = machine_tables("stiff")
+    whole = follow(join(chosen.machine, assemble_bodies(read_shape(chosen.shape)), SparseSum), "stiff")
     follows(follow(join(chosen.machine, reduced(chosen.reduced)), "stiff"), whole)
     assert abs(whole - exact)[:, : len(THERMAL_ERRORS)].max() > 2.0  # else this test could not tell them apart
 
@@ -163,21 +163,23 @@ def follows(small: FloatArray, exact: FloatArray) -> None:
 
 @pytest.mark.slow
 def test_a_coarser_mesh_gives_nearly_the_same(exact: FloatArray) -> None:
-    coarse = assemble(read(), coarser=4.0)  # 900 instead of 1400 cells; edges of faces are lines of every mesh
-    other = follow(join(tables().machine, coarse, SparseSum))
+    coarse = assemble_bodies(
+        read_shape(), coarser=4.0
+    )  # 900 instead of 1400 cells; edges of faces are lines of every mesh
+    other = follow(join(machine_tables().machine, coarse, SparseSum))
     assert (np.sqrt(np.mean((other - exact) ** 2, axis=0)) < 0.03 * np.ptp(exact, axis=0) + 0.05).all()
 
 
 @pytest.mark.slow
 def test_machine_with_middle_scales_and_like_bearings_is_its_own_mirror_image() -> None:
-    shape = read()
+    shape = read_shape()
 
     def even(joint: Joint) -> Joint:
         mirrored = tuple((-b[1], -b[0], *b[2:]) for b in joint.boxes)
         return replace(joint, boxes=tuple(dict.fromkeys(joint.boxes + mirrored)))
 
     shape = replace(shape, joints=tuple(even(joint) for joint in shape.joints))
-    cells = {name: mesh(shape, name, 4.0) for name in shape.bodies}
+    cells = {name: mesh_body(shape, name, 4.0) for name in shape.bodies}
     rows = elastic_rows(shape, cells)
     turned = [THERMAL_ERRORS.index(name) for name in ("EX0C", "EB0C", "EC0C")]
     sign = np.ones(len(THERMAL_ERRORS) + 1)

@@ -8,8 +8,8 @@ from skfem import Basis, ElementHex2, ElementVector, LinearForm, condense, solve
 from skfem.helpers import div
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from simulators.three_body import DRIFTS, load
-from simulators.three_body.generate import reduce
+from simulators.three_body import DRIFTS, load_reduced
+from simulators.three_body.generate import reduce_whole
 from simulators.three_body.solid import TOOL, WORKPIECE, Solid, assemble, mesh
 
 VOLUME = 1 * 0.8 * 0.3 + 0.6 * 0.25 * 1.1 + 0.2 * 0.5 * 0.4
@@ -81,23 +81,23 @@ def test_ordinary_elastic_solve_with_clamped_feet_gives_the_drift_of_the_adjoint
 
 def test_zero_order_hold_does_not_depend_on_the_step() -> None:
     heat = np.random.default_rng(1).uniform(0, [150, 90], (60, 2))
-    drift, sensors = load().respond(heat, 300.0)
-    fine_drift, fine_sensors = load().respond(np.repeat(heat, 5, axis=0), 60.0)
+    drift, sensors = load_reduced().respond(heat, 300.0)
+    fine_drift, fine_sensors = load_reduced().respond(np.repeat(heat, 5, axis=0), 60.0)
     assert np.allclose(drift, fine_drift[4::5], atol=1e-9)
     assert np.allclose(sensors, fine_sensors[4::5], atol=1e-9)
 
 
 def test_bad_heat_and_step_are_named() -> None:
     with pytest.raises(ValueError, match=r"heat: expected \(steps, 2\)"):
-        load().respond(np.zeros((5, 3)))
+        load_reduced().respond(np.zeros((5, 3)))
     with pytest.raises(ValueError, match="dt_s"):
-        load().respond(np.zeros((5, 2)), 0.0)
+        load_reduced().respond(np.zeros((5, 2)), 0.0)
 
 
 @pytest.mark.slow
 def test_committed_matrices_are_the_generators_and_follow_the_whole_model() -> None:
     whole = assemble()
-    rebuilt, stored = reduce(whole), load()
+    rebuilt, stored = reduce_whole(whole), load_reduced()
     heat = np.repeat(np.random.default_rng(2).uniform(0, [150, 90], (8, 2)), 6, axis=0)  # 4 h, new loads each 30 min
     drift, sensors = stored.respond(heat)
     again, _ = rebuilt.respond(heat)

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 from sklearn.base import clone
-from sklearn.utils.estimator_checks import check_estimator
 
 import talc
 
@@ -29,6 +28,8 @@ CHECKED = [e for e in ESTIMATORS if not isinstance(e, talc.ClusterKernelARX)]
 @pytest.mark.filterwarnings("ignore:y.*no model:UserWarning", "ignore:.*does not inherit from:UserWarning")
 @pytest.mark.parametrize("estimator", CHECKED, ids=lambda e: type(e).__name__)
 def test_the_checks_that_apply_pass(estimator: Any) -> None:
+    from sklearn.utils.estimator_checks import check_estimator  # two seconds, which `make test` need not spend
+
     expected = NOT_OURS | (NOT_OF_SERIES if isinstance(estimator, talc.Learner) else {})
     done = check_estimator(estimator, expected_failed_checks=expected, on_skip=None)
     assert {d["check_name"] for d in done if d["status"] == "xfail"} == set(expected)

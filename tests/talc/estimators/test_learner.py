@@ -170,6 +170,25 @@ def test_what_is_wrong_is_said(arguments: dict[str, object], text: str) -> None:
         talc.Learner(step_s=300.0).fit(**arguments)
 
 
+@pytest.mark.parametrize("kind", [talc.Learner, talc.SparseOutputError])
+def test_rows_of_other_times_are_not_put_side_by_side(kind: type[talc.Learner | talc.SparseOutputError]) -> None:
+    index = pd.date_range("2026-03-02 06:00", periods=30, freq="5min")
+    X, y = pd.DataFrame({"a": np.arange(30.0)}, index), pd.Series(np.arange(30.0), index)
+    late = y.set_axis(index + pd.Timedelta(minutes=5))
+    said = "row 0 is of 2026-03-02 06:00:00 in X and of 2026-03-02 06:05:00 in y; y.reindex"
+    with pytest.raises(ValueError, match=said):
+        kind().fit(X, late)
+    with pytest.raises(ValueError, match=r"row 0 is of .*00:00 in y"):
+        kind().fit(X, y.tz_localize("UTC"))
+    kind().fit(X, y)
+
+
+def test_a_column_of_text_is_named() -> None:
+    X = pd.DataFrame({"a": [1.0, 2.0], "tool": ["T1", "T2"]})
+    with pytest.raises(ValueError, match="X, column 'tool': could not convert string to float: 'T1'"):
+        talc.Learner().fit(X, [1.0, 2.0])
+
+
 def test_rows_to_predict_must_follow(days: ThermalSeries) -> None:
     times = 300.0 * np.arange(100)
     learner = talc.Learner().fit(days.inputs[:50], days.measured[:50], times[:50])

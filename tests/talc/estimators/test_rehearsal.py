@@ -78,3 +78,22 @@ def test_denser_rows_are_averaged_and_a_gap_stays_one(recorded: pd.DataFrame) ->
 def test_what_is_wrong_is_said(recorded: pd.DataFrame, arguments: dict[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         talc.rehearse(recorded, **arguments)
+
+
+def test_an_array_has_no_columns_to_name() -> None:
+    with pytest.raises(TypeError, match="df is of type ndarray: expected a pandas DataFrame"):
+        talc.rehearse(np.zeros((3, 2)), errors=["drift"])
+
+
+@pytest.mark.parametrize("as_index", [True, False])
+def test_times_since_the_start_are_times_too(recorded: pd.DataFrame, as_index: bool) -> None:
+    """With a gap, and rows 10 min apart: as rows without times they would follow each other each 5 min."""
+    dated = recorded.iloc[::2].drop(recorded.index[100:200:2])[["EZ0A", *recorded.columns[:3]]]
+    since = dated.index - dated.index[0]
+    counted = dated.set_axis(since) if as_index else dated.reset_index(drop=True)
+    expected = talc.rehearse(dated, errors=["EZ0A"])
+    found = talc.rehearse(counted, errors=["EZ0A"], times=None if as_index else since.to_numpy())
+    pd.testing.assert_frame_equal(found.reset_index(drop=True), expected.reset_index(drop=True))
+    assert found["EZ0A_sigma"].notna().all()
+    if as_index:
+        assert list(found.index) == list(since)
