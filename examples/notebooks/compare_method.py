@@ -13,7 +13,7 @@ import pandas as pd
 
 import talc
 
-table = pd.read_csv(Path("benchmarks/recordings/fl_thermal/fl_thermal.csv"))
+table = pd.read_csv(Path("../../benchmarks/recordings/fl_thermal/fl_thermal.csv"))
 X = table.filter(regex=r"^(spindle|t\d)").to_numpy()
 errors = table.filter(regex="^ch").to_numpy()
 measured = np.where((np.arange(len(table)) % 12 == 0)[:, None], errors, np.nan)

@@ -12,9 +12,9 @@ import pandas as pd
 
 import talc
 
-FILE = Path("benchmarks/recordings/fl_thermal/fl_thermal.csv")  # yours
+FILE = Path("../../benchmarks/recordings/fl_thermal/fl_thermal.csv")  # yours; from the notebook's folder
 table = pd.read_csv(FILE)
-table.index = pd.to_datetime(table.pop("time"), unit="s")
+times = table.pop("time")  # seconds, or datetimes
 errors = [name for name in table.columns if name.startswith("ch")]
 print(f"{len(table)} rows, inputs: {', '.join(table.columns.drop(errors))}; errors: {', '.join(errors)}")
 
@@ -24,7 +24,8 @@ print(f"{len(table)} rows, inputs: {', '.join(table.columns.drop(errors))}; erro
 
 # %%
 rehearsals = {
-    policy: talc.rehearse(table, errors=errors, policy=policy) for policy in ("uncertainty", "fixed", "every")
+    policy: talc.rehearse(table, errors=errors, policy=policy, times=times)
+    for policy in ("uncertainty", "fixed", "every")
 }
 rows = {}
 for policy, result in rehearsals.items():

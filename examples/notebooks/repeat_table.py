@@ -12,7 +12,8 @@ import tempfile
 from pathlib import Path
 
 with tempfile.TemporaryDirectory() as folder:
-    subprocess.run([sys.executable, "-m", "studies", "arx-vs-static", "--small", "--out", folder], check=True)
+    command = [sys.executable, "-m", "studies", "arx-vs-static", "--small", "--out", folder]
+    subprocess.run(command, check=True, cwd="../..", stdout=subprocess.DEVNULL)
     summary = (Path(folder) / "summary.md").read_text(encoding="utf-8")
 
 # %% [markdown]

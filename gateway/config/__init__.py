@@ -8,30 +8,39 @@ from gateway.config.buses import (
     ModbusRtuSection,
     ModbusRtuTcpSection,
     ModbusTcpSection,
+    MqttSection,
+    OpcUaSection,
 )
+from gateway.config.certificates import certificate_end, certificate_ends
 from gateway.config.consequences import unarmed
-from gateway.config.controls import LinuxCncNc, Nc, SinumerikNc
+from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
+from gateway.config.extended import other_kinds, validate
+from gateway.config.extensions import ControlSection, OtherBus
 from gateway.config.fields import Name
-from gateway.config.file import draft, load, parse, read, read_as
+from gateway.config.file import draft, load, parse, read_as, read_text
 from gateway.config.metrics import Metrics
-from gateway.config.model import Channel, GatewayConfig, validate
+from gateway.config.model import Channel, GatewayConfig
 from gateway.config.packed import packed_toml, unpacked
 from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
 from gateway.config.problems import ConfigError, Problem, place, shown, suggestion
 from gateway.config.rules import cautions
-from gateway.config.sections import Compensation, Probing, Storage
+from gateway.config.sections import Compensation, Device, Probing, Storage
 from gateway.config.talc_only import TalcOnly, load_talc_only
-from gateway.config.telemetry import EndpointParts, Telemetry, TelemetryTls, endpoint
+from gateway.config.telemetry import Endpoint, EndpointParts, Operator, Telemetry, TelemetryTls, endpoint
 from gateway.config.telemetry_rules import credential_problems
 from gateway.config.wires import toml_value, wires_toml
 
 __all__ = [
+    "AgentNc",
     "BusSection",
     "CanOpenSection",
     "CanSection",
     "Channel",
     "Compensation",
     "ConfigError",
+    "ControlSection",
+    "Device",
+    "Endpoint",
     "EndpointParts",
     "GatewayConfig",
     "LinuxCncNc",
@@ -40,8 +49,13 @@ __all__ = [
     "ModbusRtuSection",
     "ModbusRtuTcpSection",
     "ModbusTcpSection",
+    "MqttSection",
+    "MtConnectNc",
     "Name",
     "Nc",
+    "OpcUaSection",
+    "Operator",
+    "OtherBus",
     "PriorError",
     "PriorFile",
     "Probing",
@@ -52,19 +66,22 @@ __all__ = [
     "Telemetry",
     "TelemetryTls",
     "cautions",
+    "certificate_end",
+    "certificate_ends",
     "credential_problems",
     "described",
     "draft",
     "endpoint",
     "load",
     "load_talc_only",
+    "other_kinds",
     "packed_toml",
     "parse",
     "parse_prior",
     "place",
     "prior_for",
-    "read",
     "read_as",
+    "read_text",
     "shown",
     "suggestion",
     "toml_value",

@@ -3,7 +3,7 @@
 The drivers' settings define where a bus is and what its fields may hold; the gateway's own fields are added here.
 """
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -11,21 +11,10 @@ from drivers.can import CanSettings
 from drivers.canopen import CanOpenSettings
 from drivers.micro_epsilon import MeEthernetSettings, MeRs485Settings
 from drivers.modbus import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
-from drivers.section import Positive, Section
-from gateway.config.fields import Name
-
-
-class Polled(Section):
-    """How the gateway polls a bus."""
-
-    name: Name
-    """Name by which devices and messages refer to the bus."""
-    period_s: Positive = 1.0
-    """Every device of the bus is read once in each period."""
-    read_limit_s: Positive = 10.0
-    """How long one whole read of a device may take; after that the bus is closed and opened again."""
-    retry_max_periods: int = Field(default=60, ge=1, le=3600)
-    """A silent device, or a bus that does not open, is tried again after 1, 2, 4 ... periods, up to this number."""
+from drivers.mqtt import MqttBusSettings
+from drivers.opcua import OpcUaBusSettings
+from gateway.config.extensions import OtherBus
+from gateway.config.polled import Polled
 
 
 class ModbusRtuSection(ModbusRtuSettings, Polled):
@@ -36,7 +25,7 @@ class ModbusRtuSection(ModbusRtuSettings, Polled):
 
 
 class ModbusRtuTcpSection(ModbusRtuTcpSettings, Polled):
-    """Modbus RTU over TCP: units on the serial line of a device server, whose TCP port passes on the bytes as they are.
+    """Modbus RTU over TCP: units on the serial line of a device server, whose TCP port forwards the bytes unchanged.
 
     The server sets speed and parity of the line.
     """
@@ -74,19 +63,39 @@ class CanOpenSection(CanOpenSettings, Polled):
 
 
 class CanSection(CanSettings, Polled):
-    """Devices on a CAN bus that send without being asked, named by a DBC file. `timeout_s`: how old a frame may be."""
+    """Devices on a CAN bus that send without being asked, described by a DBC file. `timeout_s`: how old a frame may
+    be."""
 
     kind: Literal["can"]
     """`can`."""
 
 
-BusSection = Annotated[
+class OpcUaSection(OpcUaBusSettings, Polled):
+    """An OPC UA server whose nodes are channels."""
+
+    kind: Literal["opcua"]
+    """`opcua`."""
+
+
+class MqttSection(MqttBusSettings, Polled):
+    """An MQTT broker whose topics are channels. `period_s`: at least a third of the longest time between messages."""
+
+    kind: Literal["mqtt"]
+    """`mqtt`."""
+
+
+_Own = (
     ModbusRtuSection
     | ModbusRtuTcpSection
     | ModbusTcpSection
     | CanOpenSection
     | CanSection
     | MeRs485Section
-    | MeEthernetSection,
-    Field(discriminator="kind"),
-]
+    | MeEthernetSection
+    | OpcUaSection
+    | MqttSection
+)
+if TYPE_CHECKING:
+    BusSection = _Own | OtherBus
+else:  # gateway.config.extended adds those of other packages where a file uses them
+    BusSection = Annotated[_Own, Field(discriminator="kind")]

@@ -1,4 +1,4 @@
-"""What the configuration leaves off, and what follows from that: nobody shall wait for what cannot come."""
+"""What the configuration leaves off, and what follows from that: nobody should wait for what cannot happen."""
 
 from gateway.config.model import GatewayConfig
 
@@ -8,6 +8,8 @@ def unarmed(config: GatewayConfig) -> tuple[str, ...]:
     found = []
     if config.nc is None:
         found.append("nothing will be learnt and nothing corrected: there is no [nc]")
+    elif config.nc.only_read:
+        found.append(f"nothing will be learnt and nothing corrected: a control of kind '{config.nc.kind}' is only read")
     else:
         if not config.probing.armed:
             found.append("nothing will be learnt: probing is not armed ([probing] armed = true)")

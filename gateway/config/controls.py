@@ -1,25 +1,23 @@
 """`[nc]`: the connection to the numerical control. One section per kind of control."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from datetime import UTC, datetime, timedelta
-from ipaddress import ip_address
-from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from urllib.parse import urlsplit
 
 from pydantic import Field
 
-from drivers.base import SetupError
-from drivers.linuxcnc import LARGEST_UM, LinuxCncAgent, LinuxCncSettings
-from drivers.linuxcnc import STATES as LINUXCNC_STATES
-from drivers.opcua import valid_certificate
+from drivers.agent import LARGEST_UM, AgentAddress, AgentSettings
+from drivers.agent import STATES as AGENT_STATES
+from drivers.bus_settings import is_loopback
+from drivers.linuxcnc import LinuxCncSettings
+from drivers.mtconnect import MtConnectSettings
 from drivers.problems import settings_of
-from drivers.section import Positive
+from drivers.section import NotNegative, Positive
 from drivers.sinumerik import SinumerikControl, SinumerikSettings, StateNode, default_states
 from gateway.config.credentials import secret_cautions
+from gateway.config.extensions import ControlSection, Poses
 from gateway.config.fields import Name
-
-_SOON = timedelta(days=30)
+from gateway.config.opcua_cautions import server_cautions
 
 
 class SinumerikNc(SinumerikControl):
@@ -31,15 +29,15 @@ class SinumerikNc(SinumerikControl):
     """Interval at which positions and states are read and compensation is written."""
     states: Mapping[Name, StateNode] = Field(default_factory=dict)
 
-    def settings(self, poses: int, states: Iterable[str]) -> SinumerikSettings:
-        """The driver's settings for a probing cycle of `poses` poses.
+    def settings(self, poses_deg: Poses, states: Iterable[str]) -> SinumerikSettings:
+        """The driver's settings for a probing cycle of these poses.
 
         states: those of `known_states` that models use. Only these are read, so that a bit that is not wired does not
         keep the gateway from connecting. Raises SetupError naming the field and the value; no network.
         """
         known = self.known_states()
         given: dict[str, object] = {name: getattr(self, name) for name in SinumerikControl.model_fields}
-        chosen = {"poses": poses, "states": {name: known[name] for name in states}}
+        chosen = {"poses": len(poses_deg), "states": {name: known[name] for name in states}}
         return settings_of(SinumerikSettings, given | chosen)
 
     def known_states(self) -> Mapping[str, StateNode]:
@@ -51,6 +49,7 @@ class SinumerikNc(SinumerikControl):
         return f', or give its address: [nc.states.{name}] path = "/Plc/..."'
 
     largest_is: ClassVar[str] = "[nc.compensation] largest_um"
+    only_read: ClassVar[bool] = False
 
     @property
     def address(self) -> str:
@@ -64,44 +63,35 @@ class SinumerikNc(SinumerikControl):
 
     def cautions(self) -> Iterator[tuple[str, str]]:
         """Field, and why it may fail later or is less safe than it could be. Reads files."""
-        if self.security == "none":
-            if not _on_this_computer(self.url):
-                yield "security", "'none' sends password and offsets unencrypted; use Basic256Sha256"
-        else:
-            if self.server_certificate is None:
-                yield "server_certificate", "missing; any server at the control's address is accepted"
-            for name in ("certificate", "server_certificate"):
-                path = getattr(self, name)
-                if path is not None:
-                    yield from ((name, text) for text in _certificate_cautions(path, name))
-        for name in ("password_file", "private_key"):
-            path = getattr(self, name)
-            if path is not None:
-                yield from ((name, text) for text in secret_cautions(path))
+        exposed = "" if _on_this_computer(self.url) else "password and offsets"
+        yield from server_cautions(self, in_the_clear=exposed)
 
 
-class LinuxCncNc(LinuxCncAgent):
-    """LinuxCNC through the agent of deploy/nc/linuxcnc; see docs/nc.md."""
+class AgentConnection(AgentAddress):
+    """What every control with an agent has in common."""
 
-    kind: Literal["linuxcnc"]
-    """`linuxcnc`."""
     period_s: Positive = 1.0
     """Interval at which positions and states are read and compensation is written."""
 
-    def settings(self, poses: int, states: Iterable[str]) -> LinuxCncSettings:  # noqa: ARG002 - it reports all of them
-        """The driver's settings for a probing cycle of `poses` poses. Raises SetupError; no network."""
-        given: dict[str, object] = {name: getattr(self, name) for name in LinuxCncAgent.model_fields}
-        return settings_of(LinuxCncSettings, given | {"poses": poses})
+    def settings(self, poses_deg: Poses, states: Iterable[str]) -> AgentSettings:  # noqa: ARG002 - it reports them all
+        """The driver's settings for a probing cycle of these poses. Raises SetupError; no network."""
+        return settings_of(AgentSettings, self._given(AgentSettings) | {"poses": len(poses_deg)})
+
+    def _given(self, kind: type[AgentSettings]) -> dict[str, object]:
+        """The driver's settings that are keys of this section."""
+        names = kind.model_fields.keys() & type(self).model_fields.keys()
+        return {name: getattr(self, name) for name in names}
 
     def known_states(self) -> Iterable[str]:
         """Every machine state that can be an input."""
-        return LINUXCNC_STATES
+        return AGENT_STATES
 
     def other_states(self, name: str) -> str:  # noqa: ARG002
         """An unknown state has no hint."""
         return ""
 
     largest_is: ClassVar[str] = "the driver's largest_um"
+    only_read: ClassVar[bool] = False
 
     @property
     def address(self) -> str:
@@ -110,12 +100,12 @@ class LinuxCncNc(LinuxCncAgent):
 
     @property
     def largest_um(self) -> float:
-        """Larger offsets are never sent; LinuxCNC's own bound is in its INI file."""
+        """Larger offsets are never sent; the agent's own bound is in its greeting."""
         return LARGEST_UM
 
     def cautions(self) -> Iterator[tuple[str, str]]:
         """Field, and why it may fail or is less safe than it could be. Reads files."""
-        if not _is_loopback(self.host):
+        if not is_loopback(self.host):
             yield (
                 "host",
                 f"'{self.host}' is another computer: use a tunnel, lines are signed but not encrypted",
@@ -123,26 +113,85 @@ class LinuxCncNc(LinuxCncAgent):
         yield from (("key_file", text) for text in secret_cautions(self.key_file))
 
 
-Nc = Annotated[SinumerikNc | LinuxCncNc, Field(discriminator="kind")]
-"""Any control."""
+class LinuxCncNc(AgentConnection):
+    """LinuxCNC through the agent of deploy/nc/linuxcnc; see docs/linuxcnc.md."""
+
+    kind: Literal["linuxcnc"]
+    """`linuxcnc`."""
+
+    def settings(self, poses_deg: Poses, states: Iterable[str]) -> LinuxCncSettings:  # noqa: ARG002
+        """The same, with the poses of its probing program."""
+        return settings_of(LinuxCncSettings, self._given(LinuxCncSettings) | {"poses": len(poses_deg)})
+
+
+class AgentNc(AgentConnection):
+    """Any control with an agent that speaks the protocol of docs/agent.md."""
+
+    kind: Literal["agent"]
+    """`agent`."""
+    request_valid_for_s: NotNegative = 900.0
+    """A request for a probing cycle that reaches no safe point within this time is refused; 0: never."""
+    states: tuple[Name, ...] = ()
+    """Machine states that this agent reports beside `spindle_speed`, `speed_X` to `speed_C` and `coolant`."""
+
+    def settings(self, poses_deg: Poses, states: Iterable[str]) -> AgentSettings:  # noqa: ARG002
+        """The same, with the poses, which an agent may tell."""
+        chosen = {"poses": len(poses_deg), "poses_deg": tuple(poses_deg)}
+        return settings_of(AgentSettings, self._given(AgentSettings) | chosen)
+
+    def known_states(self) -> Iterable[str]:
+        """Every machine state that can be an input."""
+        return (*AGENT_STATES, *self.states)
+
+    def other_states(self, name: str) -> str:
+        """Hint for an unknown state."""
+        return f', or name it, if the agent reports it: [nc] states = ["{name}"]'
+
+
+class MtConnectNc(MtConnectSettings):
+    """A machine with an MTConnect agent, only read; see docs/read-only-controls.md."""
+
+    kind: Literal["mtconnect"]
+    """`mtconnect`."""
+    period_s: Positive = 1.0
+    """Interval at which positions and states are read."""
+
+    largest_is: ClassVar[str] = "the driver's largest_um"
+    only_read: ClassVar[bool] = True
+
+    def settings(self, poses_deg: Poses, states: Iterable[str]) -> MtConnectSettings:  # noqa: ARG002 - it cannot probe
+        """The driver's settings, with these of `known_states`. Raises SetupError; no network."""
+        given: dict[str, object] = {name: getattr(self, name) for name in MtConnectSettings.model_fields}
+        return settings_of(MtConnectSettings, given | {"states": {name: self.states[name] for name in states}})
+
+    def known_states(self) -> Iterable[str]:
+        """Every machine state that can be an input."""
+        return self.states
+
+    def other_states(self, name: str) -> str:
+        """Hint for an unknown state."""
+        return f', or name its data item: [nc.states] {name} = "..."'
+
+    @property
+    def address(self) -> str:
+        """Where the agent is, for messages."""
+        return self.url
+
+    @property
+    def largest_um(self) -> float:
+        """Nothing is ever sent; the same as elsewhere, so that `bound_um` needs no change."""
+        return LARGEST_UM
+
+    def cautions(self) -> Iterator[tuple[str, str]]:
+        """None: there is no secret, and nothing is written."""
+        yield from ()
+
+
+if TYPE_CHECKING:
+    Nc = SinumerikNc | LinuxCncNc | AgentNc | MtConnectNc | ControlSection
+else:  # gateway.config.extended adds those of other packages where a file uses them
+    Nc = Annotated[SinumerikNc | LinuxCncNc | AgentNc | MtConnectNc, Field(discriminator="kind")]
 
 
 def _on_this_computer(url: str) -> bool:
-    return _is_loopback(urlsplit(url).hostname or "")
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return host == "localhost" or ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def _certificate_cautions(path: Path, name: str) -> Iterator[str]:
-    try:
-        end = valid_certificate(path, name, "").not_valid_after_utc
-    except SetupError as error:
-        yield error.what
-    else:
-        if end - datetime.now(UTC) < _SOON:
-            yield f"'{path}' ends on {end:%Y-%m-%d}; after that the gateway no longer connects to the control"
+    return is_loopback(urlsplit(url).hostname or "")

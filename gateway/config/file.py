@@ -9,6 +9,8 @@ from pydantic import BaseModel
 from drivers.base import SetupError
 from drivers.problems import toml_data
 from drivers.profiles import UserProfile, is_users, user_profile
+from gateway.config.extended import config_class
+from gateway.config.extensions import OtherBus
 from gateway.config.model import GatewayConfig, with_database
 from gateway.config.prior import PriorError, prior_for
 from gateway.config.problems import ConfigError, Problem, read_sections
@@ -23,10 +25,10 @@ def load(path: Path) -> GatewayConfig:
 
     Raises ConfigError with every problem found.
     """
-    return parse(read(path), path)
+    return parse(read_text(path), path)
 
 
-def read(path: Path) -> str:
+def read_text(path: Path) -> str:
     """The text of a file. Raises ConfigError."""
     try:
         return path.read_text(encoding="utf-8")
@@ -53,7 +55,7 @@ def draft(text: str, path: Path) -> GatewayConfig:
 
 def read_as(kind: type[M], path: Path) -> M:
     """What a TOML file of another kind than a configuration holds. Raises ConfigError with every problem found."""
-    return read_sections(kind, data_of(read(path), path), path)
+    return read_sections(kind, data_of(read_text(path), path), path)
 
 
 def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
@@ -74,7 +76,9 @@ def _with_own_profiles(config: GatewayConfig) -> tuple[GatewayConfig, list[Probl
     device's check reports it with the device."""
     profiles: dict[str, UserProfile] = {}
     unreadable: list[Problem] = []
-    for name in dict.fromkeys(device.profile for device in config.devices if is_users(device.profile)):
+    others = {bus.name for bus in config.buses if isinstance(bus, OtherBus)}  # there a profile is the package's affair
+    devices = (device for device in config.devices if device.bus not in others)
+    for name in dict.fromkeys(device.profile for device in devices if is_users(device.profile)):
         try:
             profiles[name] = user_profile(name)
         except SetupError as error:
@@ -93,4 +97,7 @@ def data_of(text: str, path: Path) -> dict[str, object]:
 
 
 def _validated(data: Mapping[str, object], path: Path) -> GatewayConfig:
-    return read_sections(GatewayConfig, with_database(data), path)
+    kind, unusable = config_class(data)
+    if unusable:
+        raise ConfigError(path, unusable)
+    return read_sections(kind, with_database(data), path)

@@ -19,10 +19,10 @@ def _address(text: str) -> str:
 
 
 class Metrics(Section):
-    """Figures for Prometheus, at `http://HOST:PORT/metrics`; off unless `listen` is given."""
+    """Metrics for Prometheus, at `http://HOST:PORT/metrics`; off unless `listen` is given."""
 
     listen: Annotated[str, AfterValidator(_address)] | None = None
-    """HOST:PORT, such as `127.0.0.1:9464`. None: no figures."""
+    """HOST:PORT, such as `127.0.0.1:9464`. None: no metrics."""
     tls: bool = False
     """Serve them by HTTPS with the certificate of [telemetry.tls]; where that is `mutual`, Prometheus needs one too."""
     allow_unencrypted: bool = False

@@ -4,13 +4,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
-from pathlib import Path
 from typing import Self
 
 from pydantic import Field, PrivateAttr
 
 from drivers.profiles import Profile, UserProfile
-from drivers.section import Section, strictly
+from drivers.section import Section
 from gateway.config.buses import BusSection
 from gateway.config.controls import Nc
 from gateway.config.metrics import Metrics
@@ -126,22 +125,6 @@ class GatewayConfig(Section):
         if self._prior is not None:
             others.append(f"\n{self._prior.content_hash}")
         return sha256((self.canonical() + "".join(others)).encode()).hexdigest()
-
-
-def validate(data: Mapping[str, object] | str, folder: Path | None = None) -> GatewayConfig:
-    """A configuration from TOML's data, or from `canonical()` text.
-
-    `folder`: where relative paths start. Raises pydantic.ValidationError.
-    """
-    whole = _of_any_program(data) if isinstance(data, str) else with_database(data)
-    return strictly(GatewayConfig, whole, {"folder": folder} if folder else None)
-
-
-def _of_any_program(canonical: str) -> Mapping[str, object]:
-    """All defaults are written out, so a text without a method is from a program that had only the models."""
-    whole: dict[str, object] = json.loads(canonical)
-    talc = whole.get("talc")
-    return {**whole, "talc": {"method": "models", **talc}} if isinstance(talc, dict) else whole
 
 
 def with_database(data: Mapping[str, object]) -> Mapping[str, object]:

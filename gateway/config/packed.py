@@ -8,8 +8,8 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
-from drivers.can import DBC_ENCODING
 from drivers.profiles import UserProfile
+from drivers.section import OTHER_ENCODING
 from gateway.config.file import data_of, from_data
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import ConfigError, Problem, shown
@@ -17,8 +17,7 @@ from gateway.config.wires import toml_value, wires_toml
 
 _FILES = "files"
 _FOLDER = "profiles"
-_ENCODINGS = {".toml": "utf-8", ".dbc": DBC_ENCODING}
-_DBC_LINE = re.compile(r"""(?m)^[ \t]*["']?dbc["']?[ \t]*=.*$""")
+_ENCODINGS = {".toml": "utf-8", ".dbc": OTHER_ENCODING, ".eds": OTHER_ENCODING}
 
 
 def packed_toml(config: GatewayConfig) -> str:
@@ -59,17 +58,19 @@ def unpacked(text: str, path: Path, folder: Path) -> GatewayConfig:
 
 
 def _files(name: str, profile: UserProfile) -> dict[str, str]:
-    """The profile, with the DBC file in the same folder wherever it was."""
-    if profile.dbc is None:
+    """The profile, with the file that it refers to in the same folder wherever it was."""
+    if profile.other is None:
         return {f"{name}.toml": profile.text}
-    return {f"{name}.toml": _naming(profile.text, f"{name}.dbc"), f"{name}.dbc": profile.dbc}
+    key, text = profile.other
+    file = f"{name}.{key}"
+    return {f"{name}.toml": _naming(profile.text, key, file), file: text}
 
 
-def _naming(text: str, dbc: str) -> str:
-    """The profile's text with another DBC file; a similar key inside a longer text stays."""
-    wanted = tomllib.loads(text) | {"dbc": dbc}
-    for found in _DBC_LINE.finditer(text):
-        changed = f"{text[: found.start()]}dbc = {toml_value(dbc)}{text[found.end() :]}"
+def _naming(text: str, key: str, file: str) -> str:
+    """The profile's text with another file for the key; a similar key inside a longer text stays."""
+    wanted = tomllib.loads(text) | {key: file}
+    for found in re.finditer(rf"""(?m)^[ \t]*["']?{key}["']?[ \t]*=.*$""", text):
+        changed = f"{text[: found.start()]}{key} = {toml_value(file)}{text[found.end() :]}"
         try:
             if tomllib.loads(changed) == wanted:
                 return changed
@@ -100,7 +101,7 @@ def _content(name: str, text: object, path: Path) -> bytes:
     where = f"[{_FILES}] {name}"
     encoding = _ENCODINGS.get(Path(name).suffix)
     if encoding is None or Path(name).name != name:
-        raise ConfigError(path, [Problem(where, "expected the name of a .toml or .dbc file, without a folder")])
+        raise ConfigError(path, [Problem(where, "expected the name of a .toml, .dbc or .eds file, without a folder")])
     if not isinstance(text, str):
         raise ConfigError(path, [Problem(where, f"{shown(text)}: expected a text in quotes")])
     try:

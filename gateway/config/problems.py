@@ -1,4 +1,4 @@
-"""Problems of a configuration, one per line, with the file's name and the place in the file's words."""
+"""Problems of a configuration, one per line, with the file's name and the place as the file names it."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

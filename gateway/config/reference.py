@@ -1,8 +1,15 @@
 """The reference of all keys, made from the sections: `python -m gateway.config.reference` prints it."""
 
+import ast
 import json
 import sys
 from collections.abc import Iterator, Mapping
+from inspect import cleandoc, getsource
+from itertools import pairwise
+from textwrap import dedent
+
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core.core_schema import DataclassSchema, ModelSchema
 
 from gateway.config.model import GatewayConfig
 
@@ -15,21 +22,54 @@ start at the folder of the file. `talc-gateway check FILE` reads it, checks ever
 reports every mistake with file, field, value and what is expected.
 
 A fingerprint identifies the configuration in use: SHA-256 of the configuration with all defaults written out, so
-comments and layout do not matter and a changed default does. Where devices have profiles of your own, these files and
-the DBC files that they name count too, as does the file of `[talc] prior`. The key `status` publishes it as `config`,
-at the start and again after every reload that took effect; the database keeps each with its time.
+comments and layout do not matter and a changed default does. It includes the files of your own profiles, the DBC files
+that they name, and the file of `[talc] prior`. The key `status` publishes the fingerprint as `config` at the start and
+after every effective reload. The database keeps each one with its time.
 
-**Reload.** On SIGHUP `talc-gateway run` reads its file again. The whole file is checked first; then only the buses that
-changed (themselves, their devices, the files of your own profiles, or the limits of their channels) are closed and
-opened again, and the others keep their period. What the models and the NC rest on (`[machine]`, `[grid]`, `[storage]`,
-`[telemetry]`, `[metrics]`, `[[state]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]`, `[sensor_check]`, and the
-names and order of the channels) needs a restart. A file that cannot be applied changes nothing, and the log says why.
+**Reload.** On SIGHUP `talc-gateway run` reads its file again. It checks the whole file first. Then it closes and
+reopens only the buses that changed (themselves, their devices, the files of your own profiles, or the limits of their
+channels); the others keep their period. Changes to anything that the models and the NC depend on (`[machine]`,
+`[grid]`, `[storage]`, `[telemetry]`, `[metrics]`, `[[state]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]`,
+`[sensor_check]`, and the names and order of the channels) need a restart. A file that cannot be applied changes
+nothing, and the log says why.
 """
+
+
+class _Described(GenerateJsonSchema):
+    """The text under each field of a section is its description."""
+
+    def model_schema(self, schema: ModelSchema) -> JsonSchemaValue:
+        return _described(super().model_schema(schema), schema["cls"])
+
+    def dataclass_schema(self, schema: DataclassSchema) -> JsonSchemaValue:
+        return _described(super().dataclass_schema(schema), schema["cls"])
+
+
+def _described(table: JsonSchemaValue, section: type) -> JsonSchemaValue:
+    fields = getattr(section, "__pydantic_fields__", {})
+    for owner in reversed(section.__mro__):
+        for name, text in _texts(owner):
+            key = (fields[name].alias if name in fields else None) or name
+            if key in table.get("properties", {}):
+                table["properties"][key]["description"] = text
+    return table
+
+
+def _texts(owner: type) -> Iterator[tuple[str, str]]:
+    """Names of a class's own fields, and the text under each."""
+    if not getattr(owner, "__annotations__", None) or owner.__module__.startswith("pydantic"):
+        return
+    (made,) = ast.parse(dedent(getsource(owner))).body
+    for field, below in pairwise(made.body if isinstance(made, ast.ClassDef) else ()):
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(below, ast.Expr):
+            match below.value:
+                case ast.Constant(str(text)):
+                    yield field.target.id, cleandoc(text)
 
 
 def reference() -> str:
     """The whole page as Markdown."""
-    schema = GatewayConfig.model_json_schema(by_alias=True)
+    schema = GatewayConfig.model_json_schema(by_alias=True, schema_generator=_Described)
     definitions: Mapping[str, Mapping[str, object]] = schema["$defs"]
     return "\n".join([_HEAD, *_tables("", schema, definitions)])
 

@@ -3,12 +3,14 @@
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from functools import partial
 
 import numpy as np
 
 from drivers.base import SetupError
 from drivers.build import check_device
-from drivers.profiles import profile_names
+from drivers.mqtt import MqttProfile
+from drivers.profiles import load_profile, profile_names
 from gateway.config.buses import (
     BusSection,
     CanOpenSection,
@@ -16,10 +18,14 @@ from gateway.config.buses import (
     MeEthernetSection,
     MeRs485Section,
     ModbusRtuSection,
+    MqttSection,
+    OpcUaSection,
 )
 from gateway.config.controls import SinumerikNc
+from gateway.config.extensions import OtherBus, asked
 from gateway.config.metrics import metrics_problems
 from gateway.config.model import GatewayConfig
+from gateway.config.opcua_cautions import server_cautions
 from gateway.config.problems import Problem, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
 from talc.probing import check_poses
@@ -39,6 +45,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_waits(config),
         *_addresses(config),
         *_limits(config),
+        *_asked_of_the_control(config),
         *_control(config),
         *_poses(config),
         *_watchdog(config),
@@ -61,7 +68,7 @@ def cautions(config: GatewayConfig) -> list[Problem]:
                     f"'{port}' may be another adapter after a reboot; use its name in /dev/serial/by-id",
                 )
             )
-        asks = not isinstance(bus, CanSection | MeEthernetSection)  # these only listen
+        asks = not isinstance(bus, CanSection | MeEthernetSection | MqttSection)  # these only listen
         shared = sum(device.bus == bus.name for device in config.devices) > 1
         if asks and shared and bus.timeout_s > bus.period_s:
             found.append(
@@ -71,6 +78,9 @@ def cautions(config: GatewayConfig) -> list[Problem]:
                     "the others a period; use half of it or less",
                 )
             )
+        if isinstance(bus, OpcUaSection):
+            exposed = "the password" if bus.password_file is not None else ""
+            found += [Problem(f"bus '{bus.name}', {f}", text) for f, text in server_cautions(bus, in_the_clear=exposed)]
     if config.prior is not None and config.talc.method != "learner":
         found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
     if config.nc is not None:
@@ -84,13 +94,13 @@ def _following(config: GatewayConfig) -> Iterator[Problem]:
     nc, slew = config.nc, config.compensation.slew_um_per_s
     if config.compensation.mode != "compensate" or not isinstance(nc, SinumerikNc):
         return
-    if nc.compensation.route != "k0_slope":
+    if nc.compensation.route not in ("k0_slope", "errors"):
         yield Problem(
             "[nc.compensation] route",
             f"'{nc.compensation.route}': the offsets follow the axes once per [nc] period_s = {nc.period_s:g} and no "
             f"faster than [compensation] slew_um_per_s = {slew:g}. Where they change by {_SLOPE_UM_PER_MM:g} µm per "
             f"mm, an axis faster than {slew / _SLOPE_UM_PER_MM * 60.0:.0f} mm/min outruns them, and following may be "
-            "worse than one constant offset; use 'k0_slope'",
+            "worse than one constant offset; use 'errors' or 'k0_slope'",
         )
 
 
@@ -137,11 +147,14 @@ def _inputs(config: GatewayConfig) -> Iterator[Problem]:
 def _places(config: GatewayConfig) -> Iterator[Problem]:
     first: dict[str, str] = {}
     for bus in config.buses:
-        if bus.place in first:
-            yield Problem(
-                f"bus '{bus.name}'", f"{bus.place} is already bus '{first[bus.place]}'; put its devices there"
-            )
-        first.setdefault(bus.place, bus.name)
+        try:
+            place = asked(bus.kind, partial(getattr, bus, "place"))
+        except SetupError as error:
+            yield Problem(f"bus '{bus.name}'", _said(error))
+            continue
+        if place in first:
+            yield Problem(f"bus '{bus.name}'", f"{place} is already bus '{first[place]}'; put its devices there")
+        first.setdefault(place, bus.name)
 
 
 def _waits(config: GatewayConfig) -> Iterator[Problem]:
@@ -183,11 +196,20 @@ def _limits(config: GatewayConfig) -> Iterator[Problem]:
             yield Problem(f"[limits.{name}]", f"no channel has this name; {suggestion(name, channels)}")
 
 
-def _control(config: GatewayConfig) -> Iterator[Problem]:
-    if config.nc is None and config.probing.armed:
+def _asked_of_the_control(config: GatewayConfig) -> Iterator[Problem]:
+    nc, armed, writes = config.nc, config.probing.armed, config.compensation.mode == "compensate"
+    if nc is None and armed:
         yield Problem("[probing] armed", "true, but there is no [nc] to send requests to")
-    if config.nc is None and config.compensation.mode == "compensate":
+    if nc is None and writes:
         yield Problem("[compensation] mode", "'compensate', but there is no [nc] to write to")
+    if nc is not None and nc.only_read and armed:
+        yield Problem("[probing] armed", f"true, but a control of kind '{nc.kind}' is only read")
+    if nc is not None and nc.only_read and writes:
+        what = f"'compensate', but a control of kind '{nc.kind}' is only read; use 'monitor' or 'advise'"
+        yield Problem("[compensation] mode", what)
+
+
+def _control(config: GatewayConfig) -> Iterator[Problem]:
     step_s = config.grid.step_s
     if config.probing.lead_s > step_s:
         yield Problem("[probing] lead_s", f"{config.probing.lead_s:g}: expected at most the grid step, {step_s:g}")
@@ -227,6 +249,12 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
             continue
         for device in config.devices_of(bus.name):
             where = f"device '{device.name}'"
+            if isinstance(bus, OtherBus):
+                try:
+                    bus.check(device)
+                except SetupError as error:
+                    yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, _said(error))
+                continue
             if not device.profile.endswith(".toml") and device.profile not in profile_names():
                 yield Problem(
                     f"{where}, profile",
@@ -236,32 +264,44 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
             try:
                 profile = config.profile_of(device)
                 check_device(device.name, bus.name, bus, profile, device.unit, device.channels, device.options)
+                loaded = load_profile(profile) if isinstance(profile, str) else profile
+                if isinstance(loaded, MqttProfile) and loaded.max_age_s > 3.0 * bus.period_s:
+                    yield Problem(
+                        f"{where}, profile",
+                        f"max_age_s = {loaded.max_age_s:g}: a value goes stale after three periods; expected at most"
+                        f" {3.0 * bus.period_s:g}, or a longer period_s of bus '{bus.name}'",
+                    )
             except SetupError as error:
                 yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, _said(error))
 
 
 def _nc(config: GatewayConfig) -> Iterator[Problem]:
     """What the control's driver itself rejects. Uses no network."""
-    if config.nc is None:
+    nc = config.nc
+    if nc is None:
         return
-    known = config.nc.known_states()
+    try:
+        known = asked(nc.kind, lambda: tuple(nc.known_states()))
+    except SetupError as error:
+        yield Problem("[nc]", _said(error))
+        return
     channels = {name for device in config.devices for name in device.channels}
     names = [state.name for state in config.states]
     for name in names:
         if name not in known and name not in channels:
             yield Problem(
                 f"state '{name}'",
-                f"not every control provides it; {suggestion(name, known)}{config.nc.other_states(name)}",
+                f"not every control provides it; {suggestion(name, known)}{nc.other_states(name)}",
             )
     try:
-        config.nc.settings(len(config.probing.poses_deg), (name for name in names if name in known))
+        nc.settings(config.probing.poses_deg, (name for name in names if name in known))
     except SetupError as error:
         yield Problem("[nc]", _said(error))
-    largest, bound = config.nc.largest_um, max(config.compensation.bound_um)
+    largest, bound = nc.largest_um, max(config.compensation.bound_um)
     if bound > largest:
         yield Problem(
             "[compensation] bound_um",
-            f"{bound:g}: expected at most {config.nc.largest_is} = {largest:g}, the largest offset that is ever sent",
+            f"{bound:g}: expected at most {nc.largest_is} = {largest:g}, the largest offset that is ever sent",
         )
 
 

@@ -17,6 +17,9 @@ class MachineSection(Section):
 
     name: Name
     """Name of the machine; the second part of every published key."""
+    kind: Name | None = None
+    """Kind of machine, the same text on machines that are built alike: `talc-gateway prior make` passes on what they
+    learnt within one kind."""
 
 
 class Grid(Section):
@@ -35,21 +38,22 @@ class Storage(Section):
     path: FilePath = Path(DEFAULT_DATABASE)
     """SQLite database; a relative path starts at the configuration's folder."""
     keep_samples_days: Positive = 7.0
-    """Raw readings are thinned to minute statistics, and compensation steps and reasons deleted, after so many days of
-    running; 30 channels at 1 Hz take about 80 MB a day. Frames and decisions (0.2 MB a day), measurements, models and
-    events are kept."""
+    """After this many days of running, raw readings are thinned to minute statistics, and compensation steps and
+    reasons are deleted; 30 channels at 1 Hz take about 80 MB a day. Frames and decisions (0.2 MB a day), measurements,
+    models and events are kept."""
     keep_minutes_days: Positive = 400.0
-    """The minute statistics are deleted after so many days of running; 30 channels take about 2 MB a day."""
+    """After this many days of running, the minute statistics are deleted; 30 channels take about 2 MB a day."""
     most_mb: Positive = 4000.0
-    """When the database is larger than this, the oldest readings are thinned before their time, then the oldest minute
-    statistics deleted."""
+    """When the database is larger than this, the oldest readings are thinned early, and then the oldest minute
+    statistics are deleted."""
     commit_s: Positive = 10.0
     """Readings are committed at least this often (real time): a power cut loses no more."""
     compensate_unstored: bool = False
     """What the compensation does while nothing can be stored, such as on a full disk. False: it goes to its declared
-    state, [compensation] when_stale, until rows are stored again. True: it goes on, and its steps wait in memory."""
+    state, [compensation] when_stale, until rows are stored again. True: it continues, and its steps wait in memory."""
     unstored_after_s: Positive = 60.0
-    """So long (real time) nothing may be stored before that counts; until then rows wait in memory."""
+    """When nothing could be stored for this time (real time), `compensate_unstored` applies; until then rows wait in
+    memory."""
     warn_free_mb: NotNegative = 500.0
     """Less free space on the database's disk is reported as a problem."""
 
@@ -122,7 +126,8 @@ class Probing(Section):
     max_residual_um: Positive = 5.0
     """A cycle whose centres differ from the best fit by more than this (RMS) is rejected."""
     outlier_sigmas: Positive = 6.0
-    """A cycle is rejected if a coordinate differs from the others' prediction by more standard deviations."""
+    """A cycle is rejected if a coordinate differs from the others' prediction by more than this many standard
+    deviations."""
     surprise_sigmas: Positive = 6.0
     """A result that differs from the prediction by more than this many standard uncertainties of both, and by more than
     the action control limit, is used only when the next cycle gives the same result."""

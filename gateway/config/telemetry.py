@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from drivers.bus_settings import is_loopback
 from drivers.section import FilePath, NotEmpty, Section, matching
+from gateway.commands import CommandName
 
 LOOPBACK = "tcp/127.0.0.1:7447"
 _PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
@@ -36,10 +38,7 @@ class EndpointParts:
     @property
     def local(self) -> bool:
         """Whether only this computer reaches it."""
-        try:
-            return self.host in ("", "localhost") or ip_address(self.host).is_loopback
-        except ValueError:
-            return False
+        return not self.host or is_loopback(self.host)
 
     @property
     def from_here(self) -> str:
@@ -73,19 +72,19 @@ Endpoint = Annotated[str, AfterValidator(_valid)]
 
 
 class TelemetryTls(Section):
-    """Encryption of `tls/…` endpoints: this gateway's certificate, and whose certificates it believes. PEM files;
+    """Encryption of `tls/…` endpoints: this gateway's certificate, and the authorities that it trusts. PEM files;
     `deploy/zenoh/certificates.sh` makes them."""
 
     certificate: FilePath | None = None
     """Certificate of this gateway, needed to listen on `tls/…`, and shown to a router that asks for one; see `mutual`.
     It must name the host or address by which others connect."""
     key: FilePath | None = None
-    """Private key of `certificate`, readable by the gateway alone."""
+    """Private key of `certificate`, readable only by the gateway."""
     authority: FilePath | None = None
-    """Certificates of the authorities from which others' certificates must come; needed to connect to `tls/…` and for
-    `mutual`."""
+    """Certificates of the authorities that must have issued the others' certificates; needed to connect to `tls/…` and
+    for `mutual`."""
     mutual: bool = False
-    """Whoever connects must show a certificate of `authority`. A gateway that listens on `tls/…` shows its own to a
+    """Clients must show a certificate that `authority` issued. A gateway that listens on `tls/…` shows its own to a
     router only if this is true; one that only connects always does."""
 
     @model_validator(mode="after")
@@ -95,6 +94,17 @@ class TelemetryTls(Section):
         if self.mutual and (self.authority is None or self.certificate is None):
             raise ValueError("mutual = true: expected certificate, key and authority too")
         return self
+
+
+class Operator(Section):
+    """Somebody who may give commands (docs/commands.md). Without such a table the gateway takes none from anybody."""
+
+    name: Annotated[str, matching(r"[A-Za-z0-9._@-]{1,64}", "up to 64 letters, digits and . _ @ -")]
+    """Name of the person; every command is stored with it."""
+    key_file: FilePath
+    """File with the key that proves it: 32 characters or more, known to this gateway and that person alone."""
+    may: tuple[CommandName, ...] = Field(min_length=1)
+    """The commands that this person may give."""
 
 
 class Telemetry(Section):
@@ -109,7 +119,7 @@ class Telemetry(Section):
     mode: Literal["peer", "client"] = "peer"
     """`peer` meets others directly, `client` goes through a router."""
     listen: tuple[Endpoint, ...] = (LOOPBACK,)
-    """Zenoh endpoints to listen on, such as `tls/0.0.0.0:7447`. By default this computer alone reaches the gateway."""
+    """Zenoh endpoints to listen on, such as `tls/0.0.0.0:7447`. By default only this computer can reach the gateway."""
     connect: tuple[Endpoint, ...] = ()
     """Zenoh endpoints to connect to, such as a router's `tls/192.168.1.5:7447`."""
     multicast: bool = False
@@ -121,12 +131,13 @@ class Telemetry(Section):
     user: NotEmpty | None = None
     """Name under which it connects to a router that asks for user and password."""
     password_file: FilePath | None = None
-    """Holds the user's password alone."""
+    """File that holds only the user's password."""
     users_file: FilePath | None = None
-    """Lines of `user:password`: only they may connect to this gateway. Use TLS too."""
+    """File with lines of `user:password`: only these users may connect to this gateway. Use TLS too."""
     readers: tuple[NotEmpty, ...] = ()
-    """Who of those that connect may read and ask: common names of certificates (`mutual`) or users (`users_file`).
-    Empty: all. Whoever it is, nothing that is sent to the gateway is passed on, and no key of its can be written."""
+    """Clients that may read and query: common names of certificates (`mutual`) or users (`users_file`). Empty: all
+    clients. The gateway forwards nothing that a client sends, and no client can write the gateway's keys."""
+    operators: tuple[Operator, ...] = Field(default=(), alias="operator")
 
     @model_validator(mode="after")
     def _together(self) -> "Telemetry":

@@ -1,16 +1,18 @@
 """Checks of [telemetry]: what contradicts itself, and the files of certificates, keys and passwords."""
 
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from cryptography import x509
-from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
-
+from drivers.signature import shared_key
 from gateway.config.credentials import secret_cautions
 from gateway.config.problems import Problem
 from gateway.config.telemetry import Telemetry, TelemetryTls
+
+if TYPE_CHECKING:
+    from cryptography import x509
 
 _SOON = timedelta(days=30)
 T = TypeVar("T")
@@ -33,20 +35,21 @@ def telemetry_problems(telemetry: Telemetry) -> Iterator[Problem]:
     for place in telemetry.connecting:
         if place.encrypted and tls.authority is None:
             yield Problem("[telemetry] connect", f"'{place.text}' needs [telemetry.tls] authority")
+    yield from _operator_problems(telemetry)
     if telemetry.readers and not (tls.mutual or telemetry.users_file):
         yield Problem(
             "[telemetry] readers",
-            "nobody who connects has a name: expected [telemetry.tls] mutual = true or users_file",
+            "needs clients with names: expected [telemetry.tls] mutual = true or users_file",
         )
     if telemetry.readers and telemetry.connect:
         yield Problem(
             "[telemetry] readers",
-            "has no effect on who reads from the router of `connect`; give the rules to that router",
+            "does not limit who reads from the router of `connect`; set the rules on that router",
         )
 
 
 def credential_problems(telemetry: Telemetry, now: datetime) -> Iterator[Problem]:
-    """What is wrong with the files that [telemetry] names, at this time. A gateway that runs goes on without them as
+    """What is wrong with the files that [telemetry] names, at this time. A running gateway continues without them as
     long as it can, so that an expired certificate stops nothing but the telemetry."""
     if not telemetry.enabled:
         return
@@ -61,6 +64,8 @@ def credential_problems(telemetry: Telemetry, now: datetime) -> Iterator[Problem
     if password is not None and not password.strip():
         yield Problem("[telemetry] password_file", f"'{telemetry.password_file}' is empty")
     yield from _users_problems(telemetry)
+    for operator in telemetry.operators:
+        yield from _read(f"[[telemetry.operator]] '{operator.name}', key_file", operator.key_file, shared_key)
 
 
 def telemetry_cautions(telemetry: Telemetry) -> Iterator[Problem]:
@@ -71,27 +76,39 @@ def telemetry_cautions(telemetry: Telemetry) -> Iterator[Problem]:
         if not (place.encrypted or place.local):
             yield Problem("[telemetry] connect", f"'{place.text}' is reached without encryption; use tls/…")
     if telemetry.multicast:
-        yield Problem("[telemetry] multicast", "true: whoever answers in this network is connected to; use connect")
+        yield Problem("[telemetry] multicast", "true: connects to anyone who answers in this network; use connect")
     for place in telemetry.listening:
         if telemetry.users_file and not (place.encrypted or place.local):
-            yield Problem("[telemetry] users_file", f"what users of '{place.text}' read is not encrypted; use tls/…")
+            yield Problem(
+                "[telemetry] users_file", f"the data that users of '{place.text}' read are not encrypted; use tls/…"
+            )
     for field, path in (
         ("[telemetry.tls] key", telemetry.tls.key),
         ("[telemetry] password_file", telemetry.password_file),
         ("[telemetry] users_file", telemetry.users_file),
+        *((f"[[telemetry.operator]] '{one.name}', key_file", one.key_file) for one in telemetry.operators),
     ):
         if path is not None and path.is_file():
             yield from (Problem(field, text) for text in secret_cautions(path))
-    yield from _ends_soon(telemetry.tls.certificate)
+    for name in ("certificate", "authority"):
+        yield from _ends_soon(name, getattr(telemetry.tls, name))
 
 
-def _ends_soon(certificate: Path | None) -> Iterator[Problem]:
+def _operator_problems(telemetry: Telemetry) -> Iterator[Problem]:
+    for name, many in Counter(operator.name for operator in telemetry.operators).items():
+        if many > 1:
+            yield Problem("[[telemetry.operator]] name", f"'{name}' is used {many} times; expected different names")
+
+
+def _ends_soon(name: str, path: Path | None) -> Iterator[Problem]:
     try:
-        ends = None if certificate is None else _certificates(certificate)[0].not_valid_after_utc
+        found = [] if path is None else _certificates(path)
     except (OSError, ValueError):
         return  # check says it
-    if ends is not None and timedelta() < ends - datetime.now(UTC) < _SOON:
-        yield Problem("[telemetry.tls] certificate", f"'{certificate}' ends on {ends:%Y-%m-%d}; make the next one")
+    now = datetime.now(UTC)
+    for ends in sorted(each.not_valid_after_utc for each in found)[:1]:
+        if timedelta() < ends - now < _SOON:
+            yield Problem(f"[telemetry.tls] {name}", f"'{path}' ends on {ends:%Y-%m-%d}; make a new one before then")
 
 
 def _read(field: str, path: Path | None, reader: Callable[[Path], T]) -> Generator[Problem, None, T | None]:
@@ -111,24 +128,19 @@ def _text(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def _certificates(path: Path) -> list[x509.Certificate]:
-    """Of a PEM file, at least one. Raises OSError, ValueError."""
-    try:
-        return x509.load_pem_x509_certificates(path.read_bytes())
-    except ValueError:
-        raise ValueError("expected certificates in PEM, beginning with -----BEGIN CERTIFICATE-----") from None
+def _certificates(path: Path) -> "list[x509.Certificate]":
+    from gateway.config.pem import certificates  # only where there are any: it loads cryptography
+
+    return certificates(path)
 
 
 def _public_key(path: Path) -> bytes:
-    """Of a private key in PEM. Raises OSError, ValueError."""
-    try:
-        key = load_pem_private_key(path.read_bytes(), None)
-    except (ValueError, TypeError):  # TypeError: it needs a password, which nobody gives when the gateway starts
-        raise ValueError("expected a private key in PEM without a password") from None
-    return key.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    from gateway.config.pem import public_key
+
+    return public_key(path)
 
 
-def _dates(field: str, path: Path | None, certificate: x509.Certificate, now: datetime) -> Iterator[Problem]:
+def _dates(field: str, path: Path | None, certificate: "x509.Certificate", now: datetime) -> Iterator[Problem]:
     begins, ends = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if now > ends:
         yield Problem(field, f"'{path}' has expired on {ends:%Y-%m-%d %H:%M} UTC; make a new one")
@@ -138,11 +150,13 @@ def _dates(field: str, path: Path | None, certificate: x509.Certificate, now: da
         )
 
 
-def _key_problems(tls: TelemetryTls, certificate: x509.Certificate | None) -> Iterator[Problem]:
+def _key_problems(tls: TelemetryTls, certificate: "x509.Certificate | None") -> Iterator[Problem]:
     public = yield from _read("[telemetry.tls] key", tls.key, _public_key)
     if public is None or certificate is None:
         return
-    if public != certificate.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo):
+    from gateway.config.pem import der
+
+    if public != der(certificate.public_key()):
         yield Problem("[telemetry.tls] key", f"'{tls.key}' does not belong to the certificate '{tls.certificate}'")
 
 

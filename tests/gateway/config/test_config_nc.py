@@ -1,12 +1,13 @@
 """`[nc]`: the file's settings reach the driver, and unsafe ones cause a warning."""
 
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
 
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.x509.oid import NameOID
 
 from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings, StateNode
@@ -102,7 +103,7 @@ def config(text: str, folder: Path = Path("/etc/talc")) -> GatewayConfig:
 
 def driver_settings(config: GatewayConfig) -> SinumerikSettings:
     assert isinstance(config.nc, SinumerikNc)
-    return config.nc.settings(len(config.probing.poses_deg), [state.name for state in config.states])
+    return config.nc.settings(config.probing.poses_deg, [state.name for state in config.states])
 
 
 def test_every_key_reaches_the_driver() -> None:
@@ -147,8 +148,20 @@ def test_what_is_left_out_is_as_the_driver_has_it() -> None:
     assert found.state_sources == {}, "nothing is read that nobody uses"
 
 
-def write_files(folder: Path, *, days: float, mode: int = 0o600) -> None:
-    key = ec.generate_private_key(ec.SECP256R1())
+@cache
+def key_of(bits: int, number: int = 0) -> rsa.RSAPrivateKey:
+    """Made once: it takes its time."""
+    del number
+    return rsa.generate_private_key(public_exponent=65537, key_size=bits)
+
+
+def write_key(folder: Path, key: rsa.RSAPrivateKey | ec.EllipticCurvePrivateKey) -> None:
+    pkcs8, plain = serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    (folder / "gateway_key.pem").write_bytes(key.private_bytes(serialization.Encoding.PEM, pkcs8, plain))
+
+
+def write_files(folder: Path, *, days: float, mode: int = 0o600, bits: int = 2048) -> None:
+    key = key_of(bits)
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "gateway")])
     now = datetime.now(UTC)
     builder = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key())
@@ -156,8 +169,9 @@ def write_files(folder: Path, *, days: float, mode: int = 0o600) -> None:
     certificate = builder.not_valid_after(now + timedelta(days=days)).sign(key, hashes.SHA256())
     for file in ("gateway.pem", "control.pem"):
         (folder / file).write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    (folder / "password").write_text("secret")
+    write_key(folder, key)
     for file in ("password", "gateway_key.pem"):
-        (folder / file).write_text("secret")
         (folder / file).chmod(mode)
 
 
@@ -184,6 +198,19 @@ def test_secrets_that_others_can_read_and_files_that_are_missing_are_cautions(tm
     assert set(found) == {"[nc] password_file", "[nc] private_key", "[nc] server_certificate"}
     assert "chmod 600" in found["[nc] password_file"]
     assert "No such file" in found["[nc] server_certificate"]
+
+
+def test_a_key_of_another_certificate_or_a_weak_one_is_a_caution(tmp_path: Path) -> None:
+    text = SECURE + 'server_certificate = "control.pem"\n'
+    write_files(tmp_path, days=365)
+    write_key(tmp_path, key_of(2048, 1))
+    assert "is the key of another certificate" in told(config(text, tmp_path))["[nc] private_key"]
+    write_key(tmp_path, ec.generate_private_key(ec.SECP256R1()))
+    assert "is no RSA key" in told(config(text, tmp_path))["[nc] private_key"]
+    write_files(tmp_path, days=365, bits=1024)
+    assert (
+        "RSA of 1024 bits: Basic256Sha256 takes RSA of 2048 to 4096" in told(config(text, tmp_path))["[nc] private_key"]
+    )
 
 
 def test_trusting_any_server_gives_a_caution(tmp_path: Path) -> None:
@@ -232,7 +259,7 @@ def test_linuxcnc_gets_its_settings_and_its_cautions(tmp_path: Path) -> None:
     states = '[[state]]\nname = "speed_C"\n'
     made = config(states + text, tmp_path)
     assert isinstance(made.nc, LinuxCncNc)
-    settings = made.nc.settings(6, ["speed_C"])
+    settings = made.nc.settings(made.probing.poses_deg, ["speed_C"])
     assert (settings.host, settings.port, settings.key()) == ("192.168.0.20", 7700, b"k" * 64)
     told = [str(problem) for problem in cautions(made)]
     assert any("is another computer" in line for line in told)

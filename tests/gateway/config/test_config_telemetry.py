@@ -50,7 +50,7 @@ def config(telemetry: str) -> GatewayConfig:
         ('listen = ["tls/0.0.0.0:7447"]', "'tls/0.0.0.0:7447' needs [telemetry.tls] certificate and key"),
         ('connect = ["tls/router:7447"]', "'tls/router:7447' needs [telemetry.tls] authority"),
         ('user = "mill"', "[telemetry]: user and password_file go together: give both or neither"),
-        ('readers = ["alice"]', "[telemetry] readers: nobody who connects has a name"),
+        ('readers = ["alice"]', "[telemetry] readers: needs clients with names"),
         ('tls = { certificate = "a.pem" }', "[telemetry.tls]: certificate and key go together"),
         ("tls = { mutual = true }", "mutual = true: expected certificate, key and authority too"),
     ],
@@ -151,7 +151,7 @@ def test_what_is_less_safe_than_it_could_be_is_a_warning(tmp_path: Path) -> None
     assert code == 0
     for said in (
         "connect: 'tcp/192.168.1.5:7447' is reached without encryption; use tls/",
-        "multicast: true: whoever answers in this network is connected to",
+        "multicast: true: connects to anyone who answers in this network",
         "users_file: 'users' can be read by other users; chmod 600",
     ):
         assert f"warning: gateway.toml: [telemetry] {said}" in output
