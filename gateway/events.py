@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 from gateway.acquisition import Sample
 from gateway.ages import StepTime
+from gateway.commands import CommandOutcome, Disarmed, Pause
 from gateway.config import GatewayConfig
-from gateway.nc import Write
+from gateway.nc import NcState, Write
 from gateway.probing import Outcome, Outlook
 from talc.frame import Decision, Event, Frame
-from talc.learner import Reasons
+from talc.learner import Forecast, Misses, Reasons
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
 
@@ -46,10 +47,8 @@ class DecisionMade:
 
 @dataclass(frozen=True, slots=True)
 class ProbingRequested:
-    """A probing cycle is about to be requested from the control.
-
-    The number must never be used again, so a sink that stores it returns only when it is on the disk.
-    """
+    """A probing cycle is about to be requested from the control. Its number must never be used again, so the request
+    waits until the store has it on the disk."""
 
     number: int
 
@@ -100,6 +99,8 @@ class SensorsJudged:
     judgement: Judgement
     k: int
     """Grid index of the last frame of the window."""
+    since_k: tuple[int, ...] = ()
+    """Of each finding: `k` of the first judgement of this run since which it has been found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,13 +138,16 @@ class Health:
     """Channels of the configuration."""
     channels_good: int
     """Of these, how many have a good value now."""
-    nc: str
-    """`none` is configured, `away`, `stale`, `not_ready`, `probing` or `ready`."""
+    nc: NcState
     clock_synchronised: bool | None
     """Whether the computer's clock is kept by a time server; None: unknown, or the clock is simulated."""
     waits_for: tuple[str, ...]
     """What has to come before the gateway learns and corrects with everything that it has, one text each."""
     store: StoreHealth
+    paused: Pause | None = None
+    """The compensation's pause; None: it is not paused."""
+    disarmed: Disarmed | None = None
+    """Who has disarmed the gateway; None: nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +158,26 @@ class HealthChecked:
 
 
 @dataclass(frozen=True, slots=True)
+class CommandGiven:
+    """A person has given a command, which was accepted or refused."""
+
+    outcome: CommandOutcome
+
+
+@dataclass(frozen=True, slots=True)
 class ReasonsGiven:
     """The learner says why its estimates are what they are: after each measurement, and each hour."""
 
     reasons: Reasons
+
+
+@dataclass(frozen=True, slots=True)
+class ForecastMade:
+    """The learner says what becomes of its estimates, after each step."""
+
+    forecast: Forecast
+    misses: Misses
+    """How far such forecasts have been off."""
 
 
 GatewayEvent = (
@@ -174,7 +194,9 @@ GatewayEvent = (
     | SensorsJudged
     | StorageChanged
     | HealthChecked
+    | CommandGiven
     | ReasonsGiven
+    | ForecastMade
 )
 
 Sink = Callable[[GatewayEvent], None]

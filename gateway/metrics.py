@@ -1,9 +1,10 @@
-"""The gateway's figures for Prometheus: the latest events are kept, and figures are made of them when asked for."""
+"""Metrics for Prometheus: the latest events are kept, and the figures are computed from them on request."""
 
 import math
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from enum import StrEnum
 from typing import Self
 from wsgiref.simple_server import WSGIServer
 
@@ -26,10 +27,8 @@ from gateway.events import (
     StorageChanged,
     StoreHealth,
 )
-from talc.frame import Decision, FloatArray, Phase
+from talc.frame import Decision, FloatArray
 from talc.names import THERMAL_ERRORS
-
-_NC = ("none", "away", "stale", "not_ready", "probing", "ready")
 
 
 class MetricsError(OSError):
@@ -37,7 +36,7 @@ class MetricsError(OSError):
 
 
 class GatewayFigures(Collector):
-    """What is told of a gateway. `take` is a gateway.events.Sink; `collect` may be called from any thread.
+    """The metrics of a gateway. `take` is a gateway.events.Sink; `collect` may be called from any thread.
 
     Parameters
     ----------
@@ -108,7 +107,7 @@ class GatewayFigures(Collector):
             yield GaugeMetricFamily("talc_channels", "Channels of the configuration", health.channels)
             yield GaugeMetricFamily("talc_channels_good", "Channels with a good value", health.channels_good)
             yield GaugeMetricFamily("talc_waits_for", "Things that the gateway waits for", len(health.waits_for))
-            yield _state("talc_nc", "The control", _NC, health.nc)
+            yield _state("talc_nc", "The control", health.nc)
             if health.clock_synchronised is not None:
                 known = float(health.clock_synchronised)
                 yield GaugeMetricFamily("talc_clock_synchronised", "1: a time server keeps the clock", known)
@@ -136,7 +135,7 @@ class GatewayFigures(Collector):
         decision = self._decision
         if decision is None:
             return
-        yield _state("talc_phase", "Phase of the control", tuple(phase.value for phase in Phase), decision.phase.value)
+        yield _state("talc_phase", "Phase of the control", decision.phase)
         yield GaugeMetricFamily("talc_decision_grid_index", "Grid index of the latest decision", decision.k)
         unit = "µm, and µm/m for EA0C, EB0C and EC0C"
         yield _labelled("talc_error_predicted", f"Predicted error, {unit}", "error", _by_error(decision.predicted))
@@ -188,8 +187,9 @@ class MetricsServer:
             self._thread.join()
 
 
-def _state(name: str, text: str, known: tuple[str, ...], now: str) -> Metric:
-    return StateSetMetricFamily(name, text, {state: state == now for state in known})
+def _state(name: str, text: str, now: StrEnum) -> Metric:
+    """Every member of its type, 1 at this one."""
+    return StateSetMetricFamily(name, text, {state.value: state is now for state in type(now)})
 
 
 def _labelled(name: str, text: str, label: str, values: Mapping[str, float]) -> Metric:

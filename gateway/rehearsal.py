@@ -21,7 +21,7 @@ from talc.training import train
 _ERRORS = len(THERMAL_ERRORS)
 
 
-def rehearse(
+def rehearse_recording(
     recording: Recording,
     settings: TalcSettings,
     *,
@@ -104,6 +104,7 @@ def rehearse(
         inputs=np.where(np.isfinite(recording.inputs), recording.inputs, np.nan),
         moved=_moved(controller.reasons(), recording.input_names),
         shifts=(),
+        origin_s=recording.origin_s,
         not_compared="a recording does not say which of its inputs are temperatures",
     )
 
@@ -113,7 +114,7 @@ _MODEL_COLUMNS = (
 )  # fmt: skip
 
 
-def models_of(data: ReportData) -> dict[str, Sequence[object]]:
+def learnt_columns(data: ReportData) -> dict[str, Sequence[object]]:
     """What was learnt of a recording, a row per weight, as columns; of the errors that it has.
 
     error: its name. k: the step after which it was known: the last one with the learner, that of each adoption with
@@ -181,11 +182,12 @@ def columns_of(data: ReportData) -> dict[str, Sequence[object]]:
 
     `E` as recorded, `E_predicted` before the step's measurement, `E_corrected` after it, `E_sigma` its standard
     uncertainty, `E_measured` where it was used as a measurement, `E_trusted` whether it is corrected; with
-    contributions `E_from_INPUT` and `E_level`, which add up to `E_corrected`.
+    contributions `E_from_INPUT` and `E_level`, which add up to `E_corrected`. `time` is UTC in ISO 8601, or seconds as
+    the recording counts them if it has no dates.
     """
-    seconds = data.start_utc_s + data.time_s
+    seconds = (data.start_utc_s + data.time_s).tolist()
     columns: dict[str, Sequence[object]] = {
-        "time": [datetime.fromtimestamp(t, UTC).isoformat() for t in seconds.tolist()],
+        "time": [datetime.fromtimestamp(t, UTC).isoformat() for t in seconds] if data.origin_s is None else seconds,
         "k": data.k.tolist(),
         "phase": [phase.value for phase in data.phases],
         "wanted": data.asked,

@@ -7,8 +7,7 @@ from itertools import takewhile
 import numpy as np
 
 from gateway.control import has_failed
-from gateway.past import decide_alike, from_stored, stored_config
-from gateway.rebuild import Rebuilt, rebuilt, start_of
+from gateway.past import Rebuilt, decide_alike, from_stored, rebuilt, start_of, stored_config
 from gateway.storage import History, StoredStep
 from talc.frame import Decision
 from talc.training import train

@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 
 from drivers.tap import Tap
@@ -15,13 +15,14 @@ from gateway.acquisition import (
     Sample,
     StaleWatch,
     apply,
+    bus_changes,
     lines_of,
 )
 from gateway.ages import Ages
 from gateway.clock import ServiceClock
-from gateway.clock_watch import ClockWatch
+from gateway.commands import Command, CommandOutcome
 from gateway.config import GatewayConfig
-from gateway.control import GridLoop, GridSampler, Schedule, SensorWatch
+from gateway.control import AskReload, CommandTaker, GridLoop, GridSampler, Schedule, SensorWatch
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -32,13 +33,12 @@ from gateway.events import (
     StoreHealth,
     in_order,
 )
-from gateway.health_watch import HealthWatch
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
 from gateway.polling import Notice
 from gateway.probing import NotBegun, ProbingSchedule
 from gateway.storage import StoreError
-from gateway.store_watch import StoreWatch
+from gateway.watches import ClockWatch, HealthWatch, StoreWatch
 from talc.frame import Event, EventKind
 
 log = logging.getLogger(__name__)
@@ -50,6 +50,10 @@ _LOOKS_PER_STEP, _SHORTEST_LOOK_S = 60, 1.0
 """How often the store's health is looked at: each 5 s with a grid of 5 min."""
 
 _TEMPERATURE = "degC"
+
+
+async def _nothing_to_wait_for() -> None:
+    """Of a service without a store."""
 
 
 class Service:
@@ -65,6 +69,7 @@ class Service:
     health: of the store that the sink writes to
     identity: under which the control is claimed
     synchronised: whether a time server keeps the clock; None: unknown
+    on_disk: returns when what the sink received so far can no longer be lost, or raises StoreError
     """
 
     def __init__(
@@ -77,9 +82,11 @@ class Service:
         health: Callable[[], StoreHealth] = StoreHealth,
         identity: Identity | None = None,
         synchronised: Callable[[], bool | None] = lambda: None,
+        on_disk: Callable[[], Awaitable[None]] = _nothing_to_wait_for,
     ) -> None:
         self._config, self._clock, self._past = config, clock, past
         self._tap, self._health, self._identity = tap, health, identity or Identity()
+        self._on_disk = on_disk
         self._sampler = GridSampler(config.input_names, config.grid.step_s)
         self._ages = Ages(clock, config.grid.step_s, past.moment, past.pauses)
         lead_s = 0.0 if past.moment is None else past.moment.lead_s
@@ -97,6 +104,8 @@ class Service:
         )
         self._acquisition: Acquisition | None = None
         self._clock_watch = ClockWatch(self._ages, clock, self._noticed, self._remember)
+        self._grid = self._loop()
+        self._commands = CommandTaker(self.link, self._grid.measure_now, clock, self._sink, on_disk)
 
     @property
     def fingerprint(self) -> str:
@@ -129,6 +138,26 @@ class Service:
         )
         return change
 
+    async def obey(self, command: Command, refused: str = "") -> CommandOutcome:
+        """Obey a command, or refuse it; see CommandTaker. Raises OSError while the service does not run."""
+        if self._acquisition is None:
+            raise OSError("the gateway is starting or stopping; give the command again")
+        outcome = await self._commands.take(command, refused)
+        self._health_watch.report()
+        return outcome
+
+    def take_reloads(self, reload: AskReload) -> None:
+        """Set what reads the configuration again when a command says so."""
+        self._commands.reload = reload
+
+    def changes(self, config: GatewayConfig) -> BusChanges:
+        """What applying another checked configuration would do. Raises ReloadError."""
+        return bus_changes(self._config, config)
+
+    def tell(self, text: str) -> None:
+        """Report an event for people."""
+        self._sink(EventReported(Event(EventKind.OPERATOR, text), None))
+
     async def run(self, stop: asyncio.Event) -> None:
         """Run until `stop` is set. Raises an exception group if a part of the service fails."""
         async with AsyncExitStack() as stack:
@@ -143,7 +172,7 @@ class Service:
             self._sink(ConfigurationApplied(self._config))
             async with asyncio.TaskGroup() as tasks:
                 running = [
-                    tasks.create_task(self._loop().run(), name="grid"),
+                    tasks.create_task(self._grid.run(), name="grid"),
                     tasks.create_task(self._sensors.run(), name="sensors"),
                     tasks.create_task(stale.run(), name="stale"),
                     tasks.create_task(self._store_watch().run(), name="storage"),
@@ -197,6 +226,8 @@ class Service:
                 reference_mm=self._past.reference_mm,
                 measured_s=self._measured_s(),
                 missing_s=self._missing_s(),
+                paused=self._past.paused,
+                disarmed=self._past.disarmed,
             ),
             Listeners(
                 states=self._sampler.add_states,
@@ -216,9 +247,10 @@ class Service:
         storage = self._config.storage
         return storage.compensate_unstored or self._health().failing_s <= storage.unstored_after_s
 
-    def _request(self, number: int) -> None:
+    async def _request(self, number: int) -> None:
+        self._sink(ProbingRequested(number))
         try:
-            self._sink(ProbingRequested(number))
+            await self._on_disk()
         except StoreError as error:  # after a restart the number would be used again
             raise NotBegun(f"its number cannot be stored: {error}") from error
 

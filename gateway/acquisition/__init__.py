@@ -6,13 +6,16 @@ from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
 from gateway.acquisition.once import DeviceAnswer, read_once
 from gateway.acquisition.plausibility import Check, Plausible
-from gateway.acquisition.reload import BusChanges, ReloadError, apply
+from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes
+from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
 from gateway.acquisition.runner import Publish
 from gateway.acquisition.sample import Sample
 from gateway.acquisition.stale import StaleWatch
 from gateway.acquisition.text import number_text, reading_text
 
 __all__ = [
+    "NO_OTHER_MASTER",
+    "OTHER_MASTER",
     "Acquisition",
     "Aged",
     "Board",
@@ -26,6 +29,7 @@ __all__ = [
     "Sample",
     "StaleWatch",
     "apply",
+    "bus_changes",
     "lines_of",
     "number_text",
     "read_once",

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Collection
 
+from drivers.base import Bus, Driver
 from drivers.build import bus_from_settings, make_device
 from drivers.tap import Tap
 from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Plausible
 from gateway.clock import ServiceClock
-from gateway.config import GatewayConfig
+from gateway.config import BusSection, GatewayConfig, OtherBus
 
 
 def lines_of(
@@ -35,19 +36,7 @@ def lines_of(
     for number, section in enumerate(config.buses):
         if only is not None and section.name not in only:
             continue
-        bus = bus_from_settings(section.name, section, None if tap is None else tap(section.name))
-        drivers = tuple(
-            make_device(
-                device.name,
-                bus,
-                config.profile_of(device),
-                device.unit,
-                device.channels,
-                device.options,
-                clock,
-            )
-            for device in config.devices_of(section.name)
-        )
+        bus, drivers = _made(section, config, clock, None if tap is None else tap(section.name))
         lines.append(
             Line(
                 bus,
@@ -61,3 +50,26 @@ def lines_of(
             )
         )
     return tuple(lines)
+
+
+def _made(
+    section: BusSection, config: GatewayConfig, clock: ServiceClock, tap: Tap | None
+) -> tuple[Bus, tuple[Driver, ...]]:
+    """One bus and its devices."""
+    devices = config.devices_of(section.name)
+    if isinstance(section, OtherBus):
+        other = section.bus(tap)
+        return other, tuple(section.driver(device, other, clock) for device in devices)
+    bus = bus_from_settings(section.name, section, tap)
+    return bus, tuple(
+        make_device(
+            device.name,
+            bus,
+            config.profile_of(device),
+            device.unit,
+            device.channels,
+            device.options,
+            clock,
+        )
+        for device in devices
+    )

@@ -2,10 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 
-from drivers.base import DriverError, Reading
+from drivers.base import DriverError, Reading, SharedLine
 from gateway.acquisition.line import Line
 from gateway.acquisition.pace import Pace
 from gateway.polling import Problems
+
+OTHER_MASTER = "another master is on this line"
+"""In the text of the problem."""
+NO_OTHER_MASTER = "no other master is heard any more"
+"""In the text of its end."""
 
 
 class LineReports:
@@ -13,6 +18,7 @@ class LineReports:
 
     def __init__(self, line: Line, problems: Problems) -> None:
         self._bus, self._limit_s, self._problems = line.bus.name, line.read_limit_s, problems
+        self._shared = line.bus if isinstance(line.bus, SharedLine) else None
         self._pace = Pace(line.period_s)
 
     def failed(self, subject: str, error: Exception, kind: str = "") -> str:
@@ -57,3 +63,13 @@ class LineReports:
             self._problems.report(subject, "slow", f"bus {self._bus}: {self._pace.text()}")
         else:
             self._problems.clear(subject, f"{subject}: the devices answer in time again")
+        if self._shared is not None:
+            self._others(self._shared.other_master())
+
+    def _others(self, evidence: str) -> None:
+        subject = f"line of bus {self._bus}"
+        if evidence:
+            advice = "only one may ask; end the other, or give it a line of its own"
+            self._problems.report(subject, "shared", f"bus {self._bus}: {OTHER_MASTER}: {evidence} ({advice})")
+        else:
+            self._problems.clear(subject, f"bus {self._bus}: {NO_OTHER_MASTER}")

@@ -1,6 +1,6 @@
-"""Whether every critical loop of the service goes on: a loop that has not slept for too long is stuck.
+"""Whether every critical loop of the service makes progress: a loop that has not slept for too long is stuck.
 
-Every loop waits on the service's clock between two rounds of work, so the clock sees all of them.
+Every critical loop waits on the service's clock between two rounds of work, so the clock sees all of them.
 """
 
 import asyncio
@@ -15,8 +15,9 @@ log = logging.getLogger(__name__)
 
 _WORK_S = 60.0
 """No loop works longer than this without waiting, apart from the reads of a bus."""
-_LOOPS = ("grid", "sensors", "stale", "storage", "health", "clock")
-"""Names of the service's tasks that run always."""
+_LOOPS = ("grid", "stale", "storage", "health", "clock")
+"""Names of the service's tasks that run always. Not the sensor check: it waits for frames, not on the clock, and gives
+advice only."""
 
 
 class WatchedClock:

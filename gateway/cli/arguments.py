@@ -1,10 +1,45 @@
 """Parses arguments of the commands: NAME=VALUE, units, time zones, shifts, and the files to write."""
 
+from collections.abc import Callable
 from datetime import time
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
+
+if TYPE_CHECKING:
+    from gateway.telemetry import Access
+
+ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
+PemPath = click.Path(exists=True, dir_okay=False, path_type=Path)
+Command = TypeVar("Command", bound=Callable[..., object])
+_ACCESS = (
+    click.option("--authority", type=PemPath, help="Certificates of the plant's authority, for tls/… endpoints."),
+    click.option("--certificate", type=PemPath, help="Your own certificate, where one is asked for; with --key."),
+    click.option("--key", type=PemPath, help="Its private key."),
+    click.option("--user", help="Where user and password are asked for; with --password-file."),
+    click.option("--password-file", type=PemPath, help="Holds the user's password alone."),
+)
+
+
+def access_options(command: Command) -> Command:
+    """Add the options by which a reader proves who it is, and whom it believes."""
+    for option in reversed(_ACCESS):
+        command = option(command)
+    return command
+
+
+def access_of(
+    authority: Path | None, certificate: Path | None, key: Path | None, user: str | None, password_file: Path | None
+) -> "Access":
+    """What these options say. Raises UsageError when one is missing."""
+    from gateway.telemetry import Access
+
+    if (certificate is None) != (key is None) or (user is None) != (password_file is None):
+        raise click.UsageError("--certificate goes with --key, and --user with --password-file")
+    password = None if password_file is None else password_file.read_text(encoding="utf-8").strip()
+    return Access(authority=authority, certificate=certificate, key=key, user=user, password=password)
 
 
 def _pairs(pairs: tuple[str, ...], option: str, expected: str) -> dict[str, str]:
@@ -51,7 +86,7 @@ def time_zone_of(name: str | None) -> ZoneInfo | None:
         return None if name is None else ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError):
         raise click.BadParameter(
-            f"{name!r}: this computer knows no such time zone; expected a name like Europe/Zurich",
+            f"{name!r}: unknown time zone on this computer; expected a name like Europe/Zurich",
             param_hint="--time-zone",
         ) from None
 

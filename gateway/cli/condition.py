@@ -1,18 +1,18 @@
-"""The commands `status` and `doctor`: how a gateway is, and what is wrong around it."""
+"""The commands `status` and `doctor`: the condition of a gateway, and problems around it."""
 
 import sys
 from pathlib import Path
 
 import click
 
+from gateway.cli.arguments import ConfigPath
 from gateway.config import load
 
 _EXIT_UNWELL = 3
-_ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
 
 
 @click.command()
-@_ConfigPath
+@ConfigPath
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, for other programs.")
 def status(config: Path, as_json: bool) -> None:
     """Show how the gateway of CONFIG is, on the computer where it runs. Exit code 3 unless all is well.
@@ -25,7 +25,7 @@ def status(config: Path, as_json: bool) -> None:
 
 
 @click.command()
-@_ConfigPath
+@ConfigPath
 def doctor(config: Path) -> None:
     """Look for what is wrong around the gateway of CONFIG; say why it matters and what to do. Exit code 3: found.
 

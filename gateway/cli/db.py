@@ -21,11 +21,11 @@ def db() -> None:
 @Database
 def check(database: Path) -> None:
     """Read all of DATABASE and say what is damaged: pages, rows, snapshots. Exit code 1: something is."""
-    from gateway.storage import History, findings
+    from gateway.storage import History, damage_found
 
     with History(database):
         pass
-    found = findings(database)
+    found = damage_found(database)
     for text in found:
         click.echo(f"{database}: {text}")
     click.echo(f"{database}: {'damaged' if found else 'whole'}")
@@ -54,19 +54,19 @@ def stats(database: Path) -> None:
 @click.argument(
     "table",
     metavar="TABLE",
-    type=click.Choice(["readings", "minutes", "steps", "measurements", "events", "compensation"]),
+    type=click.Choice(["readings", "minutes", "steps", "measurements", "events", "compensation", "commands", "runs"]),
 )
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help=".csv or .parquet")
 def export(database: Path, table: str, output: Path) -> None:
     """Write TABLE of DATABASE to a file, one value a column (docs/storage.md describes them).
 
-    TABLE is readings, minutes, steps, measurements, events or compensation.
+    TABLE is readings, minutes, steps, measurements, events, compensation, commands or runs.
     """
-    from gateway.cli.tables import export as write
+    from gateway.cli.tables import export_table
 
     if output.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(output)!r}: expected a name that ends in .csv or .parquet", param_hint="-o")
-    click.echo(f"{output}: {write(database, table, output)} rows")
+    click.echo(f"{output}: {export_table(database, table, output)} rows")
 
 
 @db.command()
@@ -98,9 +98,9 @@ def export_learnt(database: Path, output: Path) -> None:
 
     The record is not in it. A prior for other machines of the kind comes from `talc-gateway prior make`.
     """
-    from gateway.cli.learnt import export
+    from gateway.cli.learnt import export_learnt
 
-    click.echo(export(database, output))
+    click.echo(export_learnt(database, output))
 
 
 @db.command("import-learnt")

@@ -28,7 +28,8 @@ from talc.settings import ControlSettings
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 """A Monday morning."""
 _STEPS_PER_HOUR = 12
-_READY_LIMIT_S = 60.0
+_READY_LIMIT_S = 900.0
+"""An idle computer needs a few seconds; one that another computer emulates, minutes."""
 _END_LIMIT_S = 10.0
 _LEAVINGS = (
     "gateway.sqlite",
@@ -118,7 +119,11 @@ async def _machine(demo: Demo) -> AsyncIterator[dict[str, str | int]]:
         try:
             line = await asyncio.wait_for(process.stdout.readline(), _READY_LIMIT_S)
             addresses: dict[str, str | int] = json.loads(line)
-        except (TimeoutError, json.JSONDecodeError):
+        except TimeoutError:
+            raise DriverError(
+                f"the emulated machine was not ready within {_READY_LIMIT_S:g} s; end other programs and try again"
+            ) from None
+        except json.JSONDecodeError:
             raise DriverError("the emulated machine did not start; see its message above") from None
         yield addresses
     finally:

@@ -17,15 +17,16 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from drivers.agent import AgentControl
 from drivers.base import DriverError
-from drivers.linuxcnc import LinuxCnc, LinuxCncSettings
+from drivers.linuxcnc import LinuxCncSettings
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
 from gateway.probing import End, Outcome
 from simulators.linuxcnc.machine import HURRY, LinuxCncMachine, machine, missing
-from simulators.plant import Environment, MachineDrive, Plant, load
+from simulators.plant import Environment, MachineDrive, Plant, load_machine
 from talc.frame import Decision, FloatArray, Measurement, Phase, Why
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
@@ -111,7 +112,7 @@ async def show(folder: Path, say: Announce) -> Shown:
 
 async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Announce) -> Shown:
     clock = RealClock()
-    nc = LinuxCnc(LinuxCncSettings(key_file=key_file, port=port, timeout_s=5.0), clock)
+    nc = AgentControl(LinuxCncSettings(key_file=key_file, port=port, timeout_s=5.0), clock)
     config = _config(key_file, port)
     probing = config.probing
     told = Listeners(notify=lambda notice: say(notice.text))
@@ -158,7 +159,7 @@ async def _looked(operator: LinuxCncMachine, poses: int) -> FloatArray:
 
 def _work() -> FloatArray:
     """(9,) errors after HOURS of work, relative to the idle machine of the reference."""
-    plant = Plant(load(), Environment(), seed=1)
+    plant = Plant(load_machine(), Environment(), seed=1)
     plant.advance(_IDLE_S, MachineDrive())
     plant.zero()
     plant.advance(_IDLE_S + HOURS * 3600.0, _LOADS)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import combinations
@@ -9,20 +10,34 @@ from pathlib import Path
 
 import numpy as np
 
+from gateway.acquisition import NO_OTHER_MASTER, OTHER_MASTER
+from gateway.cli.doctor_files import unread_files
 from gateway.cli.terminal import terminal
-from gateway.clock import clock_synchronised
 from gateway.config import CanOpenSection, CanSection, GatewayConfig, ModbusRtuSection, cautions, credential_problems
 from gateway.storage import History
+from gateway.time_service import clock_synchronised
 from talc.frame import FloatArray
 
+_SUPPLY = (
+    "adapters lose their connection, and cards their content",
+    "use the power supply that was made for this computer",
+)
+_HEAT = (
+    "a slow processor misses periods of buses and decides late",
+    "cool the computer: heat sink, fan, a larger cabinet; if its supply voltage is too low, mend that first",
+)
 _POWER = {
-    0: ("the supply voltage is too low now", "use the power supply that was made for this computer"),
-    1: ("the processor is slowed down now", "use a stronger power supply, and cool the computer"),
-    2: ("the processor is throttled now", "cool the computer: heat sink, fan, a larger cabinet"),
-    16: ("the supply voltage was too low since the start", "use the power supply that was made for this computer"),
-    18: ("the processor was throttled since the start", "cool the computer: heat sink, fan, a larger cabinet"),
+    0: ("the supply voltage is too low now", *_SUPPLY),
+    1: ("the processor is slowed down now", *_HEAT),
+    2: ("the processor is throttled now", *_HEAT),
+    3: ("the processor is slowed down now, as it is hot", *_HEAT),
+    16: ("the supply voltage was too low since the start", *_SUPPLY),
+    17: ("the processor was slowed down since the start", *_HEAT),
+    18: ("the processor was throttled since the start", *_HEAT),
+    19: ("the processor was slowed down since the start, as it was hot", *_HEAT),
 }
 """Bits of the firmware's get_throttled (raspberrypi.com, documentation of vcgencmd)."""
+_THROTTLED = "sys/devices/platform/soc*/soc*:firmware/get_throttled"
 _SCATTER_CYCLES, _SCATTER_GROWN = 10, 2.0
 _DAY_STEPS, _SAME_K, _MOVED_K = 288, 0.02, 0.5
 
@@ -38,8 +53,8 @@ class Ailment:
 
 _CLOCK = Ailment(
     "the clock is not synchronised: no time service has set it",
-    "the grid and everything stored have the computer's time; a Pi without a clock of its own starts in the past, and"
-    " after a restart nobody knows how old the last measurement is",
+    "the grid and everything stored use the computer's time; a Pi without a battery-backed clock starts in the past, "
+    "and after a restart the age of the last measurement is unknown",
     "install chrony and give it a server of the plant (docs/install-pi.md)",
 )
 
@@ -50,7 +65,7 @@ def show(config: GatewayConfig, root: Path = Path("/")) -> bool:
     root: where /sys, /proc and /run are
     """
     console = terminal()
-    found = list(findings(config, root, synchronised=clock_synchronised() is True))
+    found = list(ailments(config, root, synchronised=clock_synchronised() is True))
     for finding in found:
         console.print(
             f"{finding.what}\n  why it matters: {finding.why}\n  what to do: {finding.remedy}", soft_wrap=True
@@ -60,7 +75,7 @@ def show(config: GatewayConfig, root: Path = Path("/")) -> bool:
     return not found
 
 
-def findings(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterator[Ailment]:
+def ailments(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterator[Ailment]:
     """Everything that is wrong, the computer first.
 
     synchronised: whether a time service has set this computer's clock
@@ -71,14 +86,20 @@ def findings(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterat
     yield from _power(root)
     yield from _can(config, root)
     yield from _other_programs(config, root)
+    unread = {found.field: found for found in unread_files(config)}
+    for found in unread.values():
+        yield Ailment(found.what, found.why, found.remedy)
     for caution in cautions(config):
-        yield Ailment(
-            str(caution), "it works now and may fail later", "change it in the configuration, or renew the file"
-        )
+        if caution.where not in unread:
+            yield Ailment(
+                str(caution), "it works now and may fail later", "change it in the configuration, or renew the file"
+            )
     for problem in credential_problems(config.telemetry, datetime.now(UTC)):
-        yield Ailment(str(problem), "nobody on another computer can hear the gateway", "renew the file")
+        if problem.where not in unread:
+            yield Ailment(str(problem), "nobody on another computer can hear the gateway", "renew the file")
     if config.storage.path.is_file():
         with History(config.storage.path) as history:
+            yield from _other_masters(history, config)
             yield from _scatter(history.residuals_um())
             yield from _too_equal(history, config)
 
@@ -99,13 +120,12 @@ def _disk(config: GatewayConfig) -> Iterator[Ailment]:
 
 
 def _power(root: Path) -> Iterator[Ailment]:
-    text = _read(root / "sys/devices/platform/soc/soc:firmware/get_throttled")
-    if not text:
-        return  # not a Raspberry Pi
-    bits = int(text, 16)
-    for bit, (what, remedy) in _POWER.items():
-        if bits >> bit & 1:
-            yield Ailment(what, "adapters lose their connection, and cards their content", remedy)
+    for file in sorted(root.glob(_THROTTLED)):  # of a Raspberry Pi alone
+        text = _read(file)
+        bits = int(text, 16) if text else 0
+        for bit, (what, why, remedy) in _POWER.items():
+            if bits >> bit & 1:
+                yield Ailment(what, why, remedy)
 
 
 def _can(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
@@ -122,22 +142,43 @@ def _can(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
 
 
 def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
-    """Serial ports that several processes have open. Another master elsewhere on the line cannot be seen from here."""
+    """Serial ports that several processes have open."""
     ports = {os.path.realpath(bus.port): bus.name for bus in config.buses if isinstance(bus, ModbusRtuSection)}
     users: dict[str, set[str]] = {}
-    for link in (root / "proc").glob("[0-9]*/fd/*"):
-        try:
-            target = str(link.readlink())
-        except OSError:  # ended meanwhile, or another user's
-            continue
-        if target in ports:
-            users.setdefault(target, set()).add(link.parts[-3])
+    for process in (root / "proc").glob("[0-9]*"):
+        for target in _open_files(process):
+            if target in ports:
+                users.setdefault(target, set()).add(process.name)
     for port, processes in users.items():
         if len(processes) > 1:
             yield Ailment(
                 f"bus '{ports[port]}': {port} is open in {len(processes)} processes: {', '.join(sorted(processes))}",
                 "two masters on one line destroy each other's answers",
                 "end the other program; the gateway alone may read the line",
+            )
+
+
+def _open_files(process: Path) -> Iterator[str]:
+    """What a process has open; it may end while it is listed, or belong to another user."""
+    with suppress(OSError):
+        for link in (process / "fd").iterdir():
+            with suppress(OSError):
+                yield str(link.readlink())
+
+
+def _other_masters(history: History, config: GatewayConfig) -> Iterator[Ailment]:
+    """Buses on which the gateway hears another master, by the last event of each."""
+    last: dict[str, str] = {}
+    for _, _, event in history.events():
+        if OTHER_MASTER in event.text or NO_OTHER_MASTER in event.text:
+            last[event.text.partition(":")[0]] = event.text
+    for bus in config.buses:
+        text = last.get(f"bus {bus.name}", "")
+        if OTHER_MASTER in text:
+            yield Ailment(
+                text,
+                "two masters on one line destroy each other's answers",
+                "find the other program or controller (frames above), and let only one of them ask on this line",
             )
 
 
@@ -149,8 +190,9 @@ def _scatter(residuals_um: Sequence[float]) -> Iterator[Ailment]:
     last = float(np.median(residuals_um[-_SCATTER_CYCLES:]))
     if last > _SCATTER_GROWN * first:
         yield Ailment(
-            f"what no rigid body explains of a probing cycle grew from {first:.1f} to {last:.1f} µm (medians of ten)",
-            "every error is learnt from these touches",
+            f"the residual of probing cycles, which no rigid body explains, grew from {first:.1f} to {last:.1f} µm "
+            "(medians of ten)",
+            "all errors are learnt from these touches",
             "clean the sphere, check its clamping and the probe's stylus and battery",
         )
 

@@ -1,4 +1,4 @@
-"""Exit codes of the commands, and what becomes of their errors."""
+"""Exit codes of the commands, and how their errors are reported."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`talc-gateway init`: asks what no scan can tell, scans, and writes the first configuration of a machine."""
+"""`talc-gateway init`: asks what no scan can find out, scans, and writes the first configuration of a machine."""
 
 import re
 import socket
@@ -33,8 +33,8 @@ from gateway.scan import (
     CanScan,
     LinuxCncAnswers,
     Place,
-    Progress,
     ScanPort,
+    ScanProgress,
     ScanReport,
     SinumerikAnswers,
     TcpScan,
@@ -58,6 +58,7 @@ _CONTROLS: Final[Mapping[str, tuple[type[SinumerikAnswers | LinuxCncAnswers], Ma
         },
     ),
     "linuxcnc": (LinuxCncAnswers, {"host": "Host of its agent", "key_file": "Copy of the agent's key"}),
+    "agent": (LinuxCncAnswers, {"host": "Host of the agent", "key_file": "Copy of the agent's key"}),
 }
 """Kind of control to its answers, and the question for each of them."""
 _UNITS, _ME_ADDRESSES, _NODES = tuple(range(1, 33)), (126,), tuple(range(1, 128))
@@ -81,7 +82,7 @@ def init(path: Path, answers_file: Path | None, limit_s: float) -> int:
     if not any(device.what.profile for place in places for device in place.devices):
         click.echo(
             f"no device was recognised, so {path} was not written: without one there is nothing to learn from. "
-            "`talc-gateway scan` has more speeds, units and nodes; docs/devices.md shows a profile of your own",
+            "`talc-gateway scan` has more speeds, units and nodes; docs/own-profile.md shows a profile of your own",
             err=True,
         )
         return EXIT_WORLD
@@ -126,7 +127,7 @@ def _name(text: str) -> str:
 
 
 def _found(answers: Answers, limit_s: float) -> list[Place]:
-    """Scan wire after wire. One that cannot be opened is told, and the others are still scanned."""
+    """Scan wire after wire. A wire that cannot be opened is reported, and the others are still scanned."""
     said, places = terminal(stderr=True), []
     for wire in _wires(answers):
         said.print(f"{wire.name}: at most {wire.total} requests", highlight=False)
@@ -157,6 +158,6 @@ def _wires(answers: Answers) -> Iterator[_Wire]:
         yield _Wire(", ".join(answers.hosts), hosts.requests, _by(partial(scan_hosts, hosts)))
 
 
-def _by(scan: Callable[[Progress, Stopped], Awaitable[ScanReport]]) -> ScanRun:
+def _by(scan: Callable[[ScanProgress, Stopped], Awaitable[ScanReport]]) -> ScanRun:
     """A scan that has no question."""
     return lambda progress, stopped, _: scan(progress, stopped)

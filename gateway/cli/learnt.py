@@ -8,15 +8,14 @@ from pathlib import Path
 import click
 
 from gateway.config import GatewayConfig
-from gateway.past import past_of, stored_config
-from gateway.rebuild import continued
+from gateway.past import continued, past_of, stored_config
 from gateway.storage import History, Learnt, Reference, StoreError, import_learnt, learnt_text, parse_learnt
 from talc.names import THERMAL_ERRORS
 
 _MB = 1e6
 
 
-def export(database: Path, output: Path) -> str:
+def export_learnt(database: Path, output: Path) -> str:
     """Write the file; returns what it holds, in words. Raises StoreError."""
     if output.exists() and output.samefile(database):
         raise click.UsageError(f"-o {output} would overwrite the database")
@@ -57,7 +56,7 @@ def take(config: GatewayConfig, file: Path, *, replace: bool) -> Iterator[str]:
     lost = [m[0].error for m in learnt.state.models if m is not None and not set(m[0].inputs) <= here]
     if lost:
         yield f"models left out, because they use inputs that are not here: {', '.join(lost)}"
-    yield "not taken: the record, and when each error was measured; a measurement is wanted at once"
+    yield "not imported: the record, and the times at which errors were measured; a measurement is wanted at once"
 
 
 def _contents(learnt: Learnt) -> Iterator[str]:

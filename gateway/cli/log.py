@@ -1,4 +1,4 @@
-"""The log on standard error: for a person with the time, for journald with its priority and without a second time."""
+"""The log on standard error: with the time for people; with the priority and without the time for journald."""
 
 import logging
 import os

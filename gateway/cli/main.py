@@ -10,15 +10,28 @@ from typing import Literal
 import click
 
 from drivers.can import is_multicast_group
-from gateway.cli.arguments import address_of
+from gateway.cli.agent_test import agent_test
+from gateway.cli.arguments import ConfigPath, access_of, access_options, address_of
+from gateway.cli.collect import collect
+from gateway.cli.command import command
 from gateway.cli.db import db
 from gateway.cli.exits import EXIT_WORLD, Commands
+from gateway.cli.extras import need_extra
 from gateway.cli.log import log_to_stderr
+from gateway.cli.nc import nc as nc_files
+from gateway.cli.opcua import opcua
+from gateway.cli.publish import publish
 from gateway.cli.scan import LIMIT_S
-from gateway.config import ConfigError, GatewayConfig, cautions, credential_problems, described, load, unarmed
-
-ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
-PemPath = click.Path(exists=True, dir_okay=False, path_type=Path)
+from gateway.config import (
+    ConfigError,
+    GatewayConfig,
+    cautions,
+    credential_problems,
+    described,
+    load,
+    other_kinds,
+    unarmed,
+)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -79,10 +92,15 @@ def check(config: Path) -> None:
     checked = read_config(config)
     if wrong := list(credential_problems(checked.telemetry, datetime.now(UTC))):
         raise ConfigError(config, wrong)
+    usable, broken = other_kinds()
+    for text in broken:
+        click.echo(f"warning: {text}", err=True)
     click.echo(
         f"{config}: good. {contents(checked)}; {armed(checked)}; fingerprint {checked.fingerprint()[:16]}"
         + ("" if checked.prior is None else f"; {described(checked.prior, checked.input_names)}")
     )
+    if usable:
+        click.echo(f"kinds of other packages: {', '.join(usable)}")
     for consequence in unarmed(checked):
         click.echo(consequence)
 
@@ -94,23 +112,29 @@ def check(config: Path) -> None:
     "--seconds", type=click.FloatRange(min=0.1), help="With --watch: stop after this time. Default: at Ctrl-C."
 )
 @click.option("--every", type=click.FloatRange(min=0.1), help="With --watch: seconds between updates.")
-def probe(config: Path, watched: bool, seconds: float | None, every: float | None) -> None:
-    """Read every device of CONFIG once and show each channel. Writes and publishes nothing.
+@click.option(
+    "--try-writing", is_flag=True, help="Write back to the control what is there, which shows whether it may."
+)
+def probe(config: Path, watched: bool, seconds: float | None, every: float | None, try_writing: bool) -> None:
+    """Read every device of CONFIG once and show each channel. Publishes nothing, and writes nothing without
+    --try-writing.
 
     \b
     --watch keeps reading at the periods of CONFIG. On a terminal it shows a table: rate and jitter of a device over its
     last 60 answers, lost is the number of periods without an answer, age is that of the last good value. Elsewhere it
     prints lines: one per device every 10 s, and one for each problem when it begins or ends.
     """
+    if watched and try_writing:
+        raise click.UsageError("--try-writing is not for --watch")
     if watched:
-        from gateway.cli.probe_watch import watch as keep_watching
+        from gateway.cli.probe_watch import watch_channels as keep_watching
 
         sys.exit(0 if keep_watching(read_config(config), seconds, every) else EXIT_WORLD)
     if seconds is not None or every is not None:
         raise click.UsageError("--seconds and --every are for --watch")
     from gateway.cli.probe import show
 
-    sys.exit(0 if show(read_config(config)) else EXIT_WORLD)
+    sys.exit(0 if show(read_config(config), try_writing=try_writing) else EXIT_WORLD)
 
 
 @main.command()
@@ -219,6 +243,7 @@ def demo(
 
         run_linuxcnc_demo(folder / "linuxcnc")
         return
+    need_extra("report")
     from gateway.cli.demo import Demo, run_demo
 
     if preset is not None and method == "learner":
@@ -232,11 +257,7 @@ def demo(
 @click.option("--connect", multiple=True, help="Zenoh endpoint. [default: tcp/127.0.0.1:7447]")
 @click.option("--prefix", help="[default: talc]")
 @click.option("--machine", help="Default: the one that runs there, if there is only one.")
-@click.option("--authority", type=PemPath, help="Certificates of the plant's authority, for tls/… endpoints.")
-@click.option("--certificate", type=PemPath, help="Your own certificate, where one is asked for; with --key.")
-@click.option("--key", type=PemPath, help="Its private key.")
-@click.option("--user", help="Where user and password are asked for; with --password-file.")
-@click.option("--password-file", type=PemPath, help="Holds the user's password alone.")
+@access_options
 def watch(
     config: Path | None,
     connect: tuple[str, ...],
@@ -251,16 +272,12 @@ def watch(
     """Follow a running gateway as an ordinary Zenoh subscriber: that of CONFIG, or the one at --connect."""
     from gateway.cli.watch import watch as follow
     from gateway.cli.watch import watch_own
-    from gateway.telemetry import Access
 
     if config is not None:
         if connect or prefix or machine or authority or certificate or key or user or password_file:
             raise click.UsageError("CONFIG says where and how; give either it or options")
         sys.exit(watch_own(read_config(config)))
-    if (certificate is None) != (key is None) or (user is None) != (password_file is None):
-        raise click.UsageError("--certificate goes with --key, and --user with --password-file")
-    password = None if password_file is None else password_file.read_text(encoding="utf-8").strip()
-    access = Access(authority=authority, certificate=certificate, key=key, user=user, password=password)
+    access = access_of(authority, certificate, key, user, password_file)
     sys.exit(follow(connect or ("tcp/127.0.0.1:7447",), prefix or "talc", machine, access))
 
 
@@ -284,12 +301,12 @@ def web(
     """Serve the page for operators: whether the machine may cut, and why not.
 
     The page shows the gateway of CONFIG, which runs on this computer, or all that are heard at --connect. It only
-    listens: nothing on it can touch a machine. An address beyond this computer needs TLS and users in --settings.
+    listens, unless [operators] in --settings let users give commands. An address beyond this computer needs TLS and
+    users in --settings.
     """
-    missing = [name for name in ("starlette", "uvicorn", "jinja2") if find_spec(name) is None]
-    if missing:
-        raise click.UsageError(f"{', '.join(missing)} not installed; pip install 'talc-gateway[web]'")
-    from gateway.cli.web import WebCommand, print_hash, serve_pages
+    need_extra("web")
+    from gateway.cli.heard import print_hash
+    from gateway.cli.web import WebCommand, serve_pages
 
     if make_password:
         print_hash()
@@ -300,4 +317,10 @@ def web(
     serve_pages(WebCommand(None if config is None else read_config(config), connect, prefix, settings, host, port))
 
 
+main.add_command(collect)
+main.add_command(agent_test)
+main.add_command(command)
 main.add_command(db)
+main.add_command(nc_files)
+main.add_command(opcua)
+main.add_command(publish)

@@ -1,4 +1,4 @@
-"""Tells systemd how the service is, with the datagrams of sd_notify(3). Without systemd nothing is sent."""
+"""Reports the state of the service to systemd, with datagrams as in sd_notify(3). Without systemd nothing is sent."""
 
 import logging
 import os
@@ -29,7 +29,7 @@ class ServiceManager:
         self._send("READY=1", f"STATUS={text}")
 
     def alive(self) -> None:
-        """Every loop goes on."""
+        """Every loop makes progress."""
         self._send("WATCHDOG=1")
 
     def stopping(self, text: str, longest_s: float) -> None:

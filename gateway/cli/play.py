@@ -23,6 +23,9 @@ from gateway.config import (
     MeEthernetSection,
     ModbusRtuTcpSection,
     ModbusTcpSection,
+    MqttSection,
+    OpcUaSection,
+    OtherBus,
     toml_value,
     unpacked,
     wires_toml,
@@ -43,6 +46,8 @@ from simulators.devices import (
 
 _CAN_LOGS = (".asc", ".blf", ".csv", ".log", ".trc")
 """Formats of other programs that python-can reads; .log is candump's."""
+_NEVER = ("mqtt", "opcua")
+"""Kinds of bus whose traffic is not in a recording."""
 
 
 class _Stop(Protocol):
@@ -162,7 +167,8 @@ async def _play(
         for bus, kind in kinds.items():
             of_bus = [event for event in events if event.bus == bus]
             if not of_bus:
-                console.print(f"{bus} ({kind}): did not open while recording, so it is absent now", highlight=False)
+                why = "is never recorded" if kind in _NEVER else "did not open while recording"
+                console.print(f"{bus} ({kind}): {why}, so it is absent now", highlight=False)
                 continue
             one = await play_bus(bus, kind, of_bus, folder, group)
             if group is not None and kind in ("canopen", "can"):
@@ -207,6 +213,12 @@ def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
             return {"host": "127.0.0.1", "port": 1}
         case CanOpenSection() | CanSection():
             return {"interface": "slcan", "channel": absent}
+        case OtherBus():
+            return {}  # what it calls its address is known to its package alone; see docs/extensions.md
+        case OpcUaSection():  # sessions are not recorded
+            return {"url": "opc.tcp://127.0.0.1:1"}
+        case MqttSection():  # nor are a broker's messages
+            return {"url": "mqtt://127.0.0.1:1", "authority": None, "certificate": None, "key": None}
         case _:
             return {"port": absent}
 
@@ -231,7 +243,7 @@ def read_wire_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None,
     except (ValueError, OSError, IndexError, KeyError, struct.error, can.CanError) as error:
         raise WireLogError(f"{path}: cannot be read as a CAN log: {error}") from error
     if not events:
-        raise WireLogError(f"{path}: holds no CAN frames")
+        raise WireLogError(f"{path}: contains no CAN frames")
     return None, events
 
 

@@ -1,41 +1,60 @@
-"""`talc-gateway prior make`: from databases of gateways to a file for `[talc] prior`."""
+"""`talc-gateway prior make`: makes a file for `[talc] prior` from databases of gateways, or from a collected site."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 import numpy as np
 
-from gateway.past import stored_config
-from gateway.rebuild import Rebuilt, rebuilt, start_of
+from gateway.past import Rebuilt, rebuilt, start_of, stored_config
 from gateway.storage import History, StoreError
+from talc.control import Controller
 from talc.learner import LearnerState, make_prior
 from talc.names import THERMAL_ERRORS
 
-_Learnt = tuple[tuple[str, ...], LearnerState]
+if TYPE_CHECKING:
+    from gateway.collect import CollectedMachine
 
 
-def make(databases: Sequence[Path], output: Path) -> None:
-    """Rebuild each learner, print what it knows, and write the file. Raises StoreError if nothing was learnt."""
-    _check_files(databases, output)
-    learnt, machines = [], dict[str, Path]()
-    for database in databases:
-        name, found = _learnt(database)
-        if name in machines:
+class _LearntMachine(NamedTuple):
+    """One machine, and how its learner is rebuilt."""
+
+    name: str
+    kind: str | None
+    where: str
+    rebuild: Callable[[], Controller]
+
+
+def make(given: Sequence[Path], kind: str | None, output: Path) -> None:
+    """Rebuild each learner, print what it knows, and write the file.
+
+    given: databases, and folders of `talc-gateway collect`
+    kind: of the machines that count; None: there is only one
+
+    Raises StoreError if nothing was learnt, CollectError for a folder that cannot be read.
+    """
+    _check_files(given, output)
+    sources = [source for path in given for source in _sources(path)]
+    learnt, machines = [], dict[str, str]()
+    for source in _of_kind(sources, kind):
+        if source.name in machines:
             click.echo(
-                f"warning: {database}: [machine] name '{name}' is that of {machines[name]} too; a machine that counts "
-                "twice makes the prior too sure",
+                f"warning: {source.where}: [machine] name '{source.name}' is that of {machines[source.name]} too; a "
+                "machine that counts twice makes the prior too sure",
                 err=True,
             )
-        machines.setdefault(name, database)
-        learnt.append(found)
+        machines.setdefault(source.name, source.where)
+        learnt.append(_learnt(source))
     try:
         prior = make_prior(learnt)
     except ValueError as error:
-        raise StoreError(f"{', '.join(map(str, databases))}: {error}; let the gateways measure longer") from None
+        raise StoreError(f"{', '.join(map(str, given))}: {error}; let the gateways measure longer") from None
     part = output.with_name(output.name + ".part")
     try:
         part.write_text(json.dumps(prior.to_dict(), separators=(",", ":")) + "\n", encoding="utf-8")
@@ -49,27 +68,68 @@ def make(databases: Sequence[Path], output: Path) -> None:
     click.echo(f'{output}: {len(prior.inputs)} inputs; {told}. In the next machine\'s file: [talc] prior = "{output}"')
 
 
-def _check_files(databases: Sequence[Path], output: Path) -> None:
-    for i, database in enumerate(databases):
-        for other in databases[:i]:
-            if database.samefile(other):
-                raise click.UsageError(f"{database} is given twice")
-        if output.exists() and output.samefile(database):
-            raise click.UsageError(f"-o {output} would overwrite a database")
+def _check_files(given: Sequence[Path], output: Path) -> None:
+    for i, path in enumerate(given):
+        for other in given[:i]:
+            if path.samefile(other):
+                raise click.UsageError(f"{path} is given twice")
+        if output.exists() and output.samefile(path):
+            raise click.UsageError(f"-o {output} would overwrite a {'folder' if path.is_dir() else 'database'}")
 
 
-def _learnt(database: Path) -> tuple[str, _Learnt]:
-    """Name of the machine, and what its learner knows after the whole record."""
-    with History(database) as history:
-        config = stored_config(history).with_prior(None)
-        config = config.model_copy(update={"talc": replace(config.talc, method="learner")})
-        controller = rebuilt(history.steps(), config, Rebuilt(start_of(config, history.learnt()))).controller
-    state = controller.state()
+def _sources(path: Path) -> list[_LearntMachine]:
+    if not path.is_dir():
+        with History(path) as history:
+            machine = stored_config(history).machine
+        return [_LearntMachine(machine.name, machine.kind, str(path), partial(_of_database, path))]
+    if find_spec("pyarrow") is None:
+        raise click.UsageError("pyarrow is not installed; pip install 'talc-gateway[parquet]'")
+    from gateway.collect import machines_in
+
+    return [
+        _LearntMachine(found.name, found.kind, f"{path}: {found.name}", partial(_of_collected, found))
+        for found in machines_in(path)
+    ]
+
+
+def _of_kind(sources: Sequence[_LearntMachine], kind: str | None) -> Sequence[_LearntMachine]:
+    """Those that count. Raises click.UsageError if there is none, or if it is not said which of several kinds."""
+    kinds = dict[str | None, list[str]]()
+    for source in sources:
+        kinds.setdefault(source.kind, []).append(source.name)
+    told = "; ".join(f"{one or 'no kind'}: {', '.join(names)}" for one, names in kinds.items())
+    if kind is None:
+        if len(kinds) > 1:
+            raise click.UsageError(f"the machines have different [machine] kind ({told}); choose one with --kind")
+        return sources
+    if kind not in kinds:
+        raise click.UsageError(f"--kind {kind}: no machine has this [machine] kind ({told})")
+    return [source for source in sources if source.kind == kind]
+
+
+def _learnt(source: _LearntMachine) -> tuple[tuple[str, ...], LearnerState]:
+    """What its learner knows after the whole record."""
+    state = source.rebuild().state()
     if state.course is None:
         raise RuntimeError("the learner has no state")
     counts = state.course.learner.mixture.count
     click.echo(
-        f"{database}: {config.machine.name}, {len(state.input_names)} inputs, "
+        f"{source.where}: {source.name}, {len(state.input_names)} inputs, "
         f"{int(np.max(counts))} measurements of the error that was measured most, {int(np.min(counts))} of the least"
     )
-    return config.machine.name, (state.input_names, state.course.learner)
+    return state.input_names, state.course.learner
+
+
+def _of_database(path: Path) -> Controller:
+    with History(path) as history:
+        config = stored_config(history).with_prior(None)
+        config = config.model_copy(update={"talc": replace(config.talc, method="learner")})
+        steps = history.steps(names=config.input_names)
+        return rebuilt(steps, config, Rebuilt(start_of(config, history.learnt()))).controller
+
+
+def _of_collected(machine: "CollectedMachine") -> Controller:
+    controller = Controller(machine.inputs, replace(machine.talc, method="learner"), machine.step_s)
+    for frame in machine.frames():
+        controller.step(frame)
+    return controller

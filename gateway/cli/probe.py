@@ -9,15 +9,16 @@ from math import isnan
 from rich.table import Table
 
 from drivers.base import DriverError, Quality
+from drivers.nc import NumericalControl, TriesWriting
 from gateway.acquisition import Line, lines_of, number_text, read_once
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig
-from gateway.nc import contained, control_of
+from gateway.nc import contained_control, control_of
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class _ProbedRow:
     bus: str
     device: str
     channel: str
@@ -27,9 +28,12 @@ class _Row:
     detail: str = ""
 
 
-def show(config: GatewayConfig) -> bool:
-    """Print a table of all channels; True if every one is good. Nothing is written, stored or published."""
-    rows = asyncio.run(_rows(config))
+def show(config: GatewayConfig, *, try_writing: bool = False) -> bool:
+    """Print a table of all channels; True if every one is good. Nothing is stored or published.
+
+    try_writing: writes back to the control what is there; otherwise nothing is written
+    """
+    rows = asyncio.run(_rows(config, try_writing=try_writing))
     table = Table("bus", "device", "channel", "value", "quality", "latency", title=config.machine.name)
     for row in rows:
         latency = "" if row.latency_ms is None else f"{row.latency_ms:.1f} ms"
@@ -51,28 +55,29 @@ def show(config: GatewayConfig) -> bool:
     return bad == 0
 
 
-async def _rows(config: GatewayConfig) -> list[_Row]:
+async def _rows(config: GatewayConfig, *, try_writing: bool) -> list[_ProbedRow]:
     per_line = await asyncio.gather(*(_line(line) for line in lines_of(config, RealClock())))
     rows = [row for line in per_line for row in line]
-    return rows + await _nc(config)
+    return rows + await _nc(config, try_writing=try_writing)
 
 
-async def _line(line: Line) -> list[_Row]:
+async def _line(line: Line) -> list[_ProbedRow]:
     """The devices of one bus, one after the other; buses are read concurrently."""
-    rows: list[_Row] = []
+    rows: list[_ProbedRow] = []
     for answer in await read_once(line, RealClock()):
         latency = None if answer.took_s is None else answer.took_s * 1e3
         for r in answer.readings:
             value = "" if isnan(r.value) else f"{number_text(r.value)} {r.unit}"
             detail = f"{r.channel}: {r.detail}" if r.detail and answer.took_s is not None else r.detail
-            rows.append(_Row(line.bus.name, answer.device, r.channel, value, r.quality, latency, detail))
+            rows.append(_ProbedRow(line.bus.name, answer.device, r.channel, value, r.quality, latency, detail))
     return rows
 
 
-async def _nc(config: GatewayConfig) -> list[_Row]:
+async def _nc(config: GatewayConfig, *, try_writing: bool) -> list[_ProbedRow]:
     if config.nc is None:
         return []
-    nc = contained(control_of(config.nc, config, RealClock()))
+    driver = control_of(config.nc, config, RealClock())
+    nc = contained_control(driver)
     try:
         await nc.connect()
         began = time.perf_counter()
@@ -89,13 +94,25 @@ async def _nc(config: GatewayConfig) -> list[_Row]:
         if snapshot.alarms:
             texts["alarms"] = ", ".join(map(str, snapshot.alarms))
         missing = [state.name for state in config.states if state.name not in snapshot.states]
-        rows = [_Row("nc", config.nc.kind, n, text, Quality.GOOD, latency) for n, text in texts.items()]
+        rows = [_ProbedRow("nc", config.nc.kind, n, text, Quality.GOOD, latency) for n, text in texts.items()]
         gone = Quality.COMM_FAULT
+        if try_writing:
+            rows.append(await _writing(driver, config.nc.kind))
         return rows + [
-            _Row("nc", config.nc.kind, n, "", gone, latency, "the NC does not report this state") for n in missing
+            _ProbedRow("nc", config.nc.kind, n, "", gone, latency, "the NC does not report this state") for n in missing
         ]
     except DriverError as error:
-        return [_Row("nc", config.nc.kind, "snapshot", "", Quality.COMM_FAULT, None, str(error))]
+        return [_ProbedRow("nc", config.nc.kind, "snapshot", "", Quality.COMM_FAULT, None, str(error))]
     finally:
         with suppress(DriverError):  # what was read is shown all the same
             await nc.close()
+
+
+async def _writing(driver: NumericalControl, kind: str) -> _ProbedRow:
+    if not isinstance(driver, TriesWriting):
+        return _ProbedRow("nc", kind, "writing", "not tried: this control has no rights to grant", Quality.GOOD, None)
+    try:
+        await driver.try_writing()
+    except DriverError as error:
+        return _ProbedRow("nc", kind, "writing", "", Quality.COMM_FAULT, None, str(error))
+    return _ProbedRow("nc", kind, "writing", "everything that is needed", Quality.GOOD, None)

@@ -194,7 +194,7 @@ def _seconds(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 60:.0f} min"
 
 
-def watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
+def watch_channels(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
     """Show until Ctrl-C or for the given seconds; True if every channel was good at the end.
 
     every_s: interval between updates; None: twice a second on a terminal, every 10 s elsewhere

@@ -4,12 +4,14 @@ import asyncio
 from collections.abc import Sequence
 from pathlib import Path
 
+import click
+
 from drivers.base import Reading
 from gateway.acquisition import Acquisition, lines_of
 from gateway.cli.signals import stop_on_signals, until
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
-from gateway.config import GatewayConfig, packed_toml
+from gateway.config import GatewayConfig, MqttSection, OpcUaSection, packed_toml
 from gateway.polling import Notice
 from gateway.recordings import WireLogWriter
 
@@ -17,11 +19,29 @@ _LOOK_EVERY_S = 1.0
 """How often the size of the file is checked."""
 
 
+def not_recorded(config: GatewayConfig) -> list[str]:
+    """The buses whose traffic the wire log does not hold, and what to do instead."""
+    found = []
+    for bus in config.buses:
+        if isinstance(bus, MqttSection):
+            instead = "record its topics with the broker's own tools, such as mosquitto_sub -F '%U %t %p'"
+            found.append(f"bus '{bus.name}' (mqtt): messages of a broker are not recorded; {instead}")
+        elif isinstance(bus, OpcUaSection):
+            instead = "db export, or a Zenoh subscriber, keeps the values that were read"
+            found.append(f"bus '{bus.name}' (opcua): the traffic of an OPC UA session is not recorded; {instead}")
+    return found
+
+
 def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> bool:
     """Record until Ctrl-C, for the given seconds, or up to the given size; False if no channel was ever good.
 
-    Raises OSError if the file cannot be made.
+    Raises OSError if the file cannot be made, and click.UsageError if the configuration has no bus that is recorded.
     """
+    missing = not_recorded(config)
+    if len(missing) == len(config.buses):
+        raise click.UsageError("\n".join(["there is nothing to record", *missing]))
+    for text in missing:
+        terminal(stderr=True).print(text, style="yellow", highlight=False, soft_wrap=True)
     return asyncio.run(_record(config, path, seconds, most_mb))
 
 
@@ -55,7 +75,7 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
     if log.ended:
         console.print(f"ended: {log.ended}", style="yellow", highlight=False, soft_wrap=True)
     if log.dropped:
-        console.print(f"{log.dropped} lines are missing: the disk was too slow", style="yellow", highlight=False)
+        console.print(f"{log.dropped} lines were lost: the disk was too slow", style="yellow", highlight=False)
     counted = ", ".join(f"{bus} {count}" for bus, count in log.counts.items())
     console.print(f"{path}: {counted} lines; {len(bad)} channels not good at the end", highlight=False, soft_wrap=True)
     if not good:

@@ -1,22 +1,14 @@
-"""The commands on what was recorded: `replay`, `prior` and `report`."""
+"""The commands that work on recorded data: `replay`, `prior` and `report`."""
 
 import sys
-from importlib.util import find_spec
+from datetime import datetime
 from pathlib import Path
 
 import click
 
 from gateway.cli.arguments import check_output, named_errors, named_units, page_path, shifts_of, time_zone_of
 from gateway.cli.exits import EXIT_DIFFERENT
-
-
-def _with_pages() -> None:
-    """Raises click.UsageError without what makes pages, which the package for a machine does not contain."""
-    missing = [name for name in ("jinja2", "matplotlib") if find_spec(name) is None]
-    if missing:
-        raise click.UsageError(
-            f"{', '.join(missing)} not installed; pip install 'talc-gateway[report]', or copy the file"
-        )
+from gateway.cli.extras import need_extra
 
 
 @click.command()
@@ -76,7 +68,7 @@ def replay(
         from gateway.cli.replay import show
 
         sys.exit(0 if show(file) else EXIT_DIFFERENT)
-    _with_pages()
+    need_extra("report")
     from gateway.cli.replay import Request, run_recording
 
     named = named_errors(errors)
@@ -98,18 +90,20 @@ def prior() -> None:
 
 
 @prior.command("make")
-@click.argument("databases", metavar="DATABASE...", nargs=-1, required=True,
-                type=click.Path(exists=True, dir_okay=False, path_type=Path))  # fmt: skip
+@click.argument("given", metavar="DATABASE|FOLDER...", nargs=-1, required=True,
+                type=click.Path(exists=True, path_type=Path))  # fmt: skip
+@click.option("--kind", help="[machine] kind of the machines that count. Default: all, if they have the same.")
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="JSON file.")
-def make_prior(databases: tuple[Path, ...], output: Path) -> None:
-    """Write what the gateways of DATABASE... have learnt to one file, for `[talc] prior` of another machine.
+def make_prior(given: tuple[Path, ...], kind: str | None, output: Path) -> None:
+    """Write what machines have learnt to one file, for `[talc] prior` of another machine.
 
-    Give one database per machine. Each machine's learner is rebuilt from its frames and measurements, whatever method
-    it used, and without the prior that it started with. Inputs of different machines are matched by name.
+    Give one DATABASE per machine, or the FOLDER of `talc-gateway collect` with all machines of a site. Each machine's
+    learner is rebuilt from its frames and measurements, whatever method it used, and without the prior that it started
+    with. Inputs of different machines are matched by name.
     """
     from gateway.cli.prior import make
 
-    make(databases, output)
+    make(given, kind, output)
 
 
 @click.command()
@@ -119,9 +113,11 @@ def make_prior(databases: tuple[Path, ...], output: Path) -> None:
 @click.option(
     "--shifts", default="06:00,14:00,22:00", show_default=True, help="When shifts begin, local time; empty: no shifts."
 )
-def report(database: Path, output: Path | None, time_zone: str | None, shifts: str) -> None:
+@click.option("--day", type=click.DateTime(["%Y-%m-%d"]), help="Only this day, local time, such as 2026-03-02.")
+def report(database: Path, output: Path | None, time_zone: str | None, shifts: str, day: datetime | None) -> None:
     """Write the HTML report of DATABASE and print its table."""
-    _with_pages()
+    need_extra("report")
     from gateway.cli.report import Reader, write
 
-    write(database, page_path(output, database), reader=Reader(time_zone_of(time_zone), shifts_of(shifts)))
+    reader = Reader(time_zone_of(time_zone), shifts_of(shifts), None if day is None else day.date())
+    write(database, page_path(output, database), reader=reader)

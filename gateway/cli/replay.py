@@ -83,7 +83,7 @@ _SAID_OTHERWISE = {
 
 def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
-    from gateway.rehearsal import columns_of, models_of, rehearse
+    from gateway.rehearsal import columns_of, learnt_columns, rehearse_recording
     from gateway.report import build, summary, table
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)
@@ -100,7 +100,7 @@ def run_recording(request: Request) -> None:
         console.print(f"Calibration takes {takes}, {longer}", soft_wrap=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("replaying", total=len(recording.k))
-        data = rehearse(
+        data = rehearse_recording(
             recording,
             sections.talc,
             prior=None if prior is None else prior.prior,
@@ -122,7 +122,7 @@ def run_recording(request: Request) -> None:
     console.print(f"report: {request.page}", soft_wrap=True)
     if request.out is not None and request.models_out is not None:
         write_table(request.out, columns_of(data))
-        write_table(request.models_out, models_of(data))
+        write_table(request.models_out, learnt_columns(data))
         console.print(f"tables: {request.out} (steps), {request.models_out} (models)", soft_wrap=True)
 
 
@@ -135,7 +135,12 @@ def _roles(recording: Recording, columns: Columns) -> str:
     ]
     inputs, left = recording.input_names, [name or "the first" for name in recording.ignored]
     lines = [f"errors: {', '.join(errors)}", f"inputs ({len(inputs)}): {', '.join(inputs)}"]
-    return "\n".join([*lines, *([f"left out: {', '.join(left)}"] if left else [])])
+    if left:
+        lines.append(f"left out: {', '.join(left)}")
+    if recording.origin_s is not None:
+        begin = f"the first row, {recording.origin_s:g} s" if recording.origin_s else "the first row"
+        lines.append(f"times: seconds without a date; the report counts hours from {begin}")
+    return "\n".join(lines)
 
 
 def _calibrated(sections: TalcOnly, recording: Recording, minutes: float) -> TalcOnly:

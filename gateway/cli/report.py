@@ -1,10 +1,11 @@
 """`talc-gateway report`: makes a table and an HTML page from a database and, for a simulation, from the truth."""
 
 import csv
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, time, tzinfo
+from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
@@ -23,17 +24,21 @@ from gateway.report import (
     ReportData,
     Truth,
     build,
+    local_moment,
     nothing_learnt,
+    nothing_that_day,
     picture,
     summary,
     table,
     verdict,
 )
-from gateway.storage import History, StoredMeasurement, StoredStep, StoreError
+from gateway.storage import History, StoredMeasurement, StoredStep, StoreError, TimeSpan
 from talc.frame import FloatArray, Phase
 from talc.learner import Reasons
 from talc.names import THERMAL_ERRORS
 
+_DAY = timedelta(days=1)
+_LAST_K = 2**63 - 1
 _WITHOUT_PREDICTION = frozenset({Source.STALE, Source.INPUTS_STALE, Source.NO_MODEL, Source.NOT_STORED})
 
 
@@ -45,12 +50,24 @@ class Reader:
     """None: the time zone of this computer."""
     shifts: tuple[time, ...] = SHIFTS
     """When they begin; none: no shifts."""
+    day: date | None = None
+    """Only this one, from midnight to midnight in the zone; None: all that is stored."""
+
+    @property
+    def within(self) -> TimeSpan | None:
+        """The day in UTC: an hour shorter or longer when the clocks change."""
+        if self.day is None:
+            return None
+        zone = self.zone or own_zone()
+        begin, end = (datetime.combine(day, time(), zone).astimezone(UTC) for day in (self.day, self.day + _DAY))
+        return begin, end
 
 
 def write(database: Path, output: Path, truth: Path | None = None, reader: Reader | None = None) -> None:
     """Print the table and write the page, and of a simulation a picture too. Raises StoreError: it cannot be read."""
-    console = terminal()
-    if not _unbegun(database, output):
+    console, reader = terminal(), reader or Reader()
+    empty = empty_page(database, reader)
+    if empty is None:
         data = collect(database, truth, reader)
         figures = summary(data)
         console.print(verdict(data, figures), soft_wrap=True, highlight=False, markup=False)
@@ -60,24 +77,30 @@ def write(database: Path, output: Path, truth: Path | None = None, reader: Reade
         if data.truth is not None:
             output.with_suffix(".png").write_bytes(picture(data))
     else:
-        console.print("nothing has been learnt yet: no grid step has ended")
+        output.write_text(empty, encoding="utf-8")
+        none = "nothing has been learnt yet: no grid step has ended"
+        console.print(none if reader.day is None else f"nothing is stored for {reader.day}")
     console.print(f"report: {output}", soft_wrap=True)
 
 
-def _unbegun(database: Path, output: Path) -> bool:
-    """Whether no grid step has ended; then the page says what is missing."""
+def empty_page(database: Path, reader: Reader) -> str | None:
+    """The page that says why there is nothing to report; None: there is something. Raises StoreError."""
     with History(database) as history:
-        if history.latest_k() is not None:
-            return False
         if history.config() is None:
-            page = nothing_learnt(
-                database.name, [NotYet("No run is stored here", "Start one: talc-gateway run CONFIG")]
-            )
-        else:
-            config = stored_config(history)
-            page = nothing_learnt(config.machine.name, not_yet(history, config, ()))
-    output.write_text(page, encoding="utf-8")
-    return True
+            start = NotYet("No run is stored here", "Start one: talc-gateway run CONFIG")
+            return nothing_learnt(database.name, [start])
+        config = stored_config(history)
+        first, last = history.span()
+        if first is None or last is None:
+            return nothing_learnt(config.machine.name, not_yet(history, config, (), history.channel_health()))
+        if reader.day is None:
+            return None
+        after, until = _steps_within(reader.within, config.grid.step_s)
+        if any(True for _ in history.steps(after, last_k=until)):
+            return None
+        zone = reader.zone or own_zone()
+        begin, end = (local_moment(k * config.grid.step_s, zone) for k in (first, last))
+        return nothing_that_day(config.machine.name, reader.day, begin, end)
 
 
 def collect(database: Path, truth: Path | None = None, reader: Reader | None = None) -> ReportData:
@@ -86,19 +109,24 @@ def collect(database: Path, truth: Path | None = None, reader: Reader | None = N
     Raises StoreError: it holds no frame.
     """
     reader = reader or Reader()
+    within = reader.within
     with History(database) as history:
         config, found = stored_config(history), history.config()
-        names = config.input_names
-        steps = list(history.steps(names=names))
+        names, step_s = config.input_names, config.grid.step_s
+        after, until = _steps_within(within, step_s)
+        steps = list(history.steps(after, names, until))
         if not steps or found is None:
-            raise StoreError(f"{database}: holds no frames yet")
-        step_s = config.grid.step_s
+            raise StoreError(f"{database}: contains no frames yet")
         k = np.array([s.frame.k for s in steps])
         start = float(k[0]) * step_s
         nothing = np.full(9, np.nan)
-        compensation = history.compensation()
-        cycles = history.measurements()
+        compensation = history.compensation(within)
+        cycles = history.measurements(within)
         units = history.units()
+        # Of a day the steps are counted: there is no index by time on millions of readings.
+        health = history.channel_health() if within is None else _steps_good(steps, names)
+        reference = history.reference()
+        earlier = within is not None and reference is not None and reference.ended < within[0]
         return ReportData(
             machine=config.machine.name,
             fingerprint=found[1],
@@ -113,32 +141,52 @@ def collect(database: Path, truth: Path | None = None, reader: Reader | None = N
             limits=np.array([s.decision.limits for s in steps]),
             measured=np.array([s.frame.measurement.errors if s.frame.measurement else nothing for s in steps]),
             models=tuple(AdoptedModels(s.frame.k, m) for s in steps for m in s.adopted),
-            events=tuple((at.timestamp() - start, event) for at, _, event in history.events()),
+            events=tuple((at.timestamp() - start, event) for at, _, event in history.events(within)),
             compensation_s=np.array([c.time.timestamp() - start for c in compensation]),
             compensation_um=np.array([c.offsets_um for c in compensation]).reshape(-1, 3),
             input_names=names,
-            channel_health=history.channel_health(),
+            channel_health=health,
+            health_of="Readings" if within is None else "Grid steps",
             cycles=len(cycles),
             rejected_cycles=sum(m.errors is None for m in cycles),
             truth=None if truth is None else _truth(truth, start),
             trusted=np.array([s.decision.trusted for s in steps]) if all(s.trust_known for s in steps) else None,
-            reasons=history.reasons(),
+            reasons=history.reasons(until),
             not_compared="" if config.sensor_check.enabled else "[sensor_check] enabled = false",
             zone=reader.zone or own_zone(),
             shifts=reader.shifts,
             noise=_noise(steps),
             inputs=np.array([np.where(s.frame.valid, s.frame.inputs, np.nan) for s in steps]),
             input_units=tuple(units.get(name, "") for name in names),
-            moved=_moved(history.reasons_given(), names),
-            cycles_seen=_cycles(cycles, start, config.probing.reference_cycles),
+            moved=_moved(history.reasons_given(after, until), names),
+            cycles_seen=_cycles(cycles, start, 1 if earlier else config.probing.reference_cycles),
             stale=np.array([c.source in _WITHOUT_PREDICTION for c in compensation], dtype=np.bool_),
             sphere_m=(config.probing.sphere_radius_mm * 1e-3, config.probing.sphere_height_mm * 1e-3),
             mode=config.compensation.mode,
-            not_yet=not_yet(history, config, steps),
+            not_yet=() if earlier else not_yet(history, config, steps, health),
         )
 
 
-def not_yet(history: History, config: GatewayConfig, steps: Sequence[StoredStep]) -> tuple[NotYet, ...]:
+def _steps_within(within: TimeSpan | None, step_s: float) -> tuple[int, int]:
+    """The grid index before the first one of a span, and the last one."""
+    if within is None:
+        return -1, _LAST_K
+    first, behind = (math.ceil(at.timestamp() / step_s) for at in within)
+    return first - 1, behind - 1
+
+
+def _steps_good(steps: Sequence[StoredStep], names: Sequence[str]) -> dict[str, dict[str, int]]:
+    """By input: the number of steps with and without a good value."""
+    good = np.sum([s.frame.valid for s in steps], axis=0).tolist()
+    return {
+        name: {"good": n, **({"without a good value": len(steps) - n} if n < len(steps) else {})}
+        for name, n in zip(names, good, strict=True)
+    }
+
+
+def not_yet(
+    history: History, config: GatewayConfig, steps: Sequence[StoredStep], health: Mapping[str, Mapping[str, int]]
+) -> tuple[NotYet, ...]:
     """What is missing before the gateway can learn, in the order in which it comes; empty: it has learnt."""
     if any(step.frame.measurement is not None for step in steps):
         done = sum(step.decision.phase is Phase.CALIBRATION for step in steps)
@@ -150,7 +198,7 @@ def not_yet(history: History, config: GatewayConfig, steps: Sequence[StoredStep]
     if not steps:
         within = f"{config.grid.step_s / 60.0:g} min"
         found.append(NotYet("No grid step has ended", f"The first ends {within} after the start: talc-gateway status"))
-    silent = _silent(history.channel_health(), [channel.name for channel in config.channels])
+    silent = _silent(health, [channel.name for channel in config.channels])
     if silent:
         found.append(NotYet(f"No good reading of {', '.join(silent)}", "talc-gateway doctor says what is wrong"))
     if config.nc is None:
@@ -170,7 +218,7 @@ def _not_measured(history: History, wanted: int) -> Iterable[NotYet]:
         yield NotYet(f"None of {len(cycles)} probing cycles was used", f"The last: {cycles[-1].reason}")
     yield NotYet(
         "No reference",
-        f"The mean of the first cycles ({wanted}, one after the other) is what all later errors are counted from",
+        f"All later errors count from the mean of the first cycles ({wanted}, one after the other)",
     )
 
 

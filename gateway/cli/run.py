@@ -8,15 +8,16 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from drivers.base import DriverError
-from gateway.acquisition import ReloadError
 from gateway.cli.alive import WatchedClock
+from gateway.cli.memory import give_back_large_blocks
 from gateway.cli.notify import ServiceManager
 from gateway.cli.opening import opening
+from gateway.cli.record import not_recorded
+from gateway.cli.reloading import Reloading
 from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
-from gateway.config import ConfigError, GatewayConfig, load, packed_toml
+from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, GatewayEvent
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
@@ -36,12 +37,13 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
     """
     if logging.getLogger().level > logging.INFO:
         logging.getLogger("gateway").setLevel(logging.INFO)  # a service says what it does
+    give_back_large_blocks()
     manager = ServiceManager()
 
     async def main() -> None:
-        stop, hang_up = asyncio.Event(), asyncio.Event()
+        stop, reloading = asyncio.Event(), Reloading(path)
         stop_on_signals(stop)
-        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, hang_up.set)
+        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, reloading.hang_up)
         clock = WatchedClock(RealClock())
         beside: list[asyncio.Task[None]] = []
         running = config
@@ -56,7 +58,8 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
                 manager.ready(f"machine {running.machine.name}")
 
         def started(service: Service) -> None:
-            beside.append(asyncio.create_task(_reload(service, path, hang_up), name="reload"))
+            service.take_reloads(lambda: reloading.ask(service))
+            beside.append(asyncio.create_task(reloading.run(service), name="reload"))
             beside.append(asyncio.create_task(_tell_end(manager, stop, lambda: running), name="end"))
             if manager.watchdog_s is not None:
                 feeding = _feed(manager, manager.watchdog_s / _SIGNS_PER_LIMIT, clock, stop)
@@ -110,6 +113,8 @@ def _wire_log(config: GatewayConfig, path: Path | None, most_mb: float) -> Itera
     if path is None:
         yield None
         return
+    for text in not_recorded(config):
+        log.warning("%s", text)
     if path.exists():
         path.replace(path.with_name(path.name + ".1"))
     with WireLogWriter(
@@ -117,20 +122,4 @@ def _wire_log(config: GatewayConfig, path: Path | None, most_mb: float) -> Itera
     ) as writer:
         yield writer
     if writer.dropped:
-        log.warning("%s: %d lines are missing: the disk was too slow", path, writer.dropped)
-
-
-async def _reload(service: Service, path: Path, asked: asyncio.Event) -> None:
-    """Reload on request, until cancelled. A configuration that cannot be applied changes nothing."""
-    while True:
-        await asked.wait()
-        asked.clear()
-        try:
-            change = await service.reload(load(path))
-        except (ConfigError, DriverError, ReloadError) as error:
-            log.error("not reloaded, the previous configuration stays in use: %s", error)
-        except Exception:
-            log.exception("not reloaded, the previous configuration stays in use")
-        else:
-            exchanged = ", ".join(change.started) or "none"
-            log.warning("reloaded %s, fingerprint %s, buses exchanged: %s", path, service.fingerprint, exchanged)
+        log.warning("%s: %d lines were lost: the disk was too slow", path, writer.dropped)

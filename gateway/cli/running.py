@@ -6,24 +6,26 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from importlib.metadata import version
-from pathlib import Path
 
-from gateway.clock import ServiceClock, clock_synchronised
+from gateway.cli.day_reports import DayReports
+from gateway.cli.stored import course_of, history_of, rows_of
+from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
 from gateway.nc import Identity
-from gateway.past import Past, past_in
-from gateway.rebuild import Interrupted, Rebuilt
+from gateway.past import Interrupted, Past, Rebuilt, SnapshotKeeper, past_in
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
-from gateway.snapshots import SnapshotKeeper
-from gateway.storage import Retention, Store, StoreError, boot_id, readings_page
-from gateway.telemetry import HistoryPage, HistoryRequest, HistorySource, TelemetryPublisher
+from gateway.storage import Retention, Store, boot_id
+from gateway.telemetry import TelemetryPublisher
+from gateway.time_service import clock_synchronised
 from gateway.versions import versions
 from talc.frame import Event, EventKind
 
 log = logging.getLogger(__name__)
 
+_SILENT_S = 5.0
+"""A stopped gateway waits no longer for a disk that does not answer."""
 _WIRES = ("pymodbus", "canopen", "asyncua", "eclipse-zenoh")
 
 
@@ -56,6 +58,7 @@ async def serve(
                     minutes_days=config.storage.keep_minutes_days,
                     most_mb=config.storage.most_mb,
                 ),
+                silent_s=_SILENT_S,
             )
         )
         past = await _past(store, config, clock, stop)
@@ -63,12 +66,13 @@ async def serve(
             return
         news = _news(past, config)
         if store.migrated_from is not None:
-            news.insert(0, f"storage: the database was migrated; what it was is kept as {store.migrated_from.name}")
+            news.insert(0, f"storage: the database was migrated; the old one is kept as {store.migrated_from.name}")
         prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
         sinks: list[Sink] = [store.record]
         telemetry: TelemetryPublisher | None = None
         if config.telemetry.enabled:
+            reports = DayReports(config.storage.path, clock.utc)
             telemetry = TelemetryPublisher(
                 config.telemetry,
                 config.machine.name,
@@ -76,9 +80,13 @@ async def serve(
                 clock,
                 boot,
                 simulated=simulated,
-                history=_stored_in(config.storage.path),
+                history=history_of(config.storage.path),
+                course=course_of(config.storage.path, config.grid.step_s),
+                stored=rows_of(config.storage.path),
+                report=reports,
             )
             sinks.append((await stack.enter_async_context(telemetry)).publish)
+            stack.callback(reports.close)  # before the telemetry, which waits for its last answer
         if config.metrics.listen is not None:
             from gateway.metrics import GatewayFigures, MetricsServer  # loaded only where it is wanted
 
@@ -95,27 +103,18 @@ async def serve(
             log.warning("%s", text)
             sink(EventReported(Event(EventKind.OPERATOR, text), past.last_k))
         synchronised = (lambda: None) if simulated else clock_synchronised
-        service = Service(config, clock, sink, past, tap, lambda: store.health, identity, synchronised)
+
+        async def on_disk() -> None:
+            with clock.hold():  # the disk takes real time
+                await store.on_disk()
+
+        service = Service(config, clock, sink, past, tap, lambda: store.health, identity, synchronised, on_disk)
         if telemetry is not None:
             telemetry.count_missed(lambda: service.periods_missed)
             telemetry.ask_clock(lambda: service.clock_known)
+            telemetry.take_commands(service.obey)
         started(service)
         await service.run(stop)
-
-
-def _stored_in(path: Path) -> HistorySource:
-    """What answers queries on `history`: the database, opened for reading at each."""
-
-    def find(asked: HistoryRequest) -> HistoryPage:
-        try:
-            page = readings_page(path, asked.begin, asked.end, asked.channels, asked.limit, asked.after)
-        except StoreError as error:
-            raise OSError(str(error)) from error
-        return HistoryPage(
-            page.period_s, page.names, page.units, page.time, page.channel, page.value, page.quality, page.next
-        )
-
-    return find
 
 
 def _news(past: Past, config: GatewayConfig) -> list[str]:

@@ -20,12 +20,13 @@ from drivers.problems import read_settings
 from drivers.recognition import describe
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
-from gateway.config import ConfigError, Problem, read
+from gateway.config import ConfigError, Problem, read_text
 from gateway.scan import (
     CanScan,
+    ScanProgress,
     ScanReport,
     TcpScan,
-    check,
+    check_addable,
     find_ports,
     merged,
     plan,
@@ -33,9 +34,8 @@ from gateway.scan import (
     scan_hosts,
     scan_line,
 )
-from gateway.scan import Progress as Told
 
-ScanRun = Callable[[Told, Stopped, bool], Awaitable[ScanReport]]
+ScanRun = Callable[[ScanProgress, Stopped, bool], Awaitable[ScanReport]]
 """A scan; the argument says whether a report's question was answered with yes."""
 
 BAUDS = (9600, 19200, 38400, 57600, 115200)
@@ -43,7 +43,7 @@ ME_BAUDS = (230_400, 256_000)
 BITRATES = (125_000, 250_000, 500_000, 1_000_000)
 SERIAL_TIMEOUT_S, TCP_TIMEOUT_S, CAN_TIMEOUT_S, LISTEN_S = 0.15, 1.0, 0.3, 3.0
 LIMIT_S = 600.0
-_Baud = click.IntRange(SLOWEST_BAUD, FASTEST_BAUD)
+_BaudOption = click.IntRange(SLOWEST_BAUD, FASTEST_BAUD)
 _EXIT_NOTHING = 3
 
 
@@ -119,13 +119,13 @@ def ports_command() -> None:
 
 @scan.command("serial")
 @click.argument("port")
-@click.option("--baud", "bauds", type=_Baud, multiple=True, default=BAUDS, show_default=True,
+@click.option("--baud", "bauds", type=_BaudOption, multiple=True, default=BAUDS, show_default=True,
               help="Speed to try; may be given several times.")  # fmt: skip
 @click.option(
     "--parity", "parities", type=click.Choice(["N", "E", "O"]), multiple=True, default=("N",), show_default=True
 )
 @click.option("--units", type=Numbers(1, 247), default="1-32", show_default=True, help="Modbus unit ids to ask.")
-@click.option("--me-baud", "me_bauds", type=_Baud, multiple=True, default=ME_BAUDS,
+@click.option("--me-baud", "me_bauds", type=_BaudOption, multiple=True, default=ME_BAUDS,
               show_default=True, help="Speeds at which Micro-Epsilon sensors are asked, parity N and E.")  # fmt: skip
 @click.option("--me-addresses", type=Numbers(2, 126), default="126", show_default=True)
 @click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
@@ -232,7 +232,7 @@ def can_command(
     rate = "bit rate set by the system" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"
     intro = f"{interface} {channel}: listening, then asking {len(nodes)} nodes ({rate})"
 
-    def run(tell: Told, stopped: Stopped, anyway: bool) -> Awaitable[ScanReport]:
+    def run(tell: ScanProgress, stopped: Stopped, anyway: bool) -> Awaitable[ScanReport]:
         return scan_can(replace(what, anyway=anyway), tell, stopped)
 
     _scan(intro, 2 * len(rates), what.longest_s, limit, toml, yes, run)
@@ -269,14 +269,14 @@ def _existing(toml: Path | None) -> None:
     if toml is None or str(toml) == "-" or not toml.exists():
         return
     try:
-        check(read(toml), toml)
+        check_addable(read_text(toml), toml)
     except ConfigError as error:
         advice = Problem("", "nothing was scanned: correct this file, or give another one with --toml")
         raise ConfigError(toml, [*error.problems, advice]) from None
 
 
 async def _run(
-    said: Console, total: int, limit_s: float, run: Callable[[Told, Stopped], Awaitable[ScanReport]]
+    said: Console, total: int, limit_s: float, run: Callable[[ScanProgress, Stopped], Awaitable[ScanReport]]
 ) -> tuple[ScanReport, str]:
     """The report, and the reason if the scan ended early."""
     stop = asyncio.Event()
@@ -327,7 +327,7 @@ def _write(path: Path, report: ScanReport, yes: bool) -> None:
     if str(path) == "-":
         click.echo(merged("", report.places, Path("found.toml")), nl=False)
         return
-    existing = read(path) if path.exists() else ""
+    existing = read_text(path) if path.exists() else ""
     text = merged(existing, report.places, path)
     if text == existing:
         click.echo(f"{path} already contains everything", err=True)

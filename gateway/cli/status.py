@@ -1,4 +1,4 @@
-"""`talc-gateway status`: how the gateway of a configuration is, from its database and its lock, on this computer."""
+"""`talc-gateway status`: the condition of a configuration's gateway, from its database and lock on this computer."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -7,9 +7,9 @@ from pathlib import Path
 
 from gateway.cli.opening import armed
 from gateway.cli.terminal import printable, terminal
-from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, unarmed
 from gateway.storage import History
+from gateway.time_service import clock_synchronised
 from talc.frame import EventKind
 
 _RECENT = timedelta(hours=24)
@@ -31,6 +31,10 @@ class Status:
     """Since the end of the step that the latest decision is about."""
     armed: str
     unarmed: tuple[str, ...]
+    paused: str | None
+    """Who has paused the compensation, and since when; None: it is not paused."""
+    disarmed: str | None
+    """Who has disarmed the gateway, and since when; None: nobody."""
     readings: dict[str, tuple[float | None, str, str]]
     """Channel to the latest value of the last minutes, unit and quality."""
     missing: tuple[str, ...]
@@ -54,9 +58,11 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
     lead_s = 0.0
     readings: dict[str, tuple[float | None, str, str]] = {}
     problems: list[str] = []
+    pause = disarmed = None
     if path.is_file():
         with History(path) as history:
             decision = history.latest_decision()
+            pause, disarmed = history.paused(), history.disarmed()
             if (moment := history.moment()) is not None:
                 lead_s = moment.lead_s
             longest_s = max((channel.period_s for channel in config.channels), default=step_s)
@@ -74,6 +80,8 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
         decision_age_s=age_s,
         armed=armed(config),
         unarmed=unarmed(config),
+        paused=None if pause is None else str(pause),
+        disarmed=None if disarmed is None else str(disarmed),
         readings=readings,
         missing=missing,
         problems=tuple(problems),
@@ -91,9 +99,11 @@ def show(config: GatewayConfig, as_json: bool) -> bool:
         return status.well
     age = "no decision yet" if status.decision_age_s is None else f"last decision {status.decision_age_s:.0f} s ago"
     lines = [
-        f"{status.machine}: {'runs' if status.running else 'DOES NOT RUN'}, {status.phase or 'starting'}, {age}",
+        f"{status.machine}: {'runs' if status.running else 'IS NOT RUNNING'}, {status.phase or 'starting'}, {age}",
         status.armed,
         *status.unarmed,
+        *(() if status.disarmed is None else (f"the gateway is {status.disarmed}",)),
+        *(() if status.paused is None else (f"the compensation is {status.paused}",)),
         f"channels: {len(config.channels) - len(status.missing)} of {len(config.channels)} good",
         *(f"  {name}: {_reading(status, name)}" for name in status.missing),
         *(() if status.clock_synchronised else (_CLOCK,)),

@@ -23,6 +23,7 @@ from gateway.telemetry import (
     Composer,
     DecisionMessage,
     EventMessage,
+    ForecastMessage,
     FrameMessage,
     MeasurementMessage,
     ModelMessage,
@@ -51,6 +52,7 @@ _NOTABLE = frozenset(
         EventKind.OPERATOR,
         EventKind.SENSOR_SUSPECT,
         EventKind.SENSORS_AGREE,
+        EventKind.COMMAND,
     }
 )
 
@@ -128,7 +130,7 @@ class ViewState:
                 self.events_seen += 1
             case StatusMessage():
                 self.unarmed = message.unarmed
-            case FrameMessage():
+            case FrameMessage() | ForecastMessage():
                 pass
             case _:
                 assert_never(message)

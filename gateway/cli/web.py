@@ -1,4 +1,4 @@
-"""`talc-gateway web`: serves the page for operators. It only listens, so it can touch nothing of a machine."""
+"""`talc-gateway web`: serves the page for operators. It only listens, and passes on the commands of [operators]."""
 
 import socket
 from collections.abc import Sequence
@@ -9,17 +9,15 @@ from pathlib import Path
 import click
 import uvicorn
 
-from gateway.config import GatewayConfig, Telemetry, endpoint
+from gateway.cli.heard import heard_at
+from gateway.config import GatewayConfig
+from gateway.heard import SiteSeen, SiteSubscription
 from gateway.web import (
     MachineUse,
-    SiteSeen,
-    SiteSubscription,
     build_app,
     check_certificate,
     check_listening,
-    listened_to,
     load_settings,
-    make_hash,
 )
 
 _GOODBYE_S = 2
@@ -39,19 +37,13 @@ class WebCommand:
     port: int
 
 
-def print_hash() -> None:
-    """Ask for a password, twice on a terminal, and print its hash."""
-    password = click.prompt("password", hide_input=True, confirmation_prompt=True, err=True)
-    click.echo(make_hash(password))
-
-
 def serve_pages(command: WebCommand) -> None:
     """Serve until SIGINT or SIGTERM. Raises ConfigError, SetupError, TelemetryError, OSError."""
     settings = load_settings(command.settings)
     check_listening(command.host, settings)
     if settings.tls is not None:
         check_certificate(settings.tls)
-    telemetry = _telemetry(command)
+    telemetry = heard_at(command.config, command.connect, command.prefix)
     expected: Sequence[str] = tuple(settings.machines)
     uses: dict[str, MachineUse] = {}
     if command.config is not None:
@@ -78,27 +70,6 @@ def serve_pages(command: WebCommand) -> None:
         shown = f"[{host}]" if ":" in host else host
         click.echo(f"{'http' if tls is None else 'https'}://{shown}:{port}/")
         server.run([listening])
-
-
-def _telemetry(command: WebCommand) -> Telemetry:
-    """Where to listen. Raises click.UsageError."""
-    for text in command.connect:
-        try:
-            endpoint(text)
-        except ValueError as error:
-            raise click.BadParameter(str(error), param_hint="--connect") from None
-    config = command.config
-    if config is None:
-        return Telemetry(connect=command.connect, prefix=command.prefix or "talc")
-    telemetry = config.telemetry
-    if not telemetry.enabled:
-        raise click.UsageError("[telemetry] enabled = false: this gateway publishes nothing that a page could show")
-    places = (*command.connect, *listened_to(telemetry))
-    if not places and not telemetry.multicast:
-        raise click.UsageError(
-            "there is nothing to listen to: [telemetry] has neither listen nor connect; give --connect tcp/HOST:7447"
-        )
-    return telemetry.model_copy(update={"connect": places, "prefix": command.prefix or telemetry.prefix})
 
 
 def _listening(host: str, port: int) -> socket.socket:

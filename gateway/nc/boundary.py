@@ -20,6 +20,7 @@ from drivers.nc import (
     NumericalControl,
     ProbingState,
     RequestStatus,
+    TakesSlopes,
     Triple,
     WatchdogTerms,
 )
@@ -31,7 +32,7 @@ T = TypeVar("T")
 _AXES = LINEAR_AXES + ROTARY_AXES
 
 
-def contained(nc: NumericalControl) -> NumericalControl:
+def contained_control(nc: NumericalControl) -> NumericalControl:
     """The control behind the boundary: it raises DriverError, and NotSendable where that is declared."""
     if isinstance(nc, FollowsPosition):
         return _ContainedSlopes(nc)
@@ -56,7 +57,7 @@ class _Contained:
         try:
             _check_numbers(snapshot.positions, _AXES)
             _check_numbers(snapshot.states, ())
-        except (AttributeError, TypeError, ValueError) as error:
+        except (AttributeError, TypeError, ValueError, OverflowError) as error:
             self._unexpected("snapshot", error)
         return snapshot
 
@@ -81,7 +82,7 @@ class _Contained:
         answer = await self._call("read_compensation", self._nc.read_compensation())
         try:
             x, y, z = (float(value) for value in answer)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             self._unexpected("read_compensation", error)
         return x, y, z
 
@@ -111,12 +112,11 @@ class _Contained:
         raise unexpected(error, operation, device="nc") from error
 
 
-class _ContainedSlopes(_Contained):
-    """Implements FollowsPosition."""
+class _SlopesBehind:
+    """Implements TakesSlopes, behind a control's boundary."""
 
-    def __init__(self, nc: FollowsPosition) -> None:
-        super().__init__(nc)
-        self._slopes = nc
+    def __init__(self, boundary: _Contained, slopes: TakesSlopes) -> None:
+        self._boundary, self._slopes = boundary, slopes
 
     @property
     def pairs(self) -> frozenset[tuple[int, int]]:
@@ -131,13 +131,21 @@ class _ContainedSlopes(_Contained):
         return self._slopes.reach_mm
 
     async def write_linear(self, offsets: LinearOffsets) -> None:
-        await self._call("write_linear", self._slopes.write_linear(offsets))
+        await self._boundary._call("write_linear", self._slopes.write_linear(offsets))
 
     async def read_linear(self) -> LinearOffsets:
-        answer = await self._call("read_linear", self._slopes.read_linear())
+        answer = await self._boundary._call("read_linear", self._slopes.read_linear())
         if not isinstance(answer, LinearOffsets):
-            self._unexpected("read_linear", TypeError(f"{answer!r}: expected LinearOffsets"))
+            self._boundary._unexpected("read_linear", TypeError(f"{answer!r}: expected LinearOffsets"))
         return answer
+
+
+class _ContainedSlopes(_SlopesBehind, _Contained):
+    """Implements FollowsPosition."""
+
+    def __init__(self, nc: FollowsPosition) -> None:
+        _Contained.__init__(self, nc)
+        _SlopesBehind.__init__(self, self, nc)
 
 
 class _ContainedErrors(_Contained):
@@ -151,6 +159,11 @@ class _ContainedErrors(_Contained):
     def error_reach_mm(self) -> tuple[float, float] | None:
         return self._errors.error_reach_mm
 
+    @property
+    def slopes(self) -> TakesSlopes | None:
+        slopes = self._errors.slopes
+        return None if slopes is None else _SlopesBehind(self, slopes)
+
     async def write_errors(self, errors: NineErrors) -> None:
         await self._call("write_errors", self._errors.write_errors(errors))
 
@@ -158,7 +171,7 @@ class _ContainedErrors(_Contained):
         answer = await self._call("read_errors", self._errors.read_errors(radius_mm))
         try:
             told = tuple(float(value) for value in answer)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             self._unexpected("read_errors", error)
         if len(told) != ERRORS:
             self._unexpected("read_errors", ValueError(f"{answer!r}: expected nine errors"))

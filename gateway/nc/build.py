@@ -2,20 +2,25 @@
 
 from typing import assert_never
 
-from drivers.linuxcnc import LinuxCnc
+from drivers.agent import AgentControl
+from drivers.mtconnect import make_mtconnect
 from drivers.nc import NumericalControl
 from drivers.sinumerik import make_sinumerik
 from gateway.clock import ServiceClock
-from gateway.config import GatewayConfig, LinuxCncNc, Nc, SinumerikNc
+from gateway.config import AgentNc, ControlSection, GatewayConfig, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
 
 
 def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalControl:
     """The driver of the numerical control. Raises SetupError naming the field and the value."""
-    poses = len(config.probing.poses_deg)
+    poses = config.probing.poses_deg
     match nc:
         case SinumerikNc():
             return make_sinumerik(nc.settings(poses, (state.name for state in config.states)), clock)
-        case LinuxCncNc():
-            return LinuxCnc(nc.settings(poses, ()), clock)
+        case AgentNc() | LinuxCncNc():
+            return AgentControl(nc.settings(poses, ()), clock)
+        case MtConnectNc():
+            return make_mtconnect(nc.settings(poses, (state.name for state in config.states)), clock)
+        case ControlSection():
+            return nc.control(poses, (state.name for state in config.states), clock)
         case _:
             assert_never(nc)

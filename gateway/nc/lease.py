@@ -38,6 +38,7 @@ class Lease:
         self._terms = WatchdogTerms(settings.watchdog_s, ramp_um_per_s)
         self._right = Right.UNCLAIMED if settings.mode == "compensate" else Right.NONE
         self._heard_before: bool | None = None
+        self._unheard_told = False
         self._beat_s = -math.inf
 
     @property
@@ -68,12 +69,22 @@ class Lease:
         heard = await self._nc.heartbeat(self._owner)
         self._beat_s = began  # not now: this process may have been suspended since the control received it
         self._right = after(RIGHTS, self._right, Reply.HEARD if heard else Reply.UNHEARD)
-        if heard is not self._heard_before and self._heard_before is not None:
-            text = f"NC: its watchdog {'is active again' if heard else 'did not receive the heartbeat of this gateway'}"
-            log.warning("%s", text)
-            self._notify(Notice("watchdog of NC", text, ended=heard))
+        if heard and self._unheard_told:
+            self._tell_watchdog("NC: its watchdog is active again", ended=True)
+        elif not heard and self._heard_before:
+            self._tell_watchdog("NC: its watchdog did not receive the heartbeat of this gateway")
+        elif not heard and self._heard_before is False and not self._unheard_told:  # the first may be too early
+            self._tell_watchdog(
+                "NC: its watchdog does not answer the heartbeats: no offset is written. Does its program run on the "
+                "control since power on?"
+            )
         self._heard_before = heard
         return heard
+
+    def _tell_watchdog(self, text: str, *, ended: bool = False) -> None:
+        self._unheard_told = not ended
+        log.warning("%s", text)
+        self._notify(Notice("watchdog of NC", text, ended=ended))
 
     def check_fresh(self) -> None:
         """Raises NoAnswer if this process was suspended since its beat: the control may have moved the offsets."""

@@ -10,11 +10,13 @@ from contextlib import AsyncExitStack
 from typing import assert_never
 
 from drivers.base import DriverError, Quality
-from drivers.nc import NcSnapshot, NumericalControl
+from drivers.nc import FollowsErrors, NcSnapshot, NumericalControl
 from gateway.clock import ServiceClock
-from gateway.nc.boundary import contained
+from gateway.commands import Disarmed, Pause
+from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
+from gateway.nc.pace import NcPace
 from gateway.nc.routes import form_of, positions
 from gateway.nc.session import Session
 from gateway.nc.settings import Earlier, LinkSettings, Listeners
@@ -23,7 +25,7 @@ from gateway.nc.states import STATES, Condition, LinkState, after
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured
 from gateway.nc.writer import OffsetWriter
-from gateway.polling import Periodic
+from gateway.polling import Notice, Periodic
 from gateway.probing import Held, NotBegun, Outcome, Prober, probe_of, to_its_end
 from talc.frame import Decision, Why
 from talc.names import THERMAL_ERRORS
@@ -56,7 +58,9 @@ class NcLink:
         self._period, self._probing, compensation = settings.period_s, settings.probing, settings.compensation
         self._when_stale = compensation.when_stale
         self._state = LinkState.AWAY
-        nc = contained(nc)
+        nc = contained_control(nc)
+        self._follows = nc if isinstance(nc, FollowsErrors) else None
+        self._shift_alone = False
         self._probe = probe_of(settings.probing)
         self._form = form_of(nc, self._probe.radius_m, compensation.bound_um)
         self._session = Session(
@@ -66,6 +70,7 @@ class NcLink:
             frozen_after_s=compensation.frozen_after_s,
             notify=listeners.notify,
         )
+        self._pace = NcPace(settings.period_s, listeners.notify)
         self._lease = Lease(nc, clock, settings.identity, compensation, listeners.notify)
         self._writer = OffsetWriter(self._form, self._lease, clock, compensation, settings.period_s, self._store)
         self._hold = Hold(self._form, clock)
@@ -77,11 +82,16 @@ class NcLink:
             earlier.reference_mm,
             earlier.first_number,
             earlier.abandoned,
-            listeners.requested,
+            self._permit,
         )
         measured = earlier.measured_s if earlier.measured_s is not None else [clock.monotonic()] * len(THERMAL_ERRORS)
         self._target = Target(
-            compensation, LastMeasured(compensation.measurement_stale_after_s, measured), earlier.missing_s, stored
+            compensation,
+            LastMeasured(compensation.measurement_stale_after_s, measured),
+            earlier.missing_s,
+            stored,
+            earlier.paused,
+            earlier.disarmed,
         )
 
     @property
@@ -92,7 +102,12 @@ class NcLink:
     @property
     def may_probe(self) -> bool:
         """Whether cycles may be requested at all."""
-        return self._probing.armed
+        return self._probing.armed and self.disarmed is None
+
+    @property
+    def tried(self) -> bool:
+        """Whether the first attempt to reach the control has succeeded or failed; before, `present` tells nothing."""
+        return self._session.tried
 
     @property
     def present(self) -> NcSnapshot | None:
@@ -103,6 +118,25 @@ class NcLink:
     def missing_since(self) -> Mapping[str, float]:
         """Inputs of live models that have no good value, and the monotonic seconds since when."""
         return self._target.missing_s
+
+    @property
+    def paused(self) -> Pause | None:
+        """The compensation's pause; None: it is not paused."""
+        return self._target.paused
+
+    def pause(self, pause: Pause | None) -> None:
+        """From the next step on the offsets go to their declared state; None: they follow the decisions again."""
+        self._target.paused = pause
+
+    @property
+    def disarmed(self) -> Disarmed | None:
+        """Who has disarmed the gateway; None: nobody."""
+        return self._target.disarmed
+
+    def disarm(self, order: Disarmed | None) -> None:
+        """From the next step on the offsets go to zero, no cycle is requested, and one that waits is withdrawn; None:
+        as the configuration says again."""
+        self._target.disarmed = order
 
     def follow(self, decision: Decision) -> None:
         """Compensate by this decision from now on."""
@@ -124,7 +158,11 @@ class NcLink:
 
     async def run(self) -> None:
         """Read and write once per period until cancelled."""
-        await Periodic(self._clock, self._period).run(lambda due_s: to_its_end(self._cycle(due_s)))
+        await Periodic(self._clock, self._period).run(lambda due_s: to_its_end(self._cycle(due_s)), self._worked)
+
+    def _worked(self, skipped: int) -> None:
+        if self._session.latest is not None:  # otherwise it is the connection that takes its time
+            self._pace.worked(skipped)
 
     async def stop(self) -> None:
         """Bring the compensation to its configured state, then release the control.
@@ -151,11 +189,12 @@ class NcLink:
         try:
             if self._state is LinkState.AWAY:
                 await self._session.connect()
+                self._tell_form()
                 await self._lease.claim()
                 await self._writer.begin()
                 self._state = after(STATES, self._state, Condition.CONNECTED)
             snapshot = await self._session.look()
-            if not self._hold.on:
+            if not self._hold.on or self.disarmed is not None:
                 await self._prober.settle()
             if snapshot.quality is Quality.GOOD:
                 self._listeners.states(snapshot.states, snapshot.monotonic_s)
@@ -197,6 +236,22 @@ class NcLink:
         # A cycle that no one waits for any more, or another gateway's, may be touching the sphere at this moment.
         return Condition.PROBING if self._hold.on or snapshot.probing else Condition.CLEAR
 
+    def _tell_form(self) -> None:
+        """A control that could follow the nine errors by itself, and whose program for it is missing."""
+        nc = self._follows
+        if nc is None or not self._lease.armed:
+            return
+        alone = nc.error_reach_mm is None and nc.slopes is None
+        if alone is not self._shift_alone:
+            self._shift_alone = alone
+            text = (
+                "the control has no program for the nine errors: it gets one shift per period"
+                if alone
+                else "the control follows its axes by itself again"
+            )
+            log.warning("NC: %s", text)
+            self._listeners.notify(Notice("form of NC", f"NC: {text}", ended=not alone))
+
     async def _beat(self) -> bool:
         """Whether offsets may be written."""
         heard = await self._lease.beat()
@@ -214,6 +269,13 @@ class NcLink:
         if self._lease.taken_back and held.any:
             raise NotBegun("compensation is disarmed and its offsets are still ramping to zero")
         return held
+
+    async def _permit(self, number: int) -> None:
+        """Before each request. Raises NotBegun."""
+        if self._listeners.requested is not None:
+            await self._listeners.requested(number)
+        if self.disarmed is not None:
+            raise NotBegun(f"the gateway is {self.disarmed}")
 
     def _store(self, write: Write) -> None:
         try:
@@ -248,4 +310,4 @@ class NcLink:
         try:
             await part()
         except DriverError as error:
-            log.warning("the NC could not be left as configured, its watchdog takes over: %s", error)
+            log.warning("the NC could not be left as configured; its watchdog takes over: %s", error)

@@ -19,6 +19,7 @@ from drivers.nc import (
     NcSnapshot,
     NineErrors,
     NumericalControl,
+    TakesSlopes,
     Triple,
 )
 from gateway.nc.slew import Offsets, as_offsets
@@ -62,7 +63,7 @@ class Form(Protocol):
 def form_of(nc: NumericalControl, radius_m: float, bound_um: Triple) -> Form:
     """The best form that a control supports.
 
-    radius_m: of the sphere, where ER0T is; bound_um: what a control that works out the offsets itself keeps to.
+    radius_m: of the sphere, where ER0T is; bound_um: the bound of a control that computes the offsets itself.
     """
     if isinstance(nc, FollowsPosition):
         return OverTravel(nc)
@@ -101,7 +102,7 @@ class OverTravel:
     The effect of missing slopes goes into K0 for the present position, so that the shift is complete there.
     """
 
-    def __init__(self, nc: FollowsPosition) -> None:
+    def __init__(self, nc: TakesSlopes) -> None:
         self._nc = nc
         self._reference, self._reach = np.array(nc.reference_mm), np.array(nc.reach_mm)
         self._can = np.zeros((3, 3))
@@ -140,7 +141,7 @@ class OverTravel:
 
 
 class ByErrors:
-    """The nine errors, from which the control works out the shift wherever the tool is: n = 9, one column an error.
+    """The nine errors, from which the control computes the shift wherever the tool is: n = 9, one column an error.
 
     reach_mm: of the tool from where A and C meet, along X and across it
     """
@@ -176,7 +177,7 @@ class ByErrors:
 
 
 class AsGreeted:
-    """What the control takes shows when it is connected: the nine errors, or a shift alone."""
+    """What the control takes shows when it is connected: the nine errors, slopes, or a shift alone."""
 
     def __init__(self, nc: FollowsErrors, radius_m: float, bound_um: Triple) -> None:
         self._nc, self._radius_m, self._bound_um = nc, radius_m, bound_um
@@ -184,8 +185,10 @@ class AsGreeted:
 
     @property
     def _form(self) -> Form:
-        reach = self._nc.error_reach_mm
-        return self._shift if reach is None else ByErrors(self._nc, reach, self._radius_m, self._bound_um)
+        reach, slopes = self._nc.error_reach_mm, self._nc.slopes
+        if reach is not None:
+            return ByErrors(self._nc, reach, self._radius_m, self._bound_um)
+        return self._shift if slopes is None else OverTravel(slopes)
 
     @property
     def together(self) -> bool:

@@ -40,6 +40,12 @@ class Session:
         self._problems = Problems(clock, period_s, notify, log)
         self._motion = Motion(frozen_after_s)
         self._latest: NcSnapshot | None = None
+        self._tried = False
+
+    @property
+    def tried(self) -> bool:
+        """Whether the first attempt to reach the control has succeeded or failed."""
+        return self._tried
 
     @property
     def latest(self) -> NcSnapshot | None:
@@ -57,11 +63,13 @@ class Session:
     async def look(self) -> NcSnapshot:
         """The control's present state; of quality `stale` when its values are frozen. Raises DriverError."""
         self._latest = self._judged(await self._nc.snapshot())
+        self._tried = True
         return self._latest
 
     async def lost(self, error: DriverError, due_s: float) -> None:
         """Close after an error of the period that was due at `due_s`, and report the problem once."""
         await self.close()
+        self._tried = True
         self._breaker.failed(due_s)
         # A cut connection and a silent one are the same problem.
         kind = "line" if isinstance(error, ConnectError | NoAnswer) else type(_root(error)).__name__

@@ -1,10 +1,11 @@
 """The input of a link to one control: its settings, what an earlier run left, and its listeners."""
 
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.nc import LARGEST_NUMBER
+from gateway.commands import Disarmed, Pause
 from gateway.config import Compensation, GatewayConfig, Probing
 from gateway.nc.slew import Write
 from gateway.polling import Notify
@@ -67,6 +68,10 @@ class Earlier:
     """(9,) monotonic seconds of each error's last measurement, -inf for none or an unknown time; None: all now."""
     missing_s: Mapping[str, float] = field(default_factory=dict)
     """Inputs of live models without a good value, and the monotonic seconds since when."""
+    paused: Pause | None = None
+    """The compensation's pause; None: it is not paused."""
+    disarmed: Disarmed | None = None
+    """Who has disarmed the gateway; None: nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,5 +84,5 @@ class Listeners:
     """Every step of the compensation."""
     notify: Notify = lambda _: None
     """Every problem as it begins and as it ends."""
-    requested: Callable[[int], None] = lambda _: None
-    """The number of a probing request, before it is sent."""
+    requested: Callable[[int], Awaitable[None]] | None = None
+    """The number of a probing request. It is sent when this returns, or not at all if this raises NotBegun."""

@@ -30,6 +30,10 @@ class Source(StrEnum):
     """A write without an answer may still arrive."""
     NOT_STORED = "not_stored"
     """Nothing could be stored for too long."""
+    PAUSED = "paused"
+    """A person has paused the compensation."""
+    DISARMED = "disarmed"
+    """A person has disarmed the gateway."""
 
 
 @dataclass(frozen=True, slots=True)

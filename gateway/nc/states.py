@@ -1,4 +1,4 @@
-"""The two state tables of the link: the state of the offsets, and whether this gateway may write them. Pure."""
+"""The states of the link: those of its offsets and of its right to write them, as tables, and the control's. Pure."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -18,6 +18,21 @@ class LinkState(StrEnum):
     """Emergency stop, drives off or axes not referenced: they do not change, and are read again afterwards."""
     STOPPING = "stopping"
     """They ramp to the configured state, then the control is released."""
+
+
+class NcState(StrEnum):
+    """The state of the control, as the health and the published status give it."""
+
+    NONE = "none"
+    """No control is configured."""
+    AWAY = "away"
+    """It cannot be reached."""
+    STALE = "stale"
+    """It answers, but its axes report a speed and do not move."""
+    NOT_READY = "not_ready"
+    """Emergency stop, drives off or axes not referenced."""
+    PROBING = "probing"
+    READY = "ready"
 
 
 class Condition(StrEnum):

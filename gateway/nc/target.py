@@ -6,10 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from drivers.base import Quality
+from gateway.commands import Disarmed, Pause
 from gateway.config import Compensation
 from gateway.nc.slew import Source
 from gateway.nc.unmodelled import LastMeasured
 from talc.frame import Decision, FloatArray, Measurement
+from talc.names import THERMAL_ERRORS
 
 
 class Target:
@@ -21,6 +23,8 @@ class Target:
     last_measured: of errors without a model
     missing_s: inputs of live models without a good value, and since when, as an earlier run left it
     stored: whether what is done can be stored
+    paused: the compensation's pause, as an earlier run left it; None: it is not paused
+    disarmed: who has disarmed the gateway, likewise
     """
 
     def __init__(
@@ -29,11 +33,17 @@ class Target:
         last_measured: LastMeasured,
         missing_s: Mapping[str, float],
         stored: Callable[[], bool] = lambda: True,
+        paused: Pause | None = None,
+        disarmed: Disarmed | None = None,
     ) -> None:
         self._settings, self._last_measured, self._stored = settings, last_measured, stored
         self._missing = dict(missing_s)
         self._decision: Decision | None = None
         self._decided_s = 0.0
+        self.paused = paused
+        """While it is, there is nothing to cancel."""
+        self.disarmed = disarmed
+        """While it is, zero is wanted, whatever `when_stale` says."""
 
     @property
     def decision(self) -> Decision | None:
@@ -66,6 +76,10 @@ class Target:
         quality: of the control's snapshot
         """
         settings, decision = self._settings, self._decision
+        if self.disarmed is not None:
+            return np.zeros(len(THERMAL_ERRORS)), Source.DISARMED
+        if self.paused is not None:
+            return None, Source.PAUSED
         if decision is None:
             return None, Source.NO_MODEL
         if now_s - self._decided_s > settings.stale_after_s or quality is not Quality.GOOD:

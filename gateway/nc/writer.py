@@ -176,15 +176,14 @@ class OffsetWriter:
 
     def _agrees(self, found: FloatArray, wanted: FloatArray) -> bool:
         """Disarm unless what was written is in force on the control. Compared where the difference is largest."""
-        if differ(found, wanted) and self._is_late(found, wanted):
-            return False
-        if differ(found, wanted):
+        if not differ(found, wanted):
+            return True
+        if not self._is_late(found, wanted):
             self._lease.disarm(
                 f"NC: wrote offsets {offsets_text(wanted)} µm but {offsets_text(found)} are in force; compensation is "
                 "disarmed until a restart. Does another program write them?"
             )
-            return False
-        return True
+        return False
 
     def _is_late(self, found: FloatArray, wanted: FloatArray) -> bool:
         """Whether this gateway's own unanswered write, or a part of it, is what is in force instead of `wanted`.
@@ -200,7 +199,7 @@ class OffsetWriter:
         self._continue_from(found)
         self._lease.tell(
             f"NC: offsets {offsets_text(found)} µm are in force instead of {offsets_text(wanted)}: a write of this "
-            "gateway's that had no answer arrived late; it goes on from there"
+            "gateway's that had no answer arrived late; the ramp continues from there"
         )
         return True
 

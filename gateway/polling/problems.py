@@ -25,7 +25,7 @@ Notify = Callable[[Notice], None]
 
 
 @dataclass(slots=True)
-class _History:
+class _SubjectHistory:
     failing: bool = False
     muted: bool = False
     changed_s: float = 0.0
@@ -55,7 +55,7 @@ class Problems:
     ) -> None:
         self._clock, self._notify, self._log, self._most, self._quiet = clock, notify, log, most, quiet
         self._window_s = max(_STEADY_S, _STEADY_PERIODS * period_s)
-        self._subjects: dict[str, _History] = {}
+        self._subjects: dict[str, _SubjectHistory] = {}
 
     @property
     def window_s(self) -> float:
@@ -68,7 +68,7 @@ class Problems:
         bug: an unexpected exception; it is logged with its traceback
         """
         now_s = self._clock.monotonic()
-        history = self._subjects.setdefault(subject, _History())
+        history = self._subjects.setdefault(subject, _SubjectHistory())
         if history.failing:
             history.muted &= now_s - history.changed_s < self._window_s
             if history.muted or kind in history.kinds:

@@ -68,7 +68,9 @@ class Outcome:
 
     def __post_init__(self) -> None:
         if (self.end is End.MEASURED) != (self.measurement is not None):
-            raise ValueError(f"end = {self.end.value!r} with measurement = {self.measurement!r}: they contradict")
+            raise ValueError(
+                f"end = {self.end.value!r} with measurement = {self.measurement!r}: they contradict each other"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,7 +41,7 @@ class Prober:
         the mean of `reference_cycles` cycles
     first_number: number of the first request; must differ from every earlier one
     abandoned: number of a request that an earlier run may have left behind
-    requested: called with every number before it is requested
+    requested: awaited with every number before it is sent; raises NotBegun if it cannot be stored
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Prober:
         reference_mm: FloatArray | None,
         first_number: int,
         abandoned: int | None = None,
-        requested: Callable[[int], None] = lambda _: None,
+        requested: Callable[[int], Awaitable[None]] | None = None,
     ) -> None:
         self._nc, self._settings, self._clock, self._probe = nc, settings, clock, probe
         self._checks = MeasurementChecks(settings, probe.radius_m)
@@ -125,7 +125,8 @@ class Prober:
         await self.settle()
         number = self._number
         self._number += 1
-        self._requested(number)  # a number that was not stored would be used again
+        if self._requested is not None:
+            await self._requested(number)  # a number that was not stored would be used again
         self._waiting_for = number
         try:
             status = await run_cycle(

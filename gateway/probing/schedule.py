@@ -10,6 +10,8 @@ blocked      alarm, control or its mode, connection, or the pause after rejected
 due          the caller has asked the control                                                 asked
 asked        the cycle has ended                                                              as the result is
 any but asked: the controller no longer wants a measurement                                   not_wanted
+
+A person's command wants one too, whatever the controller does: it is urgent, and for one request.
 """
 
 from dataclasses import dataclass
@@ -19,7 +21,7 @@ from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.probing.cycle import End
 from talc.frame import Event, EventKind, Why
 
-URGENT = frozenset({Why.CALIBRATION, Why.NO_GOOD, Why.RETRY})
+URGENT = frozenset({Why.CALIBRATION, Why.NO_GOOD, Why.RETRY, Why.COMMAND})
 """Reasons that belong to the next grid step and do not wait for a better moment."""
 _SPEEDS = ("spindle_speed", "speed_X", "speed_Y", "speed_Z", "speed_A", "speed_C")
 _STILL = 1e-3
@@ -81,7 +83,8 @@ class ProbingSchedule:
 
     prefer_idle_s: a routine request waits this long for an idle machine or the end of a program; then a tool
         change is good enough
-    insist_after_s: after this it is requested whatever the program does, and the operator is informed
+    insist_after_s: after this it is requested whatever the program does, and the operator is informed; a command that
+        was blocked for so long is dropped
     retries: rejected results are requested again at most this many times in a row
     pause_s: then nothing is requested for this long
     """
@@ -97,6 +100,8 @@ class ProbingSchedule:
         self._retries, self._pause = retries, pause_s
         self._why: Why | None = None
         self._since = 0.0
+        self._ordered_s: float | None = None
+        """When a person asked for a measurement that has not ended yet."""
         self._before: NcSnapshot | None = None
         self._asked = False
         self._refused = ""
@@ -107,7 +112,11 @@ class ProbingSchedule:
     @property
     def wanted(self) -> bool:
         """Whether a measurement is wanted and not yet requested."""
-        return self._why is not None and not self._asked
+        return self._reason is not None and not self._asked
+
+    @property
+    def _reason(self) -> Why | None:
+        return self._why if self._ordered_s is None else Why.COMMAND
 
     def want(self, why: Why | None, now_s: float) -> None:
         """The controller's request from now on; None: none. One that only changes its reason keeps waiting."""
@@ -118,13 +127,24 @@ class ProbingSchedule:
             self._rejected = 0  # the next request is a new one, not a repeat of what was rejected
         self._why = why
 
+    def order(self, now_s: float) -> None:
+        """A person asks for a measurement now. It ends the pause after rejected results, whose cause is known to them.
+
+        While one is asked for, this changes nothing.
+        """
+        if not self._asked:
+            self._ordered_s = now_s
+            self._paused_until, self._rejected, self._refused, self._operator = None, 0, "", ""
+
     def look(self, snapshot: NcSnapshot | None, now_s: float) -> Outlook:
         """Judge the present moment. `snapshot`: the latest; None: the control cannot be reached."""
         before, self._before = self._before, snapshot
-        if self._why is None or self._asked:
+        if self._reason is None or self._asked:
             return self._outlook(Standing.ASKED if self._asked else Standing.NOT_WANTED)
         late = now_s - self._since >= self._insist_after
         blocked = self._blocked(snapshot, now_s)
+        if self._ordered_s is not None and blocked and now_s - self._ordered_s >= self._insist_after:
+            return self._dropped(blocked)
         if blocked or snapshot is None:
             if late and not self._operator:
                 self._operator = f"no measurement for {self._insist_after / 60:.0f} min: {blocked}"
@@ -132,11 +152,11 @@ class ProbingSchedule:
         if self._paused_until is not None:
             self._paused_until, self._rejected, self._operator = None, 0, ""
         here = moment(before, snapshot)
-        if self._why in URGENT or self._rejected or here in (Moment.IDLE, Moment.PROGRAM_END):
+        if self._reason in URGENT or self._rejected or here in (Moment.IDLE, Moment.PROGRAM_END):
             return self._outlook(Standing.DUE)
         if late:
             self._operator = (
-                f"a measurement ({self._why.value}) has waited {self._insist_after / 60:.0f} min for the machine to "
+                f"a measurement ({self._reason.value}) has waited {self._insist_after / 60:.0f} min for the machine to "
                 "stop; the control is asked to probe at its next safe point"
             )
             return self._outlook(Standing.DUE)
@@ -148,17 +168,17 @@ class ProbingSchedule:
 
     def asked(self) -> Why:
         """The control is being asked; returns the reason. Raises ValueError if nothing is wanted."""
-        if self._why is None:
+        if (reason := self._reason) is None:
             raise ValueError("nothing is wanted")
         self._asked, self._refused = True, ""
-        return Why.RETRY if self._rejected else self._why
+        return Why.RETRY if self._rejected else reason
 
     def ended(self, end: End, reason: str, now_s: float) -> Outlook:
         """The request has ended; `reason` says why there is no result.
 
         The wanted measurement is fulfilled, or stays wanted: the controller renews or drops it.
         """
-        self._asked = False
+        self._asked, self._ordered_s = False, None
         match end:
             case End.MEASURED:
                 self._why, self._rejected, self._refused, self._operator = None, 0, "", ""
@@ -178,6 +198,13 @@ class ProbingSchedule:
                     return self._without_result(Standing.BLOCKED, self._blocked_by_rejects())
                 return self._without_result(Standing.WAITING, f"is requested again: {reason}")
         return self._without_result(Standing.BLOCKED, reason)
+
+    def _dropped(self, blocked: str) -> Outlook:
+        """A command could not be obeyed in time: nobody expects the machine to probe so much later."""
+        self._ordered_s = None
+        text = f"the measurement that was commanded was not possible for {self._insist_after / 60:.0f} min: {blocked}"
+        standing = Standing.NOT_WANTED if self._why is None else Standing.BLOCKED
+        return Outlook(standing, self._why, blocked if self._why is not None else "", self._rejected, text)
 
     def _without_result(self, standing: Standing, reason: str) -> Outlook:
         """The state after a request without a result; it may have been dropped meanwhile."""
@@ -205,7 +232,7 @@ class ProbingSchedule:
         return f"pause after {self._rejected} rejected results: {self._refused}"
 
     def _outlook(self, standing: Standing, reason: str = "") -> Outlook:
-        why = Why.RETRY if self._rejected and self._why is not None else self._why
+        why = Why.RETRY if self._rejected and self._reason is not None else self._reason
         return Outlook(standing, why, reason, self._rejected, self._operator)
 
 

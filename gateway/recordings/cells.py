@@ -73,6 +73,10 @@ class Times:
     def __init__(self, problems: FileProblems, clock: TimeFormat = _DEFAULT) -> None:
         self._problems, self._clock = problems, clock
         self._before: tuple[float, object] | None = None
+        self.first_s: float | None = None
+        """Of the first row; None before it."""
+        self.dated = False
+        """Whether any time so far is a date: not a plain number, or one that is a date since 1980 in seconds."""
 
     def take(self, cells: Sequence[object], where: Where) -> FloatArray:
         """(rows,) s; NaN where a cell is not a time."""
@@ -90,8 +94,14 @@ class Times:
                         what = f"{shown(cell)} is not later than the time before it, {shown(self._before[1])}"
                         self._problems.add(where(i), what + self._repeated_hour(self._before[0] - second))
                 self._before = second, cell
+                self.first_s = second if self.first_s is None else self.first_s
+                self.dated = self.dated or second >= _SINCE_S or not self._is_count(cell)
                 found[i] = second
         return found
+
+    def _is_count(self, cell: object) -> bool:
+        """Whether a cell is seconds from any beginning, as far as it says itself."""
+        return not self._clock.form and _number(cell, default=None) is not None
 
     def _expected(self) -> str:
         if self._clock.form == "excel":
@@ -140,7 +150,7 @@ def _fraction(second: float) -> str:
     return ""
 
 
-def numbers(cells: Sequence[object], largest: float, where: Where, problems: FileProblems) -> FloatArray:
+def numbers_of(cells: Sequence[object], largest: float, where: Where, problems: FileProblems) -> FloatArray:
     """(rows,) NaN where the cell is empty or says `nan`. largest: the largest magnitude allowed."""
     try:
         found = np.array([math.nan if cell in (None, "") else float(cell) for cell in cells])  # type: ignore[arg-type]

@@ -162,5 +162,5 @@ def _alike(name: str, error: str) -> bool:
 
 
 def _stem(name: str) -> tuple[str, ...]:
-    words = (word.rstrip("0123456789") for word in re.split(r"[^0-9a-z]+", name.lower()))
-    return tuple(word for word in words if not _AXIS.fullmatch(word)) or (name,)
+    words = (word.rstrip("0123456789") for word in re.split(r"[\W_]+", name.lower()))
+    return tuple(word for word in words if not _AXIS.fullmatch(word))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gateway.config import Problem
-from gateway.recordings.cells import Times, numbers
+from gateway.recordings.cells import Times, numbers_of
 from gateway.recordings.columns import COLUMN_UNITS, Columns, Roles, roles_of
 from gateway.recordings.files import Chunk, FileTable, open_table
 from gateway.recordings.problems import FileProblems, RecordingError
@@ -43,6 +43,8 @@ class Recording:
     """Columns that were left out."""
     sha256: str
     """Of the file."""
+    origin_s: float | None = None
+    """Of the first row, on the clock of `start_utc_s`, if the file counts seconds without a date; None: UTC."""
 
 
 def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
@@ -56,14 +58,17 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
     problems.refuse()
     places = _places(roles, columns, problems)
     problems.refuse()
-    time_s, values = _read(table, roles, columns, problems)
+    times = Times(problems, columns.clock)
+    time_s, values = _read(table, roles, columns, times, problems)
     problems.refuse()
     step_s, start_s, index = on_grid(time_s, step_s)
     n = len(roles.inputs)
     k, inputs, errors = means_and_lasts(index, values[:, :n], values[:, n:])
     if len(k) < _LEAST_STEPS:
         what = f"{len(time_s)} {table.word}s fill {len(k)} steps of {step_s:g} s; expected {_LEAST_STEPS} or more"
-        what += "; are the times in seconds?" if len(time_s) >= _LEAST_STEPS else ""
+        what += (
+            "; are the times in seconds? (Excel's dates: --time-format excel)" if len(time_s) >= _LEAST_STEPS else ""
+        )
         raise RecordingError(path, [Problem("", what)])
     measured = np.full((len(k), len(THERMAL_ERRORS)), np.nan)
     measured[:, places] = errors
@@ -84,6 +89,7 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
         error_columns=roles.errors,
         ignored=roles.ignored,
         sha256=sha256,
+        origin_s=None if times.dated else times.first_s,
     )
 
 
@@ -105,14 +111,15 @@ def _places(roles: Roles, columns: Columns, problems: FileProblems) -> list[int]
     return [places.get(error, 0) for error in roles.errors]
 
 
-def _read(table: FileTable, roles: Roles, columns: Columns, problems: FileProblems) -> tuple[FloatArray, FloatArray]:
+def _read(
+    table: FileTable, roles: Roles, columns: Columns, times: Times, problems: FileProblems
+) -> tuple[FloatArray, FloatArray]:
     """(rows,) s, and (rows, inputs and errors), µm and µm/m."""
     names = (*roles.inputs, *roles.errors.values())
     scale = np.ones(len(names))
     for i, error in enumerate(roles.errors, len(roles.inputs)):
         scale[i] = COLUMN_UNITS[columns.units[error]][1] if error in columns.units else 1.0
     largest = [LARGEST_INPUT] * len(roles.inputs) + [LARGEST_ERROR / x for x in scale[len(roles.inputs) :].tolist()]
-    times = Times(problems, columns.clock)
     time_s: list[FloatArray] = []
     values: list[FloatArray] = []
     for chunk in table.chunks(roles.time, names, problems):
@@ -122,7 +129,7 @@ def _read(table: FileTable, roles: Roles, columns: Columns, problems: FileProble
 
         time_s.append(times.take(chunk.time, where(roles.time)))
         read = zip(names, largest, chunk.columns, strict=True)
-        values.append(np.column_stack([numbers(cells, most, where(name), problems) for name, most, cells in read]))
+        values.append(np.column_stack([numbers_of(cells, most, where(name), problems) for name, most, cells in read]))
     problems.refuse()
     if not time_s:
         problems.add("", "contains nothing but a heading")

@@ -17,6 +17,7 @@ from drivers.base import SystemClock
 from gateway.client import Machine, MachineError
 from gateway.config import Telemetry
 from gateway.events import DecisionMade, EventReported, Health, HealthChecked, ReadingsTaken, StoreHealth
+from gateway.nc import NcState
 from gateway.telemetry import (
     DecisionMessage,
     EventMessage,
@@ -71,7 +72,7 @@ async def test_last_messages_are_typed_and_by_key() -> None:
     async with telemetry(port) as publisher:
         publisher.publish(ReadingsTaken([reading(20.0)]))
         publisher.publish(DecisionMade(decision(7)))
-        publisher.publish(HealthChecked(Health(60.0, 30, 29, "ready", None, ("an operator",), StoreHealth())))
+        publisher.publish(HealthChecked(Health(60.0, 30, 29, NcState.READY, None, ("an operator",), StoreHealth())))
         publisher.publish(event("the last"))
         with Machine("mill", connect=here(port)) as machine:
             while "event" not in (latest := machine.latest()):
@@ -175,7 +176,7 @@ async def test_the_example_of_the_page_follows_a_machine_and_reads_its_day() -> 
     async with TelemetryPublisher(
         settings, "mill", (), SystemClock(), "b", simulated=False, history=stored
     ) as publisher:
-        publisher.publish(HealthChecked(Health(60.0, 30, 29, "ready", None, ("an operator",), StoreHealth())))
+        publisher.publish(HealthChecked(Health(60.0, 30, 29, NcState.READY, None, ("an operator",), StoreHealth())))
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-uc", code), stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )

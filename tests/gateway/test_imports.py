@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-HEAVY = ("asyncua", "scipy", "osqp", "matplotlib", "jinja2")
+HEAVY = ("asyncua", "scipy", "osqp", "matplotlib", "jinja2", "cantools", "cryptography")
 
 
 def test_a_gateway_without_opc_ua_loads_none_of_the_heavy_libraries() -> None:

@@ -30,6 +30,7 @@ from gateway.events import (
     StoreHealth,
 )
 from gateway.metrics import GatewayFigures, MetricsError, MetricsServer
+from gateway.nc import NcState
 from tests.benches import telemetry_examples as example
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import PlantAuthority
@@ -52,7 +53,7 @@ def whole() -> GatewayFigures:
     figures.take(MeasurementEnded(example.REFUSED))
     figures.take(EventReported(example.PROBLEM, None))
     store = StoreHealth("disk is full", 5.0, 40, 3, 900.0)
-    figures.take(HealthChecked(Health(60.0, 30, 29, "stale", True, ("an operator",), store)))
+    figures.take(HealthChecked(Health(60.0, 30, 29, NcState.STALE, True, ("an operator",), store)))
     return figures
 
 

@@ -111,7 +111,7 @@ def test_the_report_says_what_moves_each_error_and_which_is_not_corrected(
     answer = CliRunner().invoke(main, ["report", str(config.storage.path)], catch_exceptions=False)
     assert answer.exit_code == 0, answer.output
     why = page.read_text(encoding="utf-8").split("<h2>Why</h2>")[1].split("<h2>")[0]
-    assert why.count("no: no estimate is better than none") == 1
+    assert why.count("no: the estimate is no better than no correction") == 1
     name, value = given.errors[0].inputs[0]
     assert f"{name} {value:+.1f}" in why
     assert f"{given.errors[0].expected:+.1f} ± {given.errors[0].expected_sigma:.1f}" in why

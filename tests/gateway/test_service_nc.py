@@ -2,7 +2,7 @@
 
 import asyncio
 import shutil
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 from types import MappingProxyType
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import pytest
 
 from gateway.config import GatewayConfig, validate
-from gateway.events import GatewayEvent, MeasurementEnded, ProbingRequested, StoreHealth
+from gateway.events import MeasurementEnded, StoreHealth
 from gateway.nc import Identity, NcLink
 from gateway.past import Past, past_of
 from gateway.probing import End, Outcome
@@ -25,6 +25,9 @@ from tests.benches.nc_link_bench import decision
 from tests.benches.wire_bench import WireBench, wire_bench
 
 pytestmark = pytest.mark.simulated_time
+
+CYCLE_S = 60.0
+"""Each second is several requests over the wire, and nothing here is about a cycle's duration."""
 
 
 def config(bench: WireBench, store: str, storage: Mapping[str, object]) -> GatewayConfig:
@@ -40,7 +43,7 @@ def config(bench: WireBench, store: str, storage: Mapping[str, object]) -> Gatew
     )
 
 
-class Gateway(NamedTuple):
+class RunningGateway(NamedTuple):
     """One that runs."""
 
     link: NcLink
@@ -55,11 +58,11 @@ async def serving(
     killed: bool = False,
     health: Callable[[], StoreHealth] = StoreHealth,
     storage: Mapping[str, object] = MappingProxyType({}),
-    refused: type[ProbingRequested] | None = None,
-) -> AsyncIterator[Gateway]:
+    on_disk: Callable[[], Awaitable[None]] | None = None,
+) -> AsyncIterator[RunningGateway]:
     """A gateway with a database, which goes on from what an earlier one left there; stopped, or killed, at the end.
 
-    refused: kind of event that cannot be stored, as on a full disk
+    on_disk: instead of the store's own
     """
     settings = config(bench, name, storage)
     past = Past(Controller(settings.input_names, settings.talc))
@@ -71,20 +74,25 @@ async def serving(
     with Store(settings.storage.path, boot, bench.clock, retry_s=0.2) as store:
         store.begin(settings.canonical(), settings.fingerprint(), "")
 
-        def record(event: GatewayEvent) -> None:
-            if refused is not None and isinstance(event, refused):
-                raise StoreError("database is locked")
-            store.record(event)
+        async def stored() -> None:
+            with bench.clock.hold():
+                await store.on_disk()
 
         service = Service(
-            settings, bench.clock, record, past, health=health, identity=Identity.of(boot, store.earlier_boot)
+            settings,
+            bench.clock,
+            store.record,
+            past,
+            health=health,
+            identity=Identity.of(boot, store.earlier_boot),
+            on_disk=on_disk or stored,
         )
         assert service.link is not None
         if killed:
             service.link.stop = service.link.disconnect  # type: ignore[method-assign]
         running = asyncio.create_task(service.run(stop))
         try:
-            yield Gateway(service.link, store)
+            yield RunningGateway(service.link, store)
         finally:
             stop.set()
             ending = asyncio.ensure_future(running)
@@ -92,19 +100,23 @@ async def serving(
             await ending
 
 
-async def measured(bench: WireBench, gateway: Gateway) -> Outcome:
+async def measured(bench: WireBench, gateway: RunningGateway) -> Outcome:
     """As the grid loop does it: what comes is stored."""
-    cycle = asyncio.create_task(gateway.link.measure(Why.INTERVAL))
+    outcome = await ended(bench, asyncio.create_task(gateway.link.measure(Why.INTERVAL)))
+    gateway.store.record(MeasurementEnded(outcome))
+    return outcome
+
+
+async def ended(bench: WireBench, cycle: asyncio.Task[Outcome]) -> Outcome:
     for _ in range(100):
         await bench.clock.run_until(bench.clock.monotonic() + 10.0)
         if cycle.done():
-            gateway.store.record(MeasurementEnded(cycle.result()))
             return cycle.result()
     raise AssertionError(f"{bench.control.nck.cycle.answer}")
 
 
 async def test_when_stopped_it_takes_the_offsets_back_and_releases_the_control(tmp_path: Path) -> None:
-    async with wire_bench(tmp_path) as bench:
+    async with wire_bench(tmp_path, CYCLE_S) as bench:
         async with serving(bench) as gateway:
             await bench.clock.run_until(2.0)
             gateway.link.follow(decision(6.0))
@@ -118,7 +130,7 @@ async def test_when_stopped_it_takes_the_offsets_back_and_releases_the_control(t
 
 @pytest.mark.slow
 async def test_each_run_is_another_owner_and_takes_over_from_the_one_before_it_only(tmp_path: Path) -> None:
-    async with wire_bench(tmp_path) as bench:
+    async with wire_bench(tmp_path, CYCLE_S) as bench:
         owners = []
 
         async def owns(name: str) -> bool:
@@ -140,7 +152,7 @@ async def test_each_run_is_another_owner_and_takes_over_from_the_one_before_it_o
 
 
 async def test_a_restart_goes_on_with_the_reference_and_the_numbers(tmp_path: Path) -> None:
-    async with wire_bench(tmp_path) as bench:
+    async with wire_bench(tmp_path, CYCLE_S) as bench:
         nck = bench.control.nck
         async with serving(bench) as gateway:
             await bench.clock.run_until(2.0)
@@ -160,7 +172,7 @@ async def test_a_restart_goes_on_with_the_reference_and_the_numbers(tmp_path: Pa
 async def test_killed_in_the_middle_of_a_cycle_its_request_is_withdrawn_and_its_number_is_used_up(
     tmp_path: Path,
 ) -> None:
-    async with wire_bench(tmp_path) as bench:
+    async with wire_bench(tmp_path, CYCLE_S) as bench:
         nck = bench.control.nck
         for _ in range(2):
             async with serving(bench, killed=True) as gateway:
@@ -185,7 +197,7 @@ async def test_while_nothing_can_be_stored_the_offsets_go_where_it_is_configured
 ) -> None:
     health = StoreHealth()
     async with (
-        wire_bench(tmp_path) as bench,
+        wire_bench(tmp_path, CYCLE_S) as bench,
         serving(bench, health=lambda: health, storage=storage) as gateway,
     ):
         await bench.clock.run_until(2.0)
@@ -204,9 +216,31 @@ async def test_while_nothing_can_be_stored_the_offsets_go_where_it_is_configured
 
 
 async def test_without_a_stored_number_no_cycle_is_requested(tmp_path: Path) -> None:
-    async with wire_bench(tmp_path) as bench, serving(bench, refused=ProbingRequested) as gateway:
+    async def locked() -> None:
+        raise StoreError("database is locked")
+
+    async with wire_bench(tmp_path, CYCLE_S) as bench, serving(bench, on_disk=locked) as gateway:
         await bench.clock.run_until(2.0)
         outcome = await measured(bench, gateway)
         assert outcome.end is End.REFUSED
         assert outcome.reason == "its number cannot be stored: database is locked"
         assert bench.control.nck.cycle.answer.number == 0
+
+
+async def test_while_a_number_is_not_stored_yet_the_offsets_are_kept_and_the_cycle_waits(tmp_path: Path) -> None:
+    free = asyncio.Event()
+
+    async def locked() -> None:
+        await free.wait()
+
+    async with wire_bench(tmp_path, CYCLE_S) as bench, serving(bench, on_disk=locked) as gateway:
+        await bench.clock.run_until(2.0)
+        gateway.link.follow(decision(6.0))
+        await bench.clock.run_until(15.0)
+        cycle = asyncio.create_task(gateway.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(60.0)
+        assert bench.control.nck.cycle.answer.number == 0
+        assert bench.in_force_um == pytest.approx((0.0, 0.0, 6.0)), "the heartbeat goes on"
+        free.set()
+        assert (await ended(bench, cycle)).end is End.MEASURED
+        bench.assert_never_stepped()

@@ -33,9 +33,9 @@ pytestmark = pytest.mark.simulated_time
 
 ONE_BLOCK = (Pta8d08, "eletechsup_pta8d08")
 TWO_BLOCKS = (M7015, "icpdas_m7015")
-Device = tuple[type[M7015 | Pta8d08], str]
+DeviceKind = tuple[type[M7015 | Pta8d08], str]
 
-CASES: dict[str, tuple[Callable[[], Disturb], Device, int]] = {
+CASES: dict[str, tuple[Callable[[], Disturb], DeviceKind, int]] = {
     "a bit flipped in 10 %": (lambda: flipped(0.1), TWO_BLOCKS, 1),
     "a bit flipped in 30 %": (lambda: flipped(0.3), TWO_BLOCKS, 3),
     "10 % lost": (lambda: lost(0.1), ONE_BLOCK, 1),

@@ -26,7 +26,7 @@ PERIOD_S, TIMEOUT_S = 1.0, 0.5
 UNITS = range(1, 6)
 
 
-class Bench:
+class FiveUnits:
     """The five units, each with one channel of its number, and what was heard of them."""
 
     def __init__(self) -> None:
@@ -55,9 +55,9 @@ class Bench:
 
 
 @asynccontextmanager
-async def bench() -> AsyncIterator[Bench]:
+async def bench() -> AsyncIterator[FiveUnits]:
     """Inside, every unit has answered often enough that its bus knows how long it takes; it is mid-period."""
-    bench = Bench()
+    bench = FiveUnits()
     bus = make_bus("rtu", "modbus_rtu", {"port": await bench.line.start(), "timeout_s": TIMEOUT_S})
     drivers = tuple(make_device(f"d{i}", bus, "icpdas_m7015", i, {str(i): 0}, {}, SystemClock()) for i in UNITS)
     line = Line(bus, drivers, PERIOD_S)

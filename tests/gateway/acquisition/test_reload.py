@@ -61,7 +61,7 @@ def test_what_needs_a_restart_is_refused_by_name(edits: list[tuple[str, str]], m
         bus_changes(config(), config(*edits, more=more))
 
 
-class Running:
+class RunningAcquisition:
     """An acquisition of the configuration's real drivers, none of which will ever open."""
 
     def __init__(self, of: GatewayConfig) -> None:
@@ -83,7 +83,7 @@ async def test_a_profile_may_be_renamed_together_with_the_configuration(tmp_path
     mine = tmp_path / "mine.toml"
     mine.write_bytes((PROFILES / "icpdas_m7015.toml").read_bytes())
     old = with_profile(tmp_path)
-    running = Running(old)
+    running = RunningAcquisition(old)
     async with running.acquisition as acquisition:
         mine.rename(tmp_path / "yours.toml")
         new = with_profile(tmp_path, "yours.toml")
@@ -120,7 +120,7 @@ def test_the_bus_of_an_edited_dbc_file_is_exchanged(tmp_path: Path) -> None:
 
 async def test_applied_to_a_running_acquisition() -> None:
     old, new = config(), config(("unit = 1", "unit = 2\n"), ('by-id/usb-adapter"', 'by-id/x"\nperiod_s = 2.0'))
-    running = Running(old)
+    running = RunningAcquisition(old)
     async with running.acquisition as acquisition:
         before = acquisition.runners
         change = await apply(acquisition, running.board, running.clock, old, new)
@@ -150,7 +150,7 @@ async def test_a_failed_exchange_is_undone_without_the_old_files(tmp_path: Path)
     mine = tmp_path / "mine.toml"
     mine.write_bytes((PROFILES / "icpdas_m7015.toml").read_bytes())
     old, new = with_profile(tmp_path), with_profile(tmp_path, "icpdas_m7015")
-    running = Running(old)
+    running = RunningAcquisition(old)
     lines: list[Line] = list(lines_of(old, running.clock))
     mine.unlink()
     async with Breaking(lines, running.clock, running.readings.extend, lambda _: None) as acquisition:

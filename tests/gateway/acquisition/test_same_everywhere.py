@@ -14,10 +14,11 @@ from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
 from gateway.clock import RealClock
 from gateway.config import load
+from gateway.scan.found import ScanReport
 from gateway.scan.tcp import TcpScan, scan_hosts
 from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
-from tests.benches.command import talc_gateway
+from tests.benches.command import beside, here
 
 CONFIG = """[machine]
 name = "mill"
@@ -27,6 +28,7 @@ kind = "modbus_tcp"
 host = "127.0.0.1"
 port = {port}
 period_s = 0.5
+timeout_s = {timeout_s}
 [[device]]
 name = "adam"
 bus = "tcp1"
@@ -42,7 +44,7 @@ max = 60.0
 LIMITED = "oil"
 """The only one that the configuration judges: a scan, which has none, calls it good."""
 
-Shown = dict[str, tuple[str, Quality]]
+ShownValues = dict[str, tuple[str, Quality]]
 """Channel to its number, empty when it has none, and its quality."""
 
 
@@ -70,7 +72,7 @@ def of_text(text: str) -> tuple[str, Quality]:
     return found[1], Quality(found[2] or "good")
 
 
-async def run(file: Path) -> Shown:
+async def run(file: Path) -> ShownValues:
     """What the service takes: its acquisition's first reading of each channel."""
     taken: dict[str, Reading] = {}
     complete = asyncio.Event()
@@ -85,23 +87,27 @@ async def run(file: Path) -> Shown:
     return {channel: of_reading(reading) for channel, reading in taken.items()}
 
 
-async def probe(file: Path) -> Shown:
-    rows = re.findall(r"│ adam +│ (\w+) +│ +([\d.]*)[^│]*│ (\w+) +│", (await talc_gateway("probe", str(file))).out)
+def probe(file: Path) -> ShownValues:
+    rows = re.findall(r"│ adam +│ (\w+) +│ +([\d.]*)[^│]*│ (\w+) +│", here("probe", str(file)).out)
     return {channel: (number, Quality(quality)) for channel, number, quality in rows}
 
 
-async def probe_watch(file: Path) -> Shown:
-    done = await talc_gateway("probe", str(file), "--watch", "--seconds", "2", "--every", "1")
+def probe_watch(file: Path) -> ShownValues:
+    done = here("probe", str(file), "--watch", "--seconds", "2", "--every", "1")
     last = done.out.splitlines()[-1]
     return {channel: of_text(text) for channel, text in re.findall(r"(\w+)=(\S+)", last)}
 
 
-async def test_a_good_a_broken_and_a_limited_sensor(tmp_path: Path) -> None:
+async def scan(port: int) -> ScanReport:
+    return await scan_hosts(TcpScan((("127.0.0.1", port),), (1,), 5.0), lambda *_: None, lambda: False)
+
+
+def test_a_good_a_broken_and_a_limited_sensor(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
-    async with adam() as port:
-        file.write_text(CONFIG.format(port=port), encoding="utf-8")
-        taken, probed, watched = await run(file), await probe(file), await probe_watch(file)
-        scanned = await scan_hosts(TcpScan((("127.0.0.1", port),), (1,), 1.0), lambda *_: None, lambda: False)
+    with beside(adam()) as port:
+        file.write_text(CONFIG.format(port=port, timeout_s=10.0), encoding="utf-8")  # it answers sooner
+        taken, probed, watched = asyncio.run(run(file)), probe(file), probe_watch(file)
+        scanned = asyncio.run(scan(port))
     assert taken == {
         "bed": ("20.00", Quality.GOOD),
         "column": ("", Quality.SENSOR_FAULT),
@@ -116,10 +122,10 @@ async def test_a_good_a_broken_and_a_limited_sensor(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-async def test_a_silent_device(tmp_path: Path) -> None:
+def test_a_silent_device(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
-    async with adam(silent=True) as port:
-        file.write_text(CONFIG.format(port=port), encoding="utf-8")
-        taken, probed, watched = await run(file), await probe(file), await probe_watch(file)
+    with beside(adam(silent=True)) as port:
+        file.write_text(CONFIG.format(port=port, timeout_s=0.5), encoding="utf-8")
+        taken, probed, watched = asyncio.run(run(file)), probe(file), probe_watch(file)
     assert taken == dict.fromkeys(("bed", "column", "oil", "hall"), ("", Quality.COMM_FAULT))
     assert probed == watched == taken

@@ -101,7 +101,7 @@ async def test_every_channel_of_a_hanging_bus_is_reported_stale_once() -> None:
     assert not numbers & {r.sequence for _, r in told}, "no number is used twice"
 
 
-class Heard:
+class TimedSink:
     """A sink that keeps readings and when they came, monotonic s."""
 
     def __init__(self, clock: RealClock) -> None:
@@ -118,7 +118,7 @@ async def test_the_service_reports_a_stale_value_while_the_read_hangs() -> None:
     host = TcpHost({1: Adam6015(lambda: [20.0, 30.0, *[0.0] * 5])})
     config = parse(TEXT.format(port=await host.start(), period_s=PERIOD_S), FILE)
     clock, stop = RealClock(), asyncio.Event()
-    heard = Heard(clock)
+    heard = TimedSink(clock)
     service = Service(config, clock, heard, Past(Controller(config.input_names, config.talc)))
     running = asyncio.create_task(service.run(stop))
 

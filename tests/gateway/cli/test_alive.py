@@ -4,12 +4,18 @@ import asyncio
 from contextlib import AbstractContextManager, nullcontext
 
 from gateway.cli.alive import WatchedClock
-from gateway.config import GatewayConfig
+from gateway.config import GatewayConfig, parse
+from gateway.past import Past
+from gateway.service import Service
+from talc.control import Controller
+from tests.benches.kept_events import KeptEvents
 from tests.benches.manual_clock import ManualClock
+from tests.benches.service_file import FILE, TEXT
+from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import configuration
 
 
-class _Clock(ManualClock):
+class _HeldClock(ManualClock):
     def hold(self) -> AbstractContextManager[None]:
         return nullcontext()
 
@@ -20,7 +26,7 @@ class _Clock(ManualClock):
         return "test"
 
 
-LOOPS = ("grid", "sensors", "stale", "storage", "health", "clock")
+LOOPS = ("grid", "stale", "storage", "health", "clock")
 
 
 async def looping(clock: WatchedClock, hung: asyncio.Event) -> None:
@@ -31,7 +37,7 @@ async def looping(clock: WatchedClock, hung: asyncio.Event) -> None:
 
 
 async def test_a_loop_that_hangs_or_never_begins_is_named_and_no_other() -> None:
-    time, config = _Clock(), configuration("first")
+    time, config = _HeldClock(), configuration("first")
     clock = WatchedClock(time)
     names = [*LOOPS, *(f"bus {bus.name}" for bus in config.buses)]
     hung = {name: asyncio.Event() for name in names}
@@ -54,15 +60,31 @@ async def test_a_loop_that_hangs_or_never_begins_is_named_and_no_other() -> None
 
 
 async def test_a_loop_that_is_configured_and_does_not_run_is_stuck() -> None:
-    time, config = _Clock(), configuration("first")
+    time, config = _HeldClock(), configuration("first")
     clock = WatchedClock(time)
     clock.expect(config)
     time.now = 3600.0
     assert set(clock.stuck()) == {*LOOPS, *(f"bus {bus.name}" for bus in config.buses)}
 
 
+async def test_no_loop_of_a_service_that_runs_is_stuck() -> None:
+    config, stop = parse(TEXT, FILE), asyncio.Event()
+    steps = SteppedClock()
+    clock = WatchedClock(steps)
+    clock.expect(config)
+    service = Service(config, clock, KeptEvents(), Past(Controller(config.input_names, config.talc)))
+    running = asyncio.create_task(service.run(stop))
+    try:
+        for now in range(20, 400, 20):
+            await steps.run_until(float(now))
+            assert clock.stuck() == []
+    finally:
+        stop.set()
+        await running
+
+
 async def test_a_bus_that_a_reload_removes_is_no_longer_expected() -> None:
-    time, config = _Clock(), configuration("first")
+    time, config = _HeldClock(), configuration("first")
     clock = WatchedClock(time)
     clock.expect(config)
     time.now = 3600.0

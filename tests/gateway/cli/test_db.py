@@ -15,30 +15,26 @@ from pyarrow import parquet
 from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli import main
+from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import parse
-from gateway.events import CompensationStepped, DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.events import (
+    CommandGiven,
+    CompensationStepped,
+    DecisionMade,
+    EventReported,
+    FrameMade,
+    MeasurementEnded,
+    ReadingsTaken,
+)
 from gateway.nc import Source, Step, Write
 from gateway.probing import Outcome
 from gateway.storage import History, Store
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement, Why
+from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
-TEXT = """
-[machine]
-name = "mill"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "nowhere"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-bed = 0
-column = 1
-"""
+TEXT = MACHINE + adam6015("bed = 0, column = 1")
 STEPS = 12
 MEASURED = Measurement(np.arange(9.0), np.full(9, 0.5))
 STILL = Step((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), Source.PREDICTION, (False, False, False))
@@ -60,6 +56,9 @@ def running(tmp_path: Path) -> Iterator[Path]:
         centres = np.zeros((6, 3))
         store.record(MeasurementEnded(Outcome(7, Why.INTERVAL, EPOCH, EPOCH, centres, (0.0, 0.0, 0.0), MEASURED, 0.4)))
         store.record(EventReported(Event(EventKind.PROBLEM, 'a "quoted", text'), 3))
+        store.record(
+            CommandGiven(CommandOutcome(Command(CommandName.PAUSE, "anna"), EPOCH, accepted=True, text="it is"))
+        )
         store.record(CompensationStepped(Write(EPOCH, "compensate", STILL, 4, {"X": 1.0}, True, None)))
         store.flush()
         yield tmp_path / "g.sqlite"
@@ -97,6 +96,9 @@ def test_the_other_tables_are_exported_too(running: Path) -> None:
     assert (measured["number"], measured["measured_EC0C_um_per_m"], measured["rejected_because"]) == ("7", "8.0", "")
     assert (event["kind"], event["text"], event["value"]) == ("problem", 'a "quoted", text', "")
     assert (step["x_um"], step["z_um"], step["written"]) == ("1.0", "3.0", "1")
+    (command,), (run_,) = exported(running, "commands"), exported(running, "runs")
+    assert list(command.values()) == [EPOCH.isoformat(), "pause", "anna", "1", "it is"]
+    assert [run_[n] for n in ("run", "kind", "step_s", "inputs")] == ["1", "", "300.0", '["bed", "column"]']
     assert exported(running, "minutes") == []
 
 

@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 from gateway.cli import main
-from gateway.cli.doctor import findings
+from gateway.cli.doctor import ailments
 from gateway.config import GatewayConfig, load
-from gateway.events import FrameMade, MeasurementEnded
+from gateway.events import EventReported, FrameMade, MeasurementEnded
 from gateway.storage import Store
-from talc.frame import Frame
+from talc.frame import Event, EventKind, Frame
 from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import OUTCOME
@@ -61,7 +61,7 @@ def write(file: Path, text: str) -> None:
 
 def found(config: GatewayConfig, root: Path, *, synchronised: bool = True) -> list[str]:
     """What is wrong; each says why and what to do."""
-    all_of_it = list(findings(config, root, synchronised=synchronised))
+    all_of_it = list(ailments(config, root, synchronised=synchronised))
     assert all(finding.why and finding.remedy for finding in all_of_it)
     return [finding.what for finding in all_of_it]
 
@@ -81,6 +81,36 @@ def test_a_supply_that_is_too_weak_is_found(config: GatewayConfig, root: Path) -
         "the supply voltage was too low since the start",
         "the processor was throttled since the start",
     ]
+
+
+@pytest.mark.parametrize(
+    ("bits", "whats"),
+    [
+        ("0x2", ["the processor is slowed down now"]),
+        ("0x4", ["the processor is throttled now"]),
+        ("0x8", ["the processor is slowed down now, as it is hot"]),
+        ("0x20000", ["the processor was slowed down since the start"]),
+        ("0x80000\n", ["the processor was slowed down since the start, as it was hot"]),
+        ("e0006", [
+            "the processor is slowed down now", "the processor is throttled now",
+            "the processor was slowed down since the start", "the processor was throttled since the start",
+            "the processor was slowed down since the start, as it was hot",
+        ]),
+        ("", []),
+    ],
+)  # fmt: skip
+def test_a_processor_that_is_or_was_slowed_down_is_found(
+    bits: str, whats: list[str], config: GatewayConfig, root: Path
+) -> None:
+    write(root / THROTTLED, bits)
+    assert found(config, root) == whats
+    assert all("cool the computer" in one.remedy for one in ailments(config, root, synchronised=True))
+
+
+def test_a_computer_that_names_its_firmware_by_address_is_asked_too(config: GatewayConfig, root: Path) -> None:
+    (root / THROTTLED).unlink()
+    write(root / "sys/devices/platform/soc@107c000000/soc@107c000000:firmware/get_throttled", "0x1")
+    assert found(config, root) == ["the supply voltage is too low now"]
 
 
 def test_a_can_interface_that_is_down_or_absent_is_found(config: GatewayConfig, root: Path) -> None:
@@ -111,6 +141,63 @@ def test_a_certificate_of_the_telemetry_that_has_expired_is_found(tmp_path: Path
     assert f"[telemetry.tls] certificate: '{certificate}' has expired on" in what
 
 
+@pytest.mark.parametrize(("days", "soon"), [(10, True), (29, True), (31, False)])
+def test_a_certificate_of_the_telemetry_that_ends_soon_is_found(
+    days: int, soon: bool, tmp_path: Path, root: Path
+) -> None:
+    certificate, key = PlantAuthority(tmp_path / "plant").issue("mill", days * DAY)
+    tls = f'[telemetry.tls]\ncertificate = "{certificate}"\nkey = "{key}"\n'
+    write(tmp_path / "gateway.toml", TEXT + tls)
+    whats = found(load(tmp_path / "gateway.toml"), root)
+    assert len(whats) == soon
+    assert all(f"[telemetry.tls] certificate: '{certificate}' ends on 20" in what for what in whats)
+
+
+def test_an_authority_of_the_telemetry_that_ends_soon_is_found(tmp_path: Path, root: Path) -> None:
+    ending, _ = PlantAuthority(tmp_path / "plant").issue("authority2", 10 * DAY)
+    write(tmp_path / "gateway.toml", TEXT + f'[telemetry.tls]\nauthority = "{ending}"\n')
+    (what,) = found(load(tmp_path / "gateway.toml"), root)
+    assert f"[telemetry.tls] authority: '{ending}' ends on 20" in what
+
+
+@pytest.mark.parametrize(
+    ("section", "field", "name", "why", "page"),
+    [
+        ('[nc]\nkind = "linuxcnc"\nkey_file = "talc.key"', "[nc] key_file", "talc.key",
+         "without it the gateway cannot connect to the control", "docs/agent.md"),
+        ('[telemetry]\nuser = "u"\npassword_file = "word"\nconnect = ["tcp/127.0.0.1:7447"]',
+         "[telemetry] password_file", "word",
+         "without it nobody on another computer can hear the gateway", "docs/secure-telemetry.md"),
+        ('[[telemetry.operator]]\nname = "anna"\nkey_file = "anna.key"\nmay = ["pause"]',
+         "[[telemetry.operator]] 'anna', key_file", "anna.key",
+         "without it every command of 'anna' is refused", "docs/commands.md"),
+        ('[[bus]]\nname = "cell"\nkind = "mqtt"\nurl = "mqtts://broker"\npassword_file = "word"\nuser = "u"',
+         "bus 'cell', password_file", "word", "without it bus 'cell' cannot be read", "docs/devices.md"),
+    ],
+    ids=["control", "telemetry", "operator", "bus"],
+)  # fmt: skip
+def test_of_a_missing_key_it_says_which_file_of_which_setting_and_what_to_do(
+    section: str, field: str, name: str, why: str, page: str, tmp_path: Path, root: Path
+) -> None:
+    write(tmp_path / "gateway.toml", f"{TEXT}{section}\n")
+    (ailment,) = ailments(load(tmp_path / "gateway.toml"), root, synchronised=True)
+    assert ailment.what == f"{field}: '{tmp_path / name}' does not exist"
+    assert ailment.why == why
+    assert ailment.remedy == (
+        f"make the file ({page}) or copy it there, readable by the gateway's user alone (chmod 600), or change"
+        f" {field.split()[-1]} in the configuration"
+    )
+
+
+def test_of_a_certificate_that_no_key_opens_it_says_only_what_cannot_be_read(tmp_path: Path, root: Path) -> None:
+    (tmp_path / "gw.key").mkdir()
+    certificate, _ = PlantAuthority(tmp_path / "plant").issue("mill")
+    write(tmp_path / "gateway.toml", f'{TEXT}[telemetry.tls]\ncertificate = "{certificate}"\nkey = "gw.key"\n')
+    (ailment,) = ailments(load(tmp_path / "gateway.toml"), root, synchronised=True)
+    assert ailment.what == f"[telemetry.tls] key: '{tmp_path}/gw.key' cannot be read: Is a directory"
+    assert "let the gateway's user read it" in ailment.remedy
+
+
 def test_two_names_that_were_the_same_all_day_are_found_and_neighbours_are_not(
     config: GatewayConfig, root: Path
 ) -> None:
@@ -138,9 +225,23 @@ def test_probing_that_scatters_more_than_at_first_is_found(
     assert all(part in what for part, what in zip(grown, whats, strict=True))
 
 
+@pytest.mark.parametrize("ended", [False, True])
+def test_another_master_that_the_gateway_hears_is_found(ended: bool, config: GatewayConfig, root: Path) -> None:
+    heard = "bus rtu1: another master is on this line: 3 frames in the last minute are not ours"
+    texts = [(EventKind.PROBLEM, heard)]
+    if ended:
+        texts.append((EventKind.PROBLEM_ENDED, "bus rtu1: no other master is heard any more"))
+    with Store(config.storage.path, "boot-1", SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "", None)
+        for kind, text in texts:
+            store.record(EventReported(Event(kind, text), None))
+        store.flush()
+    assert found(config, root) == ([] if ended else [heard])
+
+
 def test_the_command_says_what_is_found_on_this_computer(config: GatewayConfig, tmp_path: Path) -> None:
     answer = CliRunner().invoke(main, ["doctor", str(tmp_path / "gateway.toml")], catch_exceptions=False)
-    here = list(findings(config, Path("/"), synchronised=True))
+    here = list(ailments(config, Path("/"), synchronised=True))
     assert answer.exit_code == (3 if here else 0)
     said = " ".join(answer.output.split())
     for finding in here:

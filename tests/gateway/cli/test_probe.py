@@ -6,9 +6,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from drivers.linuxcnc import LinuxCnc
+from drivers.agent import AgentControl
+from drivers.base import Refused
 from drivers.nc import NcSnapshot
 from gateway.cli import main
+from gateway.nc import build as nc_build
 from tests.benches.service_file import TEXT
 from tests.benches.stepped_clock import SteppedClock
 
@@ -24,13 +26,13 @@ poses_deg = [[0, 0], [0, 90], [0, 180], [0, 270], [90, 0], [-90, 0]]
 )
 
 
-def probe(folder: Path) -> Result:
+def probe(folder: Path, *options: str) -> Result:
     file = folder / "gateway.toml"
     file.write_text(CONFIG, encoding="utf-8")
-    return CliRunner().invoke(main, ["probe", str(file)], env={"COLUMNS": "200"})
+    return CliRunner().invoke(main, ["probe", str(file), *options], env={"COLUMNS": "200"})
 
 
-async def connected(_: LinuxCnc) -> None:
+async def connected(_: AgentControl) -> None:
     """The agent is there."""
 
 
@@ -39,14 +41,14 @@ def spoil(monkeypatch: pytest.MonkeyPatch, *operations: str) -> None:
         raise struct.error("unpack requires 4 bytes")
 
     for operation in operations:
-        monkeypatch.setattr(LinuxCnc, operation, raises)
+        monkeypatch.setattr(AgentControl, operation, raises)
 
 
 @pytest.mark.parametrize("operation", ["connect", "snapshot"])
 def test_an_unexpected_error_of_the_nc_is_a_row_of_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str
 ) -> None:
-    monkeypatch.setattr(LinuxCnc, "connect", connected)
+    monkeypatch.setattr(AgentControl, "connect", connected)
     spoil(monkeypatch, operation, "close")
     done = probe(tmp_path)
     assert done.exit_code == 3, done.output
@@ -60,11 +62,38 @@ def test_an_unexpected_error_of_the_nc_is_a_row_of_the_table(
 def test_the_tool_and_whether_the_probe_is_in_the_spindle_are_shown_if_the_nc_reports_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tool: int | None, probe_there: bool | None, shown: list[str]
 ) -> None:
-    async def snapshot(_: LinuxCnc) -> NcSnapshot:
+    async def snapshot(_: AgentControl) -> NcSnapshot:
         axes = dict.fromkeys("XYZAC", 0.0)
         return NcSnapshot(SteppedClock().utc(), 0.0, axes, tool=tool, probe_in_spindle=probe_there)
 
-    monkeypatch.setattr(LinuxCnc, "connect", connected)
-    monkeypatch.setattr(LinuxCnc, "snapshot", snapshot)
+    monkeypatch.setattr(AgentControl, "connect", connected)
+    monkeypatch.setattr(AgentControl, "snapshot", snapshot)
     rows = [[cell.strip() for cell in line.split("│")] for line in probe(tmp_path).output.splitlines()]
     assert [row[4] for row in rows if len(row) > 4 and row[3] in ("tool", "probe in spindle")] == shown
+
+
+class Grants(AgentControl):
+    """A control on which writing can be tried."""
+
+    missing = ""
+
+    async def try_writing(self) -> None:
+        if self.missing:
+            raise Refused(f"the user has not the right {self.missing}", device="nc")
+
+
+@pytest.mark.parametrize("missing", ["", "SeaWrite"])
+def test_writing_is_tried_only_if_asked_for_and_what_is_missing_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str
+) -> None:
+    async def snapshot(_: AgentControl) -> NcSnapshot:
+        return NcSnapshot(SteppedClock().utc(), 0.0, dict.fromkeys("XYZAC", 0.0))
+
+    monkeypatch.setattr(AgentControl, "connect", connected)
+    monkeypatch.setattr(AgentControl, "snapshot", snapshot)
+    assert "│ writing" not in probe(tmp_path).output
+    assert "not tried: this control" in probe(tmp_path, "--try-writing").output
+    monkeypatch.setattr(nc_build, "AgentControl", Grants)
+    monkeypatch.setattr(Grants, "missing", missing)
+    shown = probe(tmp_path, "--try-writing").output
+    assert ("the user has not the right SeaWrite" if missing else "everything that is needed") in shown

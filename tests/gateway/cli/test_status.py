@@ -12,8 +12,9 @@ from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli import main
 from gateway.cli.status import status_of
+from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import GatewayConfig, load
-from gateway.events import DecisionMade, EventReported, FrameMade, ReadingsTaken
+from gateway.events import CommandGiven, DecisionMade, EventReported, FrameMade, ReadingsTaken
 from gateway.storage import Store
 from talc.frame import Event, EventKind, Frame
 from tests.benches.service_file import TEXT
@@ -48,6 +49,10 @@ def test_a_gateway_that_runs_decides_and_reads_is_well_and_later_is_not(tmp_path
         assert well.readings["bed_front"] == (20.5, "degC", "good")
         assert well.problems[-1].endswith("device rtd1: silent")
         assert well.unarmed[0] == "nothing will be learnt and nothing corrected: there is no [nc]"
+        assert well.paused is None
+        store.record(CommandGiven(CommandOutcome(Command(CommandName.PAUSE, "anna"), now, accepted=True, text="")))
+        store.flush()
+        assert status_of(config, now).paused == "paused by anna since 2026-03-02 06:00 UTC"
         assert not status_of(config, now + timedelta(seconds=3 * STEP_S)).well, "it has stopped deciding"
         store.record(ReadingsTaken([sample(math.nan, Quality.SENSOR_FAULT, now + timedelta(seconds=1))]))
         store.flush()
@@ -62,7 +67,7 @@ def test_the_command_reads_and_its_exit_code_says_it(tmp_path: Path) -> None:
     file = str(tmp_path / "gateway.toml")
     answer = CliRunner().invoke(main, ["status", file], catch_exceptions=False)
     assert answer.exit_code == 3
-    assert "mill: DOES NOT RUN, starting, no decision yet" in answer.output
+    assert "mill: IS NOT RUNNING, starting, no decision yet" in answer.output
     assert "bed_front: not read lately" in answer.output
     found = json.loads(CliRunner().invoke(main, ["status", file, "--json"], catch_exceptions=False).output)
     assert (found["machine"], found["running"], found["well"]) == ("mill", False, False)

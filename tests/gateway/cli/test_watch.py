@@ -15,7 +15,7 @@ from gateway.config import Telemetry, load
 from gateway.events import EventReported, ReadingsTaken
 from gateway.telemetry import ReadingMessage, TelemetryPublisher
 from talc.frame import Event, EventKind
-from tests.benches.command import LIMIT_S, talc_gateway
+from tests.benches.command import LIMIT_S, beside, here
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.service_file import TEXT
@@ -48,11 +48,11 @@ def test_demo_refuses_an_invalid_port(port: str) -> None:
     assert "is not in the range 1<=x<=65535" in answer.output
 
 
-async def test_an_unknown_machine_is_answered_with_those_that_are_alive() -> None:
+def test_an_unknown_machine_is_answered_with_those_that_are_alive() -> None:
     port = free_port()
-    async with publisher(port, "mill"):
-        done = await talc_gateway("watch", "--connect", f"tcp/127.0.0.1:{port}", "--machine", "lathe")
-        other = await talc_gateway("watch", "--connect", f"tcp/127.0.0.1:{port}", "--prefix", "hall")
+    with beside(publisher(port, "mill")):
+        done = here("watch", "--connect", f"tcp/127.0.0.1:{port}", "--machine", "lathe")
+        other = here("watch", "--connect", f"tcp/127.0.0.1:{port}", "--prefix", "hall")
     assert (done.code, other.code) == (3, 3)
     assert "no gateway of machine lathe runs under talc; running: mill" in done.err
     assert "no gateway runs under hall" in other.err

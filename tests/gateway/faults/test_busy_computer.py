@@ -2,7 +2,8 @@
 
 Real time, as the subject is the computer's own. Tolerance: a fifth of a period, and what the computer took within one
 period at the most, as this test measures it: twice the time that a thread which wants nothing lost, and the time that
-the event loop's thread was ready to run and had no core.
+the event loop's thread was ready to run and had no core. Where that is a whole period, as beside a dozen busy programs,
+a device cannot answer in time; then all that is asked for is that it is heard again.
 """
 
 import asyncio
@@ -121,4 +122,8 @@ async def beside_others(name: str, folder: Path, metronome: Metronome) -> None:
         async with asyncio.timeout(LONGEST_S):
             while len(heard.of("victim", begun)) < READINGS:
                 await asyncio.sleep(PERIOD_S / 4)
-    keeps_period(heard.of("victim", begun), metronome.lost_s(begun))
+        lost_s = metronome.lost_s(begun)
+        if lost_s >= PERIOD_S:
+            await heard.until("victim", Quality.GOOD, time.monotonic(), LONGEST_S)
+            return
+    keeps_period(heard.of("victim", begun), lost_s)

@@ -99,9 +99,11 @@ WRONG: dict[str, tuple[str, Callable[[Any], object]]] = {
     "no axis": ("snapshot", lambda s: replace(s, positions={"X": 0.0})),
     "axis is no number": ("snapshot", lambda s: replace(s, positions=s.positions | {"Z": math.nan})),
     "axis is a text": ("snapshot", lambda s: replace(s, positions=s.positions | {"Z": "1"})),
+    "axis is longer than any float": ("snapshot", lambda s: replace(s, positions=s.positions | {"Z": 10**400})),
     "states are none": ("snapshot", lambda s: replace(s, states=None)),
     "two offsets": ("read_compensation", lambda o: o[:2]),
     "no offsets": ("read_compensation", lambda _: None),
+    "offsets are longer than any float": ("read_compensation", lambda _: (10**400, 0, 0)),
     "offsets are texts": ("read_compensation", lambda _: ("x", "y", "z")),
 }
 

@@ -78,7 +78,7 @@ async def test_later_than_that_it_is_still_known_as_its_own_and_the_ramp_goes_on
         await bench.clock.run_until(58.0)
         assert bench.control.in_force == (0.0, 0.0, 25.0)
     assert bench.link.armed
-    assert len([text for text in bench.notices if "arrived late; it goes on from there" in text]) == 1
+    assert len([text for text in bench.notices if "arrived late; the ramp continues from there" in text]) == 1
 
 
 async def test_what_another_program_sets_after_a_lost_write_still_disarms() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.nc import ProbingState, RequestStatus
+from drivers.nc import NcSnapshot, ProbingState, RequestStatus
 from gateway.nc.slew import Source
 from talc.frame import Why
 from tests.benches.nc_link_bench import LinkBench, decision
@@ -164,6 +164,46 @@ async def test_without_a_watchdog_on_the_control_nothing_is_written() -> None:
         await bench.clock.run_until(20.0)
     assert bench.control.writes == []
     assert len(bench.control.beats) > 10
+    [told] = bench.notices
+    assert "watchdog does not answer the heartbeats: no offset is written" in told
+
+
+async def test_a_watchdog_that_misses_the_first_beat_alone_is_not_reported() -> None:
+    bench = LinkBench("compensate")
+    bench.control.watching = False
+    async with bench.running():
+        await bench.clock.run_until(0.5)
+        bench.control.watching = True
+        await bench.clock.run_until(5.0)
+        assert bench.notices == []
+        bench.control.watching = False
+        await bench.clock.run_until(8.0)
+        bench.control.watching = True
+        await bench.clock.run_until(10.0)
+    assert bench.notices == [
+        "NC: its watchdog did not receive the heartbeat of this gateway",
+        "NC: its watchdog is active again",
+    ]
+
+
+async def test_a_control_slower_than_the_period_is_told_once_until_it_is_quick_again() -> None:
+    bench = LinkBench("monitor")
+    quick, takes_s = bench.control.snapshot, 1.5
+
+    async def slow() -> NcSnapshot:
+        bench.clock.spend(takes_s)
+        return await quick()
+
+    bench.control.snapshot = slow  # type: ignore[method-assign]
+    async with bench.running():
+        await bench.clock.run_until(7.0)
+        assert bench.notices == [], "it may be busy for a moment"
+        await bench.clock.run_until(60.0)
+        [told] = bench.notices
+        assert "takes longer than [nc] period_s = 1" in told
+        takes_s = 0.5
+        await bench.clock.run_until(80.0)
+    assert bench.notices[1:] == ["NC: cycles are within period_s again"]
 
 
 async def test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are() -> None:
@@ -341,33 +381,3 @@ async def test_a_request_that_cannot_be_withdrawn_does_not_keep_the_offsets_from
     assert bench.control.withdrawn == []
     assert bench.control.in_force == (0.0, 0.0, 0.0)
     assert (bench.control.owner, bench.control.closed) == (0, 1)
-
-
-async def test_each_new_cause_while_it_is_not_connected_is_reported_once() -> None:
-    bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(5.0)
-        bench.control.absent = True
-        await bench.clock.run_until(15.0)
-        bench.control.absent, bench.control.owner = False, 99  # another gateway has come meanwhile
-        await bench.clock.run_until(200.0)
-        assert [notice for notice in bench.notices if "no answer" in notice] == bench.notices[:1]
-        assert [notice for notice in bench.notices if "gateway 99" in notice] == bench.notices[1:]
-        assert len(bench.notices) == 2
-        bench.control.owner = 0
-        await bench.clock.run_until(300.0)
-    assert bench.notices[2:] == ["NC: connected again"]
-
-
-async def test_an_intermittent_line_is_not_reported_for_ever() -> None:
-    bench = LinkBench("monitor")
-    async with bench.running():
-        for turn in range(200):
-            bench.control.absent = turn % 2 == 1
-            await bench.clock.run_until(5.0 * (turn + 1))
-        assert len(bench.notices) == 7, "three with their ends, then that it is intermittent"
-        assert "intermittent" in bench.notices[-1]
-        bench.control.absent = False
-        await bench.clock.run_until(1200.0)
-    assert bench.notices[7:] == ["NC: connected again"]

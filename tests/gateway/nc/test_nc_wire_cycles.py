@@ -140,9 +140,7 @@ async def test_a_slope_that_the_gateway_does_not_know_makes_no_measurement() -> 
     async with bench(mode="monitor") as at:
         at.control.nck.slope[0] = 1e-3  # 1 µm per mm of X, and the poses differ in X
         await at.clock.run_until(2.0)
-        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(400.0)
-        found = await cycle
+        found = await at.ended(asyncio.create_task(at.link.measure(Why.INTERVAL)), 398.0)
     assert (found.measurement, found.end) == (None, End.REJECTED)
     assert "the offsets moved while the control probed" in found.reason
 
@@ -205,9 +203,7 @@ async def test_a_sphere_that_is_loose_makes_no_measurement() -> None:
         for loose_um in (0.0, 20.0):
             at.control.nck.loose_um = loose_um
             cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
-            await at.clock.run_until(at.clock.monotonic() + 250.0)
-            assert cycle.done()
-            outcomes.append(await cycle)
+            outcomes.append(await at.ended(cycle, 250.0))
     firm, loose = outcomes
     assert firm.measurement is not None
     assert (loose.measurement, loose.end) == (None, End.REJECTED)

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from drivers.nc import NineErrors, ProbingState, RequestStatus
+from drivers.nc import NineErrors, ProbingState, RequestStatus, TakesSlopes
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Write
 from gateway.nc.routes import AsGreeted, ByErrors, differ
 from gateway.nc.slew import Slew
+from gateway.polling import Notice
 from gateway.probing import End
 from talc import kinematics
 from talc.frame import Why
@@ -29,6 +30,7 @@ class Following(ScriptedControl):
     """Works out the offsets itself once it has greeted with its reach; its slew is fast."""
 
     error_reach_mm: tuple[float, float] | None = REACH_MM
+    slopes: TakesSlopes | None = None
     errors: NineErrors = NOTHING
 
     async def write_errors(self, errors: NineErrors) -> None:
@@ -93,9 +95,47 @@ async def test_a_control_that_does_not_greet_with_its_reach_gets_shifts() -> Non
     assert it.together
 
 
-def link_of(control: Following, steps: list[Write]) -> NcLink:
+def link_of(control: Following, steps: list[Write], notices: list[Notice] | None = None) -> NcLink:
     settings = LinkSettings.of(config("compensate"), Identity())
-    return NcLink(control, control.clock, settings, Earlier(first_number=41), Listeners(written=steps.append))
+    tell = list[Notice]().append if notices is None else notices.append
+    return NcLink(
+        control, control.clock, settings, Earlier(first_number=41), Listeners(written=steps.append, notify=tell)
+    )
+
+
+async def test_a_control_whose_program_is_missing_is_told_until_it_is_there() -> None:
+    clock, notices = SteppedClock(), list[Notice]()
+    control = Following(clock, error_reach_mm=None)
+    task = asyncio.create_task(link_of(control, [], notices).run())
+    await clock.run_until(3.0)
+    control.absent = True
+    await clock.run_until(4.0)
+    control.absent, control.error_reach_mm = False, REACH_MM
+    await clock.run_until(40.0)
+    told = [notice for notice in notices if notice.subject == "form of NC"]
+    assert [notice.ended for notice in told] == [False, True]
+    assert "one shift per period" in told[0].text
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_a_disarmed_link_does_not_say_that_the_program_is_there() -> None:
+    clock, notices = SteppedClock(), list[Notice]()
+    control = Following(clock, error_reach_mm=None)
+    link = link_of(control, [], notices)
+    task = asyncio.create_task(link.run())
+    await clock.run_until(3.0)
+    control.in_force = (0.0, 30.0, 0.0)
+    link.follow(decision(5.0))
+    await clock.run_until(6.0)
+    assert not link.armed
+    control.absent = True
+    await clock.run_until(7.0)
+    control.absent = False
+    await clock.run_until(40.0)
+    assert [notice.ended for notice in notices if notice.subject == "form of NC"] == [False]
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_the_link_sends_nine_errors_and_takes_them_back_when_it_stops() -> None:

@@ -11,6 +11,7 @@ from gateway.probing.cycle import End
 from gateway.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, Standing, moment
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MachineState, MeanLoads, Nck
 from talc.frame import Event, EventKind, Why
+from tests.benches.still_machine import StillMachine
 
 POSITIONS = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": 0.0, "C": 0.0}
 IDLE = NcSnapshot(
@@ -241,13 +242,6 @@ def test_invalid_settings(prefer: float, insist: float, retries: int, pause: flo
 # A machine's day ---------------------------------------------------------------------------------------------------
 
 
-class Still:
-    """A machine that does not deform."""
-
-    def tool_deviation_um(self, *_: float) -> tuple[float, float, float]:
-        return 0.0, 0.0, 0.0
-
-
 PROGRAMS = {1: ProgramState.INTERRUPTED, 2: ProgramState.STOPPED, 3: ProgramState.RUNNING}
 
 
@@ -265,7 +259,7 @@ def seen(state: MachineState) -> NcSnapshot:
 
 def probed(program: LoadCase, hours: float, every_s: float = 7200.0) -> list[tuple[float, float]]:
     """Ask an emulated control as the schedule says, every two hours: (wanted since, cycle began at)."""
-    nck, plan = Nck(Still(), program, cycle=CycleSettings()), schedule()
+    nck, plan = Nck(StillMachine(), program, cycle=CycleSettings()), schedule()
     found: list[tuple[float, float]] = []
     wanted_s, number = 0.0, 0
     for now in range(0, round(hours * 3600), 5):
@@ -305,3 +299,40 @@ def test_a_long_cut_without_tool_change_is_left_at_its_end_only() -> None:
     blocks = [DayPart(0.0, 6000.0, Activity.ROUGHING, loads), DayPart(6000.0, 9e9, Activity.PAUSE, MeanLoads())]
     found = probed(LoadCase(blocks, operation_s=6000.0), 7200.0 / 3600.0)
     assert [began for _, began in found] == [6000.0]
+
+
+def test_a_command_is_urgent_and_ends_the_pause_after_rejected_results() -> None:
+    plan = schedule(retries=0)
+    plan.want(Why.INTERVAL, 0.0)
+    assert plan.look(IDLE, 0.0).standing is Standing.DUE
+    plan.asked()
+    plan.ended(End.REJECTED, "a chip", 10.0)
+    assert plan.look(IDLE, 20.0).standing is Standing.BLOCKED
+    plan.order(30.0)
+    due = plan.look(CUTTING, 30.0)
+    assert (due.standing, due.why, due.rejected, due.operator) == (Standing.DUE, Why.COMMAND, 0, "")
+    assert plan.asked() is Why.COMMAND
+
+
+def test_the_controller_s_wishes_neither_end_nor_repeat_a_command() -> None:
+    plan = schedule()
+    plan.order(0.0)
+    plan.want(None, 1.0)
+    assert plan.look(CUTTING, 2.0).why is Why.COMMAND
+    plan.asked()
+    plan.want(Why.INTERVAL, 3.0)
+    plan.ended(End.REFUSED, "not now", 4.0)
+    waits = plan.look(CUTTING, 5.0)
+    assert (waits.standing, waits.why) == (Standing.WAITING, Why.INTERVAL)
+
+
+def test_a_command_that_is_blocked_for_too_long_is_dropped_and_the_operator_is_informed() -> None:
+    plan = schedule()
+    plan.order(0.0)
+    assert plan.look(None, 1799.0).standing is Standing.BLOCKED
+    dropped = plan.look(None, 1800.0)
+    assert dropped.standing is Standing.NOT_WANTED
+    assert dropped.operator == (
+        "the measurement that was commanded was not possible for 30 min: the control cannot be reached"
+    )
+    assert plan.look(IDLE, 1801.0) == Outlook(Standing.NOT_WANTED, None)

@@ -1,6 +1,5 @@
 """A field problem becomes a test: a recording of a faulty wire, played back, is read with the same outcome."""
 
-import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from simulators.devices import M7015, Adam6015, Cia404Node, DeviceServer, MeSens
 from simulators.devices.me_controller import MeController
 from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Spoil
+from tests.benches.free_port import free_port
 
 pytestmark = pytest.mark.simulated_time
 
@@ -41,7 +41,7 @@ def counting(channels: int) -> Callable[[], list[float]]:
 
 
 @dataclass
-class Wire:
+class DeviceOnWire:
     """A device on its wire, with what is to happen before each read."""
 
     kind: str
@@ -57,7 +57,7 @@ def nothing() -> None:
     """A read without a fault."""
 
 
-async def rtu(*, over_tcp: bool = False) -> Wire:
+async def rtu(*, over_tcp: bool = False) -> DeviceOnWire:
     module = M7015(counting(6))
     line = DeviceServer({3: module}) if over_tcp else RtuLine({3: module})
     where = await line.start()
@@ -83,14 +83,14 @@ async def rtu(*, over_tcp: bool = False) -> Wire:
 
     spoilt = (spoil(garbled), spoil(None), spoil(late), spoil(None))
     steps = (nothing, broken, *spoilt, nothing, silent, nothing, back, nothing)
-    return Wire("modbus_rtu_tcp" if over_tcp else "modbus_rtu", options, "icpdas_m7015", 3, line.stop, steps)
+    return DeviceOnWire("modbus_rtu_tcp" if over_tcp else "modbus_rtu", options, "icpdas_m7015", 3, line.stop, steps)
 
 
-async def rtu_over_tcp() -> Wire:
+async def rtu_over_tcp() -> DeviceOnWire:
     return await rtu(over_tcp=True)
 
 
-async def tcp() -> Wire:
+async def tcp() -> DeviceOnWire:
     module = Adam6015(counting(7))
     host = TcpHost({1: module})
     port = await host.start()
@@ -111,10 +111,10 @@ async def tcp() -> Wire:
         module.faults.set(6, SensorFault.OPEN)
 
     steps = (nothing, broken, spoil(late), spoil(None), nothing, spoil(in_pieces), spoil(foreign), spoil(None))
-    return Wire("modbus_tcp", {"host": "127.0.0.1", "port": port}, "advantech_adam6015", 1, host.stop, steps)
+    return DeviceOnWire("modbus_tcp", {"host": "127.0.0.1", "port": port}, "advantech_adam6015", 1, host.stop, steps)
 
 
-async def tcp_hanging_up() -> Wire:
+async def tcp_hanging_up() -> DeviceOnWire:
     """The device closes the connection at the third read, and does not come back before the end."""
     module = Adam6015(counting(7))
     host = TcpHost({1: module})
@@ -128,12 +128,12 @@ async def tcp_hanging_up() -> Wire:
     def spoil() -> None:
         host.spoil = hang_up
 
-    return Wire(
+    return DeviceOnWire(
         "modbus_tcp", {"host": "127.0.0.1", "port": port}, "advantech_adam6015", 1, host.stop, (nothing, nothing, spoil)
     )
 
 
-async def canopen(transfer: str = "sdo") -> Wire:
+async def canopen(transfer: str = "sdo") -> DeviceOnWire:
     node = Cia404Node(5, counting(4), inputs=4)
     adapter = SlcanAdapter([node])
     path = await adapter.start()
@@ -149,14 +149,14 @@ async def canopen(transfer: str = "sdo") -> Wire:
 
     options: dict[str, object] = {"interface": "slcan", "channel": path}
     steps = (nothing, broken, nothing, silent, back, nothing, nothing)
-    return Wire("canopen", options, "cia404", 5, adapter.stop, steps, {"vendor": "jumo", "transfer": transfer})
+    return DeviceOnWire("canopen", options, "cia404", 5, adapter.stop, steps, {"vendor": "jumo", "transfer": transfer})
 
 
-async def canopen_by_sync() -> Wire:
+async def canopen_by_sync() -> DeviceOnWire:
     return await canopen("sync")
 
 
-async def me_rs485() -> Wire:
+async def me_rs485() -> DeviceOnWire:
     sensor = MeSensor(counting(1), range_um=500.0)
     path = await sensor.start()
 
@@ -171,10 +171,10 @@ async def me_rs485() -> Wire:
         sensor.faults.set(0, None)
 
     steps = (nothing, lost_target, silent, back, nothing)
-    return Wire("me_rs485", {"port": path}, "me_rs485", 126, sensor.stop, steps, {"range_um": 500.0})
+    return DeviceOnWire("me_rs485", {"port": path}, "me_rs485", 126, sensor.stop, steps, {"range_um": 500.0})
 
 
-WIRES: dict[str, Callable[[], Awaitable[Wire]]] = {
+WIRES: dict[str, Callable[[], Awaitable[DeviceOnWire]]] = {
     "rtu": rtu,
     "rtu over tcp": rtu_over_tcp,
     "tcp": tcp,
@@ -186,7 +186,10 @@ WIRES: dict[str, Callable[[], Awaitable[Wire]]] = {
 
 
 async def outcomes(
-    wire: Wire, options: Mapping[str, object], steps: Sequence[Callable[[], None]], log: WireLogWriter | None = None
+    wire: DeviceOnWire,
+    options: Mapping[str, object],
+    steps: Sequence[Callable[[], None]],
+    log: WireLogWriter | None = None,
 ) -> list[object]:
     """What a driver tells of each read: values with quality and text, or the error in full."""
     tap = None if log is None else log.tap("bus1")
@@ -210,7 +213,7 @@ async def outcomes(
 
 
 @asynccontextmanager
-async def recorded(wire: Wire, path: Path) -> AsyncIterator[tuple[list[object], WireLog]]:
+async def recorded(wire: DeviceOnWire, path: Path) -> AsyncIterator[tuple[list[object], WireLog]]:
     with WireLogWriter(path, "", BEGAN, most_bytes=10**6) as log:
         told = await outcomes(wire, wire.options, wire.steps, log)
     await wire.stop()
@@ -234,10 +237,7 @@ async def test_playback_is_read_as_the_device_was(name: str, tmp_path: Path) -> 
 async def test_can_on_a_multicast_group_is_read_as_the_node_was(tmp_path: Path) -> None:
     wire = await canopen()
     async with recorded(wire, tmp_path / "field.wire") as (told, log):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("", 0))
-            port = probe.getsockname()[1]
-        played = await play_bus("bus1", wire.kind, log.of("bus1"), tmp_path, ("239.74.163.11", port))
+        played = await play_bus("bus1", wire.kind, log.of("bus1"), tmp_path, ("239.74.163.11", free_port()))
         try:
             again = await outcomes(wire, played.place, [nothing] * len(told))
         finally:
@@ -263,7 +263,7 @@ async def test_after_the_last_answer_the_first_comes_again(tmp_path: Path) -> No
 async def test_stream_that_nobody_asks_for_is_played_in_time(tmp_path: Path) -> None:
     controller = MeController(counting(2), range_um=500.0, rate_hz=50)
     options = {"host": "127.0.0.1", "port": await controller.start()}
-    wire = Wire("me_ethernet", options, "me_ethernet", 1, controller.stop, [nothing] * 8, {"range_um": 500.0})
+    wire = DeviceOnWire("me_ethernet", options, "me_ethernet", 1, controller.stop, [nothing] * 8, {"range_um": 500.0})
     async with recorded(wire, tmp_path / "field.wire") as (_, log):
         played = await play_bus("bus1", wire.kind, log.of("bus1"), tmp_path)
         try:

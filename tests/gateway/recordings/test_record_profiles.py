@@ -118,9 +118,13 @@ def test_profile_is_readable_in_the_recording(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("../mine.toml", "'x'", "[files] ../mine.toml: expected the name of a .toml or .dbc file, without a folder"),
-        ("/tmp/mine.toml", "'x'", "expected the name of a .toml or .dbc file"),
-        (".bashrc", "'x'", "expected the name of a .toml or .dbc file"),
+        (
+            "../mine.toml",
+            "'x'",
+            "[files] ../mine.toml: expected the name of a .toml, .dbc or .eds file, without a folder",
+        ),
+        ("/tmp/mine.toml", "'x'", "expected the name of a .toml, .dbc or .eds file"),
+        (".bashrc", "'x'", "expected the name of a .toml, .dbc or .eds file"),
         ("mine.toml", "3", "[files] mine.toml: 3: expected a text in quotes"),
         ("mine.dbc", "'\ufffd'", "[files] mine.dbc: holds '\ufffd', not cp1252"),
     ],

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from gateway.cli import main
 from gateway.config import ConfigError, load, load_talc_only
 from gateway.recordings import Columns, RecordingError, read_recording
-from gateway.rehearsal import rehearse
+from gateway.rehearsal import rehearse_recording
 from talc.frame import Phase
 from talc.settings import ControlSettings, TalcSettings
 from tests.benches.thermal_series import series
@@ -59,19 +59,21 @@ def test_a_recording_becomes_a_table_and_a_page(recorded: Path, tmp_path: Path) 
 
 def test_only_measurements_that_were_asked_for_reach_the_controller(recorded: Path) -> None:
     recording = read_recording(recorded, Columns(), 300.0)
-    data = rehearse(recording, TalcSettings(method="models", control=ControlSettings(measurement_interval_steps=24)))
+    data = rehearse_recording(
+        recording, TalcSettings(method="models", control=ControlSettings(measurement_interval_steps=24))
+    )
     assert data.phases[300] is Phase.COMPENSATION
     used = np.flatnonzero(np.isfinite(data.measured[:, 4])) - 288
     steps = used[used > 0]
     assert len(steps) < 60
     assert data.recorded is not None
     assert np.isfinite(data.recorded[:, 4]).all()
-    everything = rehearse(recording, TalcSettings(method="models"), every_measurement=True)
+    everything = rehearse_recording(recording, TalcSettings(method="models"), every_measurement=True)
     assert np.isfinite(everything.measured[:, 4]).all()
 
 
 def test_the_models_beat_the_held_measurement(recorded: Path) -> None:
-    data = rehearse(read_recording(recorded, Columns(), 300.0), TalcSettings(method="models"))
+    data = rehearse_recording(read_recording(recorded, Columns(), 300.0), TalcSettings(method="models"))
     assert data.held is not None
     assert data.recorded is not None
     left, held = (data.recorded - data.predicted)[300:, 4], (data.recorded - data.held)[300:, 4]
@@ -167,7 +169,8 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
         ),
         (
             lambda g: [g[0], *(f"{46083 + i / 288},20,{i}" for i in range(20))],
-            "20 lines fill 1 steps of 300 s; expected 12 or more; are the times in seconds?",
+            "20 lines fill 1 steps of 300 s; expected 12 or more; "
+            "are the times in seconds? (Excel's dates: --time-format excel)",
         ),
         (lambda g: g[:6], "5 lines fill 5 steps of 300 s; expected 12 or more"),
         (lambda g: g[:1], "contains nothing but a heading"),

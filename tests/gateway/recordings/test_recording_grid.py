@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gateway.recordings import Columns, Recording, read_recording
-from gateway.rehearsal import rehearse
+from gateway.rehearsal import rehearse_recording
 from talc.frame import Phase
 from talc.settings import ControlSettings, TalcSettings
 from tests.benches.thermal_series import series
@@ -60,6 +60,6 @@ def test_a_recording_with_jitter_finds_its_models(tmp_path: Path) -> None:
     ]
     path.write_text("\n".join([",".join(["time", *made.names, "EX0C"]), *rows]), encoding="utf-8")
     settings = TalcSettings(method="models", control=ControlSettings(calibration_steps=144))
-    data = rehearse(read_recording(path, Columns(), 300.0), settings)
+    data = rehearse_recording(read_recording(path, Columns(), 300.0), settings)
     assert data.phases[-1] is Phase.COMPENSATION
     assert data.models[0].models.models[2] is not None

@@ -1,0 +1,78 @@
+"""What `doctor` says of the files with keys, certificates and passwords that cannot be read."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from gateway.config import GatewayConfig
+
+_SECRETS = ("key_file", "key", "private_key", "password_file", "users_file")
+_PUBLIC = ("certificate", "server_certificate", "authority")
+
+
+@dataclass(frozen=True, slots=True)
+class UnreadFile:
+    """A file that a configuration names and that cannot be read."""
+
+    field: str
+    """Section and field, as in a Problem."""
+    path: Path
+    error: OSError
+    why: str
+    page: str
+    """How such a file is made."""
+
+    @property
+    def what(self) -> str:
+        """Which file, of which setting."""
+        absent = isinstance(self.error, FileNotFoundError)
+        return f"{self.field}: '{self.path}' " + (
+            "does not exist" if absent else f"cannot be read: {self.error.strerror}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do."""
+        name = self.field.rsplit(maxsplit=1)[-1]
+        secret = name in _SECRETS
+        if isinstance(self.error, FileNotFoundError):
+            guard = ", readable by the gateway's user alone (chmod 600)" if secret else ""
+            return f"make the file ({self.page}) or copy it there{guard}, or change {name} in the configuration"
+        return "let the gateway's user read it; if it already may, run `doctor` as that user or as root"
+
+
+def unread_files(config: GatewayConfig) -> Iterator[UnreadFile]:
+    """Every file with a key, a certificate or a password that cannot be read."""
+    for field, path, why, page in _named(config):
+        try:
+            with path.open("rb") as file:
+                file.read(1)
+        except OSError as error:
+            yield UnreadFile(field, path, error, why, page)
+
+
+def _named(config: GatewayConfig) -> Iterator[tuple[str, Path, str, str]]:
+    telemetry = config.telemetry
+    if telemetry.enabled:
+        silent = "without it nobody on another computer can hear the gateway"
+        for section, part in (("[telemetry.tls]", telemetry.tls), ("[telemetry]", telemetry)):
+            for name, path in _files(part):
+                yield f"{section} {name}", path, silent, "docs/secure-telemetry.md"
+        for operator in telemetry.operators:
+            deaf = f"without it every command of '{operator.name}' is refused"
+            yield f"[[telemetry.operator]] '{operator.name}', key_file", operator.key_file, deaf, "docs/commands.md"
+    if config.nc is not None:
+        page = "docs/agent.md" if hasattr(config.nc, "key_file") else "docs/nc.md"
+        for name, path in _files(config.nc):
+            yield f"[nc] {name}", path, "without it the gateway cannot connect to the control", page
+    for bus in config.buses:
+        for name, path in _files(bus):
+            yield f"bus '{bus.name}', {name}", path, f"without it bus '{bus.name}' cannot be read", "docs/devices.md"
+
+
+def _files(section: object) -> Iterator[tuple[str, Path]]:
+    """The set fields of a section that name such files."""
+    for name in (*_PUBLIC, *_SECRETS):
+        path = getattr(section, name, None)
+        if isinstance(path, Path):
+            yield name, path

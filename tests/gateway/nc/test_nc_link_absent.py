@@ -1,0 +1,33 @@
+"""A control that cannot be reached, again and again: each cause is reported once, and not for ever."""
+
+from tests.benches.nc_link_bench import LinkBench, decision
+
+
+async def test_each_new_cause_while_it_is_not_connected_is_reported_once() -> None:
+    bench = LinkBench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(5.0)
+        bench.control.absent = True
+        await bench.clock.run_until(15.0)
+        bench.control.absent, bench.control.owner = False, 99  # another gateway has come meanwhile
+        await bench.clock.run_until(200.0)
+        assert [notice for notice in bench.notices if "no answer" in notice] == bench.notices[:1]
+        assert [notice for notice in bench.notices if "gateway 99" in notice] == bench.notices[1:]
+        assert len(bench.notices) == 2
+        bench.control.owner = 0
+        await bench.clock.run_until(300.0)
+    assert bench.notices[2:] == ["NC: connected again"]
+
+
+async def test_an_intermittent_line_is_not_reported_for_ever() -> None:
+    bench = LinkBench("monitor")
+    async with bench.running():
+        for turn in range(200):
+            bench.control.absent = turn % 2 == 1
+            await bench.clock.run_until(5.0 * (turn + 1))
+        assert len(bench.notices) == 7, "three with their ends, then that it is intermittent"
+        assert "intermittent" in bench.notices[-1]
+        bench.control.absent = False
+        await bench.clock.run_until(1200.0)
+    assert bench.notices[7:] == ["NC: connected again"]
