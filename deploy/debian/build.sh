@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
-# Builds talc-gateway_VERSION_ARCH.deb for this computer's Debian release and architecture.
+# Builds talc-gateway_VERSION_ARCH.deb for this computer's Debian release.
 #
-#   deploy/debian/build.sh [FOLDER]        default: dist
+#   deploy/debian/build.sh [FOLDER]              default: dist
+#   ARCH=arm64 deploy/debian/build.sh [FOLDER]   for a Pi, on another computer
 #
 # Everything comes from the locks in requirements/, by hash, what builds the kernel too; nothing is fetched when the
 # package is installed. Needs: /usr/bin/python3 (Debian's, whose version the package then depends on), its headers
-# (python3-dev), a C++ compiler, dpkg-deb, and PYTHON: any Python with pip (default: python3).
+# (python3-dev), a C++ compiler, dpkg-deb, and PYTHON: any Python with pip (default: python3). For another architecture
+# also g++-aarch64-linux-gnu, and libpython3-dev:arm64, here or in the Debian below ARM64_ROOT.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -18,10 +20,19 @@ umask 022
 export SOURCE_DATE_EPOCH PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
-architecture=$(dpkg --print-architecture)
+native=$(dpkg --print-architecture)
+architecture=${ARCH:-$native}
+cross=()
 minor=$(/usr/bin/python3 -c 'import sys; print(f"{sys.version_info[0]}.{sys.version_info[1]}")')
 next=$(/usr/bin/python3 -c 'import sys; print(f"{sys.version_info[0]}.{sys.version_info[1] + 1}")')
 root=$work/root home=/opt/talc-gateway
+
+if [ "$architecture" != "$native" ]; then
+    [ "$architecture" = arm64 ] || { echo "$0: cannot build for $architecture here" >&2; exit 2; }
+    # What scikit-build-core and nanobind take from the target's Python, said for them.
+    cross=(CXX=aarch64-linux-gnu-g++ "CXXFLAGS=${ARM64_ROOT:+-idirafter $ARM64_ROOT/usr/include}"
+        _PYTHON_HOST_PLATFORM=linux-aarch64 "SETUPTOOLS_EXT_SUFFIX=.cpython-${minor/./}-aarch64-linux-gnu.so")
+fi
 
 echo "the kernel's wheel"
 /usr/bin/python3 -m venv --without-pip "$work/build"
@@ -29,15 +40,24 @@ echo "the kernel's wheel"
 mkdir "$work/source"  # a copy: an editable installation uses the tree's own build folder
 tar --exclude=./.git --exclude='./.[a-z]*' --exclude=./build --exclude=./dist --exclude=./out --exclude='*.so' -c . |
     tar -x -C "$work/source"
-PATH="$work/build/bin:$PATH" "$python" -m pip --python "$work/build/bin/python" wheel --quiet --no-deps \
+env "PATH=$work/build/bin:$PATH" "${cross[@]}" "$python" -m pip --python "$work/build/bin/python" wheel --quiet --no-deps \
     --no-build-isolation --wheel-dir "$work" "$work/source"
 
 echo "the environment in $home"
 mkdir -p "$root$home"
 /usr/bin/python3 -m venv --without-pip "$root$home"
+site=$root$home/lib/python$minor/site-packages
 into=("$python" -m pip --python "$root$home/bin/python" install --quiet --no-compile)
+if [ "$architecture" != "$native" ]; then
+    into+=(--target "$site" --upgrade --only-binary :all: --platform linux_aarch64 --platform manylinux2014_aarch64)
+    for glibc in 17 24 26 27 28 31 34 35; do into+=(--platform "manylinux_2_${glibc}_aarch64"); done
+fi
 "${into[@]}" --require-hashes -r requirements/run.lock
 "${into[@]}" --no-deps --no-index "$work"/talc_gateway-*.whl
+if [ -d "$site/bin" ]; then
+    mv "$site/bin"/* "$root$home/bin/"
+    rmdir "$site/bin"
+fi
 # An environment knows where it is: it will be in $home, not below the folder in which it was made.
 grep -rlIF "$root" "$root$home/bin" "$root$home/pyvenv.cfg" | xargs -r sed -i "s#$root##g"
 find "$root$home" -name direct_url.json -delete
@@ -51,13 +71,15 @@ install -D -m 640 deploy/debian/gateway.toml "$root/etc/talc-gateway/gateway.tom
 for page in LICENSE CHANGELOG.md README.md docs/install-pi.md; do
     install -D -m 644 "$page" "$root/usr/share/doc/talc-gateway/$(basename "$page")"
 done
-for folder in deploy/nc deploy/pi; do
-    [ ! -d "$folder" ] || (mkdir -p "$root$home/share" && cp -r "$folder" "$root$home/share/")
-done
-/usr/bin/python3 deploy/debian/sbom.py "$root$home/lib/python$minor/site-packages" "$root/usr/share/doc/talc-gateway"
+mkdir -p "$root$home/share"
+cp -r deploy/{grafana,nc,pi,zenoh} "$root$home/share/"
+[ "$architecture" != "$native" ] || deploy/debian/linuxcnc_component.sh "$root$home/share/nc/linuxcnc/prebuilt"
+/usr/bin/python3 deploy/debian/sbom.py "$site" "$root/usr/share/doc/talc-gateway"
 mkdir -p "$root/usr/bin" "$root/DEBIAN"
 ln -s "$home/bin/talc-gateway" "$root/usr/bin/talc-gateway"
-install -m 755 deploy/debian/{postinst,prerm,postrm} "$root/DEBIAN/"
+install -m 755 deploy/debian/{preinst,postinst,prerm,postrm} "$root/DEBIAN/"
+sed -i "s/@VERSION@/$version/" "$root/DEBIAN/postinst"
+echo "$version" >"$root$home/version"
 echo /etc/talc-gateway/gateway.toml >"$root/DEBIAN/conffiles"
 cat >"$root/DEBIAN/control" <<CONTROL
 Package: talc-gateway
