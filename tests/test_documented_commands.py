@@ -8,32 +8,48 @@ from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 
 from gateway.cli import main
-
-ROOT = Path(__file__).parents[1]
-PAGES = sorted(
-    (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*.md")), key=lambda page: page.as_posix()
+from tests.benches.shown_commands import (
+    COMMANDS,
+    OURS,
+    ROOT,
+    TABLE,
+    WHOLE,
+    RunByNone,
+    RunElsewhere,
+    commands_in,
+    leaf,
+    verdict,
 )
-OLD = "CHANGELOG.md"
-"""Names commands that are gone."""
-PROGRAMS = re.compile(r"(?:\.venv/bin/)?(talc-gateway|make|python)\b")
+
 FILLED = {"TABLE": "steps", "NAME": "arx-vs-static", "SUBJECT": "selection"}
 """Placeholders of which only some words will do."""
 RUN_BY = {
+    "agent-test": "tests/gateway/agent_test/test_agent_test.py",
     "check": "tests/examples/test_examples.py",
+    "command": "tests/gateway/telemetry/test_commands.py",
+    "collect": "tests/gateway/collect/test_network.py",
     "db backup": "tests/gateway/cli/test_db.py",
     "db check": "tests/gateway/cli/test_db.py",
-    "db export-learnt": "tests/gateway/test_learnt.py",
-    "db import-learnt": "tests/gateway/test_learnt.py",
+    "db export-learnt": "tests/gateway/past/test_learnt.py",
+    "db import-learnt": "tests/gateway/past/test_learnt.py",
     "db export": "tests/gateway/cli/test_db.py",
     "db stats": "tests/gateway/cli/test_db.py",
     "demo": "tests/system/test_demo.py",
     "doctor": "tests/gateway/cli/test_doctor.py",
     "init": "tests/gateway/cli/test_init.py",
+    "inspect nodes": "tests/gateway/scan/test_inspect_named.py",
+    "inspect topics": "tests/gateway/scan/test_inspect_topics.py",
+    "inspect objects": "tests/gateway/scan/test_inspect_named.py",
+    "inspect registers": "tests/gateway/scan/test_inspect.py",
+    "nc sinumerik-files": "tests/gateway/cli/test_nc_files.py",
+    "opcua": "tests/gateway/umati/test_opcua_command.py",
     "play": "tests/gateway/recordings/test_record_commands.py",
-    "prior make": "tests/gateway/test_prior.py",
+    "prior make": "tests/gateway/past/test_prior.py",
     "probe": "tests/benches/wiring_faults.py",
+    "publish": "tests/gateway/outlets/test_publish.py",
     "record": "tests/gateway/recordings/test_record_commands.py",
     "replay": "tests/gateway/recordings/test_recording.py",
     "report": "tests/gateway/test_reasons_kept.py",
@@ -47,44 +63,6 @@ RUN_BY = {
     "web": "tests/gateway/web/test_access.py",
 }
 """Command to a file that runs it."""
-
-
-def commands_in(page: Path) -> Iterator[str]:
-    """Commands of a page, in code blocks and in code spans, on one line each."""
-    prose = []
-    for i, part in enumerate(page.read_text("utf-8").split("```")):
-        if i % 2 == 0:
-            prose.append(part)
-            continue
-        for line in part.splitlines()[1:]:
-            command = line.removeprefix("$ ").partition(" #")[0].strip()
-            if PROGRAMS.match(command):
-                yield command
-    for span in re.findall(r"`([^`]+)`", " ".join(prose)):
-        if PROGRAMS.match(span):
-            yield " ".join(span.split())
-
-
-COMMANDS = sorted(
-    {
-        (page.relative_to(ROOT).as_posix(), command)
-        for page in PAGES
-        if page.name != OLD
-        for command in commands_in(page)
-        if " " in command
-    }
-)
-
-
-def leaf(words: list[str]) -> tuple[click.Command, list[str], click.Context]:
-    """The command that the words name, and the words that remain for it."""
-    command: click.Command = main
-    context = click.Context(main, info_name="talc-gateway")
-    while isinstance(command, click.Group) and words:
-        name, found, words = command.resolve_command(context, words)
-        assert found is not None
-        command, context = found, click.Context(found, info_name=name, parent=context)
-    return command, words, context
 
 
 def check_talc_gateway(words: list[str], folder: Path) -> None:
@@ -136,7 +114,7 @@ def test_there_are_commands_to_check() -> None:
     assert len(COMMANDS) > 60
 
 
-@pytest.mark.parametrize(("page", "command"), COMMANDS)
+@pytest.mark.parametrize(("page", "command"), [shown for shown in COMMANDS if OURS.match(shown[1])])
 def test_what_is_shown_can_be_given(page: str, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program, *words = shlex.split(command.replace("…", ""))
     words = [FILLED.get(word, word) for word in words]
@@ -148,6 +126,45 @@ def test_what_is_shown_can_be_given(page: str, command: str, tmp_path: Path, mon
             check_make(words)
         case _:
             check_python(words)
+
+
+def test_every_command_on_a_page_is_run_or_has_a_reason() -> None:
+    found = {command: verdict(command) for command in WHOLE}
+    new = [command for command, (_, said) in found.items() if said is None]
+    assert new == [], "say in TABLE of tests/benches/shown_commands.py which test runs them, or why none can"
+    assert set(TABLE) == {pattern for pattern, _ in found.values()}, "no page shows these any more"
+    for said in TABLE.values():
+        if isinstance(said, RunElsewhere):
+            assert re.search(said.trace, (ROOT / said.file).read_text("utf-8")), said
+    ours = [command for command in WHOLE if command.startswith("talc-gateway ")]
+    assert [c for c in ours if isinstance(found[c][1], RunByNone)] == ["talc-gateway demo --method models"]
+
+
+def test_a_command_that_is_not_in_the_table_is_found() -> None:
+    assert verdict("talc-gateway db explode x") == ("", None)
+    assert verdict("talc-gateway db check DATABASE")[1] is not None
+
+
+@pytest.mark.slow
+def test_the_recording_on_the_page_leaves_what_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = ROOT / "docs" / "recordings.md"
+    (command,) = (found for found in commands_in(page) if "fl_thermal.csv" in found)
+    monkeypatch.chdir(ROOT)
+    own = {name: str(tmp_path / name) for name in ("spindle.html", "spindle.csv")}
+    ran = CliRunner().invoke(main, [own.get(word, word) for word in shlex.split(command)[1:]], catch_exceptions=False)
+    assert ran.exit_code == 0, ran.output
+    assert all(Path(file).exists() for file in own.values())
+    sentence = r"With (\d+) measurements it leaves (N) of (N) µm RMS; holding the same measurements would leave (N)\."
+    said = re.search(sentence.replace("N", r"\d+\.\d"), " ".join(page.read_text("utf-8").split()))
+    assert said is not None
+    left, held = (
+        [float(cell) for cell in row.split("│") if re.fullmatch(r"\s*[\d.]+\s*", cell)]
+        for row in ran.output.splitlines()
+        if row.startswith("│ spindle Z")
+    )
+    assert f"({said[1]} measurements" in ran.output
+    for text, figure in zip(said.groups()[1:], (left[3], left[2], held[3]), strict=True):
+        assert float(text) == pytest.approx(figure, abs=0.051)
 
 
 def test_a_test_runs_each_command() -> None:

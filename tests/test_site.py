@@ -23,6 +23,8 @@ def test_the_site_builds_strictly_and_needs_no_network(tmp_path: Path) -> None:
     assert pages <= {page.relative_to(tmp_path).with_suffix("") for page in tmp_path.rglob("*.html")}
     api = (tmp_path / "api.html").read_text(encoding="utf-8")
     assert all(f'id="talc.{name}"' in api for name in ("Learner", "Learner.predict", "rehearse", "GroupLassoARX"))
+    notebook = (tmp_path / "notebooks" / "own_recording.html").read_text(encoding="utf-8")
+    assert "no correction, µm" in notebook, "what its cells printed"
     # A page opened as a file may neither fetch the index nor start a worker: both come as scripts beside it.
     index = (tmp_path / "search" / "search_index.js").read_text(encoding="utf-8")
     assert any("offsets" in entry["text"] for entry in json.loads(index.removeprefix("var __index = "))["docs"])

@@ -1,9 +1,11 @@
 """What is installed: the service and the demo's machine; beside a real machine the service alone."""
 
+import os
 import shutil
 import subprocess
 import sys
 from email import message_from_bytes
+from hashlib import sha256
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -19,7 +21,9 @@ NOT_BESIDE_A_MACHINE = {"celer", "clarabel", "hypothesis", "matplotlib", "pyarro
 
 def pip(*arguments: str | Path) -> None:
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = subprocess.run(
+        command, capture_output=True, text=True, env={**os.environ, "SOURCE_DATE_EPOCH": "1767225600"}
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -52,6 +56,12 @@ def test_the_wheel_holds_the_service_and_no_studies_benchmarks_or_tests(wheel: P
     for needed in ("drivers/profiles/icpdas_m7015.toml", "simulators/bench/gateway.toml", "gateway/__main__.py"):
         assert needed in names
     assert [name for name in names if name.startswith("talc/_kernel") and name.endswith(".so")]
+
+
+def test_the_same_source_in_another_folder_gives_the_same_bytes(source: Path, wheel: Path, tmp_path: Path) -> None:
+    again = built(shutil.copytree(source, tmp_path / "elsewhere" / "source"), "again")
+    assert again.name == wheel.name
+    assert sha256(again.read_bytes()).hexdigest() == sha256(wheel.read_bytes()).hexdigest()
 
 
 def test_an_installation_needs_nothing_that_only_studies_benchmarks_or_tests_need(wheel: Path) -> None:

@@ -1,14 +1,27 @@
-"""The command line as a user runs it: in a separate process, with the emulated devices inside the test."""
+"""The command line as a user runs it: in a separate process, with the emulated devices inside the test.
+
+A process takes a second to start, so what ends by itself runs in the test's: `here`, with the devices `beside` it.
+"""
 
 import asyncio
 import os
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractAsyncContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from signal import SIGINT
+from typing import TypeVar
+
+from click.testing import CliRunner
+
+from gateway.cli import main
 
 LIMIT_S = 300.0
+_COLUMNS = 100
+
+Opened = TypeVar("Opened")
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,10 +33,47 @@ class Done:
     err: str
 
 
+def here(*arguments: str, answer: str = "") -> Done:
+    """Run in this process to its own end. `answer` is typed at its questions. Raises what it does not catch."""
+    done = CliRunner(env={"COLUMNS": str(_COLUMNS)}).invoke(main, arguments, input=answer)
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return Done(done.exit_code, done.stdout, done.stderr)
+
+
+@contextmanager
+def beside(devices: AbstractAsyncContextManager[Opened]) -> Iterator[Opened]:
+    """Emulated devices on the event loop of another thread: a command has this one to itself."""
+    begun: Future[tuple[Opened, Callable[[], object]]] = Future()
+
+    async def serve() -> None:
+        loop, end = asyncio.get_running_loop(), asyncio.Event()
+        async with devices as opened:
+            begun.set_result((opened, lambda: loop.call_soon_threadsafe(end.set)))
+            await end.wait()
+
+    def run() -> None:
+        try:
+            asyncio.run(serve())
+        except BaseException as error:
+            if begun.done():
+                raise
+            begun.set_exception(error)
+
+    with ThreadPoolExecutor(1) as thread:
+        serving = thread.submit(run)
+        opened, end = begun.result()
+        try:
+            yield opened
+        finally:
+            end()
+            serving.result()
+
+
 async def talc_gateway(
     *arguments: str,
     answer: str = "",
-    columns: int = 100,
+    columns: int = _COLUMNS,
     interrupt: Callable[[], Awaitable[object]] | None = None,
     folder: Path | None = None,
     together: bool = False,

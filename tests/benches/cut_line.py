@@ -16,6 +16,8 @@ class CutLine:
     """The client has closed its side by a reset."""
     spoil: Callable[[bytes], bytes] | None = None
     """Changes what the server answers."""
+    delay: Callable[[bytes], float] | None = None
+    """How many seconds later a message of the client reaches the server, even if the client has gone meanwhile."""
     _writers: list[asyncio.StreamWriter] = field(default_factory=list)
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _server: asyncio.Server | None = None
@@ -35,6 +37,8 @@ class CutLine:
     async def _pass_on(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter, answers: bool) -> None:
         try:
             while data := await source.read(65536):
+                if not answers and self.delay is not None and (late_s := self.delay(data)) > 0:
+                    await asyncio.sleep(late_s)
                 if not self.silent:
                     sink.write(self.spoil(data) if answers and self.spoil is not None else data)
         except ConnectionResetError:

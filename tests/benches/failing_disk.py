@@ -36,7 +36,7 @@ class StoreProcess:
         self._process = process
 
     def ask(self, command: str) -> Any:
-        """Its answer: to `fault NAME`, `step K`, `health`, `flush` or `close`."""
+        """Its answer: to `fault NAME [synchronise]`, `step K`, `health`, `flush` or `close`."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(command + "\n")
@@ -45,7 +45,11 @@ class StoreProcess:
         assert line, "the process with the store has ended"
         return json.loads(line)
 
-    def until(self, failing: bool, limit_s: float = 30.0) -> Any:
+    def ended(self, limit_s: float = 60.0) -> int:
+        """The exit status of the process, which ends by itself after `close`."""
+        return self._process.wait(limit_s)
+
+    def until(self, failing: bool, limit_s: float = 120.0) -> Any:
         """The health when storing fails, or works again with nothing waiting."""
         end = time.monotonic() + limit_s
         while time.monotonic() < end:
@@ -56,17 +60,26 @@ class StoreProcess:
         raise AssertionError(f"after {limit_s} s: {health}")
 
 
+def on_failing_disk(folder: Path, hanging: Path | None = None) -> dict[str, str]:
+    """The environment of a process for which what is below this folder is on the disk that can fail.
+
+    hanging: while this file, on another disk, is there, the disk hangs
+    """
+    return {
+        **os.environ,
+        "OPENBLAS_NUM_THREADS": "1",
+        "LD_PRELOAD": str(preload(_SOURCE)),
+        "FAILING_DISK": str(folder.resolve()),
+        **({} if hanging is None else {"HANGING_DISK": str(hanging.resolve())}),
+    }
+
+
 @contextmanager
-def store_process(path: Path) -> Iterator[StoreProcess]:
+def store_process(path: Path, hangs_after_s: float = 30.0, silent_s: float = 30.0) -> Iterator[StoreProcess]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "tests.benches.failing_disk", str(path)],
+        [sys.executable, "-m", "tests.benches.failing_disk", str(path), str(hangs_after_s), str(silent_s)],
         cwd=ROOT,
-        env={
-            **os.environ,
-            "OPENBLAS_NUM_THREADS": "1",
-            "LD_PRELOAD": str(preload(_SOURCE)),
-            "FAILING_DISK": str(path.parent.resolve()),
-        },
+        env=on_failing_disk(path.parent),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -81,7 +94,10 @@ def store_process(path: Path) -> Iterator[StoreProcess]:
 def _answer(store: Store, disk: ctypes.CDLL, command: str) -> object:
     match command.split():
         case ["fault", name]:
-            disk.set_disk_fault(FAULTS[name])
+            disk.set_disk_fault(FAULTS[name], 0)
+            return None
+        case ["fault", name, "synchronise"]:
+            disk.set_disk_fault(FAULTS[name], ord("s"))
             return None
         case ["step", k]:
             began = time.monotonic()
@@ -103,9 +119,11 @@ def _answer(store: Store, disk: ctypes.CDLL, command: str) -> object:
             raise ValueError(command)
 
 
-def main(path: Path) -> None:
+def main(path: Path, hangs_after_s: float, silent_s: float) -> None:
     disk = ctypes.CDLL(None)
-    store = Store(path, "boot", SystemClock(), commit_s=0.01, retry_s=0.1)
+    store = Store(
+        path, "boot", SystemClock(), commit_s=0.01, retry_s=0.1, hangs_after_s=hangs_after_s, silent_s=silent_s
+    )
     ended: object = ""
     with suppress_to(store) as outcome:
         for line in sys.stdin:
@@ -128,4 +146,4 @@ def suppress_to(store: Store) -> Iterator[list[str]]:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]))

@@ -27,7 +27,7 @@ from gateway.recordings import (
     read_wire_log,
 )
 from gateway.storage import Learnt, SnapshotError, learnt_text, parse_learnt
-from gateway.storage.snapshot import Snapshot, decode, encode
+from gateway.storage.snapshot import Snapshot, decode_snapshot, encode_snapshot
 from talc.control import Controller
 from talc.frame import Frame, Frames, Measurement
 from talc.learner import make_prior
@@ -196,12 +196,12 @@ def _prior(draw: random.Random, _: Path) -> None:
 
 @cache
 def _snapshot_bytes() -> bytes:
-    return encode(Snapshot("marks", _controller().state(), None, {}, (None,) * 9))
+    return encode_snapshot(Snapshot("marks", _controller().state(), None, {}, (None,) * 9))
 
 
 def _snapshot(draw: random.Random, _: Path) -> None:
     with refused_by(SnapshotError):
-        decode(mutated(_snapshot_bytes(), draw), _frames)
+        decode_snapshot(mutated(_snapshot_bytes(), draw), _frames)
 
 
 def _frames(first_k: int, last_k: int) -> Frames:

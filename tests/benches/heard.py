@@ -1,19 +1,25 @@
 """Messages as a page hears them from one machine, with the time as an argument, and a machine that has heard them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 
+from gateway.heard import MachineSeen
 from gateway.telemetry import (
     CompensationMessage,
     DecisionMessage,
     EventMessage,
+    ForecastMessage,
     MeasurementMessage,
     ProbingMessage,
     Published,
+    PublishedCourse,
+    PublishedReason,
     ReadingMessage,
+    ReasonsMessage,
+    SensorFinding,
+    SensorsMessage,
     StatusMessage,
 )
-from gateway.web.seen import MachineSeen
 from talc.names import THERMAL_ERRORS
 
 BEGAN = datetime(2026, 1, 5, 6, tzinfo=UTC)
@@ -81,13 +87,74 @@ class HeardMachine:
             ),
         )
 
-    def measurement(self, number: int = 1, errors: float | None = 0.0, sigma: float = 0.5, reason: str = "") -> None:
+    def forecast(
+        self,
+        stays: Mapping[str, Sequence[float]],
+        *,
+        sigma: float = 0.1,
+        missed: float | None = 0.0,
+        measured: float | None = None,
+        usual: Mapping[str, Sequence[float]] | None = None,
+        usual_sigma: float | None = None,
+        k: int = 0,
+        ahead_s: tuple[float, ...] = (1800.0, 7200.0, 28800.0),
+    ) -> None:
+        """Errors that are not named stay zero. Of the value and of sigma, forecasts have been off by `missed`."""
+        size = len(ahead_s)
+
+        def courses(values: Mapping[str, Sequence[float]], spread: float) -> dict[str, PublishedCourse]:
+            return {
+                name: PublishedCourse(list(values.get(name, [0.0] * size)), [spread] * size) for name in THERMAL_ERRORS
+            }
+
+        message = ForecastMessage(
+            *self.stamp(),
+            k=k,
+            ahead_s=ahead_s,
+            stays=courses(stays, sigma),
+            usual=courses(stays if usual is None else usual, sigma if usual_sigma is None else usual_sigma),
+            measured={name: [sigma if measured is None else measured] * size for name in THERMAL_ERRORS},
+            missed={name: PublishedCourse([missed] * size, [missed] * size) for name in THERMAL_ERRORS},
+        )
+        self.hear("forecast", message)
+
+    def reasons(self, k: int = 0, trusted: tuple[str, ...] = ("EZ0A",)) -> None:
+        """EZ0A and others are moved by a spindle, and by a bed a little; what is not trusted is not corrected."""
+        errors = {
+            error: PublishedReason(
+                estimate=33.0 if error in trusted else 0.0,
+                trusted=error in trusted,
+                believed=0.9,
+                inputs={"spindle_rear": 30.0, "bed": -2.0},
+                other_inputs=4.0,
+                level=1.0,
+                experts={"chosen inputs": 0.75, "all inputs": 0.22, "last measurement held": 0.03},
+                expected=33.0,
+                expected_sigma=2.0,
+            )
+            for error in THERMAL_ERRORS
+        }
+        self.hear("reasons", ReasonsMessage(*self.stamp(), k, k + 12, "interval", errors))
+
+    def sensors(self, smallest_offset_K: dict[str, float | None], *findings: SensorFinding) -> None:
+        self.hear("sensors", SensorsMessage(*self.stamp(), 0, findings, smallest_offset_K, ()))
+
+    def measurement(
+        self,
+        number: int = 1,
+        errors: float | None = 0.0,
+        sigma: float = 0.5,
+        reason: str = "",
+        residual_um: float | None = 0.4,
+    ) -> None:
         known = None if errors is None else _by_error(errors, 0.0)
         spread = None if errors is None else _by_error(sigma, 0.0)
         at = self.now.isoformat()
         self.hear(
             "measurement",
-            MeasurementMessage(*self.stamp(), number, "interval", at, at, known, spread, 0.4, [0.0, 0.0, 0.0], reason),
+            MeasurementMessage(
+                *self.stamp(), number, "interval", at, at, known, spread, residual_um, [0.0, 0.0, 0.0], reason
+            ),
         )
 
     def reading(self, channel: str, value: float | None = 21.5, quality: str = "good", unit: str = "degC") -> None:
@@ -100,8 +167,10 @@ class HeardMachine:
     def probing(self, standing: str, why: str | None = "interval", reason: str = "", operator: str = "") -> None:
         self.hear("probing", ProbingMessage(*self.stamp(), standing, why, reason, 0, operator))
 
-    def status(self, unarmed: tuple[str, ...] = ()) -> None:
-        self.hear("status", StatusMessage(*self.stamp(), "compensation", 0, 0, {}, None, None, unarmed=unarmed))
+    def status(self, unarmed: tuple[str, ...] = (), certificates: Mapping[str, str] | None = None) -> None:
+        ends = dict(certificates or {})
+        message = StatusMessage(*self.stamp(), "compensation", 0, 0, {}, None, None, unarmed=unarmed, certificates=ends)
+        self.hear("status", message)
 
 
 def _by_error(given: float | Mapping[str, float | None] | None, other: float) -> dict[str, float | None]:

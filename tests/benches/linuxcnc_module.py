@@ -1,6 +1,7 @@
-"""Modules of the agent on LinuxCNC, which are files of the control and in no package."""
+"""Modules in files outside any package: those of the control, and of the examples."""
 
 import importlib.util
+from pathlib import Path
 from typing import Any
 
 from simulators.linuxcnc.machine import FILES
@@ -8,7 +9,12 @@ from simulators.linuxcnc.machine import FILES
 
 def linuxcnc_module(name: str) -> Any:
     """The module of that name in deploy/nc/linuxcnc; only for those that import nothing of LinuxCNC."""
-    spec = importlib.util.spec_from_file_location(name, FILES / f"{name}.py")
+    return module_at(FILES / f"{name}.py")
+
+
+def module_at(path: Path) -> Any:
+    """The module in a file, loaded anew."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

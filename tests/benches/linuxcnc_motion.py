@@ -1,7 +1,7 @@
 """What is left at the tool of a real LinuxCNC in motion, with errors that are known exactly: measured in its own servo
 periods, for each way in which offsets can reach it.
 
-`python -m tests.benches.linuxcnc_motion` prints the table of docs/nc.md, in five minutes of real time.
+`python -m tests.benches.linuxcnc_motion` prints the table of docs/linuxcnc.md, in five minutes of real time.
 """
 
 import asyncio
@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from drivers.agent import AgentControl
 from drivers.base import SystemClock
-from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NineErrors, WatchdogTerms
 from gateway.clock import RealClock
 from gateway.config import validate
@@ -38,7 +38,7 @@ _PROGRAM = (
 _MACHINE = {**HURRY, "MAX_ACCELERATION": 2000, "MAX_LINEAR_ACCELERATION": 2000, "SLEW": 10, "LOWER": -0.5, "BOUND": 0.5}
 
 
-class ShiftsOnly(LinuxCnc):
+class ShiftsOnly(AgentControl):
     """As with an agent that takes shifts alone."""
 
     @property

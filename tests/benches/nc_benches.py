@@ -9,8 +9,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
+from drivers.agent import AgentControl, AgentSettings
 from drivers.base import SystemClock
-from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NumericalControl, ProbingState, RequestStatus, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
@@ -23,6 +23,7 @@ from tests.benches.in_process_nc import InProcess
 from tests.benches.manual_clock import ManualClock
 from tests.benches.node_opcua_site import secured
 from tests.benches.npm_peer import node_with, running
+from tests.benches.reference_agent import ServedAgent, served_agent, workshop_machine
 
 _NO_SAFE_POINT_S = 10.0
 """Well within an operation of the emulated control's program."""
@@ -125,7 +126,7 @@ class LinuxCncBench(NcBench):
         self.working = {"spindle_speed": 1200.0, "coolant": 1.0}
 
     def another(self) -> NumericalControl:
-        return LinuxCnc(self._bench.settings, SystemClock())
+        return AgentControl(self._bench.settings, SystemClock())
 
     async def wait(self, seconds: float) -> None:
         await asyncio.sleep(seconds)
@@ -142,6 +143,33 @@ class LinuxCncBench(NcBench):
 
     async def allow_probing(self) -> None:
         await self._bench.operator.ask("hal", "setp", "talc.may-start", "1")
+
+
+class ReferenceAgentBench(NcBench):
+    """The agent of examples/agent, on the test's time."""
+
+    def __init__(self, served: ServedAgent, settings: AgentSettings) -> None:
+        self._machine, self._settings = served.machine, settings
+        self.working = {"spindle_speed": 1200.0, "coolant": 1.0}
+        self.nc = self.another()
+
+    def another(self) -> NumericalControl:
+        return AgentControl(self._settings, SystemClock())
+
+    async def wait(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+
+    async def work(self) -> None:
+        self._machine.told["states"].update(self.working)
+
+    async def stop(self) -> None:
+        self._machine.stop()
+
+    async def switch_on(self) -> None:
+        self._machine.told["estop"] = False
+
+    async def allow_probing(self) -> None:
+        self._machine.safe = True
 
 
 class NodeOpcuaBench(NcBench):
@@ -217,6 +245,17 @@ async def linuxcnc(folder: Path) -> AsyncIterator[NcBench]:
 
 
 @asynccontextmanager
+async def reference_agent(folder: Path) -> AsyncIterator[NcBench]:
+    async with served_agent(workshop_machine()) as served:
+        bench = ReferenceAgentBench(served, served.settings(folder))
+        await bench.nc.connect()
+        try:
+            yield bench
+        finally:
+            await bench.nc.close()
+
+
+@asynccontextmanager
 async def node_opcua(folder: Path) -> AsyncIterator[NcBench]:
     node, site = node_with("node_opcua", "node-opcua"), await secured(folder, "gateway")
     async with running(node, "node_opcua/server.js", *site.arguments, slow=True) as (url, process):
@@ -236,6 +275,7 @@ BENCHES: dict[str, Callable[[Path], Opened]] = {
     "sinumerik_slopes": sinumerik(OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 0, "YX": 2})),
     "sinumerik_encrypted_by_node_opcua": node_opcua,
     "linuxcnc": linuxcnc,
+    "reference_agent": reference_agent,
 }
 NEEDS_DEBIAN = {"sinumerik_encrypted_by_node_opcua", "linuxcnc"}
 SLOW = {"sinumerik_told_and_by_r", "sinumerik_slopes", *NEEDS_DEBIAN}

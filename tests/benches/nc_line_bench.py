@@ -16,6 +16,7 @@ from drivers.sinumerik.control import Sinumerik
 from gateway.config import validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Write
 from gateway.polling import Notice
+from gateway.probing import Outcome
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.nck import MachineState
 from talc.frame import Decision, Phase
@@ -57,6 +58,14 @@ class LineBench:
 
     def told(self, ended: bool) -> list[str]:
         return [notice.text for notice in self.notices if notice.ended is ended]
+
+    async def ended(self, cycle: asyncio.Task[Outcome], within_s: float) -> Outcome:
+        """What a measurement ends with. Raises AssertionError if it has not ended within this simulated time."""
+        end_s = self.clock.monotonic() + within_s
+        while not cycle.done():
+            assert self.clock.monotonic() < end_s, self.control.nck.cycle.answer
+            await self.clock.run_until(self.clock.monotonic() + 5.0)
+        return cycle.result()
 
     def shift(self) -> np.ndarray:
         return np.array(self.control.nck.shift_um((0.0, 0.0, 0.0)))

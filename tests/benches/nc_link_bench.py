@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers.base import ConnectError, NoAnswer, Refused
 from drivers.nc import NcSnapshot, NotSendable, OperatingMode, ProbingState, ProgramState, RequestStatus, WatchdogTerms
+from gateway.commands import Disarmed, Pause
 from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Offsets, Write
 from talc.frame import Decision, Phase
@@ -183,6 +184,8 @@ class LinkBench:
         armed: bool = True,
         abandoned: int | None = None,
         measured: Sequence[float] | None = None,
+        paused: Pause | None = None,
+        disarmed: Disarmed | None = None,
         **more: float,
     ) -> None:
         self.clock = SteppedClock()
@@ -194,7 +197,7 @@ class LinkBench:
             self.control,
             self.clock,
             LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, **more), Identity()),
-            Earlier(first_number=41, abandoned=abandoned, measured_s=measured),
+            Earlier(first_number=41, abandoned=abandoned, measured_s=measured, paused=paused, disarmed=disarmed),
             Listeners(written=self.store, notify=lambda notice: self.notices.append(notice.text)),
         )
 

@@ -10,6 +10,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from drivers.sinumerik import SinumerikSettings
 
+TIMEOUT_S = 60.0
+"""A busy computer may take so long for an answer of another program."""
+
 
 @dataclass(frozen=True)
 class NodeOpcUaSite:
@@ -38,6 +41,7 @@ class NodeOpcUaSite:
             private_key=self.folder / f"{name}_key.pem",
             server_certificate=self.folder / "peer.der",
             subscribe_s=subscribe_s,
+            timeout_s=TIMEOUT_S,
         )
 
 

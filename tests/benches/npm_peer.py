@@ -47,7 +47,7 @@ async def running(
     assert process.stdin is not None
     assert process.stdout is not None
     try:
-        async with asyncio.timeout(60.0):
+        async with asyncio.timeout(300.0):
             while b"listening on" not in (line := await process.stdout.readline()):
                 assert line, "the peer ended without listening"
         yield line.decode().split()[-1], process

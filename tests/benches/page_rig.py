@@ -39,6 +39,11 @@ class ChildProgram:
         assert self._process.stdin is not None
         self._process.stdin.write(line + "\n")
 
+    @property
+    def pid(self) -> int:
+        """Its number in /proc."""
+        return self._process.pid
+
     def kill(self) -> None:
         """As a power cut does."""
         self._process.kill()
@@ -65,6 +70,12 @@ class PageRig:
         assert found.hear() == "listening"
         return found
 
+    def commanded_gateway(self, port: int, machine: str, operator: str, key_file: Path) -> ChildProgram:
+        """One that takes commands of an operator."""
+        found = self._started("tests.benches.commanded_gateway", str(port), machine, operator, str(key_file))
+        assert found.hear() == "listening"
+        return found
+
     def serve(self, ports: Sequence[int], settings: Path) -> None:
         """Start the page's program."""
         connect = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
@@ -87,10 +98,12 @@ class PageRig:
         dark: bool = False,
         locale: str = "en-GB",
         trusted: bool = False,
+        user: tuple[str, str] | None = None,
     ) -> Iterator[Page]:
         """An open page. Fails on any message in the browser's console, such as of the Content-Security-Policy.
 
         trusted: the policy does not hold, for scripts of the test
+        user: name and password
         """
         context: BrowserContext = self._browser.new_context(
             viewport={"width": width, "height": height},
@@ -98,6 +111,7 @@ class PageRig:
             locale=locale,
             timezone_id="Europe/Zurich",
             bypass_csp=trusted,
+            http_credentials=None if user is None else {"username": user[0], "password": user[1], "send": "always"},
         )
         context.set_default_timeout(LIMIT_MS)
         page, said = context.new_page(), list[str]()
@@ -108,8 +122,9 @@ class PageRig:
             yield page
         finally:
             context.close()
-        # When its server is gone, the browser says so.
-        assert [text for text in said if "net::ERR_" not in text] == []
+        # The browser says so when its server is gone, and when that asks a gateway that is killed or answers too late.
+        lost = ("net::ERR_", "status of 503")
+        assert [text for text in said if not any(words in text for words in lost)] == [], said
 
 
 @contextmanager

@@ -6,7 +6,9 @@ again with these fields changed. It answers queries with the last values and hol
 it is like killing a gateway.
 """
 
+import gzip
 import json
+import math
 import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -14,7 +16,12 @@ from typing import Any
 
 import zenoh
 
-from gateway.telemetry import keys
+from gateway.report import build
+from gateway.telemetry import CoursePage, PublishedCourse, ReportPage, encode, keys
+from gateway.telemetry.history_queries import parse_course
+from gateway.telemetry.report_queries import parse_report
+from talc.names import THERMAL_ERRORS
+from tests.benches.small_run import small_run
 
 SAMPLES = Path(__file__).with_name("demo_telemetry.jsonl")
 _TIMES = ("time", "source_time", "asked", "ended")
@@ -51,8 +58,35 @@ class PlayedGateway:
         self.publish(suffix, like | {"time": datetime.now(UTC).isoformat()} | changes)
 
     def _answer(self, query: zenoh.Query) -> None:
+        if keys.asks_for(keys.COURSE, str(query.key_expr)):
+            query.reply(f"{self._root}/{keys.COURSE}", encode(_week(str(query.parameters))))
+            return
+        if keys.asks_for(keys.REPORT, str(query.key_expr)):
+            asked = parse_report(str(query.parameters))
+            page = ReportPage(asked.day.isoformat(), asked.zone, gzip.compress(build(small_run(48)).encode()))
+            query.reply(f"{self._root}/{keys.REPORT}", encode(page))
+            return
         for suffix, message in list(self._last.items()):
             query.reply(f"{self._root}/{suffix}", json.dumps(message))
+
+
+def _week(selected: str) -> CoursePage:
+    """As from a store of the last seven days: Z swings by 40 µm each day with a temperature by 10 K, and is
+    measured each six hours."""
+    asked, now = parse_course(selected), datetime.now(UTC).timestamp()
+    begin, end = max(asked.begin.timestamp(), now - 7 * 86400.0), asked.end.timestamp()
+    times = [t for i in range(asked.limit) if (t := begin + (end - begin) * i / asked.limit) < end]
+    measured = [t for t in times if t % 21600.0 < (end - begin) / asked.limit]
+
+    def swing(at: list[float], most: float) -> list[float | None]:
+        return [most * math.sin(2.0 * math.pi * t / 86400.0) for t in at]
+
+    def errors(at: list[float]) -> dict[str, PublishedCourse]:
+        still: list[float | None] = [0.0] * len(at)
+        return {e: PublishedCourse(swing(at, 40.0) if e == "EZ0A" else still, [1.0] * len(at)) for e in THERMAL_ERRORS}
+
+    temperatures = {"spindle_rear": swing(times, 10.0)} if asked.temperatures else {}
+    return CoursePage(times, errors(times), measured, errors(measured), [0.4] * len(measured), temperatures)
 
 
 def recorded() -> list[tuple[str, dict[str, Any]]]:

@@ -23,10 +23,9 @@ from typing import NamedTuple
 
 import click
 
-from gateway.past import past_in
+from gateway.past import SnapshotKeeper, past_in
 from gateway.replay import replay
-from gateway.snapshots import SnapshotKeeper
-from gateway.storage import History, Store, findings
+from gateway.storage import History, Store, damage_found
 from tests.benches.preloads import preload
 from tests.benches.service_file import two_temperatures
 from tests.benches.spoilt_stores import reading, write
@@ -232,7 +231,7 @@ def cut_and_start(acts: Sequence[DiskAct], seed: int, folder: Path) -> StartVerd
         verdict.wrong.append(f"torn: {mended}")
     if last < told:
         verdict.wrong.append(f"step {told} was told to be stored, and {last} is the last one")
-    verdict.wrong += findings(config.storage.path)
+    verdict.wrong += damage_found(config.storage.path)
     with History(config.storage.path) as history:
         known = {int(sequence) for *_, run, sequence in history.readings() if run <= 2}
         result = replay(history)

@@ -10,12 +10,13 @@ def children(of: int) -> list[int]:
     """Live child processes of this process, without Python's resource tracker."""
     found = []
     for task in Path(f"/proc/{of}/task").iterdir():
-        found += [int(pid) for pid in (task / "children").read_text(encoding="ascii").split()]
-    return [pid for pid in found if not _is_resource_tracker(pid)]
+        found += [int(pid) for pid in read_if_there(task / "children").split()]
+    return [pid for pid in found if _RESOURCE_TRACKER not in read_if_there(Path(f"/proc/{pid}/cmdline"))]
 
 
-def _is_resource_tracker(pid: int) -> bool:
+def read_if_there(path: Path) -> bytes:
+    """What this file of a process or a thread holds; nothing if that ended since it was listed."""
     try:
-        return _RESOURCE_TRACKER in Path(f"/proc/{pid}/cmdline").read_bytes()
-    except (FileNotFoundError, ProcessLookupError):  # it has just ended
-        return False
+        return path.read_bytes()
+    except (FileNotFoundError, ProcessLookupError):
+        return b""

@@ -21,7 +21,7 @@ def registers(unit: int, *words: int) -> bytes:
     return frame(bytes((unit, 4, 2 * len(words))) + b"".join(word.to_bytes(2, "big") for word in words))
 
 
-class Peer:
+class RtuPeer:
     """The other end of the line, played by the test: it answers each request with what `reply` makes of it."""
 
     def __init__(self) -> None:
@@ -44,8 +44,8 @@ def honest(request: bytes, first: int = 100) -> bytes:
 
 
 @asynccontextmanager
-async def line(timeout_s: float = TIMEOUT_S) -> AsyncIterator[tuple[ModbusRtuBus, Peer]]:
-    peer = Peer()
+async def line(timeout_s: float = TIMEOUT_S) -> AsyncIterator[tuple[ModbusRtuBus, RtuPeer]]:
+    peer = RtuPeer()
     peer.path = await peer.port.start()
     bus = ModbusRtuBus("bus1", ModbusRtuSettings(port=peer.path, baud=115200, timeout_s=timeout_s))
     try:

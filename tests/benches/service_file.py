@@ -57,6 +57,20 @@ channels = {{ {channels} }}
 """
 
 
+def short_calibration(method: str) -> str:
+    """A control that has models after three hours, which know no lags."""
+    return f"""
+[talc]
+method = "{method}"
+[talc.control]
+calibration_steps = 36
+measurement_interval_steps = 12
+[talc.training]
+max_na = 0
+max_nb = 0
+"""
+
+
 TEXT = MACHINE + rtu_bus() + m7015()
 
 

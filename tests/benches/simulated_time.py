@@ -15,20 +15,20 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-_SOURCE = Path(__file__).with_suffix(".cc")
+_FOLDER = Path(__file__).with_name("time_library")
 
 
 @cache
 def _library() -> ctypes.CDLL:
     """Compiled once for each user and version of the source. Raises subprocess.CalledProcessError."""
-    source = _SOURCE.read_bytes()
-    name = f"talc-gateway-simulated-time-{os.getuid()}-{hashlib.sha256(source).hexdigest()[:16]}.so"
+    mark = hashlib.sha256(b"\n".join(file.read_bytes() for file in sorted(_FOLDER.iterdir()))).hexdigest()[:16]
+    name = f"talc-gateway-simulated-time-{os.getuid()}-{mark}.so"
     path = Path(tempfile.gettempdir()) / name
     if not path.exists():
         with tempfile.TemporaryDirectory() as folder:
             made = Path(folder) / name
             compiler = ["g++", "-std=c++17", "-O2", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror"]
-            subprocess.run([*compiler, "-o", made, _SOURCE, "-lpthread", "-lutil"], check=True)
+            subprocess.run([*compiler, "-o", made, *_FOLDER.glob("*.cc"), "-lpthread", "-lutil"], check=True)
             made.replace(path)  # at once, as other workers may look
     library = ctypes.CDLL(str(path))
     library.real_monotonic_s.restype = ctypes.c_double

@@ -1,14 +1,14 @@
-"""Changes what LinuxCNC's agent answers, by a seed, and asks it everything all the same."""
+"""Changes what an agent answers, by a seed, and asks it everything all the same."""
 
 import random
 from contextlib import suppress
 from pathlib import Path
 
+from drivers.agent import AgentControl
 from drivers.base import DriverError, NoAnswer, SystemClock
-from drivers.linuxcnc import LinuxCnc
 from drivers.nc import NineErrors, WatchdogTerms
 from tests.benches.cut_line import line_to
-from tests.benches.linuxcnc_fake_agent import Agent, serving
+from tests.benches.fake_agent import Agent, serving
 
 STATUS = {
     "positions": dict.fromkeys("XYZAC", 1.0), "states": {}, "mode": "auto", "program": "running", "tool": 1,
@@ -17,7 +17,7 @@ STATUS = {
 ANSWERS = {"status": STATUS, "read": [0.0, 0.0, 0.0], "probing": {"state": "idle"}, "heartbeat": True}
 
 
-async def connected(nc: LinuxCnc) -> None:
+async def connected(nc: AgentControl) -> None:
     """The timeouts here are so short that a busy computer misses one now and then."""
     for _ in range(500):
         with suppress(NoAnswer):
@@ -26,7 +26,7 @@ async def connected(nc: LinuxCnc) -> None:
     raise AssertionError("the agent does not answer")
 
 
-async def ask_everything(nc: LinuxCnc) -> None:
+async def ask_everything(nc: AgentControl) -> None:
     for ask in (
         lambda: nc.snapshot(), lambda: nc.read_compensation(), lambda: nc.probing_status(7),
         lambda: nc.request_probing(8), lambda: nc.withdraw_probing(8), lambda: nc.heartbeat(1),
@@ -60,7 +60,9 @@ async def ask_spoilt_agent(folder: Path, draw: random.Random, rounds: int) -> No
         return bytes(spoilt)
 
     async with serving(agent, folder) as to, line_to(f"tcp:{to.port}") as (line, joined):
-        nc = LinuxCnc(to.model_copy(update={"port": int(joined.rsplit(":", 1)[1]), "timeout_s": 0.1}), SystemClock())
+        nc = AgentControl(
+            to.model_copy(update={"port": int(joined.rsplit(":", 1)[1]), "timeout_s": 0.1}), SystemClock()
+        )
         for _ in range(rounds):
             line.spoil = None
             await connected(nc)

@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 from drivers.base import DriverError, SystemClock
+from drivers.nc import WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from tests.benches.cut_line import line_to
@@ -22,7 +23,7 @@ async def _spoilt_line() -> AsyncIterator[tuple[Any, str]]:
         yield line, joined
 
 
-def _changes(seed: int) -> Iterator[Callable[[bytes], bytes]]:
+def changes(seed: int) -> Iterator[Callable[[bytes], bytes]]:
     """Single answers with bytes exchanged, cut, doubled, or lengths made huge or negative; the header often whole."""
     draw = random.Random(seed)
     while True:
@@ -69,19 +70,23 @@ async def ask_spoilt(seeds: Iterable[int], answers: int) -> int:
             SinumerikSettings(security="none", url=joined, timeout_s=TIMEOUT_S, subscribe_s=0.0), SystemClock()
         )
         for seed in seeds:
-            changes = _changes(seed)
+            spoilt = changes(seed)
             for number in range(answers):
                 line.spoil = None
                 await _connected(nc)
-                line.spoil = next(changes)
+                line.spoil = next(spoilt)
                 try:
-                    match number % 4:
+                    match number % 6:
                         case 0:
                             await nc.read_compensation()
                         case 1:
                             await nc.probing_status(1)
                         case 2:
                             await nc.write_compensation((0.0, 0.0, 0.0))
+                        case 3:
+                            await nc.claim(7, WatchdogTerms(10.0, 1.0))
+                        case 4:
+                            await nc.heartbeat(7)
                         case _:
                             await nc.connect()
                 except DriverError:

@@ -11,7 +11,7 @@ from gateway.config import GatewayConfig, validate
 from gateway.nc import Source, Step, Write
 from gateway.probing import End, Outcome, Outlook, Standing
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
-from talc.learner import ErrorReason, Reasons
+from talc.learner import ErrorReason, Forecast, Misses, Reasons
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Finding, Judgement
@@ -45,6 +45,11 @@ REASONS = Reasons(
         ErrorReason("EX0C", math.nan, False, 0.5, (), 0.0, 0.0, (), math.nan, math.nan),
     ),
 )  # fmt: skip
+FORECAST = Forecast(
+    7, (6, 96), (1800.0, 28800.0), np.stack([NINE, NINE]), np.ones((2, 9)), np.full((2, 9), 0.5), np.zeros((2, 9)),
+    np.full((2, 9), 1 / 3),
+)  # fmt: skip
+MISSES = Misses(np.full((2, 9), 2.0), np.full((2, 9), math.nan))
 OUTCOME = Outcome(41, Why.CALIBRATION, NOW, LATER, np.zeros((6, 3)), (0.0, -1.5, 1 / 3), MEASUREMENT, 0.4)
 PER_POSE = Outcome(43, Why.INTERVAL, NOW, LATER, None, ((0.0, 1.0, 2.0), (3.0, 4.0, 5.5)), MEASUREMENT, 0.25)
 REFUSED = Outcome(42, Why.RETRY, NOW, LATER, None, (0.0, 0.0, 0.0), None, math.nan, "refused: alarm 21612", End.REFUSED)

@@ -13,18 +13,12 @@ from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Offsets, Write
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import Logged
+from tests.benches.still_machine import StillMachine
 from tests.benches.wire_clock import WireClock
 
 PERIOD_S = 1.0
 BOUND_UM = (12.0, 8.0, 16.0)
 STALE_S, INPUTS_STALE_S, SILENCE_S = 40.0, 25.0, 4.0
-
-
-class StillMachine:
-    """A machine that does not deform."""
-
-    def tool_deviation_um(self, *_: float) -> tuple[float, float, float]:
-        return 0.0, 0.0, 0.0
 
 
 def config(
@@ -123,10 +117,12 @@ def assert_never_stepped(
 
 
 @asynccontextmanager
-async def wire_bench(folder: Path) -> AsyncIterator[WireBench]:
+async def wire_bench(folder: Path, cycle_s: float = 120.0) -> AsyncIterator[WireBench]:
+    """cycle_s: duration of a probing cycle"""
     clock = WireClock()
+    cycle = CycleSettings(noise_um=0.0, duration_s=cycle_s, approach_s=cycle_s / 12)
     rest = LoadCase([DayPart(0.0, 1e9, Activity.PAUSE, MeanLoads())])
-    control = EmulatedControl(StillMachine(), clock, rest, cycle=CycleSettings(noise_um=0.0))
+    control = EmulatedControl(StillMachine(), clock, rest, cycle=cycle)
     url = await control.start()
     try:
         yield WireBench(clock, control, url, folder)

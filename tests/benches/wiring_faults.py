@@ -56,7 +56,7 @@ def canopen(node: int = 5, bitrate: int = 125_000) -> str:
     return '[machine]\nname = "mill"\n' + bus + fluids
 
 
-class Box:
+class WiredBox:
     """A folder with a configuration, and wires whose names stand in it."""
 
     def __init__(self, folder: Path, stack: AsyncExitStack) -> None:
@@ -102,7 +102,7 @@ class Box:
         self.told.append(f"$ talc-gateway {' '.join(arguments)}\n{out}")
 
 
-async def green(box: Box) -> None:
+async def green(box: WiredBox) -> None:
     """Two modules and a displacement sensor, all well."""
     await box.line({1: M7015(lambda: ROOM), 2: Pta8d08(lambda: [*ROOM, 21.3, 21.2])})
     options = ("--protocol", "modbus_rtu", "--baud", "9600", "--baud", "19200", "--timeout", "0.4")
@@ -110,20 +110,20 @@ async def green(box: Box) -> None:
     await box.run("probe", "gateway.toml")
 
 
-async def silence(box: Box) -> None:
+async def silence(box: WiredBox) -> None:
     """A and B swapped, no power, another unit id, another speed: no module receives our requests."""
     box.write(RTU + beds())
     await box.line({1: M7015(lambda: ROOM)}, baud=115200)
     await box.run("probe", "gateway.toml")
 
 
-async def speed(box: Box) -> None:
+async def speed(box: WiredBox) -> None:
     """The same line, every speed tried."""
     await box.line({1: M7015(lambda: ROOM)}, baud=115200)
     await box.run("scan", "serial", "rs485", "--units", "1-2", "--protocol", "modbus_rtu", "--timeout", "0.4")
 
 
-async def duplicate(box: Box) -> None:
+async def duplicate(box: WiredBox) -> None:
     """Two units with one id answer at once; here the second one drowns the middle of the first one's answer."""
     box.write(RTU + beds())
     line = await box.line({1: M7015(lambda: ROOM)})
@@ -131,7 +131,7 @@ async def duplicate(box: Box) -> None:
     await box.run("probe", "gateway.toml")
 
 
-async def noise(box: Box) -> None:
+async def noise(box: WiredBox) -> None:
     """No termination beside a long cable: at times all answers are disturbed, longer than a period."""
     box.write(
         RTU.replace("timeout_s", "period_s = 0.25\nretry_max_periods = 1\ntimeout_s").replace("0.5", "0.1") + beds()
@@ -149,7 +149,7 @@ async def noise(box: Box) -> None:
     await box.run("probe", "gateway.toml", "--watch", "--seconds", "5", "--every", "5")
 
 
-async def open_input(box: Box) -> None:
+async def open_input(box: WiredBox) -> None:
     """A broken wire at a module that tells, and at one that does not."""
     tells, guesses = M7015(lambda: ROOM), Pta8d08(lambda: [*ROOM, 21.3, 21.2])
     tells.faults.set(1, SensorFault.OPEN)
@@ -159,7 +159,7 @@ async def open_input(box: Box) -> None:
     await box.run("probe", "gateway.toml")
 
 
-async def two_wires(box: Box) -> None:
+async def two_wires(box: WiredBox) -> None:
     """A Pt100 wired with two conductors of 1.2 ohm in all: 1.2 / 0.385 = 3.1 K too warm, and good."""
     box.write(RTU + beds())
     await box.line({1: M7015(lambda: [21.3, 21.4 + 1.2 / 0.385, *ROOM[2:]])})
@@ -192,7 +192,7 @@ class FloatModule:
         return dict(enumerate(word for pair in words for word in pair))
 
 
-async def word_order(box: Box) -> None:
+async def word_order(box: WiredBox) -> None:
     """A profile of one's own with the registers the wrong way round."""
     box.write(FLOATS, "module.toml")
     box.write(RTU + device("rtd1", "rtu1", "module.toml", 1, ("bed_front", "bed_rear")))
@@ -200,7 +200,7 @@ async def word_order(box: Box) -> None:
     await box.run("probe", "gateway.toml")
 
 
-async def wrong_device(box: Box) -> None:
+async def wrong_device(box: WiredBox) -> None:
     """An input that is set to another sensor."""
     box.write(RTU + beds())
     module = M7015(lambda: ROOM)
@@ -209,7 +209,7 @@ async def wrong_device(box: Box) -> None:
     await box.run("probe", "gateway.toml")
 
 
-async def data_format(box: Box) -> None:
+async def data_format(box: WiredBox) -> None:
     """A module whose numbers are parts of its range instead of tenths of a degree."""
     box.write(RTU + beds())
     module = M7015(lambda: ROOM)
@@ -218,20 +218,20 @@ async def data_format(box: Box) -> None:
     await box.run("probe", "gateway.toml")
 
 
-async def absent_port(box: Box) -> None:
+async def absent_port(box: WiredBox) -> None:
     """The adapter is not plugged in."""
     box.write(RTU + beds())
     await box.run("probe", "gateway.toml")
 
 
-async def unit_behind_host(box: Box) -> None:
+async def unit_behind_host(box: WiredBox) -> None:
     """The unit id behind a host is another one."""
     port = await box.host({3: Adam6015(lambda: [*ROOM, 21.3])})
     await box.run("scan", "tcp", f"127.0.0.1:{port}", "--timeout", "0.5")
     await box.run("scan", "tcp", f"127.0.0.1:{port}", "--timeout", "0.5", "--units", "1-8")
 
 
-async def can_rate(box: Box) -> None:
+async def can_rate(box: WiredBox) -> None:
     """Nodes at another bit rate."""
     box.write(canopen())
     node = Cia404Node(5, lambda: ROOM[:2], inputs=2, vendor="esd", heartbeat_ms=200)
@@ -242,7 +242,7 @@ async def can_rate(box: Box) -> None:
     node.stop()
 
 
-async def can_duplicate(box: Box) -> None:
+async def can_duplicate(box: WiredBox) -> None:
     """Two nodes with one id, and one that was stopped."""
     twins = [Cia404Node(5, lambda: ROOM[:2], inputs=2, vendor="esd") for _ in range(2)]
     stopped = Cia404Node(6, lambda: ROOM[:2], inputs=2, vendor="esd", heartbeat_ms=200)
@@ -253,7 +253,7 @@ async def can_duplicate(box: Box) -> None:
     stopped.stop()
 
 
-async def no_target(box: Box) -> None:
+async def no_target(box: WiredBox) -> None:
     """A displacement sensor without its target, or unplugged from its amplifier."""
     sensor = await box.sensor()
     sensor.faults.set(0, SensorFault.OPEN)
@@ -264,7 +264,7 @@ async def no_target(box: Box) -> None:
     await box.run("probe", "gateway.toml")
 
 
-FAULTS: dict[str, Callable[[Box], Awaitable[None]]] = {
+FAULTS: dict[str, Callable[[WiredBox], Awaitable[None]]] = {
     case.__name__: case
     for case in (
         green, silence, speed, duplicate, noise, open_input, two_wires, word_order, wrong_device, data_format,
@@ -274,10 +274,10 @@ FAULTS: dict[str, Callable[[Box], Awaitable[None]]] = {
 
 
 @asynccontextmanager
-async def box_in(folder: Path) -> AsyncIterator[Box]:
+async def box_in(folder: Path) -> AsyncIterator[WiredBox]:
     """A box whose wires are taken away at the end."""
     async with AsyncExitStack() as stack:
-        yield Box(folder, stack)
+        yield WiredBox(folder, stack)
 
 
 async def told_of(name: str, folder: Path) -> str:

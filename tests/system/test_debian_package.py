@@ -1,4 +1,7 @@
-"""The Debian package: built from the locks, installed in a Debian without a network, run, upgraded, removed, purged."""
+"""The Debian package: built from the locks, installed in a Debian without a network, run, upgraded, removed, purged.
+
+Then its service, under a systemd that has booted.
+"""
 
 import json
 import os
@@ -10,6 +13,9 @@ from pathlib import Path
 from shutil import copytree, which
 
 import pytest
+
+from tests.benches.booted_debian import BootedDebian, debootstrapped
+from tests.benches.service_under_systemd import SystemdPace, furnish, newer, tries
 
 pytestmark = [pytest.mark.slow, pytest.mark.peer]
 
@@ -43,17 +49,13 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def debian() -> Iterator[Path]:
-    """A minimal Debian of this computer's release with Python and nothing else."""
+    """A minimal Debian of this computer's release with Python, systemd and chrony."""
     assert which("debootstrap"), "Debian's package debootstrap"
-    release = dict(line.split("=", 1) for line in Path("/etc/os-release").read_text().splitlines() if "=" in line)
-    suite = release["VERSION_CODENAME"].strip('"')
     with tempfile.TemporaryDirectory(dir="/var/tmp") as name:  # not on a /tmp without devices
-        root = Path(name) / "root"
-        run("debootstrap", "--variant=minbase", "--include=python3", suite, root)
-        yield root
+        yield debootstrapped(Path(name) / "root")
 
 
-class Machine:
+class InstalledHost:
     """A computer on which the package is installed: no network but loopback, and processes of its own."""
 
     def __init__(self, root: Path) -> None:
@@ -82,6 +84,14 @@ def check_contents(package: Path, tmp_path: Path) -> None:
     assert first["talc-gateway"].startswith(b"#!/opt/talc-gateway/bin/python")
     assert not [name for name, p in zip(first, scripts, strict=True) if b"/tmp/" in p.read_bytes()]
     assert list((tmp_path / OWN).glob("lib/python3.*/site-packages/talc/_kernel*.so"))
+    for folder in ("grafana", "nc", "pi", "zenoh"):
+        packed = tmp_path / OWN / "share" / folder
+        tracked = run("git", "ls-files", ".", folder=ROOT / "deploy" / folder).splitlines()
+        assert tracked, folder
+        assert [name for name in tracked if not (packed / name).is_file()] == []
+    prebuilt = tmp_path / OWN / "share" / "nc" / "linuxcnc" / "prebuilt"
+    assert (prebuilt / "talc_errors.so").is_file()
+    assert (prebuilt / "made-for").read_text().split()[1].startswith("2.9")
     about = tmp_path / "usr/share/doc/talc-gateway"
     bom = json.loads((about / "sbom.cdx.json").read_text(encoding="utf-8"))
     packages = [part for part in bom["components"] if part["purl"].startswith("pkg:pypi/")]
@@ -99,7 +109,7 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     """One test, because several would each build the package on a worker of their own."""
     assert os.geteuid() == 0, "a chroot needs root"
     check_contents(package, tmp_path)
-    machine = Machine(debian)
+    machine = InstalledHost(debian)
     copytree(package.parent, debian / "package")
     before = machine.files()
     install = f"dpkg --install /package/{package.name}"
@@ -123,3 +133,11 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     assert (debian / DATA / "gateway.sqlite").exists()
     machine.run("dpkg --purge talc-gateway")
     assert machine.files() == before
+
+    assert which("systemd-nspawn"), "Debian's package systemd-container"
+    furnish(debian, package, SystemdPace(watchdog_s=60.0, restart_s=5.0))
+    newer(package, debian)
+    with BootedDebian(debian, tmp_path / "console") as guest:
+        rows = list(tries(guest))
+    assert [row for row in rows if not row.good] == []
+    assert len(rows) > 25

@@ -22,6 +22,7 @@ from gateway.report import summary
 from gateway.storage import History
 from gateway.telemetry import FrameMessage, decode
 from talc.frame import EventKind, FloatArray, Phase
+from tests.benches.command import here
 from tests.benches.free_port import free_port
 
 pytestmark = pytest.mark.slow
@@ -31,9 +32,12 @@ LIMIT_S = 300.0
 GATEWAY = (sys.executable, "-m", "gateway")
 
 
+def demo_arguments(folder: Path, port: int, hours: float = HOURS, *more: str) -> list[str]:
+    return ["demo", "--hours", str(hours), "--folder", str(folder), "--zenoh-port", str(port), *more]
+
+
 def demo_command(folder: Path, port: int, hours: float = HOURS, *more: str) -> list[str]:
-    command = [*GATEWAY, "demo", "--hours", str(hours)]
-    return [*command, "--folder", str(folder), "--zenoh-port", str(port), *more]
+    return [*GATEWAY, *demo_arguments(folder, port, hours, *more)]
 
 
 def rms(values: FloatArray) -> float:
@@ -41,7 +45,7 @@ def rms(values: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class Run:
+class DemoRun:
     """One demo, run once for all tests of this module."""
 
     folder: Path
@@ -65,7 +69,7 @@ def machine_pids(folder: Path) -> list[int]:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
     folder, port, our_port = tmp_path_factory.mktemp("demo"), free_port(), free_port()
     frames: list[int] = []
     kinds: set[str] = set()
@@ -97,7 +101,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
                 process.wait()
         subscriber.undeclare()
     assert process.returncode == 0, output
-    return Run(folder, output, frames, kinds)
+    return DemoRun(folder, output, frames, kinds)
 
 
 def connect(port: int, process: subprocess.Popen[str]) -> zenoh.Session:
@@ -107,7 +111,7 @@ def connect(port: int, process: subprocess.Popen[str]) -> zenoh.Session:
     config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{port}"]')
     config.insert_json5("connect/timeout_ms", "2000")
     config.insert_json5("scouting/multicast/enabled", "false")
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + LIMIT_S
     while True:
         try:
             return zenoh.open(config)
@@ -117,7 +121,7 @@ def connect(port: int, process: subprocess.Popen[str]) -> zenoh.Session:
             time.sleep(0.05)
 
 
-def test_compensation_begins_with_the_first_measurement(run: Run) -> None:
+def test_compensation_begins_with_the_first_measurement(run: DemoRun) -> None:
     with History(run.folder / "gateway.sqlite") as history:
         steps = list(history.steps())
     first = next(i for i, s in enumerate(steps) if s.frame.measurement is not None)
@@ -127,7 +131,7 @@ def test_compensation_begins_with_the_first_measurement(run: Run) -> None:
     assert not any(s.adopted for s in steps)
 
 
-def test_the_three_largest_errors_are_more_than_halved_after_six_hours(run: Run) -> None:
+def test_the_three_largest_errors_are_more_than_halved_after_six_hours(run: DemoRun) -> None:
     data = collect(run.folder / "gateway.sqlite", run.folder / "truth.csv")
     assert data.truth is not None
     use = data.truth.time_s >= 6 * 3600
@@ -137,7 +141,7 @@ def test_the_three_largest_errors_are_more_than_halved_after_six_hours(run: Run)
         assert rms(after[:, e]) < 0.5 * rms(before[:, e]), e
 
 
-def test_no_error_is_made_worse_and_those_that_nothing_is_known_of_stay_untouched(run: Run) -> None:
+def test_no_error_is_made_worse_and_those_that_nothing_is_known_of_stay_untouched(run: DemoRun) -> None:
     data = collect(run.folder / "gateway.sqlite", run.folder / "truth.csv")
     assert data.trusted is not None
     for e, row in enumerate(summary(data).rows):
@@ -147,7 +151,7 @@ def test_no_error_is_made_worse_and_those_that_nothing_is_known_of_stay_untouche
 
 
 @pytest.mark.parametrize(("begin_h", "end_h"), [(2.0, 6.0), (6.0, HOURS)])
-def test_the_control_really_shifts_the_tool_from_the_first_hours_on(run: Run, begin_h: float, end_h: float) -> None:
+def test_the_control_really_shifts_the_tool_from_the_first_hours_on(run: DemoRun, begin_h: float, end_h: float) -> None:
     with (run.folder / "truth.csv").open(encoding="ascii") as file:
         rows = [[float(v) for v in row] for row in list(csv.reader(file))[1:]]
     values = np.array(rows)
@@ -157,7 +161,7 @@ def test_the_control_really_shifts_the_tool_from_the_first_hours_on(run: Run, be
     assert rms(with_) < 0.5 * rms(without)
 
 
-def test_probing_requests_made_the_round_trip(run: Run) -> None:
+def test_probing_requests_made_the_round_trip(run: DemoRun) -> None:
     with History(run.folder / "gateway.sqlite") as history:
         cycles = history.measurements()
     numbers = [m.number for m in cycles]
@@ -165,16 +169,17 @@ def test_probing_requests_made_the_round_trip(run: Run) -> None:
     good = [m for m in cycles if m.errors is not None]
     assert HOURS / 4 <= len(good) <= HOURS * 3, "each 4 h at the least, each 20 min at the most"
     assert all(m.centres_mm is not None and m.centres_mm.shape == (6, 3) for m in good)
-    # What was probed agrees with the machine's own errors, apart from probing noise and the reference's.
-    data = collect(run.folder / "gateway.sqlite", run.folder / "truth.csv")
-    assert data.truth is not None
-    seen = np.isfinite(data.measured).all(axis=1)
-    at = np.searchsorted(data.truth.time_s, data.time_s[seen])
-    difference = data.measured[seen] - data.truth.errors[np.clip(at, 0, len(data.truth.errors) - 1)]
-    assert (np.abs(np.median(difference[:, :6], axis=0)) < 3.0).all()
+    # What was probed agrees with how the machine's own errors changed since the reference, which a busy computer may
+    # have had probed late, apart from probing noise.
+    with (run.folder / "truth.csv").open(encoding="ascii") as file:
+        truth = np.array([[float(v) for v in row[:7]] for row in list(csv.reader(file))[1:]])
+    probed = np.array([m.errors[:6] for m in good if m.errors is not None])
+    at = np.searchsorted(truth[:, 0], [m.ended.timestamp() for m in good], side="right") - 1
+    change = truth[at, 1:] - truth[at[0], 1:]
+    assert (np.abs(np.median(probed - change, axis=0)) < 3.0).all()
 
 
-def test_a_subscriber_saw_every_frame(run: Run) -> None:
+def test_a_subscriber_saw_every_frame(run: DemoRun) -> None:
     with History(run.folder / "gateway.sqlite") as history:
         stored = [s.frame.k for s in history.steps()]
     assert run.published_frames == stored
@@ -182,14 +187,14 @@ def test_a_subscriber_saw_every_frame(run: Run) -> None:
     assert wanted <= run.published_kinds
 
 
-def test_replay_is_identical(run: Run) -> None:
+def test_replay_is_identical(run: DemoRun) -> None:
     with History(run.folder / "gateway.sqlite") as history:
         result = replay(history)
     assert result.identical, result.first
     assert result.steps == len(run.published_frames)
 
 
-def test_every_channel_was_good_and_every_frame_complete(run: Run) -> None:
+def test_every_channel_was_good_and_every_frame_complete(run: DemoRun) -> None:
     with History(run.folder / "gateway.sqlite") as history:
         steps, events = list(history.steps()), history.events()
         health = history.channel_health()
@@ -201,13 +206,13 @@ def test_every_channel_was_good_and_every_frame_complete(run: Run) -> None:
     assert [e.text for _, _, e in events if e.kind is EventKind.PROBLEM and " within " not in e.text] == []
 
 
-def test_a_picture_of_the_run_is_made(run: Run) -> None:
+def test_a_picture_of_the_run_is_made(run: DemoRun) -> None:
     picture = (run.folder / "report.png").read_bytes()
     assert picture.startswith(b"\x89PNG")
     assert 10_000 < len(picture) < 500_000
 
 
-def test_report_is_one_page_with_all_errors_and_nothing_from_elsewhere(run: Run) -> None:
+def test_report_is_one_page_with_all_errors_and_nothing_from_elsewhere(run: DemoRun) -> None:
     page = (run.folder / "report.html").read_text(encoding="utf-8")
 
     class Links(HTMLParser):
@@ -225,7 +230,7 @@ def test_report_is_one_page_with_all_errors_and_nothing_from_elsewhere(run: Run)
     assert "Thermal errors without and with compensation" in run.output
 
 
-def test_nothing_stays_behind(run: Run) -> None:
+def test_nothing_stays_behind(run: DemoRun) -> None:
     assert machine_pids(run.folder) == []
     assert not list(run.folder.glob("*.lock"))
 
@@ -253,9 +258,8 @@ def test_a_preset_calibrates_adopts_models_and_is_replayed(tmp_path: Path) -> No
     ],
 )
 def test_what_contradicts_itself_is_refused(tmp_path: Path, more: tuple[str, ...], said: str) -> None:
-    command = demo_command(tmp_path, free_port(), HOURS, *more)
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    assert (done.returncode, said in done.stderr) == (2, True), done.stderr
+    done = here(*demo_arguments(tmp_path, free_port(), HOURS, *more))
+    assert (done.code, said in done.err) == (2, True), done.err
 
 
 def measurements(database: Path) -> int:
@@ -278,7 +282,7 @@ def test_ctrl_c_ends_everything_and_the_store_can_go_on(tmp_path: Path) -> None:
         assert time.monotonic() < deadline, f"fewer than two measurements within {LIMIT_S:g} s"
         time.sleep(0.2)
     process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=60.0)
+    output, _ = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0, output
     assert machine_pids(tmp_path) == []
     with socket.socket() as s:

@@ -39,7 +39,7 @@ FRAME_BYTES = 3_000
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldByProcess:
     """What the process holds at one moment."""
 
     hour: float
@@ -49,10 +49,10 @@ class Held:
     traced_bytes: int
 
 
-def held(hour: float) -> Held:
+def held(hour: float) -> HeldByProcess:
     descriptors = len(list(Path("/proc/self/fd").iterdir()))
     traced = tracemalloc.get_traced_memory()[0]
-    return Held(hour, descriptors, threading.active_count(), len(asyncio.all_tasks()), traced)
+    return HeldByProcess(hour, descriptors, threading.active_count(), len(asyncio.all_tasks()), traced)
 
 
 @asynccontextmanager
@@ -66,10 +66,10 @@ async def machine(folder: Path) -> AsyncIterator[dict[str, int]]:
     assert process.stdin is not None
     assert process.stdout is not None
     try:
-        yield json.loads(await asyncio.wait_for(process.stdout.readline(), 60.0))
+        yield json.loads(await asyncio.wait_for(process.stdout.readline(), 300.0))
     finally:
         process.stdin.close()
-        await asyncio.wait_for(process.wait(), 120.0)
+        await asyncio.wait_for(process.wait(), 300.0)
 
 
 def config(folder: Path, ports: dict[str, int]) -> GatewayConfig:
@@ -87,9 +87,9 @@ def config(folder: Path, ports: dict[str, int]) -> GatewayConfig:
     return load(path)
 
 
-async def sampled(clock: SharedClock, stop: asyncio.Event) -> list[Held]:
+async def sampled(clock: SharedClock, stop: asyncio.Event) -> list[HeldByProcess]:
     """Every ten minutes of the day; then stop."""
-    found: list[Held] = []
+    found: list[HeldByProcess] = []
     due = SAMPLE_S
     while (hour := clock.monotonic() / 3600.0) < HOURS:
         await clock.sleep_until(due)
@@ -107,7 +107,7 @@ async def sampled(clock: SharedClock, stop: asyncio.Event) -> list[Held]:
 async def test_a_day_of_faults_leaves_nothing_behind(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)  # pytest keeps every record
     clock, stop = SharedClock(tmp_path / "clock", epoch=EPOCH, speed=SPEED, owner=True), asyncio.Event()
-    sampling: asyncio.Task[list[Held]] | None = None
+    sampling: asyncio.Task[list[HeldByProcess]] | None = None
     try:
         async with machine(tmp_path) as ports:
             sampling = asyncio.create_task(sampled(clock, stop))

@@ -19,7 +19,7 @@ from simulators.linuxcnc.machine import HURRY
 from talc.control import Controller
 from talc.frame import Why
 from tests.benches.kept_events import KeptEvents
-from tests.benches.linuxcnc_bench import running, until
+from tests.benches.linuxcnc_bench import ANSWER_S, running, until
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -39,6 +39,7 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_reje
                     "key_file": str(bench.settings.key_file),
                     "port": bench.settings.port,
                     "period_s": 0.1,
+                    "timeout_s": ANSWER_S,
                 },
                 "probing": {"armed": True, "lead_s": 0.0, "poll_s": 0.1, "timeout_s": 120.0, "reference_cycles": 1},
                 "storage": {"path": str(tmp_path / "gateway.sqlite")},
@@ -70,9 +71,9 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_reje
             standing = (await bench.operator.ask("state"))["position"]
             await bench.operator.ask("hal", "setp", "talc.may-start", "1")
             await until(lambda: said(Standing.BLOCKED, Standing.DUE, Standing.ASKED))
-            await until(rejected, 90.0)
+            await until(rejected)
             await bench.operator.ask("loosen", 0.0)
-            await until(measured, 90.0)
+            await until(measured)
         finally:
             stop.set()
             await at_work

@@ -7,11 +7,13 @@ import json
 import re
 from io import BytesIO
 from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Response, expect
 
+from gateway.passwords import make_hash
 from tests.benches.npm_peer import PEERS, node_with
 from tests.benches.page_rig import LIMIT_MS, ChildProgram, PageRig, page_rig, ports
 
@@ -62,6 +64,8 @@ def test_each_part_shows_live_data(settings: Path) -> None:
             for dark in (False, True):
                 with rig.page("/machine/mill", width, height, dark=dark) as page:
                     expect(page.locator("#axes .u-over")).to_have_count(3)
+                    expect(page.locator("#weeks")).to_be_visible()
+                    expect(page.locator("#sensitivity")).to_be_visible()
                     expect(page.locator("#word")).to_have_text(re.compile("^(Ready|Not sure|Not ready)$"))
                     assert widest(page) <= width
                     picture(page, f"page-{width}-{'dark' if dark else 'light'}", whole=(width, dark) == (1400, False))
@@ -73,13 +77,63 @@ def test_each_part_shows_live_data(settings: Path) -> None:
                 )
             expect(page.locator("#waits")).to_contain_text("compensation")
             expect(page.locator("#waits")).to_contain_text("Last measurement")
+            expect(page.locator("#waits")).to_contain_text("Waiting costs")
             expect(page.locator("#channels li")).to_have_count(30)
             expect(page.locator("#drives tbody tr")).to_have_count(9)
             expect(page.locator("#health")).to_contain_text("30 of 30 good")
             page.select_option("#event-kind", "")
             expect(page.locator("#events tbody tr")).not_to_have_count(0)
+            expect(page.locator("#corrections tbody tr").first).to_contain_text("chosen inputs")
+            lines = page.locator("#corrections tbody tr").count()
+            page.select_option("#correction-error", "EZ0A")
+            expect(page.locator("#corrections tbody tr").first).to_contain_text("spindle_rear")
+            assert 0 < page.locator("#corrections tbody tr").count() < lines
+            expect(page.locator("#health")).to_contain_text("Scatter of the touches")
+            expect(page.locator("#weeks tbody tr").first).to_contain_text("0.4")
+            driven = page.locator("#sensitivity tbody tr")
+            expect(driven).to_have_count(1)
+            expect(driven).to_contain_text("EZ0Aspindle_rear100\u202f%+4.00\u202fµm/K")
+            page.fill("input[name=tolerance]", "3")
+            page.click("button[type=submit]")
+            expect(page.locator("#word")).to_have_text("Not sure")
+            expect(page.locator("#helps")).to_contain_text("Not ready before")
+            for what in ("wait 30 min", "probe now (2 min)", "warm up with spindle and axes"):
+                expect(page.locator("#helps")).to_contain_text(f"If you {what}")
             page.fill("#event-text", "nothing has this text")
             expect(page.locator("#events-empty")).to_have_text("No event matches the filter.")
+
+
+def past_days(answer: Response) -> float:
+    """How much of the past was asked for; 0: it answers something else."""
+    address = urlsplit(answer.url)
+    if address.path != "/past/mill":
+        return 0.0
+    asked = parse_qs(address.query)
+    return (float(asked["to"][0]) - float(asked["from"][0])) / 86400.0
+
+
+def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(settings: Path) -> None:
+    with page_rig() as rig:
+        started(rig, settings)
+        with rig.page("/machine/mill") as page:
+            expect(page.locator("#axes .u-over")).to_have_count(3)
+            page.select_option("#span", "168")
+            with page.expect_response(lambda answer: past_days(answer) > 25.0) as answered:
+                page.select_option("#span", "720")
+            assert answered.value.ok
+            assert len(answered.value.json()["t"]) == 500
+            expect(page.locator("#past-problem")).to_be_hidden()
+            over = page.locator("[data-axis=Z] .u-over")
+            over.hover(position={"x": 5, "y": 40})
+            expect(page.locator("[data-axis=Z] .reading")).to_contain_text("without")
+            picture(page, "page-month")
+            with page.expect_response(lambda answer: 0.0 < past_days(answer) < 25.0) as finer:
+                page.mouse.down()
+                box = over.bounding_box()
+                assert box is not None
+                page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 40, steps=5)
+                page.mouse.up()
+            assert finer.value.json()["t"][-1] - finer.value.json()["t"][0] < 30 * 86400
 
 
 def test_what_others_name_stays_a_name_and_a_failing_sensor_is_seen(settings: Path) -> None:
@@ -100,6 +154,32 @@ def test_what_others_name_stays_a_name_and_a_failing_sensor_is_seen(settings: Pa
             assert "forged" not in page.title()
 
 
+def test_the_report_of_a_day_opens_in_a_sandbox_in_which_its_charts_still_work(settings: Path) -> None:
+    with page_rig() as rig:
+        started(rig, settings)
+        with rig.page("/machine/mill") as page:
+            expect(page.locator("#report")).to_have_attribute(
+                "href", re.compile(r"/mill/report/\d{4}-\d\d-\d\d\?zone=")
+            )
+            page.fill("#report-day", "2026-03-02")
+            expect(page.locator("#report")).to_have_attribute(
+                "href", "/machine/mill/report/2026-03-02?zone=Europe%2FZurich"
+            )
+            with page.context.expect_page() as opened:
+                page.click("#report")
+            report = opened.value
+            said = list[str]()
+            report.on("console", lambda message: said.append(message.text))
+            report.on("pageerror", lambda error: said.append(str(error)))
+            report.reload()
+            expect(report.locator("h1")).to_contain_text("at the tool: 40 → 4")
+            expect(report.locator(".live .u-over").first).to_be_attached()
+            report.click("#time button[name=closer]")
+            assert said == []
+            assert report.evaluate("window.origin") == "null", "not of the page's origin"
+            assert report.evaluate("fetch('/').then(() => 'reached', () => 'refused')") == "refused"
+
+
 def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enough(settings: Path) -> None:
     with page_rig() as rig:
         started(rig, settings)
@@ -114,6 +194,7 @@ def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enoug
             expect(page.locator("#word")).to_have_text("Ready")
             page.reload()
             expect(page.locator("#word")).to_have_text("Ready")
+            expect(page.locator("[data-axis=Y] [data-of=half]")).not_to_have_text("–")
             before = page.locator("[data-axis=Y] [data-of=half]").inner_text()
             page.fill("input[name=x]", "0")
             page.click("button[type=submit]")
@@ -168,9 +249,15 @@ _LOOKED_AT = (
 """Path, dark, and whether its gateway is alive."""
 
 
-def test_axe_finds_no_violation(settings: Path) -> None:
+def violations(page: Page) -> object:
+    """What axe finds; the page must be open without its policy."""
     node_with("axe", "axe-core")
-    axe = (PEERS / "axe" / "node_modules" / "axe-core" / "axe.min.js").read_text("utf-8")
+    axe = PEERS / "axe" / "node_modules" / "axe-core" / "axe.min.js"
+    page.add_script_tag(content=axe.read_text("utf-8"))
+    return page.evaluate("axe.run().then((r) => r.violations.map((v) => [v.id, v.nodes.map((n) => n.html)]))")
+
+
+def test_axe_finds_no_violation(settings: Path) -> None:
     with page_rig() as rig:
         gateway = started(rig, settings)
         for path, dark, alive in _LOOKED_AT:
@@ -180,8 +267,48 @@ def test_axe_finds_no_violation(settings: Path) -> None:
                 expect(page.locator("#axes .u-over").or_(page.locator("#machines li")).first).to_be_attached()
                 if not alive:
                     expect(page.locator("#word")).to_have_text("Gone")
-                page.add_script_tag(content=axe)
-                found = page.evaluate(
-                    "axe.run().then((r) => r.violations.map((v) => [v.id, v.nodes.map((n) => n.html)]))"
-                )
-                assert found == []
+                assert violations(page) == []
+
+
+def test_a_user_with_a_key_gives_commands_after_a_second_confirmation(tmp_path: Path) -> None:
+    key, file = tmp_path / "anna.key", tmp_path / "web.toml"
+    key.write_text("anna" * 10, encoding="utf-8")
+    hashed = make_hash("secret")
+    file.write_text(f'[users]\nanna = "{hashed}"\neve = "{hashed}"\n[operators]\nanna = "anna.key"\n', encoding="utf-8")
+    (port,) = ports(1)
+    with page_rig() as rig:
+        gateway = rig.commanded_gateway(port, "mill", "anna", key)
+        rig.serve([port], file)
+        with rig.page("/machine/mill", user=("eve", "secret")) as page:
+            expect(page.locator("#health")).to_contain_text("ready")
+            expect(page.locator("#commands")).to_have_count(0)
+        with rig.page("/machine/mill", user=("anna", "secret"), trusted=True) as page:
+            expect(page.locator("#health")).to_contain_text("ready")  # the script runs
+            page.locator("#command-pause").press("Enter")
+            expect(page.locator("#confirm-text")).to_contain_text("The offsets of mill go slowly")
+            assert violations(page) == []
+            page.keyboard.press("Escape")
+            expect(page.locator("#confirm")).to_be_hidden()
+            page.locator("#command-pause").press("Enter")
+            page.locator("#confirm-yes").press("Enter")
+            assert gateway.hear() == "anna pause"
+            expect(page.locator("#command-answer")).to_have_text("Accepted: it is done")
+            expect(page.locator("#notices")).to_contain_text("The compensation is paused by anna since")
+            expect(page.locator("#command-pause")).to_have_text("Resume the compensation")
+            page.click("#command-measure")
+            page.click("#confirm-no")
+            page.click("#command-pause")
+            page.click("#confirm-yes")
+            assert gateway.hear() == "anna resume", "what was not confirmed was not sent"
+            expect(page.locator("#command-pause")).to_have_text("Pause the compensation")
+            page.click("#command-measure")
+            page.click("#confirm-yes")
+            assert gateway.hear().startswith("anna measure [[telemetry.operator]] may of anna")
+            expect(page.locator("#command-answer")).to_contain_text("Refused: [[telemetry.operator]] may of anna")
+            expect(page.locator("#events")).to_contain_text("anna: resume")
+        with rig.page("/machine/mill?lang=de", user=("anna", "secret")) as page:
+            page.click("#command-measure")
+            expect(page.locator("#confirm")).to_contain_text("Ist die Kugel sauber")
+            page.keyboard.press("Escape")
+            gateway.kill()
+            expect(page.locator("#commands")).to_be_hidden()

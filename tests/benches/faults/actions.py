@@ -16,7 +16,7 @@ PERIOD_S = 0.4
 LONG_TIMEOUT_S = PERIOD_S / 2
 
 Do = Callable[[FaultyPlant], Awaitable[None] | None]
-Heard = Sequence[tuple[float, bytes]]
+OnWire = Sequence[tuple[float, bytes]]
 """Bytes on the wire, each after so many seconds."""
 
 
@@ -40,10 +40,10 @@ def sensor(fault: SensorFault | None) -> Do:
     return lambda plant: plant.faults.set(0, fault)
 
 
-def spoilt(heard: Callable[[bytes], Heard], senders: Collection[int] | None = (VICTIM,)) -> Do:
+def spoilt(heard: Callable[[bytes], OnWire], senders: Collection[int] | None = (VICTIM,)) -> Do:
     """What becomes of the victim's frames, or of everybody's."""
 
-    def on_wire(sender: int, frame: bytes) -> Heard:
+    def on_wire(sender: int, frame: bytes) -> OnWire:
         return heard(frame) if senders is None or sender in senders else ((0.0, frame),)
 
     def do(plant: FaultyPlant) -> None:
@@ -96,7 +96,7 @@ def right_type(plant: FaultyPlant) -> None:
     plant.retype(0)
 
 
-def now(change: Callable[[bytes], bytes]) -> Callable[[bytes], Heard]:
+def now(change: Callable[[bytes], bytes]) -> Callable[[bytes], OnWire]:
     return lambda frame: ((0.0, change(frame)),)
 
 

@@ -8,32 +8,32 @@ from tests.benches.faults.plants import WIRES
 
 HEAD = """# Faults
 
-What each fault of a sensor, a device or a wire looks like, and what to do about it. This page is generated from the
-table of the tests. They play each row over the real wire (pseudo-terminal, TCP, serial CAN adapter, UDP multicast),
-with the gateway's acquisition on the other end, and check each time that
+This page shows what each fault of a sensor, a device or a wire looks like, and what to do about it. It is generated
+from the table of the tests. They play each row over a real wire (pseudo-terminal, TCP, serial CAN adapter, UDP
+multicast), with the gateway's acquisition on the other end. Each time they check that
 
 - the channel's quality changes within two periods, and the reading says why, in the words of the last column;
 - no earlier value is shown as good in the meantime;
 - other devices on the wire keep their period (99th percentile within 20 %) unless the wire itself is gone, and other
   buses always do;
-- recovery needs nobody: when the fault is gone the channel is good again;
-- log and events report the fault once when it begins and once when it ends, not every second.
+- recovery needs no one: when the fault is gone, the channel is good again;
+- the log and the events report the fault once when it begins and once when it ends, not every second.
 
 `comm_fault`: no valid answer. `sensor_fault`, `out_of_range`: the device answers, but this channel is broken or beyond
-its range. `stale`: the number may be an old one. Channels that are not good have no number, or are not used. While a
-read hangs (for up to `read_limit_s`), the service publishes the channels of its bus as `stale`, without a number and
-with the age of the last one, as soon as that is three periods old.
+its range. `stale`: the number may be old. Channels that are not good have no number, or are not used. While a read
+hangs (for up to `read_limit_s`), the service publishes the channels of that bus as `stale`, without a number and with
+the age of the last one, as soon as it is three periods old.
 """
 
 WIDTH = 120
 
 MEANING: Mapping[str, str] = {
     "unplugged and back": (
-        "The adapter or the cable is unplugged, or the host is off. The gateway opens the bus again and again, less "
-        "and less often up to `retry_max_periods`; it finds a serial port again by its permanent name."
+        "The adapter or the cable is unplugged, or the host is off. The gateway tries to open the bus again, less and "
+        "less often, up to `retry_max_periods`. It finds a serial port again by its permanent name."
     ),
     "dead device": (
-        "It receives and does not answer: no power, wrong address, broken. The gateway asks it less and less often. On "
+        "The device does not answer: no power, wrong address, broken. The gateway asks it less and less often. On "
         "multicast it cannot be distinguished from an unplugged one."
     ),
     "dead device, long timeout": (
@@ -41,79 +41,80 @@ MEANING: Mapping[str, str] = {
         "quickly."
     ),
     "half-open connection": (
-        "The other end disappears without closing: power cut, network switched. The old connection never works again: "
-        "when nobody on it answers, the gateway closes it and opens a new one."
+        "The other end disappears without closing the connection: power cut, network switched. The old connection "
+        "never works again. When no device on it answers, the gateway closes it and opens a new one."
     ),
     "gateway to a dead device": (
         "The TCP gateway answers for the device behind it. Its neighbours share the connection and keep it."
     ),
     "wrong device answers": (
-        "Two devices have one address, or a gateway mixes them up. No answer of another device becomes a value."
+        "Two devices have the same address, or a gateway mixes them up. No answer of another device becomes a value."
     ),
     "late answer": (
-        "It comes after `timeout_s`. In the same period it is used, because the device has only been asked the same "
-        "question again; later it is not taken for the next one's answer. If this happens all the time, raise "
-        "`timeout_s`. For Modbus devices and CANopen nodes "
-        "read by SDO this holds even if every answer is one request late. Micro-Epsilon sensors on RS-485 and "
-        "nodes read after SYNC do not number their answers: there it holds when answers are late for a while, "
-        "but a device that stays one answer behind permanently cannot be detected."
+        "The answer arrives after `timeout_s`. In the same period it is used, because the device has only been asked "
+        "the same question again. Later it is never taken for the answer to the next question. If this happens often, "
+        "raise `timeout_s`. For Modbus devices and CANopen nodes read by SDO this holds even if every answer is one "
+        "request late. Micro-Epsilon sensors on RS-485 and nodes read after SYNC do not number their answers. There it "
+        "holds when answers are late for a while, but a device that stays one answer behind permanently cannot be "
+        "detected."
     ),
     "late answer, in another's time": (
-        "It comes while another device on the wire is asked, and is taken for nobody's answer."
+        "The answer arrives while another device on the wire is asked. It is not taken for the answer of any device."
     ),
     "checksum error": (
         "Noise, missing termination, wrong baud rate. CAN frames with a wrong checksum never leave the CAN controller; "
-        "TCP has a checksum of its own."
+        "TCP has its own checksum."
     ),
     "truncated frame": "A frame ends too early. The next frame is read from its own beginning.",
     "truncated datagram": "A datagram in the group that is not a CAN frame is ignored.",
     "overlong frame": "A frame is longer than allowed, or longer than requested.",
-    "exception code": "The device understood the request and refused it. Does the profile fit the device?",
+    "exception code": "The device understood the request and refused it. Check whether the profile matches the device.",
     "bus-off": (
         "The CAN controller left the bus after too many errors: wrong bitrate, short circuit, missing termination."
     ),
     "node reboots": (
-        "The node lost its power and is back. The gateway checks it again (sensor types, units) and starts it (NMT)."
+        "The node lost power and is back. The gateway checks it again (sensor types, units) and starts it (NMT)."
     ),
     "heartbeat lost": (
         "The node answers although its heartbeat has stopped: its firmware may hang and repeat the last values."
     ),
     "returns with another type": (
-        "Another device, or another setting, has taken the place of the previous one. Its values are refused."
+        "Another device, or another setting, has replaced the previous one. Its values are refused."
     ),
     "sensor open": (
         "A wire is disconnected or broken. The PTA8D08 shows 97.7 °C, like any other number: only the profile's guess "
-        "reveals it."
+        "detects it."
     ),
     "sensor short": "The wires touch.",
     "over range": "Above what the input can measure.",
     "under range": "Below what the input can measure.",
 }
 SLOW = """## slow device
-Each device answers within `timeout_s`, but together the devices of the bus take longer than the period: every reading
-is good, and later than it should be. An event says how many periods were missed and which device takes longest;
+Each device answers within `timeout_s`, but together the devices of the bus take longer than the period. Every reading
+is good, but late. An event says how many periods were missed and which device takes longest;
 `periods_missed` in the key `status` counts them. Raise `period_s` or the line's speed, or read fewer channels.
 """
 FROZEN = """## frozen value
 With `stuck_after_s` set, a channel whose number has not changed at all for that long is `stale` ("exactly 21 for
 600 s"), on every kind of bus. Without it a frozen value cannot be distinguished from a steady one.
 """
-REST = """Two more disturbances are played on every wire above. The computer's clock jumps by an hour, forwards and
-back, while readings come and while the bus is closed and opened: periods, timeouts and ages use the monotonic clock,
-also those of the libraries, so only the UTC of readings jumps. And every core is busy with other programs: periods are
-as regular as the computer lets a thread wake.
+REST = """\
+The tests play two more disturbances on every wire above. First, the computer's clock jumps by an hour, forwards and
+back, while readings arrive and while the bus is closed and opened. Periods, timeouts and ages use the monotonic clock,
+in the libraries too, so only the UTC of the readings jumps. Second, every core is busy with other programs. Periods are
+then as regular as the computer lets a thread wake.
 
 An intermittent device, silent for one period and back for a while, is played on a wire whose `timeout_s` is half a
-period: its neighbours keep their period.
+period. Its neighbours keep their period.
 
-Every row above is also played ten times, all rows of a wire in sequence, and leaves no descriptor, thread, task or
-memory behind. For each wire that is about 350 to 850 polls in half a minute, as many as in a quarter of an hour at 1
-Hz; it says nothing about what would grow over weeks.
+Every row above is also played ten times, all rows of a wire in sequence. This leaves no descriptor, thread, task or
+memory behind. For each wire it means about 350 to 850 polls in half a minute, as many as in a quarter of an hour at 1
+Hz. It does not show what would grow over weeks.
 
-Five units on one Modbus RTU line are played too, read every second with a timeout of half a second: three fall silent
-at once, or one is intermittent, or one answers late once. Each time the others keep every interval within 20 % of the
-period, and a single late answer is not reported as a fault. When all five fall silent, each shows it within two
-periods, and no period is missed.
+The tests also play five units on one Modbus RTU line, read every second with a timeout of half a second: three fall
+silent at once, or one is intermittent, or one answers late once. Each time the others keep every interval within 20 %
+of the period, and a single late answer is not reported as a fault. When all five fall silent, each one shows it within
+two periods, and no period is missed.
 """
 
 

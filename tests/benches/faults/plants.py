@@ -1,6 +1,5 @@
 """Small plants for the fault matrix: one wire with a victim and a neighbour, over each transport."""
 
-import socket
 import tomllib
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from simulators.devices.source import Faults
 from simulators.devices.voltage_input import VoltageInput
 from simulators.devices.wago464 import Wago464
 from tests.benches.faults.said import Said, distances, temperatures
+from tests.benches.free_port import free_port
 from tests.benches.logger_files import logger_profile
 from tests.benches.rigs import Spoilable
 
@@ -34,7 +34,7 @@ RANGE_UM = 500.0
 CHANNELS = {"victim": 0, "beside": 1}
 """Channel 0 of the victim is broken; channel 1 sits on the same device."""
 
-Do = Callable[[], Awaitable[None]]
+FaultStep = Callable[[], Awaitable[None]]
 
 
 @dataclass
@@ -46,8 +46,8 @@ class FaultyPlant:
     said: Sequence[Said]
     """What each device measures."""
     faults: Faults
-    unplug: Do
-    plug: Do
+    unplug: FaultStep
+    plug: FaultStep
     wire: Spoilable | None = None
     adapter: SlcanAdapter | None = None
     node: Cia404Node | None = None
@@ -56,7 +56,7 @@ class FaultyPlant:
     """Frames that another node on a CAN bus sends."""
     retype: Callable[[int], None] = lambda _: None
     """Another type code at the victim's channel 0; 0 is the right one again."""
-    stop: Sequence[Do] = ()
+    stop: Sequence[FaultStep] = ()
     last_word: bool = True
     """A reading comes of one request: it shows what the device said last, not just what it said since the last one."""
 
@@ -76,7 +76,7 @@ def _point(link: Path, path: str | None) -> None:
         link.symlink_to(path)
 
 
-def _cable(link: Path, start: Callable[[], Awaitable[str]], stop: Do) -> tuple[Do, Do]:
+def _cable(link: Path, start: Callable[[], Awaitable[str]], stop: FaultStep) -> tuple[FaultStep, FaultStep]:
     """Plug and unplug: a new terminal each time, under the same name."""
 
     async def plug() -> None:
@@ -89,12 +89,12 @@ def _cable(link: Path, start: Callable[[], Awaitable[str]], stop: Do) -> tuple[D
     return plug, unplug
 
 
-class _Module(ModbusUnit, Protocol):
+class _Served(ModbusUnit, Protocol):
     faults: Faults
 
 
 async def _rtu(
-    folder: Path, profile: str, said: Sequence[Said], victim: _Module, neighbour: _Module, timeout_s: float
+    folder: Path, profile: str, said: Sequence[Said], victim: _Served, neighbour: _Served, timeout_s: float
 ) -> FaultyPlant:
     line = RtuLine({VICTIM: victim, NEIGHBOUR: neighbour})
     plug, unplug = _cable(folder / "rtu", line.start, line.stop)
@@ -165,7 +165,7 @@ async def blocks(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
 
 
 async def _tcp(
-    profile: str, said: Sequence[Said], victim: _Module, neighbour: _Module, timeout_s: float
+    profile: str, said: Sequence[Said], victim: _Served, neighbour: _Served, timeout_s: float
 ) -> FaultyPlant:
     host = TcpHost({VICTIM: victim, NEIGHBOUR: neighbour})
     port = await host.start()
@@ -213,7 +213,9 @@ def _nodes(said: tuple[Said, Said], heartbeat_ms: int = 0, event_ms: int = 0) ->
     return node(VICTIM, said[0]), node(NEIGHBOUR, said[1])
 
 
-def _canopen(bus: Bus, said: Sequence[Said], node: Cia404Node, transfer: str, plug: Do, unplug: Do) -> FaultyPlant:
+def _canopen(
+    bus: Bus, said: Sequence[Said], node: Cia404Node, transfer: str, plug: FaultStep, unplug: FaultStep
+) -> FaultyPlant:
     drivers = _pair(bus, ("cia404", "cia404"), {"vendor": "jumo", "transfer": transfer})
     plant = FaultyPlant(bus, drivers, said, node.faults, unplug, plug, node=node, last_word=False)
     plant.retype = lambda code: node.set_sensor_type(0, code or 30)
@@ -265,10 +267,7 @@ async def timer(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
 
 async def multicast(_: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
     """CANopen over UDP multicast, as between two programs."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        port = int(probe.getsockname()[1])
-    said, group = temperatures(2, high=800.0), "239.74.163.4"
+    port, said, group = free_port(), temperatures(2, high=800.0), "239.74.163.4"
     nodes = _nodes(said)
     wire = MulticastBus(nodes, group, port)
     wire.start()

@@ -11,7 +11,7 @@ Module._load = (name, ...rest) => (name === "node-crc" ? { crc } : load(name, ..
 const { Device, Eds, DataType, ObjectType, AccessType } = require("canopen");
 
 const NODE = 5;
-const HEARTBEAT_MS = 50;
+const HEARTBEAT_MS = 1000;
 const EVENT_MS = Number(process.argv[2] || 0);
 const accessType = AccessType.READ_ONLY;
 const eds = new Eds();

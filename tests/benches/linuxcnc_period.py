@@ -1,0 +1,68 @@
+"""How long the component talc_errors takes in each servo period of a real LinuxCNC whose axes move.
+
+`python -m tests.benches.linuxcnc_period [SECONDS]` prints the figures of deploy/nc/linuxcnc/README.md. LinuxCNC counts
+processor clocks; a period in which the computer did something else meanwhile counts in full, as there is no real-time
+kernel here.
+"""
+
+import asyncio
+import ctypes
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from talc.frame import FloatArray
+from tests.benches.linuxcnc_motion import by_errors, in_motion, machine
+
+_CLOCKS = "#include <x86intrin.h>\nunsigned long long clocks(void) { return __rdtsc(); }\n"
+_CALIBRATION_S = 1.0
+MOTION = "circle of 120 mm, C at 60°/s"
+
+
+def clocks_per_us() -> float:
+    """Of the counter that LinuxCNC reads, on a processor of our kind."""
+    with TemporaryDirectory() as folder:
+        library = Path(folder) / "clocks.so"
+        command = ["gcc", "-O2", "-shared", "-fPIC", "-x", "c", "-", "-o", str(library)]
+        subprocess.run(command, input=_CLOCKS, text=True, check=True)
+        clocks = ctypes.CDLL(str(library)).clocks
+        clocks.restype = ctypes.c_ulonglong
+        began, first = time.perf_counter(), clocks()
+        time.sleep(_CALIBRATION_S)
+        passed, last = time.perf_counter() - began, clocks()
+    return float(last - first) / (passed * 1e6)
+
+
+async def periods_us(seconds: float) -> FloatArray:
+    """(n,) time that the component took in each servo period, with nine errors in force and in motion, µs."""
+    with TemporaryDirectory() as folder:
+        async with machine(Path(folder)) as bench:
+            for command in (
+                "loadrt conv_s32_float names=talc-took",
+                "addf talc-took servo-thread",
+                "net talc-clocks talc-errors.time => talc-took.in",
+                "net talc-clocks-float talc-took.out",
+            ):
+                await bench.operator.ask("hal", *command.split())
+            await by_errors(bench)
+            async with in_motion(bench, Path(folder) / "machine" / "nc", MOTION):
+                rows = await bench.operator.ask("sample", round(seconds * 1000), "talc-clocks-float")
+    return np.array(rows, dtype=np.float64)[:, 0] / clocks_per_us()
+
+
+def figures(took_us: FloatArray) -> str:
+    """In words."""
+    median, p99, p999 = np.percentile(took_us, [50.0, 99.0, 99.9])
+    beyond = int((took_us > 5.0).sum())
+    return (
+        f"{took_us.size} periods: median {median:.2f} µs, 99 % {p99:.2f} µs, 99.9 % {p999:.2f} µs, "
+        f"largest {took_us.max():.2f} µs; {beyond} beyond 5 µs"
+    )
+
+
+if __name__ == "__main__":
+    print(figures(asyncio.run(periods_us(float(sys.argv[1]) if len(sys.argv) > 1 else 60.0))))

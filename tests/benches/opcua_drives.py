@@ -1,0 +1,55 @@
+"""An OPC UA server of another library (asyncua's own) with some variables of a drive."""
+
+from datetime import UTC, datetime, timedelta
+
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.server import Server
+from asyncua.server.user_managers import UserManager
+from asyncua.ua.uatypes import DataValue, DateTime, Int16, NodeId, StatusCode, String, UInt32, Variant
+
+from simulators.nc.standard_nodes import StandardServer
+from tests.benches.free_port import free_port
+
+URI = "urn:maker:drives"
+
+
+class Anybody(UserManager):
+    """May read."""
+
+    def get_user(
+        self,
+        iserver: InternalServer,
+        username: str | None = None,
+        password: str | None = None,
+        certificate: object = None,
+    ) -> User:
+        return User(role=UserRole.User)
+
+
+class Drives:
+    """A server with some variables."""
+
+    def __init__(self, url: str = "") -> None:
+        self.url = url or f"opc.tcp://127.0.0.1:{free_port()}/drives"
+        self.server = Server(StandardServer(Anybody()))
+        self.index = 0
+
+    async def start(self) -> None:
+        await self.server.init()
+        self.server.set_endpoint(self.url)
+        await self.server.register_namespace("urn:somebody:else")  # so that the index is not what one would guess
+        self.index = await self.server.register_namespace(URI)
+        objects = self.server.nodes.objects
+        for name, value in {"motor": 61.25, "bearing": 431, "axes": [1.5, 48.0], "name": "drive"}.items():
+            await objects.add_variable(self.node(name), name, value)
+        await self.server.start()
+
+    def node(self, name: str) -> NodeId:
+        return NodeId(String(name), Int16(self.index))
+
+    async def set(self, name: str, value: object, status: int = 0, age_s: float = 0.0) -> None:
+        ago = datetime.now(UTC) - timedelta(seconds=age_s)
+        measured = DateTime(ago.year, ago.month, ago.day, ago.hour, ago.minute, ago.second, tzinfo=UTC)
+        data = DataValue(Variant(value), StatusCode(UInt32(status)), measured)
+        await self.server.get_node(self.node(name)).write_value(data)

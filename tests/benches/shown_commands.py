@@ -1,0 +1,235 @@
+"""The commands that the documentation shows, and for each how a test runs it, or why none can."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from gateway.cli import main
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(
+    (
+        page
+        for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*.md"))
+        if page.name != "CHANGELOG.md"  # names commands that are gone
+    ),
+    key=lambda page: page.as_posix(),
+)
+OURS = re.compile(r"(?:\.venv/bin/)?(talc-gateway|make|python)\b")
+OTHERS = re.compile(
+    r"(apt|apt-get|certificates\.sh|chmod|dpkg|git|ip|journalctl|nano|openssl|pip|systemctl|unzip|uv) [^|=]+$"
+)
+"""Programs of others, as a line of a shell block or a span of a sentence begins with them."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunAsShown:
+    """Given as it is shown, in a folder that has what it names; what it says contains `says`."""
+
+    says: str
+    code: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class RunPrints:
+    """Given as it is shown: it prints the page that the line writes to, or writes the files of that folder."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOnWires:
+    """Given as it is shown, one after the other, between devices that are played (test_shown_commands)."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunElsewhere:
+    """Another test gives it, with the places and the size that a test can have; `trace` is how its file shows that."""
+
+    file: str
+    trace: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunByNone:
+    """No test can give it, or none does."""
+
+    why: str
+
+
+HowShown = RunAsShown | RunPrints | RunOnWires | RunElsewhere | RunByNone
+
+_LONG = "minutes to hours; tests call the functions below it with a small part of the work"
+_ROOT = "changes the computer's installed programs, services or network, as root"
+_NETWORK = "fetches packages from the network"
+
+TABLE: dict[str, HowShown] = {
+    # The service and what it left.
+    r"check (gateway\.toml|CONFIG|FILE|/etc/.*)": RunAsShown("gateway.toml: good. "),
+    r"doctor (gateway\.toml|CONFIG|/etc/.*)": RunAsShown("what to do: ", 3),
+    r"status (gateway\.toml|CONFIG|/etc/.*)": RunAsShown("not read lately", 3),
+    r"replay (DB|out/demo/gateway\.sqlite)": RunAsShown("identical"),
+    r"replay FILE": RunAsShown("EZ0T held"),
+    r"replay benchmarks/.*": RunElsewhere("tests/test_documented_commands.py", "fl_thermal.csv"),
+    r"report (DB|gateway\.sqlite)": RunAsShown("Productivity Pd"),
+    r"db check DATABASE": RunAsShown(": whole"),
+    r"db stats DATABASE": RunAsShown("on the disk"),
+    r"db export DATABASE TABLE -o FILE": RunAsShown("steps.csv: "),
+    r"db export-learnt DATABASE -o FILE": RunAsShown("measurements of EY0A from "),
+    r"db import-learnt gateway\.toml FILE": RunAsShown("EY0A"),
+    r"db backup DATABASE -o FILE": RunAsShown(" MB"),
+    r"prior make site --kind dmu50 -o dmu50\.json": RunElsewhere(
+        "tests/gateway/collect/test_prior_of_site.py", '"prior", "make", site, "--kind"'
+    ),
+    r"prior make (DB|mill1).*": RunElsewhere("tests/gateway/past/test_prior.py", '"make"'),
+    r"demo": RunElsewhere("tests/test_shown_commands.py", '"demo", "--hours", "2"'),
+    r"demo --method models": RunByNone(
+        "six minutes; the models' demo of a preset is run for 7 h (tests/system/test_demo.py)"
+    ),
+    r"demo --preset zimmermann-2022.*": RunElsewhere("tests/system/test_demo.py", '"--preset", "blaser-2019"'),
+    r"init (gateway\.toml|CONFIG)": RunElsewhere("tests/gateway/cli/test_init.py", '"init"'),
+    r"collect (FOLDER|site) .*": RunElsewhere("tests/gateway/collect/test_network.py", '"collect"'),
+    r"publish outlets\.toml.*": RunElsewhere("tests/gateway/outlets/test_publish.py", '"publish"'),
+    r"watch.*": RunElsewhere("tests/gateway/cli/test_watch.py", '"watch"'),
+    r"web (CONFIG|gateway\.toml|--connect .*)": RunElsewhere("tests/benches/page_rig.py", '"web", '),
+    r"opcua (CONFIG|gateway\.toml)": RunElsewhere("tests/gateway/umati/test_opcua_command.py", '"opcua"'),
+    r"nc sinumerik-files (gateway\.toml|CONFIG)": RunElsewhere(
+        "tests/gateway/cli/test_nc_files.py", '"sinumerik-files"'
+    ),
+    r"agent-test .*": RunElsewhere("tests/gateway/agent_test/test_agent_test.py", '"agent-test"'),
+    r"command (pause|resume) .*": RunElsewhere("tests/gateway/telemetry/test_commands.py", '"command"'),
+    # Wires.
+    r"play (docs/example\.wire|field\.wire|FILE)": RunOnWires(),
+    r"probe field\.wire\.play/.*": RunOnWires(),
+    r"probe .*\.play/.* --watch": RunElsewhere("tests/gateway/cli/test_probe_watch.py", '"--watch"'),
+    r"probe (gateway\.toml|CONFIG)": RunOnWires(),
+    r"probe gateway\.toml --watch .*": RunOnWires(),
+    r"probe gateway\.toml --try-writing": RunElsewhere("tests/gateway/cli/test_probe.py", '"--try-writing"'),
+    r"record (gateway\.toml -o field\.wire|CONFIG)": RunOnWires(),
+    r"run gateway\.toml --record field\.wire": RunOnWires(),
+    r"run CONFIG": RunElsewhere("tests/gateway/cli/test_service_manager.py", '"run"'),
+    r"scan ports": RunElsewhere("tests/gateway/scan/test_ports.py", '"ports"'),
+    r"scan (serial|tcp|can) .*": RunElsewhere("tests/system/test_wiring_faults.py", "comparable"),
+    r"inspect registers .*": RunElsewhere("tests/gateway/scan/test_inspect.py", '"registers"'),
+    r"inspect (objects|nodes) .*": RunElsewhere("tests/gateway/scan/test_inspect_named.py", '"(objects|nodes)"'),
+    r"inspect topics .*": RunElsewhere("tests/gateway/scan/test_inspect_topics.py", '"topics"'),
+    # Python.
+    r"(.venv/bin/)?python -m (gateway\.config\.reference|tests\.benches\.faults\.page|tests\.benches\.tried)"
+    r"( > .*)?": RunPrints(),
+    r"(.venv/bin/)?python -m gateway\.telemetry docs/telemetry": RunPrints(),
+    r"(.venv/bin/)?python -m pytest tests/.*": RunElsewhere(".ci/run", "make test"),
+    r"python -m studies": RunAsShown("adaptive-inputs"),
+    r"python -m studies .+": RunElsewhere("tests/studies/test_studies.py", "run_study|carry_out"),
+    r"python -m simulators\.devices.*": RunElsewhere(
+        "tests/simulators/devices/test_emulate.py", '"simulators.devices"'
+    ),
+    r"python -m simulators\.(plant|three_body)\.generate": RunByNone("replaces the models that the tests compare with"),
+    r"python -m benchmarks\.method_figures": RunElsewhere("tests/benchmarks/test_method_figures.py", r"figures\.main"),
+    r"python -m pip wheel .*": RunElsewhere("tests/test_wheel.py", '"wheel", "--no-deps"'),
+    r"python -m tests\.benches\.nc_disturbances .*": RunElsewhere(
+        "tests/gateway/nc/test_nc_disturbances.py", "disturbed"
+    ),
+    r"python -m tests\.benches\.power_cuts .*": RunElsewhere(
+        "tests/gateway/storage/test_power_cuts.py", "cut_and_start"
+    ),
+    r"python -m tests\.benches\.spoilt_stores .*": RunElsewhere(
+        "tests/gateway/storage/test_damage.py", "spoilt_stores"
+    ),
+    r"python -m tests\.benches\.disk_calls": RunElsewhere("tests/gateway/storage/test_disk_calls.py", "disk_calls"),
+    r"python -m tests\.benches\.site .*": RunElsewhere("tests/gateway/collect/test_site.py", "run_site"),
+    r"python -m tests\.benches\.fuzz .*": RunByNone(_LONG),
+    r"python -m tests\.benches\.soak .*": RunElsewhere("tests/system/test_soak.py", "soaked"),
+    r"python -m tests\.benches\.page_memory .*": RunByNone("days of a page in a browser"),
+    r"python -m tests\.benches\.outlets_cost .*": RunByNone("measures for a minute, with two servers"),
+    r"python -m tests\.benches\.page_browsers .*": RunByNone("ten browsers, on an idle computer"),
+    r"python -m tests\.benches\.linuxcnc_motion": RunByNone("a quarter of an hour with LinuxCNC on an idle computer"),
+    r"python -m tests\.benches\.linuxcnc_disturbances .*": RunElsewhere(
+        "tests/gateway/nc/test_linuxcnc_disturbances.py", "disturbed_linuxcnc"
+    ),
+    r"python -m tests\.benches\.linuxcnc_period": RunElsewhere(
+        "tests/drivers/linuxcnc/test_linuxcnc_period.py", "periods_us"
+    ),
+    r"python -m tests\.benches\.service_under_systemd .*": RunByNone("a quarter of an hour in a Debian of its own"),
+    r"python -m tests\.benches\.notebooks": RunElsewhere("tests/examples/test_notebooks.py", "notebooks import .* run"),
+    # make.
+    r"make (test|\.venv/\.ready)": RunElsewhere(".ci/run", "make test"),
+    r"make lint types imports": RunElsewhere("Makefile", "(?ms)^test:.* lint types imports"),
+    r"make site": RunElsewhere("tests/test_site.py", '"mkdocs", "build", "--strict"'),
+    r"make deb": RunElsewhere("tests/system/test_debian_package.py", r"build\.sh"),
+    r"make deb ARCH=arm64": RunByNone("needs a cross compiler and Debian's arm64 packages"),
+    r"make demo NC=linuxcnc": RunElsewhere("tests/system/test_linuxcnc.py", "show"),
+    r"make demo": RunElsewhere("tests/system/test_demo.py", '"demo", "--hours"'),
+    r"make (bench|study).*": RunByNone(_LONG),
+    r"make pictures": RunByNone("as long as the demo, and replaces the pages' pictures"),
+    r"make format": RunByNone("changes the code; the check of the same formatting is part of make test"),
+    r"make audit": RunByNone("asks pypi.org"),
+    # Programs of others.
+    r"certificates\.sh .*": RunElsewhere("tests/test_certificates.py", r"certificates\.sh"),
+    r"(apt|apt-get|dpkg|ip|systemctl) .*": RunByNone(_ROOT),
+    r"(pip|uv) .*": RunByNone(_NETWORK),
+    r"(chmod|git|journalctl|nano|openssl|unzip) .*": RunByNone("a program of others, as its own manual describes it"),
+}
+"""Pattern of a whole command, without `talc-gateway`, to what runs it; the first pattern that fits is meant."""
+
+
+def commands_in(page: Path) -> Iterator[str]:
+    """Commands of a page, in code blocks, indented lines and code spans, on one line each."""
+    prose = []
+    for i, part in enumerate(page.read_text("utf-8").split("```")):
+        if i % 2 == 0:
+            prose.append(re.sub(r"(?m)^    .*$", "", part))
+            lines = re.findall(r"(?m)^    (?=\S)(.*)$", part)
+        else:
+            lines = part.splitlines()
+        for line in lines:
+            command = line.strip().removeprefix("$ ").partition(" #")[0].strip()
+            for one in command.split(" && ") if OTHERS.match(command) else (command,):
+                if OURS.match(one) or (part.startswith("sh\n") and OTHERS.match(one)):
+                    yield one
+    for span in re.findall(r"`([^`]+)`", " ".join(prose)):
+        one = " ".join(span.split()).removeprefix("PYTHONPATH=. ")
+        if OURS.match(one) or OTHERS.match(one):
+            yield one
+
+
+COMMANDS = sorted(
+    {(page.relative_to(ROOT).as_posix(), command) for page in PAGES for command in commands_in(page) if " " in command}
+)
+
+
+def leaf(words: list[str]) -> tuple[click.Command, list[str], click.Context]:
+    """The command that the words name, and the words that remain for it."""
+    command: click.Command = main
+    context = click.Context(main, info_name="talc-gateway")
+    while isinstance(command, click.Group) and words:
+        name, found, words = command.resolve_command(context, words)
+        assert found is not None
+        command, context = found, click.Context(found, info_name=name, parent=context)
+    return command, words, context
+
+
+def is_name(command: str) -> bool:
+    """Whether a sentence only names the command, or an option: what it needs is not there."""
+    program, *words = shlex.split(command)
+    if program != "talc-gateway":
+        return False
+    found, rest, _ = leaf(words)
+    if isinstance(found, click.Group):
+        return True
+    needs = any(p.required for p in found.params if isinstance(p, click.Argument))
+    return (needs and not rest) or command.endswith("--preset")
+
+
+def verdict(command: str) -> tuple[str, HowShown | None]:
+    """The pattern that fits first, and what it says; None: no pattern fits."""
+    text = command.removeprefix("talc-gateway ")
+    for pattern, found in TABLE.items():
+        if re.fullmatch(pattern, text):
+            return pattern, found
+    return "", None
+
+
+WHOLE = sorted({command for _, command in COMMANDS if not is_name(command)})
+"""Commands that a reader can give, each once."""

@@ -1,0 +1,71 @@
+"""`python -m tests.benches.snapshot_memory CONFIG COUNT`: `run`, of which only a store runs, which takes snapshots.
+
+A day passes between two of them. Prints the process's memory in MB, once the learner has learnt and after each one.
+"""
+
+import asyncio
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+
+from gateway.cli.run import run_service
+from gateway.clock import ServiceClock
+from gateway.config import GatewayConfig, load
+from gateway.events import DecisionMade, FrameMade, Sink
+from gateway.past import SnapshotKeeper, past_in
+from gateway.recordings import WireLogWriter
+from gateway.service import Service
+from gateway.storage import Store
+from talc.frame import Frame, Measurement
+
+STEPS_A_DAY = 24
+
+
+def resident_mb() -> float:
+    """Of this process, MB."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def taken(config: GatewayConfig, clock: ServiceClock, count: int) -> None:
+    """Take so many snapshots, each once the one before it is on the disk."""
+    draw, names = np.random.default_rng(1), config.input_names
+    with Store(config.storage.path, "first", clock) as store:
+        past = past_in(store, config)
+        store.begin(config.canonical(), config.fingerprint(), "")
+        keeper = SnapshotKeeper(past, store, config, every_steps=STEPS_A_DAY)
+        for k in range(STEPS_A_DAY * (count + 1)):
+            measured = Measurement(draw.normal(0, 5, 9), np.full(9, 0.5)) if k % 12 == 0 else None
+            frame = Frame(k, 20.0 + draw.normal(0, 2, len(names)), np.full(len(names), fill_value=True), measured)
+            if k % STEPS_A_DAY == STEPS_A_DAY - 1:
+                store.flush()
+                store.flush()  # now the writer no longer holds the last row before it
+                print(resident_mb(), flush=True)
+            for event in (FrameMade(frame), DecisionMade(past.controller.step(frame))):
+                store.record(event)
+                keeper.take(event)
+
+
+def main(path: Path, count: int) -> None:
+    async def snapshots_alone(
+        config: GatewayConfig,
+        clock: ServiceClock,
+        _: asyncio.Event,
+        *,
+        simulated: bool,
+        more: Sequence[Sink],
+        started: Callable[[Service], None],
+        wire_log: WireLogWriter | None,
+    ) -> None:
+        taken(config, clock, count)
+
+    with patch("gateway.cli.run.serve", snapshots_alone):
+        run_service(load(path), path)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

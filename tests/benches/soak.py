@@ -1,0 +1,244 @@
+"""`python -m tests.benches.soak --days 30`: the whole service for long, with random faults and restarts.
+
+Faults on every wire and on the control, one at a time (tests/benches/faulty_machine.py), and restarts of the service,
+half of them by cancelling it. Prints a table: what was lost, what grew, how late it was, what was not reported and
+what was reported for nothing.
+
+The service and the emulators run in one process on simulated time (tests/benches/simulated_time.py), with their real
+timeouts: how busy the computer is shows in nothing. With `--real` they run in two processes at the computer's own
+speed, polled as often as on a machine.
+"""
+
+import argparse
+import asyncio
+import gc
+import json
+import logging
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import AsyncIterator
+from contextlib import AbstractContextManager, asynccontextmanager, nullcontext, suppress
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from gateway.cli.memory import give_back_large_blocks
+from gateway.cli.running import serve
+from gateway.clock import RealClock
+from gateway.config import GatewayConfig, load
+from gateway.events import CompensationStepped, DecisionMade, GatewayEvent, ReadingsTaken
+from simulators.clock import SharedClock
+from talc.frame import FloatArray
+from tests.benches.faulty_machine import faulty_machine
+from tests.benches.free_port import free_port
+from tests.benches.processes import children
+from tests.benches.simulated_time import real_monotonic_s, simulated_time
+from tests.benches.soak_judged import HeldNow, SoakResult, SoakRun, SoakSeen, judged
+
+AS_ON_A_MACHINE = (("= 100.0", "= 1.0"), ("= 30.0 ", "= 1.0 "), ("watchdog_s = 3600.0", "watchdog_s = 10.0"))
+"""The periods of the bench's configuration, and those of a machine."""
+ON_SIMULATED_TIME = (("[telemetry]", "[telemetry]\nenabled = false"), ("timeout_s = 2.0", "timeout_s = 30.0"))
+"""Telemetry's threads would not wait for it. OPC UA's client asks as often as that whether the control is there."""
+SHORTEST_RUN_S = 1800.0
+
+
+@dataclass(frozen=True, slots=True)
+class SoakPlan:
+    """How long, how fast, and how often something happens; seconds are simulated."""
+
+    days: float = 30.0
+    seed: int = 1
+    pause_s: float = 5400.0
+    """Between two faults on average; a fault that is shorter than a wire's period may not be seen."""
+    run_s: float = 8 * 3600.0
+    """Between two restarts on average."""
+
+
+class SoakClock(RealClock):
+    """This process's clock, from zero on: what the emulated machine goes by."""
+
+    def __init__(self) -> None:
+        self._zero_s = super().monotonic()
+
+    def monotonic(self) -> float:
+        return super().monotonic() - self._zero_s
+
+
+class RightClock(RealClock):
+    """The service's clock: kept by a time server, whether this computer has one or not."""
+
+    def synchronised(self) -> bool:
+        return True
+
+
+@asynccontextmanager
+async def _machine_apart(folder: Path, epoch: datetime, plan: SoakPlan) -> AsyncIterator[dict[str, int]]:
+    """The emulated machine in a process of its own, at this computer's speed; yields its ports."""
+    clock = SharedClock(folder / "clock", epoch=epoch, owner=True)
+    clock.start()
+    arguments = (folder, epoch.isoformat(), 1.0, plan.seed, plan.days * 24.0, plan.pause_s)
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "tests.benches.faulty_machine", *map(str, arguments)),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+    )
+    if process.stdin is None or process.stdout is None:
+        raise RuntimeError("the machine's process has no pipes")
+    try:
+        yield json.loads(await asyncio.wait_for(process.stdout.readline(), 120.0))
+    finally:
+        process.stdin.close()
+        await asyncio.wait_for(process.wait(), 120.0)
+        clock.close()
+
+
+def config(folder: Path, ports: dict[str, int], *, real: bool) -> GatewayConfig:
+    """The bench's, for these addresses."""
+    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
+    fillings = {
+        **ports, "rtu_port": folder / "rtu", "can_port": folder / "can", "growth_port": folder / "growth",
+        "folder": folder, "zenoh_port": free_port(), "zenoh_connect": "[]", "talc": "",
+    }  # fmt: skip
+    for name, value in fillings.items():
+        text = text.replace("{" + name + "}", str(value))
+    for before, after in AS_ON_A_MACHINE if real else ON_SIMULATED_TIME:
+        text = text.replace(before, after)
+    path = folder / "gateway.toml"
+    path.write_text(text, encoding="utf-8")
+    return load(path)
+
+
+def held() -> HeldNow:
+    """What this process holds now."""
+    gc.collect()
+    links = [_link(path) for path in Path("/proc/self/fd").iterdir()]
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return HeldNow(
+        # Those below /proc/self/task are of simulated time itself, one for each thread that there ever was.
+        descriptors=sum("/task/" not in link for link in links),
+        threads=threading.active_count(),
+        tasks=len(asyncio.all_tasks()),
+        resident_mb=pages * os.sysconf("SC_PAGE_SIZE") / 1e6,
+    )
+
+
+def _link(path: Path) -> str:
+    try:
+        return str(path.readlink())
+    except FileNotFoundError:  # the one of this list
+        return ""
+
+
+class Watching:
+    """A gateway.events.Sink for all runs of a soak."""
+
+    def __init__(self, seen: SoakSeen, clock: RealClock, step_s: float) -> None:
+        self._seen, self._clock, self._step_s = seen, clock, step_s
+        self._offsets: FloatArray | None = None
+        self._across = False
+
+    def begin(self) -> None:
+        """Another run of the service begins."""
+        self._across = True
+
+    def take(self, event: GatewayEvent) -> None:
+        match event:
+            case DecisionMade():
+                self._seen.lags_s.append(self._clock.utc().timestamp() - event.decision.k * self._step_s)
+            case ReadingsTaken():
+                self._seen.readings += len(event.readings)
+            case CompensationStepped() if event.write.written:
+                # The coefficients, as the offset at the tool also changes when the axes move. A row's sum is the most
+                # that its axis can change by, wherever the tool is.
+                step = event.write.step
+                now = np.array(step.coefficients_um or [[offset] for offset in step.offsets_um])
+                if self._offsets is not None and self._offsets.shape == now.shape:
+                    kind = "across" if self._across else "within"
+                    change = float(np.abs(now - self._offsets).sum(axis=1).max())
+                    self._seen.changes_um[kind] = max(change, self._seen.changes_um.get(kind, 0.0))
+                self._offsets, self._across = now, False
+            case _:
+                pass
+
+
+async def soaked(folder: Path, plan: SoakPlan, *, real: bool = False) -> SoakResult:
+    """Run it all in this folder, and judge it. Within `simulated_time`, unless it is real."""
+    random, clock, seen = np.random.default_rng(plan.seed), SoakClock(), SoakSeen()
+    epoch, total_s, began_s = clock.utc(), plan.days * 86400.0, real_monotonic_s()
+    whole = (
+        _machine_apart(folder, epoch, plan)
+        if real
+        else faulty_machine(folder, clock, plan.seed, plan.days * 24.0, plan.pause_s)
+    )
+    async with whole as ports:
+        settings = config(folder, ports, real=real)
+        watching = Watching(seen, clock, settings.grid.step_s)
+        if settings.nc is not None and settings.compensation is not None:
+            seen.slew_um = settings.compensation.slew_um_per_s * settings.nc.period_s
+        while (now_s := clock.monotonic()) < total_s:
+            shortest_s = min(SHORTEST_RUN_S, plan.run_s / 2)
+            until_s = min(total_s, now_s + shortest_s + random.exponential(plan.run_s - shortest_s))
+            seen.runs.append(await _run(settings, clock, until_s, watching, properly=bool(random.random() < 0.5)))
+    seen.real_s, seen.children = real_monotonic_s() - began_s, len(children(os.getpid()))
+    return judged(folder, settings, epoch, seen)
+
+
+async def _run(
+    settings: GatewayConfig, clock: SoakClock, until_s: float, watching: Watching, *, properly: bool
+) -> SoakRun:
+    """One run of the service."""
+    stop, begin_s = asyncio.Event(), clock.monotonic()
+    watching.begin()
+    running = asyncio.create_task(serve(settings, RightClock(), stop, simulated=True, more=[watching.take]))
+    ending = asyncio.create_task(clock.sleep_until(until_s))
+    await asyncio.wait([running, ending], return_when=asyncio.FIRST_COMPLETED)
+    end_s, working = clock.monotonic(), held()
+    if properly:
+        stop.set()
+    else:
+        running.cancel()
+    with suppress(asyncio.CancelledError):
+        await running
+    ending.cancel()
+    await asyncio.gather(ending, return_exceptions=True)
+    return SoakRun(begin_s, end_s, properly, working, resting=held())
+
+
+def table(found: SoakResult) -> str:
+    """As Markdown; what counts against the gateway follows, line by line."""
+    lines = ["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in found.rows), ""]
+    lines += [f"not reported: {fault.name}, from {fault.begin_s:.0f} to {fault.end_s:.0f} s" for fault in found.missed]
+    lines += [f"false alarm: at {alarm.at_s:.0f} s, {alarm.kind.value}: {alarm.text}" for alarm in found.false]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table; exit code 1 if something was lost, not reported, reported for nothing, leaked, or stepped."""
+    plain = SoakPlan()
+    options = argparse.ArgumentParser(description="The whole service with random faults and restarts.")
+    options.add_argument("--days", type=float, default=plain.days, help="simulated")
+    options.add_argument("--seed", type=int, default=plain.seed)
+    options.add_argument("--pause", type=float, default=plain.pause_s, help="between two faults, simulated s")
+    options.add_argument("--run", type=float, default=plain.run_s, help="between two restarts, simulated s")
+    options.add_argument("--real", action="store_true", help="at the computer's own speed")
+    options.add_argument("--folder", type=Path, help="keep everything there; default: a temporary folder")
+    given = options.parse_args()
+    plan = SoakPlan(given.days, given.seed, given.pause, given.run)
+    logging.disable(logging.CRITICAL)
+    give_back_large_blocks()  # as `run` does
+    pace: AbstractContextManager[None] = nullcontext() if given.real else simulated_time()
+    with tempfile.TemporaryDirectory() as name, pace:
+        folder = given.folder or Path(name)
+        folder.mkdir(parents=True, exist_ok=True)
+        found = asyncio.run(soaked(folder, plan, real=given.real))
+    print(table(found))
+    sys.exit(not found.good)
+
+
+if __name__ == "__main__":
+    main()

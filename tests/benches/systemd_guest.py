@@ -1,0 +1,52 @@
+"""In the guest, with the Python of the package: the emulated machine at real speed, and a configuration that fits it.
+
+Tells systemd when both are there, and ends with a signal.
+"""
+
+import json
+import subprocess
+import sys
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+
+from simulators.clock import SharedClock
+
+HOURS = 24.0
+FOLDER, CONFIG = Path("/run/machine"), Path("/etc/talc-gateway/gateway.toml")
+FASTER = {
+    "period_s = 100.0": "period_s = 1.0",  # the bench's are for simulated time
+    "period_s = 30.0": "period_s = 1.0",
+    "watchdog_s = 3600.0": "watchdog_s = 10.0",
+}
+
+
+def main() -> None:
+    FOLDER.mkdir(exist_ok=True)
+    epoch = datetime.now(UTC)
+    clock = SharedClock(FOLDER / "clock", epoch=epoch, owner=True)
+    clock.start()
+    machine = subprocess.Popen(
+        [sys.executable, "-m", "simulators.bench", str(FOLDER), epoch.isoformat(), "1", "1", str(HOURS)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    if machine.stdout is None:
+        raise RuntimeError("the machine's process has no pipe")
+    addresses: dict[str, str | int] = json.loads(machine.stdout.readline())
+    for place in addresses.values():
+        if isinstance(place, str):
+            Path(place).chmod(0o666)  # on a real computer the group dialout has the serial ports
+    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
+    fillings = {**addresses, "folder": "/var/lib/talc-gateway", "zenoh_port": 7447, "zenoh_connect": "[]", "talc": ""}
+    for name, value in fillings.items():
+        text = text.replace("{" + name + "}", str(value))
+    for before, after in FASTER.items():
+        text = text.replace(before, after)
+    CONFIG.write_text(text, encoding="utf-8")
+    subprocess.run(["systemd-notify", "--ready"], check=True)
+    machine.wait()
+
+
+if __name__ == "__main__":
+    main()

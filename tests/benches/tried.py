@@ -1,0 +1,203 @@
+"""Makes docs/tried.md: the programs of others that the drivers are tried against, their versions, and the tests.
+
+python -m tests.benches.tried > docs/tried.md
+"""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("drivers", "gateway", "examples")
+"""Folders of `tests` that are searched."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A program or library of others."""
+
+    name: str
+    made_by: str
+    """Package, and where it comes from: `npm`, `PyPI` or `Debian`."""
+    package: str
+    what: str
+    """What it is to the gateway, and what was tried with it."""
+    trace: str
+    """How a test file shows that it uses it, as a regular expression."""
+    debian_version: str = ""
+    """The upstream version in Debian 12."""
+
+    @property
+    def version(self) -> str:
+        """By the lock files; of a Debian package as stated here, which a test with marker `peer` compares."""
+        match self.made_by:
+            case "npm":
+                return _npm()[self.package]
+            case "PyPI":
+                return _locked()[self.package]
+            case _:
+                return self.debian_version
+
+    def tests(self) -> Iterator[Path]:
+        """The test files that use it."""
+        for room in ROOMS:
+            for file in sorted((ROOT / "tests" / room).rglob("test_*.py")):
+                if re.search(self.trace, file.read_text("utf-8")):
+                    yield file
+
+
+PEERS = (
+    Tried(
+        "libmodbus",
+        "Debian",
+        "libmodbus5",
+        "Modbus RTU and TCP server: supplied profiles, all four tables, refused addresses, silence",
+        r"libmodbus_slave",
+        "3.1.6",
+    ),
+    Tried(
+        "modbus-serial",
+        "npm",
+        "modbus-serial",
+        "Modbus RTU and TCP server: supplied profiles, coils and registers, "
+        "a silent unit beside others, refused addresses",
+        r'node_with\("modbus_serial"',
+    ),
+    Tried(
+        "pymodbus",
+        "PyPI",
+        "pymodbus",
+        "Modbus TCP server: types and orders, unknown unit ids, `inspect registers`; "
+        "frames of another master. Our driver encodes with it, too",
+        r"from pymodbus\.(server|framer)",
+    ),
+    Tried(
+        "canopen (Node.js)",
+        "npm",
+        "canopen",
+        "CANopen node: CiA 404 by SDO, SYNC and timer, heartbeat, emergencies; objects without a device profile",
+        r'node_with\("canopen_node"',
+    ),
+    Tried(
+        "canopen (Python)",
+        "PyPI",
+        "canopen",
+        "CANopen node by an EDS: types, refused objects, identity, `inspect objects`. Our driver uses its client",
+        r"LibraryNode\(",
+    ),
+    Tried(
+        "cantools",
+        "PyPI",
+        "cantools",
+        "encodes multiplexed CAN messages, one and two levels. Our driver decodes with it",
+        r"(?m)^import cantools",
+    ),
+    Tried(
+        "asyncua",
+        "PyPI",
+        "asyncua",
+        "OPC UA server: values, statuses, ages, unknown nodes, lost sessions, `inspect "
+        "nodes`. Our driver uses its client",
+        r"Drives\(",
+    ),
+    Tried(
+        "node-opcua",
+        "npm",
+        "node-opcua",
+        "OPC UA server, signed and encrypted, with a user: channels, and a control with its part program",
+        r'node_with\("node_opcua"',
+    ),
+    Tried(
+        "mtconnect",
+        "PyPI",
+        "mtconnect",
+        "MTConnect agent: positions, speeds, states, units and types of data items, UNAVAILABLE",
+        r"mtconnect_agent\(",
+    ),
+    Tried(
+        "pyads",
+        "PyPI",
+        "pyads",
+        "ADS server for tests, as a TwinCAT PLC: variables, missing ones, a stopped program. `examples/ads` uses its "
+        "client, which is Beckhoff's",
+        r"ads_server\(",
+    ),
+    Tried(
+        "Mosquitto",
+        "Debian",
+        "mosquitto",
+        "MQTT broker and, as a subscriber, its own client: retained messages, last will, TLS with users and "
+        "certificates, refusals, loss and return, `inspect topics`",
+        r"benches\.mosquitto",
+        "2.0.11",
+    ),
+    Tried(
+        "InfluxDB",
+        "Debian",
+        "influxdb",
+        "database: what the outlet writes by line protocol is read back; escaping, times, refusals. InfluxDB 2 was not "
+        "tried",
+        r"influxdb1\(",
+        "1.6.7",
+    ),
+    Tried(
+        "VictoriaMetrics",
+        "Debian",
+        "victoria-metrics",
+        "database that takes line protocol at the address and in the form of InfluxDB 2, without its tokens",
+        r"victoria_metrics\(",
+        "1.79.5",
+    ),
+    Tried(
+        "LinuxCNC",
+        "Debian",
+        "linuxcnc-uspace",
+        "a real numerical control, with emulated motors and probe",
+        r"simulators\.linuxcnc|linuxcnc_bench|linuxcnc_motion",
+        "2.9.0",
+    ),
+)
+
+
+def page() -> str:
+    """The whole page."""
+    rows = []
+    for peer in PEERS:
+        named = ", ".join(f"`{file.relative_to(ROOT / 'tests').as_posix()}`" for file in peer.tests())
+        rows.append(f"| {peer.name} | {peer.version} ({peer.made_by}) | {peer.what} | {named} |")
+    return _HEAD + "\n".join(rows) + "\n" + _TAIL
+
+
+def _locked() -> dict[str, str]:
+    return dict(re.findall(r"(?m)^([a-z0-9-]+)==([^ ;]+)", (ROOT / "requirements" / "dev.lock").read_text("utf-8")))
+
+
+def _npm() -> dict[str, str]:
+    found: dict[str, str] = {}
+    for file in sorted((ROOT / "tests" / "benches" / "peers").glob("*/package.json")):
+        found |= json.loads(file.read_text("utf-8"))["dependencies"]
+    return found
+
+
+_HEAD = """\
+# What the drivers were tried on
+
+Generated by `python -m tests.benches.tried` from the tests and the lock files; a test fails when this page is out of
+date. Every program in the table is made by others and speaks for itself: a misread specification shows as a
+disagreement. `.ci/run` runs all of these tests.
+
+| peer | version | what it is, and what was tried | files in `tests/` |
+|---|---|---|---|
+"""
+_TAIL = """
+**No real device and no real control is in this table, because none was tried.** The supplied profiles come from
+manuals, and so do the emulators in `simulators/devices/`, which were written from the manual and not from the driver;
+what no manual confirms is marked **confirm** in [devices](devices.md). What was tried of the control itself is in
+[nc](nc.md).
+"""
+
+
+if __name__ == "__main__":
+    print(page(), end="")
