@@ -31,12 +31,13 @@ pictures: $(VENV)/.ready
 	cp out/page/page-390-light.png docs/page-390-light.png
 	cp out/page/page-390-dark.png docs/page-390-dark.png
 	cp out/page/page-gone.png docs/page-gone.png
+	cp out/page/page-month.png docs/page-month.png
 
 # The documentation as a site, out/site; links and references that lead nowhere are errors.
 site: $(VENV)/.ready
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-.PHONY: bench study pictures site demo deb test lint format types imports clean
+.PHONY: bench study pictures site demo deb audit test beside lint format types imports clean
 
 $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -48,9 +49,15 @@ $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 demo: $(VENV)/.ready
 	$(BIN)/talc-gateway demo $(if $(NC),--nc $(NC))
 
-# dist/talc-gateway_VERSION_ARCH.deb for this computer's Debian release (docs/install-pi.md)
+# dist/talc-gateway_VERSION_ARCH.deb for this computer's Debian release (docs/install-pi.md); ARCH=arm64: for a Pi.
+ARCH ?=
 deb: $(VENV)/.ready
-	PYTHON=$(BIN)/python deploy/debian/build.sh dist
+	PYTHON=$(BIN)/python ARCH=$(ARCH) deploy/debian/build.sh dist
+
+# Known vulnerabilities of what an installation brings (asks pypi.org; without that, --strict fails).
+audit: $(VENV)/.ready
+	test -x out/audit/bin/pip-audit || ($(PYTHON) -m venv out/audit && out/audit/bin/pip install --quiet pip-audit==2.10.1)
+	out/audit/bin/pip-audit --strict --disable-pip --require-hashes -r requirements/run.lock
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .
@@ -64,15 +71,19 @@ imports: $(VENV)/.ready
 
 # Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them,
 # and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the others.
-# Two workers a core, as many tests wait. The tests start over a hundred Python programs: without byte code on disk, each
-# would compile every module again.
+# One worker more than cores, as some tests wait; each takes ten seconds to import and collect all tests. The tests start
+# many Python programs: without byte code on disk, each would compile every module again.
 TESTS ?= not peer and not slow
-WORKERS ?= $(shell expr 2 \* $$(nproc))
+WORKERS ?= $(shell expr $$(nproc) + 1)
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --durations=15
 
-test: lint types imports
-	$(PYTEST) -n $(WORKERS) --dist worksteal -m "not realtime and ($(TESTS))"
+# The checks run beside the tests; if one of them fails, the tests still run to their end, and make fails.
+test: $(VENV)/.ready
+	$(MAKE) --no-print-directory --jobs=4 lint types imports beside
 	$(PYTEST) -m "realtime and ($(TESTS))" $$(grep -rl --include='test_*.py' 'mark\.realtime' tests)
+
+beside: $(VENV)/.ready
+	$(PYTEST) -n $(WORKERS) --dist worksteal -m "not realtime and ($(TESTS))"
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format .
