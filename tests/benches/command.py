@@ -31,14 +31,16 @@ class Done:
     code: int
     out: str
     err: str
+    together: str = ""
+    """Both, in the order in which they came; empty for a command in a separate process."""
 
 
-def here(*arguments: str, answer: str = "") -> Done:
+def here(*arguments: str, answer: str = "", columns: int = _COLUMNS) -> Done:
     """Run in this process to its own end. `answer` is typed at its questions. Raises what it does not catch."""
-    done = CliRunner(env={"COLUMNS": str(_COLUMNS)}).invoke(main, arguments, input=answer)
+    done = CliRunner(env={"COLUMNS": str(columns)}).invoke(main, arguments, input=answer)
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
-    return Done(done.exit_code, done.stdout, done.stderr)
+    return Done(done.exit_code, done.stdout, done.stderr, done.output)
 
 
 @contextmanager
@@ -73,22 +75,17 @@ def beside(devices: AbstractAsyncContextManager[Opened]) -> Iterator[Opened]:
 async def talc_gateway(
     *arguments: str,
     answer: str = "",
-    columns: int = _COLUMNS,
     interrupt: Callable[[], Awaitable[object]] | None = None,
     folder: Path | None = None,
-    together: bool = False,
 ) -> Done:
-    """Run to its end, in `folder`. `answer` is typed at its questions; Ctrl-C comes when `interrupt` returns.
-
-    together: errors stand in `out`, where they came
-    """
+    """Run to its end, in `folder`. `answer` is typed at its questions; Ctrl-C comes when `interrupt` returns."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "gateway", *arguments),
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.STDOUT if together else asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
         cwd=folder,
-        env={**os.environ, "COLUMNS": str(columns), "PYTHONWARNINGS": "error::ResourceWarning"},
+        env={**os.environ, "COLUMNS": str(_COLUMNS), "PYTHONWARNINGS": "error::ResourceWarning"},
     )
     try:
         async with asyncio.timeout(LIMIT_S):
@@ -100,4 +97,4 @@ async def talc_gateway(
         if process.returncode is None:
             process.kill()
             await process.wait()
-    return Done(process.returncode or 0, out.decode(), (err or b"").decode())
+    return Done(process.returncode or 0, out.decode(), err.decode())

@@ -2,35 +2,16 @@
 
 import json
 import os
-import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlencode
 from urllib.request import Request, urlopen
 
+from tests.benches.foreign_server import foreign_server
 from tests.benches.free_port import free_port
 
 LIMIT_S = 120.0
-
-
-@contextmanager
-def _running(command: Sequence[str], ready: str, environment: Mapping[str, str], log: Path) -> Iterator[None]:
-    """Until the line with `ready`; the log goes to a file, as nobody reads it later."""
-    with subprocess.Popen(command, stderr=subprocess.PIPE, env=os.environ | environment, text=True) as process:
-        assert process.stderr is not None
-        try:
-            said = []
-            for line in process.stderr:
-                said.append(line)
-                if ready in line:
-                    break
-            else:
-                raise AssertionError(f"{command[0]} ended: {''.join(said)}")
-            yield
-        finally:
-            process.terminate()
-            log.write_text(process.communicate(timeout=LIMIT_S)[1])
 
 
 def asked(url: str, data: bytes | None = None) -> str:
@@ -58,9 +39,9 @@ class InfluxDb1:
 @contextmanager
 def influxdb1(folder: Path) -> Iterator[InfluxDb1]:
     """An InfluxDB 1 with an empty database `talc`."""
-    place = f"127.0.0.1:{free_port()}"
+    port = free_port()
     settings = {
-        "INFLUXDB_HTTP_BIND_ADDRESS": place,
+        "INFLUXDB_HTTP_BIND_ADDRESS": f"127.0.0.1:{port}",
         "INFLUXDB_BIND_ADDRESS": f"127.0.0.1:{free_port()}",
         "INFLUXDB_META_DIR": str(folder / "meta"),
         "INFLUXDB_DATA_DIR": str(folder / "data"),
@@ -68,15 +49,15 @@ def influxdb1(folder: Path) -> Iterator[InfluxDb1]:
         "INFLUXDB_HTTP_LOG_ENABLED": "false",
         "INFLUXDB_REPORTING_DISABLED": "true",
     }
-    with _running(["influxd", "-config", os.devnull], "Listening on HTTP", settings, folder / "influxd.log"):
-        yield InfluxDb1(f"http://{place}")
+    with foreign_server(["influxd", "-config", os.devnull], port, folder / "influxd.log", settings):
+        yield InfluxDb1(f"http://127.0.0.1:{port}")
 
 
 @contextmanager
 def victoria_metrics(folder: Path) -> Iterator[str]:
     """The address of a VictoriaMetrics, which takes what is meant for a bucket of InfluxDB 2."""
-    place = f"127.0.0.1:{free_port()}"
+    place = f"127.0.0.1:{(port := free_port())}"
     command = ["victoria-metrics", f"-httpListenAddr={place}", f"-storageDataPath={folder / 'victoria'}",
                "-retentionPeriod=100y"]  # fmt: skip
-    with _running(command, "started VictoriaMetrics", {}, folder / "victoria.log"):
+    with foreign_server(command, port, folder / "victoria.log"):
         yield f"http://{place}"

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from tests.benches.foreign_server import ended, started
 from tests.benches.free_port import free_port
 
 LIMIT_S = 120.0
@@ -25,7 +26,7 @@ class Mosquitto:
         program = shutil.which("mosquitto", path="/usr/sbin:/usr/bin")
         assert program is not None, "mosquitto is missing: install Debian's mosquitto"
         self.port = free_port()
-        self._config = folder / "mosquitto.conf"
+        self._config, self._log = folder / "mosquitto.conf", folder / "mosquitto.log"
         lines = [f"listener {self.port} 127.0.0.1", "user root", "persistence false", "log_dest stderr"]
         self._config.write_text("\n".join([*lines, *(settings or ["allow_anonymous true"])]) + "\n")
         self._program = program
@@ -37,23 +38,13 @@ class Mosquitto:
         return f"mqtt://127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        """Returns when it listens."""
-        self._process = process = subprocess.Popen(
-            [self._program, "-c", str(self._config)], stderr=subprocess.PIPE, text=True
-        )
-        assert process.stderr is not None
-        said = []
-        for line in process.stderr:
-            said.append(line)
-            if "running" in line:
-                return
-        raise AssertionError(f"mosquitto ended: {''.join(said)}")
+        """Returns when its port accepts a connection."""
+        self._process = started([self._program, "-c", str(self._config)], self.port, self._log)
 
     def stop(self) -> None:
         """Ends all connections."""
         if self._process is not None:
-            self._process.terminate()
-            self._process.communicate(timeout=LIMIT_S)
+            ended(self._process)
             self._process = None
 
 

@@ -3,11 +3,10 @@
 `python -m tests.benches.wiring_faults` renews the document's blocks.
 """
 
-import asyncio
 import re
 import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, chdir
 from functools import partial
 from pathlib import Path
 from struct import pack, unpack
@@ -17,7 +16,8 @@ from simulators.devices.cia404_node import Nmt
 from simulators.devices.modbus_unit import ModbusUnit
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.source import SensorFault
-from tests.benches.command import talc_gateway
+from tests.benches.command import beside, here
+from tests.benches.simulated_time import simulated_time
 
 DOCUMENT = Path("docs/wiring.md")
 _BLOCK = re.compile(r"(<!-- shown (\w+) -->\n```text\n)(.*?)(```\n)", re.DOTALL)
@@ -57,11 +57,11 @@ def canopen(node: int = 5, bitrate: int = 125_000) -> str:
 
 
 class WiredBox:
-    """A folder with a configuration, and wires whose names stand in it."""
+    """A folder with a configuration, wires whose names stand in it, and the commands that a user types there."""
 
     def __init__(self, folder: Path, stack: AsyncExitStack) -> None:
         self.folder, self._stack = folder, stack
-        self.told: list[str] = []
+        self.typed: list[tuple[str, ...]] = []
 
     def write(self, text: str, name: str = "gateway.toml") -> None:
         """A file of the folder."""
@@ -95,32 +95,35 @@ class WiredBox:
         self._stack.push_async_callback(adapter.stop)
         return adapter
 
-    async def run(self, *arguments: str) -> None:
-        """A command as a user types it, and what it says."""
-        done = await talc_gateway(*arguments, columns=80, folder=self.folder, together=True)
-        out = done.out.replace(f"{self.folder.resolve()}/", "")  # a relative port starts at the file's folder
-        self.told.append(f"$ talc-gateway {' '.join(arguments)}\n{out}")
+    def speaks(self, node: Cia404Node, adapter: SlcanAdapter) -> None:
+        """Let this node of the adapter speak by itself."""
+        node.start(adapter.send)
+        self._stack.callback(node.stop)
+
+    def type(self, *arguments: str) -> None:
+        """A command that follows when everything is wired."""
+        self.typed.append(arguments)
 
 
 async def green(box: WiredBox) -> None:
     """Two modules and a displacement sensor, all well."""
     await box.line({1: M7015(lambda: ROOM), 2: Pta8d08(lambda: [*ROOM, 21.3, 21.2])})
     options = ("--protocol", "modbus_rtu", "--baud", "9600", "--baud", "19200", "--timeout", "0.4")
-    await box.run("scan", "serial", "rs485", "--units", "1-4", *options, "--toml", "gateway.toml")
-    await box.run("probe", "gateway.toml")
+    box.type("scan", "serial", "rs485", "--units", "1-4", *options, "--toml", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 async def silence(box: WiredBox) -> None:
     """A and B swapped, no power, another unit id, another speed: no module receives our requests."""
     box.write(RTU + beds())
     await box.line({1: M7015(lambda: ROOM)}, baud=115200)
-    await box.run("probe", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 async def speed(box: WiredBox) -> None:
     """The same line, every speed tried."""
     await box.line({1: M7015(lambda: ROOM)}, baud=115200)
-    await box.run("scan", "serial", "rs485", "--units", "1-2", "--protocol", "modbus_rtu", "--timeout", "0.4")
+    box.type("scan", "serial", "rs485", "--units", "1-2", "--protocol", "modbus_rtu", "--timeout", "0.4")
 
 
 async def duplicate(box: WiredBox) -> None:
@@ -128,7 +131,7 @@ async def duplicate(box: WiredBox) -> None:
     box.write(RTU + beds())
     line = await box.line({1: M7015(lambda: ROOM)})
     line.spoil = lambda _, frame: [(0.0, frame[:3] + bytes(a & 0x6D for a in frame[3:-2]) + frame[-2:])]
-    await box.run("probe", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 async def noise(box: WiredBox) -> None:
@@ -146,7 +149,7 @@ async def noise(box: WiredBox) -> None:
         return [(0.0, frame[:4] + bytes([frame[4] ^ 0x08]) + frame[5:] if disturbed else frame)]
 
     line.spoil = disturb
-    await box.run("probe", "gateway.toml", "--watch", "--seconds", "5", "--every", "5")
+    box.type("probe", "gateway.toml", "--watch", "--seconds", "5", "--every", "5")
 
 
 async def open_input(box: WiredBox) -> None:
@@ -156,14 +159,14 @@ async def open_input(box: WiredBox) -> None:
     guesses.faults.set(0, SensorFault.OPEN)
     box.write(RTU + beds() + device("rtd2", "rtu1", "eletechsup_pta8d08", 2, ("spindle_front", "spindle_rear")))
     await box.line({1: tells, 2: guesses})
-    await box.run("probe", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 async def two_wires(box: WiredBox) -> None:
     """A Pt100 wired with two conductors of 1.2 ohm in all: 1.2 / 0.385 = 3.1 K too warm, and good."""
     box.write(RTU + beds())
     await box.line({1: M7015(lambda: [21.3, 21.4 + 1.2 / 0.385, *ROOM[2:]])})
-    await box.run("probe", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 FLOATS = """protocol = "modbus"
@@ -197,7 +200,7 @@ async def word_order(box: WiredBox) -> None:
     box.write(FLOATS, "module.toml")
     box.write(RTU + device("rtd1", "rtu1", "module.toml", 1, ("bed_front", "bed_rear")))
     await box.line({1: FloatModule()})
-    await box.run("probe", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 async def wrong_device(box: WiredBox) -> None:
@@ -206,7 +209,7 @@ async def wrong_device(box: WiredBox) -> None:
     module = M7015(lambda: ROOM)
     module.set_type_code(2, 0x2B)
     await box.line({1: module})
-    await box.run("probe", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 async def data_format(box: WiredBox) -> None:
@@ -215,20 +218,20 @@ async def data_format(box: WiredBox) -> None:
     module = M7015(lambda: ROOM)
     module.engineering = False
     await box.line({1: module})
-    await box.run("probe", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 async def absent_port(box: WiredBox) -> None:
     """The adapter is not plugged in."""
     box.write(RTU + beds())
-    await box.run("probe", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 async def unit_behind_host(box: WiredBox) -> None:
     """The unit id behind a host is another one."""
     port = await box.host({3: Adam6015(lambda: [*ROOM, 21.3])})
-    await box.run("scan", "tcp", f"127.0.0.1:{port}", "--timeout", "0.5")
-    await box.run("scan", "tcp", f"127.0.0.1:{port}", "--timeout", "0.5", "--units", "1-8")
+    box.type("scan", "tcp", f"127.0.0.1:{port}", "--timeout", "0.5")
+    box.type("scan", "tcp", f"127.0.0.1:{port}", "--timeout", "0.5", "--units", "1-8")
 
 
 async def can_rate(box: WiredBox) -> None:
@@ -236,10 +239,9 @@ async def can_rate(box: WiredBox) -> None:
     box.write(canopen())
     node = Cia404Node(5, lambda: ROOM[:2], inputs=2, vendor="esd", heartbeat_ms=200)
     adapter = await box.can([node], bitrate=250_000)
-    node.start(adapter.send)
-    await box.run("probe", "gateway.toml")
-    await box.run("scan", "can", "canusb", "--interface", "slcan", "--listen", "1")
-    node.stop()
+    box.speaks(node, adapter)
+    box.type("probe", "gateway.toml")
+    box.type("scan", "can", "canusb", "--interface", "slcan", "--listen", "1")
 
 
 async def can_duplicate(box: WiredBox) -> None:
@@ -248,9 +250,8 @@ async def can_duplicate(box: WiredBox) -> None:
     stopped = Cia404Node(6, lambda: ROOM[:2], inputs=2, vendor="esd", heartbeat_ms=200)
     stopped.on_frame(0, bytes((Nmt.STOP, 6)))
     adapter = await box.can([*twins, stopped])
-    stopped.start(adapter.send)
-    await box.run("scan", "can", "canusb", "--interface", "slcan", "--bitrate", "125000", "--listen", "1")
-    stopped.stop()
+    box.speaks(stopped, adapter)
+    box.type("scan", "can", "canusb", "--interface", "slcan", "--bitrate", "125000", "--listen", "1")
 
 
 async def no_target(box: WiredBox) -> None:
@@ -261,7 +262,7 @@ async def no_target(box: WiredBox) -> None:
     box.write(
         '[machine]\nname = "mill"\n' + bus + device("eddy", "growth1", "me_rs485", 126, ("growth",), "range_um = 500.0")
     )
-    await box.run("probe", "gateway.toml")
+    box.type("probe", "gateway.toml")
 
 
 FAULTS: dict[str, Callable[[WiredBox], Awaitable[None]]] = {
@@ -274,17 +275,23 @@ FAULTS: dict[str, Callable[[WiredBox], Awaitable[None]]] = {
 
 
 @asynccontextmanager
-async def box_in(folder: Path) -> AsyncIterator[WiredBox]:
-    """A box whose wires are taken away at the end."""
+async def wired(name: str, folder: Path) -> AsyncIterator[WiredBox]:
+    """The box of one case, whose wires are taken away at the end."""
     async with AsyncExitStack() as stack:
-        yield WiredBox(folder, stack)
-
-
-async def told_of(name: str, folder: Path) -> str:
-    """What the commands of one case say."""
-    async with box_in(folder) as box:
+        box = WiredBox(folder, stack)
         await FAULTS[name](box)
-    return "\n".join(box.told)
+        yield box
+
+
+def told_of(name: str, folder: Path) -> str:
+    """What the commands of one case say. In this process, so that simulated time holds for them and the devices."""
+    told = []
+    with beside(wired(name, folder)) as box, chdir(folder):
+        for arguments in box.typed:
+            done = here(*arguments, columns=80)
+            out = done.together.replace(f"{folder.resolve()}/", "")  # a relative port starts at the file's folder
+            told.append(f"$ talc-gateway {' '.join(arguments)}\n{out}")
+    return "\n".join(told)
 
 
 def blocks(text: str) -> dict[str, str]:
@@ -296,7 +303,6 @@ def comparable(text: str) -> str:
     """Without what differs from run to run: times, ports, and the room that they take in a table."""
     text = re.sub(r"\d\d:\d\d:\d\d", "TIME", re.sub(r"127\.0\.0\.1(:|, )\d+", "127.0.0.1:PORT", text))
     text = re.sub(r"[\d.]+ (ms|Hz|s)\b", r"N \1", text)
-    text = re.sub(r"\d+ lost", "N lost", text)
     return "\n".join(re.sub(r"[ ━─]+", " ", line).strip() for line in text.strip().splitlines())
 
 
@@ -305,8 +311,8 @@ def renew() -> None:
     text = DOCUMENT.read_text(encoding="utf-8")
 
     def output(found: re.Match[str]) -> str:
-        with tempfile.TemporaryDirectory() as folder:
-            said = asyncio.run(told_of(found[2], Path(folder)))
+        with tempfile.TemporaryDirectory() as folder, simulated_time():
+            said = told_of(found[2], Path(folder))
         return found[1] + "\n".join(line.rstrip() for line in said.splitlines()) + "\n" + found[4]
 
     DOCUMENT.write_text(_BLOCK.sub(partial(output), text), encoding="utf-8")

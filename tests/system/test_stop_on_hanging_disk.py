@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.benches.database import applied
 from tests.benches.failing_disk import on_failing_disk
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 
@@ -34,6 +35,9 @@ def test_it_ends_by_itself_and_names_what_may_be_lost(tmp_path: Path) -> None:
         process = subprocess.Popen([sys.executable, "-m", "gateway", "run", str(file)], stderr=errors, env=environment)
         try:
             wait_until_ready(manager)
+            while not applied(disk / "gateway.sqlite"):  # the gateway is ready before its first commit
+                assert process.poll() is None
+                time.sleep(0.02)
             hanging.touch()
             process.send_signal(signal.SIGHUP)
             wait_until_ready(manager)  # what runs from now on is to be stored

@@ -6,14 +6,14 @@ import pytest
 
 from tests.benches.wiring_faults import DOCUMENT, FAULTS, blocks, comparable, told_of
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.simulated_time
 
 SHOWN = blocks(DOCUMENT.read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("name", FAULTS)
-async def test_document_shows_what_is_said(name: str, tmp_path: Path) -> None:
-    said = await told_of(name, tmp_path)
+def test_document_shows_what_is_said(name: str, tmp_path: Path) -> None:
+    said = told_of(name, tmp_path)
     assert comparable(said) == comparable(SHOWN[name])
 
 
