@@ -1,5 +1,6 @@
 """Every room states what others may use, and what it states is there."""
 
+import tomllib
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +21,21 @@ def test_a_room_states_its_public_names(room: str) -> None:
     assert isinstance(module.__all__, list)
     missing = [n for n in module.__all__ if not hasattr(module, n) and find_spec(f"{room}.{n}") is None]
     assert not missing
+
+
+def test_the_import_linter_knows_every_room() -> None:
+    """A room without a contract would be open to everybody, and nobody would notice."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    protected = {name for c in contracts if c["type"] == "protected" for name in c["protected_modules"]}
+    inside = [room for room in ROOMS if "." in room]
+    assert len(inside) > 30, "the rooms were found"
+    openly = [
+        room
+        for room in inside
+        if not {room, f"{room}.*", f"{room.rpartition('.')[0]}.*"} & protected
+        and not any(name.startswith(f"{room}.") for name in protected)  # module by module, see the next test
+    ]
+    assert openly == []
 
 
 @pytest.mark.parametrize("room", ["talc", "drivers", "simulators", "simulators.linuxcnc"])

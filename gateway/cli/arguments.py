@@ -1,4 +1,4 @@
-"""Parses arguments of the commands: NAME=VALUE, units, time zones, shifts, and the files to write."""
+"""Parses arguments of the commands: CONFIG, NAME=VALUE, units, time zones, shifts, and the files to write."""
 
 from collections.abc import Callable
 from datetime import time
@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, TypeVar
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
+
+from gateway.config import GatewayConfig, cautions, load
 
 if TYPE_CHECKING:
     from gateway.telemetry import Access
@@ -21,6 +23,14 @@ _ACCESS = (
     click.option("--user", help="Where user and password are asked for; with --password-file."),
     click.option("--password-file", type=PemPath, help="Holds the user's password alone."),
 )
+
+
+def read_config(path: Path) -> GatewayConfig:
+    """The checked configuration; its warnings go to standard error."""
+    config = load(path)
+    for caution in cautions(config):
+        click.echo(f"warning: {path}: {caution}", err=True)
+    return config
 
 
 def access_options(command: Command) -> Command:

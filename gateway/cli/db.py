@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from gateway.cli.arguments import read_config
+
 Database = click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 _DAMAGED = 1
 _MB = 1e6
@@ -113,7 +115,6 @@ def import_learnt(config: Path, file: Path, replace: bool) -> None:
     Inputs are matched by name. The gateway must not run meanwhile.
     """
     from gateway.cli.learnt import take
-    from gateway.cli.main import read_config
 
     for line in take(read_config(config), file, replace=replace):
         click.echo(line)

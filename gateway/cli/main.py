@@ -11,7 +11,7 @@ import click
 
 from drivers.can import is_multicast_group
 from gateway.cli.agent_test import agent_test
-from gateway.cli.arguments import ConfigPath, access_of, access_options, address_of
+from gateway.cli.arguments import ConfigPath, access_of, access_options, address_of, read_config
 from gateway.cli.collect import collect
 from gateway.cli.command import command
 from gateway.cli.db import db
@@ -24,11 +24,8 @@ from gateway.cli.publish import publish
 from gateway.cli.scan import LIMIT_S
 from gateway.config import (
     ConfigError,
-    GatewayConfig,
-    cautions,
     credential_problems,
     described,
-    load,
     other_kinds,
     unarmed,
 )
@@ -54,14 +51,6 @@ def _with_simulators() -> None:
     """Raises click.UsageError in an installation for a machine, which has no emulated devices."""
     if find_spec("simulators") is None:
         raise click.UsageError("this installation has no emulated devices; install the whole wheel on another computer")
-
-
-def read_config(path: Path) -> GatewayConfig:
-    """The checked configuration; its warnings go to standard error."""
-    config = load(path)
-    for caution in cautions(config):
-        click.echo(f"warning: {path}: {caution}", err=True)
-    return config
 
 
 @main.command()

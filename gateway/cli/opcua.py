@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from gateway.cli.arguments import address_of
+from gateway.cli.arguments import address_of, read_config
 from gateway.cli.signals import stop_on_signals
 
 
@@ -40,7 +40,6 @@ def opcua(
         return
     if config is None and not connect:
         raise click.UsageError("give CONFIG, or --connect ENDPOINT")
-    from gateway.cli.main import read_config
     from gateway.heard import SiteSeen, SiteSubscription
     from gateway.umati import ShownMachine, check_serving, load_serving
 
