@@ -1,20 +1,13 @@
 """A control that is read by HTTP from its MTConnect agent (ANSI/MTC1.4, requests `probe` and `current`)."""
 
-import asyncio
-import http.client
-import socket
-from contextlib import suppress
-from urllib.parse import urlsplit
-
-from drivers.base import BadAnswer, Clock, ConnectError, NoAnswer
-from drivers.mtconnect.document import AgentError, data_items, elements, latest_values
+from drivers.base import BadAnswer, Clock, ConnectError
+from drivers.mtconnect.document import data_items, latest_values
+from drivers.mtconnect.exchange import ask_agent
 from drivers.mtconnect.items import POSITION_UNITS, SPEED_UNITS, SWITCHED, factors, number
 from drivers.mtconnect.settings import AXES, MtConnectSettings
 from drivers.nc import LINEAR_AXES, NcSnapshot, OperatingMode, ProgramState
 from drivers.only_read import ONLY_READ, OnlyRead
 
-MOST_BYTES = 8_000_000
-"""Of one answer."""
 _LARGEST_MM = 100_000.0
 MODES = {
     "AUTOMATIC": OperatingMode.AUTO,
@@ -100,64 +93,5 @@ class MtConnectControl(OnlyRead):
         return int(text) if text.isascii() and text.isdecimal() and len(text) <= 9 else None
 
     async def _get(self, request: str) -> bytes:
-        """The body of the answer. Raises NoAnswer, ConnectError, BadAnswer."""
         settings = self._settings
-        exchange = _Exchange(settings.url, f"/{settings.machine}/{request}" if settings.machine else f"/{request}")
-        try:
-            async with asyncio.timeout(settings.timeout_s):
-                status, body = await asyncio.to_thread(exchange.run, settings.timeout_s)
-        except TimeoutError as error:
-            what = f"{settings.url}: no answer to {request} within {settings.timeout_s:g} s"
-            raise NoAnswer(what, device="nc") from error
-        except (OSError, http.client.HTTPException) as error:
-            raise ConnectError(f"{settings.url}: {str(error) or type(error).__name__}", device="nc") from error
-        finally:
-            exchange.hang_up()
-        if len(body) > MOST_BYTES:
-            raise BadAnswer(f"{request}: more than {MOST_BYTES} bytes", device="nc")
-        if status != http.HTTPStatus.OK:
-            raise BadAnswer(f"{request}: HTTP status {status}{_why(body)}", device="nc", hint="see url and machine")
-        return body
-
-
-class _Exchange:
-    """One request and its answer, on a connection of its own, in a thread of its own."""
-
-    def __init__(self, url: str, path: str) -> None:
-        parts = urlsplit(url)
-        self._host, self._port = parts.hostname or "", parts.port or http.client.HTTP_PORT
-        self._path = parts.path.rstrip("/") + path
-        self._socket: socket.socket | None = None
-        self._hung_up = False
-
-    def run(self, timeout_s: float) -> tuple[int, bytes]:
-        """HTTP status and body, at most one byte more than MOST_BYTES. Blocks."""
-        connection = http.client.HTTPConnection(self._host, self._port, timeout=timeout_s)
-        try:
-            connection.connect()
-            self._socket = connection.sock
-            if self._hung_up:
-                raise TimeoutError
-            connection.request("GET", self._path, headers={"Accept": "text/xml", "Connection": "close"})
-            response = connection.getresponse()
-            return response.status, response.read(MOST_BYTES + 1)
-        finally:
-            connection.close()
-
-    def hang_up(self) -> None:
-        """Ends a thread that still reads: an agent that sends a byte a second would keep it for ever."""
-        self._hung_up = True
-        if self._socket is not None:
-            with suppress(OSError):  # it has ended
-                self._socket.shutdown(socket.SHUT_RDWR)
-
-
-def _why(body: bytes) -> str:
-    """What an MTConnect agent says of its refusal."""
-    try:
-        elements(body)
-    except AgentError as error:
-        return f", {error}"
-    except ValueError:
-        pass
-    return ""
+        return await ask_agent(settings.url, settings.machine, request, settings.timeout_s)

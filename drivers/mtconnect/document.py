@@ -12,13 +12,14 @@ class AgentError(ValueError):
     """The document is an agent's error; the message is its code and text."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Element:
     """One XML element."""
 
     name: str
     """Without its namespace."""
     attributes: Mapping[str, str]
+    parent: "Element | None" = None
     texts: list[str] = field(default_factory=list)
 
     @property
@@ -37,7 +38,7 @@ def elements(document: bytes) -> list[Element]:
     def start(name: str, attributes: dict[str, str]) -> None:
         if len(inside) >= _DEEPEST:
             raise ValueError(f"more than {_DEEPEST} elements within each other")
-        inside.append(Element(name.rpartition(":")[2], attributes))
+        inside.append(Element(name.rpartition(":")[2], attributes, inside[-1] if inside else None))
         found.append(inside[-1])
 
     def doctype(*_: object) -> None:

@@ -20,14 +20,15 @@ SPEED_UNITS = {
 """States whose unit the gateway defines, and MTConnect's units with their factor."""
 SWITCHED = {"ON": 1.0, "ACTIVE": 1.0, "OPEN": 1.0, "OFF": 0.0, "INACTIVE": 0.0, "CLOSED": 0.0}
 """Values of other states that are words."""
-_FIXED = ("MACHINE", "WORLD", "BASE")
+FIXED_SYSTEMS = ("MACHINE", "WORLD", "BASE")
 """Types of coordinate systems that stay where they are."""
-_TYPES = {
+ITEM_TYPES = {
     "mode": "CONTROLLER_MODE",
     "program": "EXECUTION",
     "tool": "TOOL_NUMBER",
     "emergency_stop": "EMERGENCY_STOP",
 }
+"""Settings that name one data item, and the type that it must have."""
 
 
 def factors(settings: MtConnectSettings, found: Mapping[str, Mapping[str, str]]) -> dict[str, float]:
@@ -36,14 +37,14 @@ def factors(settings: MtConnectSettings, found: Mapping[str, Mapping[str, str]])
     found: id to attributes, as the agent tells them. Raises WrongDevice for a data item that the agent does not have
     or that is something else, naming field, id and what is expected.
     """
-    for name, kind in _TYPES.items():
+    for name, kind in ITEM_TYPES.items():
         item = getattr(settings, name)
         if item and (told := _of(found, name, item).get("type")) != kind:
             raise WrongDevice(f"{name} = {item!r} is of type {told}: expected {kind}", device="nc")
     made = {}
     for axis, item in settings.positions.items():
         about = _of(found, f"positions.{axis}", item)
-        if (system := about.get("coordinateSystem", "MACHINE")) not in _FIXED:
+        if (system := about.get("coordinateSystem", "MACHINE")) not in FIXED_SYSTEMS:
             what = f"positions.{axis} = {item!r} is in {system} coordinates, which may move"
             raise WrongDevice(what, device="nc", hint="use the data item in MACHINE coordinates")
         made[axis] = _factor(f"positions.{axis}", item, about, POSITION_UNITS[axis])

@@ -1,7 +1,8 @@
-"""Builds the driver of a control with an MTConnect agent."""
+"""Builds the driver of a control with an MTConnect agent, and looks at an agent for the first time."""
 
-from drivers.base import Clock
+from drivers.base import BadAnswer, Clock
 from drivers.mtconnect.settings import MtConnectSettings
+from drivers.mtconnect.suggest import SuggestedItems, suggested_items
 from drivers.nc import NumericalControl
 
 
@@ -10,3 +11,17 @@ def make_mtconnect(settings: MtConnectSettings, clock: Clock) -> NumericalContro
     from drivers.mtconnect.control import MtConnectControl  # loads an HTTP client, which few gateways need
 
     return MtConnectControl(settings, clock)
+
+
+async def suggest_mtconnect(url: str, machine: str, timeout_s: float) -> SuggestedItems:
+    """What the agent's description suggests; one request, `probe`, for at most `timeout_s` seconds.
+
+    machine: name or uuid; empty: the agent's only or first one. Raises NoAnswer, ConnectError, BadAnswer.
+    """
+    from drivers.mtconnect.exchange import ask_agent  # loads an HTTP client
+
+    body = await ask_agent(url, machine, "probe", timeout_s)
+    try:
+        return suggested_items(body)
+    except ValueError as error:
+        raise BadAnswer(f"probe: {error}", device="nc") from error

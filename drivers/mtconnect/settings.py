@@ -33,12 +33,16 @@ def _all_axes(positions: Mapping[str, str]) -> Mapping[str, str]:
     return positions
 
 
+AgentUrl = Annotated[NotEmpty, AfterValidator(_http)]
+MachineOfAgent = Annotated[str, matching(r"[\w.-]*", "the name or uuid of a machine")]
+
+
 class MtConnectSettings(Section):
     """An MTConnect agent and the ids of its data items, from the answer to its request `/probe`."""
 
-    url: Annotated[NotEmpty, AfterValidator(_http)]
+    url: AgentUrl
     """Of the agent, such as `http://192.168.0.30:5000`."""
-    machine: Annotated[str, matching(r"[\w.-]*", "the name or uuid of a machine")] = ""
+    machine: MachineOfAgent = ""
     """Name or uuid of the machine, if the agent has several; empty: all are read."""
     positions: Annotated[Mapping[str, ItemId], AfterValidator(_all_axes)]
     """X, Y, Z, A and C, each with the id of the data item of its position, of the tool's tip in machine coordinates."""

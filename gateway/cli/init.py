@@ -1,5 +1,6 @@
 """`talc-gateway init`: asks what no scan can find out, scans, and writes the first configuration of a machine."""
 
+import asyncio
 import re
 import socket
 from collections.abc import Awaitable, Callable, Iterator, Mapping
@@ -13,6 +14,7 @@ import click
 from drivers.base import DriverError, SetupError
 from drivers.can import Stopped
 from drivers.canopen import CanOpenSettings
+from drivers.mtconnect import SuggestedItems, suggest_mtconnect
 from drivers.problems import read_settings
 from gateway.cli.exits import EXIT_WORLD
 from gateway.cli.scan import (
@@ -31,7 +33,9 @@ from gateway.cli.terminal import terminal
 from gateway.scan import (
     Answers,
     CanScan,
+    ControlAnswers,
     LinuxCncAnswers,
+    MtConnectAnswers,
     Place,
     ScanPort,
     ScanProgress,
@@ -48,7 +52,7 @@ from gateway.scan import (
     to_confirm,
 )
 
-_CONTROLS: Final[Mapping[str, tuple[type[SinumerikAnswers | LinuxCncAnswers], Mapping[str, str]]]] = {
+_CONTROLS: Final[Mapping[str, tuple[type[ControlAnswers], Mapping[str, str]]]] = {
     "sinumerik": (
         SinumerikAnswers,
         {
@@ -59,8 +63,13 @@ _CONTROLS: Final[Mapping[str, tuple[type[SinumerikAnswers | LinuxCncAnswers], Ma
     ),
     "linuxcnc": (LinuxCncAnswers, {"host": "Host of its agent", "key_file": "Copy of the agent's key"}),
     "agent": (LinuxCncAnswers, {"host": "Host of the agent", "key_file": "Copy of the agent's key"}),
+    "mtconnect": (
+        MtConnectAnswers,
+        {"url": "Address of its MTConnect agent", "machine": "Its machine's name, if the agent has several"},
+    ),
 }
 """Kind of control to its answers, and the question for each of them."""
+_AGENT_TIMEOUT_S = 5.0
 _UNITS, _ME_ADDRESSES, _NODES = tuple(range(1, 33)), (126,), tuple(range(1, 128))
 
 
@@ -86,7 +95,8 @@ def init(path: Path, answers_file: Path | None, limit_s: float) -> int:
             err=True,
         )
         return EXIT_WORLD
-    text = first_configuration(given, places, path)
+    items = _described(given.control) if isinstance(given.control, MtConnectAnswers) else None
+    text = first_configuration(given, places, path, items)
     path.write_text(text, encoding="utf-8")
     guesses = to_confirm(text)
     click.echo(f"{path} written; {len(guesses)} lines to confirm:")
@@ -139,6 +149,21 @@ def _found(answers: Answers, limit_s: float) -> list[Place]:
         print_report(terminal(), report, ended)
         places += report.places
     return places
+
+
+def _described(control: MtConnectAnswers) -> SuggestedItems | None:
+    """The data items that the agent seems to have for the gateway; None: it could not be read, which is told."""
+    said = terminal(stderr=True)
+    said.print(f"{control.url}: one request", highlight=False)
+    try:
+        items = asyncio.run(suggest_mtconnect(control.url, control.machine, _AGENT_TIMEOUT_S))
+    except DriverError as error:
+        said.print(f"{error}; so its data items are placeholders", highlight=False, soft_wrap=True)
+        return None
+    found = {**items.positions, **items.states, **items.named}
+    what = ", ".join(found) or "nothing that the gateway uses"
+    terminal().print(f"{control.url} describes {what}", highlight=False, soft_wrap=True)
+    return items
 
 
 def _wires(answers: Answers) -> Iterator[_Wire]:

@@ -2,7 +2,16 @@
 
 from gateway.scan.can import CanScan, scan_can
 from gateway.scan.drafts import node_draft, object_draft
-from gateway.scan.first import Answers, LinuxCncAnswers, SinumerikAnswers, first_configuration, read_answers, to_confirm
+from gateway.scan.first import (
+    Answers,
+    ControlAnswers,
+    LinuxCncAnswers,
+    MtConnectAnswers,
+    SinumerikAnswers,
+    first_configuration,
+    read_answers,
+    to_confirm,
+)
 from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus
 from gateway.scan.fragment import check_addable, merged
 from gateway.scan.ports import ScanPort, find_ports
@@ -15,10 +24,12 @@ __all__ = [
     "ORDERS",
     "Answers",
     "CanScan",
+    "ControlAnswers",
     "Found",
     "LineTry",
     "LinuxCncAnswers",
     "Meaning",
+    "MtConnectAnswers",
     "Place",
     "ScanPort",
     "ScanProgress",

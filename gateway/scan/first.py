@@ -1,13 +1,14 @@
 """The first configuration of a machine: what its integrator answers, and what a scan found."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD
+from drivers.mtconnect import AgentUrl, MachineOfAgent, SuggestedItems
 from drivers.section import NotEmpty, Section, matching
 from gateway.config import Name, parse, read_as, toml_value
 from gateway.scan.found import Place
@@ -38,6 +39,20 @@ class LinuxCncAnswers(Section):
     """A copy of the agent's key; a relative path starts at the configuration's folder."""
 
 
+class MtConnectAnswers(Section):
+    """Where a control's MTConnect agent is."""
+
+    kind: Literal["mtconnect"]
+    url: AgentUrl = "http://127.0.0.1:5000"
+    """Address of the agent."""
+    machine: MachineOfAgent = ""
+    """Name or uuid of the machine, if the agent has several; empty: the first."""
+
+
+ControlAnswers = SinumerikAnswers | LinuxCncAnswers | MtConnectAnswers
+"""Of each kind of control that a first configuration can have."""
+
+
 class Answers(Section):
     """What only the integrator knows. The file of `init --answers` holds the same keys."""
 
@@ -51,7 +66,7 @@ class Answers(Section):
     """CAN interfaces to scan."""
     hosts: tuple[GivenHost, ...] = ()
     """Modbus TCP devices and Micro-Epsilon controllers to ask: host, or host:port."""
-    control: Annotated[SinumerikAnswers | LinuxCncAnswers, Field(discriminator="kind")] | None = None
+    control: Annotated[ControlAnswers, Field(discriminator="kind")] | None = None
     """The numerical control; none: the gateway reads, stores and publishes."""
 
 
@@ -60,15 +75,19 @@ def read_answers(path: Path) -> Answers:
     return read_as(Answers, path)
 
 
-def first_configuration(answers: Answers, places: Sequence[Place], path: Path) -> str:
+def first_configuration(
+    answers: Answers, places: Sequence[Place], path: Path, items: SuggestedItems | None = None
+) -> str:
     """Text of a whole configuration that `check` accepts: everything that was found, nothing armed.
+
+    items: what the description of an MTConnect agent suggests; None: it was not read.
 
     Each line that holds a guess says CONFIRM and how to do so. Raises ConfigError: nothing was found that has a profile
     (there is nothing to learn from), or an answer is invalid in a configuration.
     """
     text = merged(_HEAD.format(name=toml_value(answers.machine)), places, path)
     if answers.control is not None:
-        text += "\n" + _control(answers.control)
+        text += "\n" + _control(answers.control, items or SuggestedItems())
     parse(text, path)
     return text
 
@@ -91,9 +110,9 @@ name = {name}
 [telemetry]
 listen = ["tcp/127.0.0.1:7447"]    # this computer only"""
 
-_STATES = "# Machine states that models may use as inputs.\n" + "\n".join(
-    f'[[state]]\nname = "{name}"' for name in ("spindle_speed", "speed_X", "speed_Y", "speed_Z", "speed_A", "speed_C")
-)
+_STATES = ("spindle_speed", "speed_X", "speed_Y", "speed_Z", "speed_A", "speed_C")
+
+_ORIGIN = f"{CONFIRM}: machine coordinates with the tool's tip where A and C meet"
 
 _PROBING = """\
 [probing]
@@ -108,7 +127,17 @@ bound_um = [20.0, 20.0, 20.0]      # CONFIRM: largest offset of X, Y, Z; raise i
 """
 
 
-def _control(control: SinumerikAnswers | LinuxCncAnswers) -> str:
+_ONLY_READ = """\
+# An MTConnect agent is only read: no probing, and nothing to arm (docs/read-only-controls.md). Without probing nothing
+# is learnt on this machine; `talc-gateway db import-learnt` brings what another one has learnt.
+[compensation]
+mode = "monitor"
+"""
+
+
+def _control(control: ControlAnswers, items: SuggestedItems) -> str:
+    if isinstance(control, MtConnectAnswers):
+        return _mtconnect(control, items)
     if isinstance(control, LinuxCncAnswers):
         nc = [
             f"kind = {toml_value(control.kind)}",
@@ -136,7 +165,7 @@ def _control(control: SinumerikAnswers | LinuxCncAnswers) -> str:
         ]
         nc += [
             "axis_numbers = {X = 1, Y = 2, Z = 3, A = 4, C = 5}  # CONFIRM: number of each machine axis on the control",
-            "origin_mm = [0.0, 0.0, 0.0]  # CONFIRM: machine coordinates with the tool's tip where A and C meet",
+            f"origin_mm = [0.0, 0.0, 0.0]  # {_ORIGIN}",
             "[nc.nodes]",
             '# probe_in_spindle = "/Plc/..."  # CONFIRM: a bit of the machine builder; without it any tool may probe',
             '# drives_on = "/Plc/..."  # CONFIRM: likewise; without it the gateway does not notice drives that are off',
@@ -144,4 +173,35 @@ def _control(control: SinumerikAnswers | LinuxCncAnswers) -> str:
             'signs = [-1, -1, -1]  # CONFIRM: with a dial gauge, before mode = "compensate" (docs/nc.md)',
         ]
         poses = "CONFIRM: A and C of each pose, as in TALC_GUD.DEF"
-    return "\n".join((_STATES, "", "[nc]", *nc, "", _PROBING.format(poses=poses)))
+    return "\n".join((*_states(_STATES), "", "[nc]", *nc, "", _PROBING.format(poses=poses)))
+
+
+def _states(names: Iterable[str]) -> Iterator[str]:
+    yield "# Machine states that models may use as inputs."
+    for name in names:
+        yield from ("[[state]]", f"name = {toml_value(name)}")
+
+
+def _mtconnect(control: MtConnectAnswers, items: SuggestedItems) -> str:
+    """Where the agent has no item, its field has an id that must be replaced, or is left out."""
+    why = "read from the agent; compare with its /probe"
+    lines = [*_states(items.states), ""] if items.states else []
+    lines += ["[nc]", 'kind = "mtconnect"', f"url = {toml_value(control.url)}"]
+    if control.machine:
+        lines.append(f"machine = {toml_value(control.machine)}")
+    elif items.machine:
+        lines.append(f"machine = {toml_value(items.machine)}  # {CONFIRM}: the agent's first; it has others")
+    for name in ("mode", "program", "tool", "emergency_stop"):
+        if name in items.named:
+            lines.append(f"{name} = {toml_value(items.named[name])}  # {CONFIRM}: {why}")
+        else:
+            lines.append(f'# {name} = ""  # {CONFIRM}: id of a data item, from the agent\'s /probe, if it has one')
+    lines += [f"origin_mm = [0.0, 0.0, 0.0]  # {_ORIGIN}", "[nc.positions]"]
+    for axis in "XYZAC":
+        item = items.positions.get(axis)
+        told = why if item else f"not found; id of the position of {axis}, from the agent's /probe"
+        lines.append(f"{axis} = {toml_value(item or f'{axis}abs')}  # {CONFIRM}: {told}")
+    if items.states:
+        lines.append("[nc.states]")
+        lines += [f"{name} = {toml_value(item)}  # {CONFIRM}: {why}" for name, item in items.states.items()]
+    return "\n".join((*lines, "", _ONLY_READ))

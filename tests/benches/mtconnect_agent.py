@@ -30,14 +30,28 @@ ITEMS = (
 
 def devices() -> str:
     """The mill, as its maker describes it to the agent."""
+    axes = "".join(
+        f'<{"Rotary" if axis in "ACS" else "Linear"} id="{axis}" name="{axis}"><DataItems>{_items(axis)}</DataItems>'
+        f"</{'Rotary' if axis in 'ACS' else 'Linear'}>"
+        for axis in "XYZACS"
+    )
+    path = f'<Path id="path" name="path"><DataItems>{_items("")}</DataItems></Path>'
+    parts = (
+        f'<Axes id="axes" name="axes"><Components>{axes}</Components></Axes>'
+        f'<Controller id="cont" name="controller"><Components>{path}</Components></Controller>'
+    )
+    return f'<Devices><Device id="d1" name="mill" uuid="m1"><Components>{parts}</Components></Device></Devices>'
+
+
+def _items(axis: str) -> str:
+    """The data items of an axis, whose ids begin with its name; empty: those of no axis."""
     items = []
     for item, kind, units in ITEMS:
-        about = f' units="{units}"' if units else ""
-        about += ' coordinateSystem="WORK"' if item == "Xwork" else ""
-        items.append(f'<DataItem id="{item}" category="{"SAMPLE" if units else "EVENT"}" type="{kind}"{about}/>')
-    path = f'<Path id="path" name="path"><DataItems>{"".join(items)}</DataItems></Path>'
-    controller = f'<Controller id="cont" name="controller"><Components>{path}</Components></Controller>'
-    return f'<Devices><Device id="d1" name="mill" uuid="m1"><Components>{controller}</Components></Device></Devices>'
+        if axis == (item[0] if item[0] in "XYZACS" else ""):
+            about = f' units="{units}"' if units else ""
+            about += ' coordinateSystem="WORK"' if item == "Xwork" else ""
+            items.append(f'<DataItem id="{item}" category="{"SAMPLE" if units else "EVENT"}" type="{kind}"{about}/>')
+    return "".join(items)
 
 
 class _Listed(ElementTree.Element):

@@ -14,8 +14,9 @@ from gateway.cli import main
 from gateway.config import load
 from gateway.scan import ScanPort
 from simulators.devices import M7015, Adam6015, RtuLine, TcpHost
+from tests.benches.mtconnect_agent import mtconnect_agent
 
-pytestmark = pytest.mark.simulated_time
+pytestmark = [pytest.mark.simulated_time, pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")]
 
 SEVEN = [20.0, 21.0, 22.0, 23.0, 24.0, 25.0, 26.0]
 
@@ -85,6 +86,31 @@ def test_a_file_of_answers_asks_nothing(tmp_path: Path) -> None:
     assert config.nc is not None
     assert config.nc.kind == "linuxcnc"
     assert len(config.devices) == 1
+
+
+def test_an_mtconnect_agent_is_asked_for_its_data_items_and_probe_reads_them(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    with answering(module()) as port, mtconnect_agent(tmp_path) as (agent, url):
+        for item in ("Xpos", "Ypos", "Zpos", "Apos", "Cpos", "Srpm", "Xfrt", "Cfrt"):
+            agent.push_data(item, 12.5)
+        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\nmtconnect\n{url}\n\n")
+        assert done.exit_code == 0, done.output
+        assert CliRunner().invoke(main, ["check", str(file)]).exit_code == 0
+        probed = CliRunner().invoke(main, ["probe", str(file)])
+    assert f"{url} describes X, Y, Z, A, C, spindle_speed, speed_X, speed_C, mode" in done.output
+    assert "17 of 17 good" in probed.output, "7 temperatures, 5 positions, 3 states, mode and program"
+    assert probed.exit_code == 0
+
+
+def test_an_mtconnect_agent_that_is_silent_leaves_placeholders(tmp_path: Path) -> None:
+    file, answers = tmp_path / "gateway.toml", tmp_path / "answers.toml"
+    with answering(module()) as port:
+        control = '[control]\nkind = "mtconnect"\nurl = "http://127.0.0.1:9"\n'
+        answers.write_text(f'machine = "mill"\nhosts = ["127.0.0.1:{port}"]\n{control}', encoding="utf-8")
+        done = init(str(file), "--answers", str(answers))
+    assert done.exit_code == 0, done.output
+    assert "its data items are placeholders" in done.output
+    assert CliRunner().invoke(main, ["check", str(file)]).exit_code == 0
 
 
 def test_a_wire_that_cannot_be_opened_is_told_and_nothing_is_written(tmp_path: Path) -> None:

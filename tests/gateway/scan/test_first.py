@@ -4,12 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from drivers.mtconnect import SuggestedItems
 from drivers.recognition import Recognition
-from gateway.config import ConfigError, parse, unarmed
+from gateway.config import ConfigError, MtConnectNc, parse, unarmed
 from gateway.scan import (
     Answers,
     Found,
     LinuxCncAnswers,
+    MtConnectAnswers,
     Place,
     SinumerikAnswers,
     first_configuration,
@@ -52,6 +54,47 @@ def test_it_is_valid_arms_nothing_and_names_each_guess(
     assert len(guesses) == len(expected)
     for (number, what), word in zip(guesses, expected, strict=True):
         assert word in what or word in lines[number - 1]
+
+
+ITEMS = SuggestedItems(
+    positions={"X": "x1", "Y": "y1", "Z": "z1", "C": "c1"}, states={"speed_C": "c2"}, named={"mode": "m", "tool": "t"}
+)
+
+
+def mtconnect(items: SuggestedItems | None, path: Path, machine: str = "") -> tuple[str, MtConnectNc]:
+    control = MtConnectAnswers(kind="mtconnect", machine=machine)
+    text = first_configuration(Answers(machine="mill", control=control), [ADAM], path, items)
+    config = parse(text, path)
+    assert isinstance(config.nc, MtConnectNc)
+    assert [state.name for state in config.states] == list(config.nc.states)
+    assert config.compensation.mode == "monitor"
+    return text, config.nc
+
+
+def test_data_items_of_an_agent_are_written_and_what_it_lacks_is_to_be_confirmed(tmp_path: Path) -> None:
+    text, nc = mtconnect(ITEMS, tmp_path / "gateway.toml")
+    assert nc.positions == {"X": "x1", "Y": "y1", "Z": "z1", "A": "Aabs", "C": "c1"}
+    assert (nc.states, nc.mode, nc.tool, nc.program, nc.machine) == ({"speed_C": "c2"}, "m", "t", "", "")
+    lines = text.splitlines()
+    guesses = {lines[number - 1].split(" =")[0]: what for number, what in to_confirm(text)}
+    assert list(guesses)[1:] == [
+        "mode", "# program", "tool", "# emergency_stop", "origin_mm", *"XYZAC", "speed_C",
+    ]  # fmt: skip
+    assert {name for name, what in guesses.items() if what.startswith("not found")} == {"A"}
+
+
+def test_an_agent_that_was_not_read_leaves_placeholders(tmp_path: Path) -> None:
+    text, nc = mtconnect(None, tmp_path / "gateway.toml")
+    assert (nc.positions["X"], nc.states, nc.mode) == ("Xabs", {}, "")
+    assert sum("not found; id of the position" in what for _, what in to_confirm(text)) == 5
+
+
+@pytest.mark.parametrize(("asked", "written"), [("mill_3", "mill_3"), ("", "mill_2")])
+def test_of_several_machines_the_one_asked_for_or_the_first_is_named(asked: str, written: str, tmp_path: Path) -> None:
+    several = SuggestedItems("mill_2", ITEMS.positions, ITEMS.states, ITEMS.named)
+    text, nc = mtconnect(several, tmp_path / "gateway.toml", asked)
+    assert nc.machine == written
+    assert any("it has others" in what for _, what in to_confirm(text)) == (asked == "")
 
 
 def test_without_a_device_there_is_nothing_to_learn_from(tmp_path: Path) -> None:
