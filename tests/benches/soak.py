@@ -18,12 +18,13 @@ import os
 import sys
 import tempfile
 import threading
-from collections.abc import AsyncIterator
-from contextlib import AbstractContextManager, asynccontextmanager, nullcontext, suppress
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import AbstractContextManager, asynccontextmanager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from talc.frame import FloatArray
 from tests.benches.faulty_machine import faulty_machine
 from tests.benches.free_port import free_port
 from tests.benches.processes import children
+from tests.benches.rare_looks import rare_looks
 from tests.benches.simulated_time import real_monotonic_s, simulated_time
 from tests.benches.soak_judged import HeldNow, SoakResult, SoakRun, SoakSeen, judged
 
@@ -45,6 +47,8 @@ AS_ON_A_MACHINE = (("= 100.0", "= 1.0"), ("= 30.0 ", "= 1.0 "), ("watchdog_s = 3
 ON_SIMULATED_TIME = (("[telemetry]", "[telemetry]\nenabled = false"), ("timeout_s = 2.0", "timeout_s = 30.0"))
 """Telemetry's threads would not wait for it. OPC UA's client asks as often as that whether the control is there."""
 SHORTEST_RUN_S = 1800.0
+LOOK_S = 600.0
+"""How often the computer's own time is looked at, simulated s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +61,8 @@ class SoakPlan:
     """Between two faults on average; a fault that is shorter than a wire's period may not be seen."""
     run_s: float = 8 * 3600.0
     """Between two restarts on average."""
+    most_real_s: float = float("inf")
+    """The computer's own time after which it ends, however many days that were."""
 
 
 class SoakClock(RealClock):
@@ -166,8 +172,13 @@ class Watching:
                 pass
 
 
-async def soaked(folder: Path, plan: SoakPlan, *, real: bool = False) -> SoakResult:
-    """Run it all in this folder, and judge it. Within `simulated_time`, unless it is real."""
+async def soaked(
+    folder: Path, plan: SoakPlan, *, real: bool = False, told: Callable[[str], None] = lambda _: None
+) -> SoakResult:
+    """Run it all in this folder, and judge it. Within `simulated_time`, unless it is real.
+
+    told: gets a line at the end of each run
+    """
     random, clock, seen = np.random.default_rng(plan.seed), SoakClock(), SoakSeen()
     epoch, total_s, began_s = clock.utc(), plan.days * 86400.0, real_monotonic_s()
     whole = (
@@ -180,22 +191,39 @@ async def soaked(folder: Path, plan: SoakPlan, *, real: bool = False) -> SoakRes
         watching = Watching(seen, clock, settings.grid.step_s)
         if settings.nc is not None and settings.compensation is not None:
             seen.slew_um = settings.compensation.slew_um_per_s * settings.nc.period_s
-        while (now_s := clock.monotonic()) < total_s:
+        end_s = began_s + plan.most_real_s
+        while (now_s := clock.monotonic()) < total_s and real_monotonic_s() < end_s:
             shortest_s = min(SHORTEST_RUN_S, plan.run_s / 2)
             until_s = min(total_s, now_s + shortest_s + random.exponential(plan.run_s - shortest_s))
-            seen.runs.append(await _run(settings, clock, until_s, watching, properly=bool(random.random() < 0.5)))
+            ending = _reached(clock, until_s, end_s)
+            seen.runs.append(await _run(settings, clock, ending, watching, properly=bool(random.random() < 0.5)))
+            told(_progress(seen, real_monotonic_s() - began_s))
     seen.real_s, seen.children = real_monotonic_s() - began_s, len(children(os.getpid()))
     return judged(folder, settings, epoch, seen)
 
 
+async def _reached(clock: SoakClock, until_s: float, real_until_s: float) -> None:
+    """Return at a simulated time, or soon after a real one."""
+    while (now_s := clock.monotonic()) < until_s and real_monotonic_s() < real_until_s:
+        await clock.sleep_until(min(until_s, now_s + LOOK_S))
+
+
+def _progress(seen: SoakSeen, real_s: float) -> str:
+    latest = seen.runs[-1]
+    return (
+        f"{latest.end_s / 86400.0:.2f} days in {real_s:.0f} s: {len(seen.runs)} runs, {seen.readings} readings, "
+        f"{latest.working.resident_mb:.0f} MB"
+    )
+
+
 async def _run(
-    settings: GatewayConfig, clock: SoakClock, until_s: float, watching: Watching, *, properly: bool
+    settings: GatewayConfig, clock: SoakClock, end: Coroutine[Any, Any, None], watching: Watching, *, properly: bool
 ) -> SoakRun:
     """One run of the service."""
     stop, begin_s = asyncio.Event(), clock.monotonic()
     watching.begin()
     running = asyncio.create_task(serve(settings, RightClock(), stop, simulated=True, more=[watching.take]))
-    ending = asyncio.create_task(clock.sleep_until(until_s))
+    ending = asyncio.create_task(end)
     await asyncio.wait([running, ending], return_when=asyncio.FIRST_COMPLETED)
     end_s, working = clock.monotonic(), held()
     if properly:
@@ -217,6 +245,12 @@ def table(found: SoakResult) -> str:
     return "\n".join(lines)
 
 
+@contextmanager
+def _fast() -> Iterator[None]:
+    with rare_looks(), simulated_time():
+        yield
+
+
 def main() -> None:
     """Print the table; exit code 1 if something was lost, not reported, reported for nothing, leaked, or stepped."""
     plain = SoakPlan()
@@ -225,17 +259,22 @@ def main() -> None:
     options.add_argument("--seed", type=int, default=plain.seed)
     options.add_argument("--pause", type=float, default=plain.pause_s, help="between two faults, simulated s")
     options.add_argument("--run", type=float, default=plain.run_s, help="between two restarts, simulated s")
+    options.add_argument(
+        "--minutes", type=float, default=float("inf"), help="end after this time of the computer's own"
+    )
     options.add_argument("--real", action="store_true", help="at the computer's own speed")
     options.add_argument("--folder", type=Path, help="keep everything there; default: a temporary folder")
     given = options.parse_args()
-    plan = SoakPlan(given.days, given.seed, given.pause, given.run)
+    plan = SoakPlan(given.days, given.seed, given.pause, given.run, 60.0 * given.minutes)
     logging.disable(logging.CRITICAL)
     give_back_large_blocks()  # as `run` does
-    pace: AbstractContextManager[None] = nullcontext() if given.real else simulated_time()
+    pace: AbstractContextManager[None] = nullcontext() if given.real else _fast()
     with tempfile.TemporaryDirectory() as name, pace:
         folder = given.folder or Path(name)
         folder.mkdir(parents=True, exist_ok=True)
-        found = asyncio.run(soaked(folder, plan, real=given.real))
+        found = asyncio.run(
+            soaked(folder, plan, real=given.real, told=lambda line: print(line, file=sys.stderr, flush=True))
+        )
     print(table(found))
     sys.exit(not found.good)
 
