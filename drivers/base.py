@@ -119,6 +119,15 @@ class Bus(Protocol):
 
 
 @runtime_checkable
+class LimitedBus(Protocol):
+    """A bus whose requests can be told when the time for them ends."""
+
+    def limit(self, left_s: float) -> None:
+        """A request that is not answered within so many seconds from now is given up; infinite: no limit."""
+        ...
+
+
+@runtime_checkable
 class SharedLine(Protocol):
     """A bus that hears what others send on its wire."""
 

@@ -55,8 +55,11 @@ class Patience:
         self._usual: dict[int, dict[Hashable, _Usual]] = {}
         self._lateness_s = 0.0
 
-    def wait_s(self, unit: int, request: Hashable) -> float:
-        """How long the answer of this unit to this request may take."""
+    def wait_s(self, unit: int, request: Hashable, *, longer: bool = True) -> float:
+        """How long the answer of this unit to this request may take.
+
+        longer: after each miss
+        """
         usual = self._usual.get(unit, {}).get(request)
         if usual is None or usual.count < self._learnt:
             return self._longest_s
@@ -64,7 +67,7 @@ class Patience:
         wait_s = max(_SHORTEST_S, usual.mean_s + more_s)
         if isfinite(self._growth):
             wait_s = min(wait_s, max(self._longest_s / 2, _SLOW * usual.mean_s))
-        return min(self._longest_s, wait_s * self._growth**usual.misses)
+        return min(self._longest_s, wait_s * self._growth**usual.misses if longer else wait_s)
 
     def answered(self, unit: int, request: Hashable, took_s: float) -> None:
         """Record an answer that certainly belongs to this request."""

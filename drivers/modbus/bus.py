@@ -9,6 +9,7 @@ import asyncio
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from math import inf
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
@@ -23,6 +24,8 @@ from drivers.patience import Patience
 from drivers.tap import Tap
 
 _DECODER = DecodePDU(False)
+_SHORTEST_S = 0.03
+"""A request that must be answered sooner than this is not sent: its answer would disturb the next period."""
 _MOST_HEARD = 4096
 """How many bytes are searched for the answer to one request."""
 
@@ -39,12 +42,21 @@ class ModbusBus(StreamBus, ABC):
     def __init__(self, name: str, stream: ByteStream, patience: Patience, timeout_s: float) -> None:
         super().__init__(name, stream, timeout_s)
         self._patience = patience
+        self._until_s = inf
         self._wanted = False
         """Whether the connection is to be open: `connect` succeeded and nobody has called `close`."""
 
     async def close(self) -> None:
         self._wanted = False
         await super().close()
+
+    def limit(self, left_s: float) -> None:
+        self._until_s = asyncio.get_running_loop().time() + left_s
+
+    @property
+    def left_s(self) -> float:
+        """How long a request may wait until the limit."""
+        return self._until_s - asyncio.get_running_loop().time()
 
     async def read(self, device: str, unit: int, block: Block, *, again: bool = False) -> tuple[int, ...]:
         """Registers (0..65535) or bits (0, 1) of one block.
@@ -71,6 +83,10 @@ class ModbusBus(StreamBus, ABC):
 
     async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
         """As `_exchange`, on a connection that may have to be opened anew."""
+        if self.left_s < _SHORTEST_S:
+            raise NoAnswer(
+                f"unit {unit}: no time was left to ask for all of it", hurried=True, bus=self._name, device=device
+            )
         if self.reopens and self._wanted and not self._stream.is_open:
             await self._open()
         try:
@@ -136,12 +152,14 @@ class ModbusTcpBus(ModbusBus):
         # A gateway asks its units one after the other, and may be waiting for a silent one.
         if began < self._perhaps_busy_until or len(sent) > 1:
             wait_s = self._timeout_s
+        latest = began + min(self._timeout_s, self.left_s)
+        wait_s = min(wait_s, latest - began)
         until = began + wait_s
         try:
             while found is None:
                 del heard[:-_MOST_HEARD]
                 heard += await self._stream.read(until - loop.time())
-                until = min(began + self._timeout_s, loop.time() + wait_s)  # lets an answer that has begun finish
+                until = min(latest, loop.time() + wait_s)  # lets an answer that has begun finish
                 found = _any_answer(heard, sent)
         except TimeoutError:
             self._patience.missed(unit)

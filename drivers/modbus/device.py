@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 
-from drivers.base import Clock, DriverError, Quality, Reading, Refused, WrongDevice
+from drivers.base import BadAnswer, Clock, DriverError, NoAnswer, Quality, Reading, Refused, WrongDevice
 from drivers.faults import Fault, first_fault
+from drivers.modbus.answers import BlockAnswers, Words
 from drivers.modbus.bus import ModbusBus
 from drivers.modbus.numbers import AddressRange, Block, Span
-from drivers.modbus.plan import ReadPlan, words_of
+from drivers.modbus.plan import ReadPlan
 from drivers.modbus.profile import ChannelBlock, ModbusProfile
 from drivers.modbus.settings import ModbusOptions
 from drivers.modbus.tables import Plausibility
@@ -17,8 +18,8 @@ from drivers.readings import ReadingMaker, total
 _ASK_REFUSED_AGAIN_S = 60.0
 """After this time the device is asked again for what it refused: a module may have been added or set up."""
 
-_Words = Mapping[tuple[int, int], int]
-"""Registers and bits by function and address."""
+_SAME_UNIT_S = 2.0
+"""For so long what a unit has answered in a check that failed is kept: nobody exchanges it faster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +91,12 @@ class ModbusDevice:
         self._spans: dict[str, Span] = {}
         self._checked = False
         """Whether the unit is known to match the profile."""
-        self._answers: list[tuple[int, ...]] = []
-        """The requests of values that have been answered since the question was asked first, in order."""
-        self._fault_answers: list[tuple[int, ...]] = []
-        """The same for the faults."""
+        self._answers = BlockAnswers()
+        """To the requests of values."""
+        self._fault_answers = BlockAnswers()
+        self._check_answers = BlockAnswers()
+        """To the requests of settings and type codes."""
+        self._check_began_s = -inf
         self._refused_since_s = 0.0
         self._was_silent = False
         """Whether it missed the last read and its repetitions: another unit may answer the next one."""
@@ -111,22 +114,39 @@ class ModbusDevice:
 
         Raises WrongDevice, or the bus's errors.
         """
-        self._forget()
+        now = self._clock.monotonic()
+        again = now - self._check_began_s < _SAME_UNIT_S
+        if not again:
+            self._check_began_s = now
+            self._check_answers.clear()
+            self._forget()
+        missed = False
+        try:
+            await self._check(again)
+            self._checked = True
+        except (NoAnswer, BadAnswer) as error:
+            error.heard |= bool(self._check_answers)  # it has answered a part of it
+            missed = True
+            raise
+        finally:
+            if not missed:
+                self._check_began_s = -inf
+
+    async def _check(self, again: bool) -> None:
         if self._settings.requests:
-            self._check_settings(await self._fetch(self._settings))
+            self._check_settings(await self._fetch(self._settings, again))
             if self._settings.refused:
                 raise self._settings.error
         if self._codes.requests:
-            self._spans = self._spans_of(await self._fetch(self._codes))
+            self._spans = self._spans_of(await self._fetch(self._codes, again))
         elif not self._profile.settings:
             try:
-                await self._ask(self._values.test)
+                await self._ask(self._values.test, again=again)
             except Refused as error:  # it answers; what it refuses is found when it is read
                 if not error.absent:
                     raise
-        self._checked = True
 
-    def _check_settings(self, words: _Words) -> None:
+    def _check_settings(self, words: Words) -> None:
         for setting in self._profile.settings:
             found = words.get((setting.function, setting.address + self._offset))
             if found is not None and found != setting.equals:
@@ -137,7 +157,7 @@ class ModbusDevice:
                     hint=setting.hint,
                 )
 
-    def _spans_of(self, words: _Words) -> dict[str, Span]:
+    def _spans_of(self, words: Words) -> dict[str, Span]:
         """The scaling of each channel with a type code."""
         spans: dict[str, Span] = {}
         for channel, one in self._channels.items():
@@ -184,31 +204,38 @@ class ModbusDevice:
                 values[name] = self._value(name, later)
         return self._maker.make(values)
 
-    async def _read_words(self, again: bool) -> tuple[_Words, _Words]:
+    async def _read_words(self, again: bool) -> tuple[Words, Words]:
         """What was read, and the same with the faults as they were after the values."""
         if self._values.is_refused:
             answer = await self._ask(self._values.test, again=again)
             self._values.reset()
-            self._answers.append(answer)
-        await self._answer(self._values, self._answers, again=again)
+            self._answers.add(self._values.test, answer)
+        self._plan_faults()
+        await self._answer(self._values, self._answers, again=again, in_order=bool(self._faults.requests))
         if self._values.is_refused:
             raise self._values.error
-        if self._faults_after != self._values.requests:
-            self._faults_after = list(self._values.requests)
-            self._faults = self._plan(self._apart())
+        self._plan_faults()
         await self._answer(self._faults, self._fault_answers, again=again)
-        words = words_of(self._values.requests, self._answers)
-        later = {**words, **words_of(self._faults.requests, self._fault_answers)}
+        words = self._answers.words(self._values.requests)
+        later = {**words, **self._fault_answers.words(self._faults.requests)}
         self._values.join()
         return words, later
 
-    async def _answer(self, plan: ReadPlan, answers: list[tuple[int, ...]], *, again: bool) -> None:
-        """Ask for what is missing in `answers`, one for each of the plan's requests; refused ones are divided."""
-        while len(answers) < len(plan.requests):
-            request = plan.requests[len(answers)]
+    def _plan_faults(self) -> None:
+        """Whenever the requests of values have changed."""
+        if self._faults_after != self._values.requests:
+            self._faults_after = list(self._values.requests)
+            self._faults = self._plan(self._apart())
+
+    async def _answer(self, plan: ReadPlan, answers: BlockAnswers, *, again: bool, in_order: bool = False) -> None:
+        """Ask for what is missing in `answers`; a refused request of the plan is divided."""
+        while (request := answers.next_of(plan.requests, in_order=in_order)) is not None:
             try:
-                answers.append(await self._ask(request, again=again))
+                answers.add(request, await self._ask(request, again=again))
                 plan.answered(request)
+            except (NoAnswer, BadAnswer):
+                answers.missed(request)
+                raise
             except Refused as error:
                 if not error.absent:
                     raise
@@ -216,12 +243,11 @@ class ModbusDevice:
                     plan.divide(request, error)
                     self._refused_since_s = self._clock.monotonic()
 
-    async def _fetch(self, plan: ReadPlan) -> _Words:
-        answers: list[tuple[int, ...]] = []
-        await self._answer(plan, answers, again=False)
+    async def _fetch(self, plan: ReadPlan, again: bool) -> Words:
+        await self._answer(plan, self._check_answers, again=again)
         if plan.is_refused:
             raise plan.error
-        return words_of(plan.requests, answers)
+        return self._check_answers.words(plan.requests)
 
     async def _ask(self, request: Block, *, again: bool = False) -> tuple[int, ...]:
         return await self._bus.read(self._device, self._unit, request, again=again)
@@ -251,7 +277,7 @@ class ModbusDevice:
                 continue
             yield from (place for place in one.faults if not self._values.read_together(place, one.value))
 
-    def _value(self, channel: str, words: _Words) -> float | Fault:
+    def _value(self, channel: str, words: Words) -> float | Fault:
         one = self._channels[channel]
         block = one.block
         if (self._values.refused or self._codes.refused) and (refused := self._refused(one)) is not None:

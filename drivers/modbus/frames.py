@@ -29,6 +29,11 @@ def data_bytes(block: Block) -> int:
     return (block.count + 7) // 8 if block.function in BIT_FUNCTIONS else 2 * block.count
 
 
+def alike(one: Block, other: Block) -> bool:
+    """Whether the answers to two requests to one unit look the same: they carry neither address nor number."""
+    return one.function == other.function and data_bytes(one) == data_bytes(other)
+
+
 def rtu_length(block: Block) -> int:
     """How many bytes the answer to this request has on a serial line."""
     return 3 + data_bytes(block) + 2

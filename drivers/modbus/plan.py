@@ -1,7 +1,7 @@
 """The read requests for a device's registers and bits, even if the device refuses some of them."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 from drivers.base import Refused
@@ -127,17 +127,6 @@ def holds(block: Block, place: AddressRange) -> bool:
     """Whether the request reads all of the place."""
     function, address, width = place
     return block.function == function and block.address <= address and address + width <= block.address + block.count
-
-
-def words_of(requests: Iterable[Block], answers: Iterable[Sequence[int]]) -> Mapping[tuple[int, int], int]:
-    """Registers and bits by function and address."""
-    return dict(_words(requests, answers))
-
-
-def _words(requests: Iterable[Block], answers: Iterable[Sequence[int]]) -> Iterator[tuple[tuple[int, int], int]]:
-    for block, answer in zip(requests, answers, strict=True):
-        for address, word in enumerate(answer, start=block.address):
-            yield (block.function, address), word
 
 
 def _cover(places: Sequence[AddressRange]) -> Block:

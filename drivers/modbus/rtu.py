@@ -67,6 +67,8 @@ class RtuFramedBus(ModbusBus):
         self._note(self._stream.discard())
         if not again:
             self._unanswered.begin(unit)
+        elif (came := self._unanswered.took(unit, block)) is not None:
+            return decode_pdu(came, self._name, device)
         separator = self._unanswered.separator(unit, block)
         if separator is None and self._echo is None and find_rtu_answer(rtu_request(unit, block), unit, block):
             # The request would be its own answer: learn from another one whether requests come back.
@@ -87,9 +89,13 @@ class RtuFramedBus(ModbusBus):
         self._owing_until = began + self._timeout_s
         heard = bytearray()
         message: bytes | None = None
-        wait_s = self._patience.wait_s(unit, like)
+        habits = self._unanswered.habits
+        wait_s = min(self._patience.wait_s(unit, like, longer=not habits.loses(unit)), self.left_s)
+        latest_s = began + min(self._timeout_s, self.left_s)
         try:
-            if asked.sent >= _MOST_SENT:
+            if asked.sent and (sent_again_s := asked.last_s + habits.patience_s(unit)) > began:
+                message = await self._hear(heard, unit, block, min(sent_again_s, latest_s), wait_s)
+            elif asked.sent >= _MOST_SENT:
                 with suppress(TimeoutError):
                     message = await self._hear(heard, unit, block, began + wait_s / 2, wait_s)
             if message is None:
@@ -98,7 +104,7 @@ class RtuFramedBus(ModbusBus):
                 asked.last_s = loop.time()
                 if asked.sent == 1:
                     asked.since_s = asked.last_s
-                message = await self._hear(heard, unit, block, began + self._timeout_s, wait_s)
+                message = await self._hear(heard, unit, block, latest_s, wait_s)
         except TimeoutError:
             self._owing_until = None
             self._missed(unit, block, like, heard)
@@ -154,12 +160,15 @@ class RtuFramedBus(ModbusBus):
                 heard += await self._stream.read(_FOLLOWS_S)
                 found = sum(1 for _ in rtu_answers(heard, unit, block))
         asked.sent -= found
+        if asked.missed and asked.sent <= 0:
+            self._unanswered.habits.was_late(unit, asyncio.get_running_loop().time() - asked.since_s)
         self._unanswered.settle(unit, block)
         self._note(heard, unit, block)
         return asked.sent <= 0
 
     def _missed(self, unit: int, block: Block, like: Block, heard: bytearray) -> None:
         asked = self._unanswered.asked(unit, block)
+        asked.missed = True
         if is_damaged(heard, block):  # it has come: nothing is due
             asked.sent -= 1
             if not asked.sent:

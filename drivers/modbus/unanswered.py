@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from drivers.modbus.frames import data_bytes, rtu_answers
+from drivers.modbus.frames import alike, rtu_answers
+from drivers.modbus.habits import Habits
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 
 _SEPARATORS = 4
@@ -19,6 +20,8 @@ class Asked:
     """When the first of them was sent."""
     last_s: float = 0.0
     """When the last of them was sent."""
+    missed: bool = False
+    """Whether its answer was waited for in vain."""
     over: bool = False
     """Whether the question is settled or given up: what still comes is old."""
 
@@ -32,7 +35,10 @@ class Unanswered:
     """
 
     def __init__(self) -> None:
+        self.habits = Habits()
         self._asked: dict[tuple[int, Block], Asked] = {}
+        self._came: dict[tuple[int, Block], bytes] = {}
+        """Answers to the present question of a unit, heard while another block of it was asked for."""
         self._turn = 0
         self._heard: set[int] = set()
 
@@ -41,6 +47,12 @@ class Unanswered:
         for (asked_unit, _), asked in self._asked.items():
             if asked_unit == unit:
                 asked.over = True
+        for key in [key for key in self._came if key[0] == unit]:
+            del self._came[key]
+
+    def took(self, unit: int, block: Block) -> bytes | None:
+        """The block's answer to the present question, if it came while another block was asked for; only once."""
+        return self._came.pop((unit, block), None)
 
     def asked(self, unit: int, block: Block) -> Asked:
         """What is known of this block; new if nothing is due."""
@@ -65,7 +77,7 @@ class Unanswered:
         The unit may refuse it.
         """
         due = self._due(unit)
-        if not any(_alike(other, block) and (other != block or asked.over) for other, asked in due):
+        if not any(alike(other, block) and (other != block or asked.over) for other, asked in due):
             return None
         return self.another(unit, block)
 
@@ -74,8 +86,8 @@ class Unanswered:
         counts = range(1, 48, 8) if block.function in BIT_FUNCTIONS else range(1, 7)
         others = [Block(block.function, block.address, count) for count in counts]
         owed = [block, *(other for other, _ in self._due(unit))]
-        distinct = [other for other in others if not any(_alike(other, one) for one in owed)]
-        choice = distinct or [other for other in others if not _alike(other, block)]
+        distinct = [other for other in others if not any(alike(other, one) for one in owed)]
+        choice = distinct or [other for other in others if not alike(other, block)]
         self._turn += 1
         chosen = choice[self._turn % min(len(choice), _SEPARATORS)]
         self._asked.pop((unit, chosen), None)
@@ -87,25 +99,30 @@ class Unanswered:
     def separated(self, unit: int) -> None:
         """The unit has answered a separator: nothing older can follow."""
         for key in [key for key in self._asked if key[0] == unit]:
-            del self._asked[key]
+            for _ in range(self._asked.pop(key).sent):
+                self.habits.was_lost(unit)
 
     def note(self, heard: bytes | bytearray, unit: int = 0, block: Block | None = None) -> None:
-        """Strike off the answers that were due and are in what was heard, apart from this block's."""
+        """Strike off the answers that were due and are in what was heard, apart from this block's.
+
+        Those to the present question of the unit that is asked are kept for `took`.
+
+        unit, block: what is asked; 0 and None: nothing is
+        """
         if not heard:
             return
         for key, asked in list(self._asked.items()):
             of_unit, of_block = key
             if key == (unit, block) or any(
-                other != key and other[0] == of_unit and _alike(other[1], of_block) for other in self._asked
+                other != key and other[0] == of_unit and alike(other[1], of_block) for other in self._asked
             ):  # the one being asked; or it cannot be told which of the two was answered
                 continue
-            for _ in rtu_answers(heard, of_unit, of_block):
+            for message in rtu_answers(heard, of_unit, of_block):
                 self._heard.add(of_unit)
+                self.habits.was_late(of_unit)
                 asked.sent -= 1
+                # A refusal does not say what it refuses; an answer in another unit's time shows a line to be mended.
+                if not asked.over and message[0] == of_block.function and unit in (0, of_unit):
+                    self._came[key] = message
             if asked.sent <= 0:
                 del self._asked[key]
-
-
-def _alike(one: Block, other: Block) -> bool:
-    """Whether the answers to two requests to one unit look the same."""
-    return one.function == other.function and data_bytes(one) == data_bytes(other)

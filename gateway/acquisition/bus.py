@@ -2,8 +2,11 @@
 
 import asyncio
 import logging
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from drivers.base import Bus, Driver
+from drivers.base import Bus, Driver, LimitedBus
 from gateway.acquisition.line import Line
 from gateway.polling import Breaker, uncancelled
 
@@ -20,11 +23,26 @@ class PolledBus:
         self.breaker = Breaker(line.period_s, line.period_s * line.retry_max_periods)
         self.is_open = False
         self._bus, self._limit_s = line.bus, line.read_limit_s
+        self._limited = line.bus if isinstance(line.bus, LimitedBus) else None
+        self.is_limited = self._limited is not None
+        """Whether the bus can be told when the time for a request ends."""
 
     @property
     def subject(self) -> str:
         """Its name in reports."""
         return f"bus {self._bus.name}"
+
+    @contextmanager
+    def limited(self, left_s: float) -> Iterator[None]:
+        """Inside, no request of a bus that can be told so waits for longer than this."""
+        if self._limited is None:
+            yield
+            return
+        self._limited.limit(left_s)
+        try:
+            yield
+        finally:
+            self._limited.limit(math.inf)
 
     async def open(self) -> None:
         """Open the bus. Raises its errors, or TimeoutError after the line's `read_limit_s`; the bus is then closed."""

@@ -25,7 +25,11 @@ _MOST_SILENT, _SILENT_OFTEN = 4, 3
 """How often a device is asked in one period while it stays silent, and in how many such periods before it is asked once
 only."""
 _MOST_HEARD, _FEW, _LOST_OFTEN = 8, 2, 3
-"""The same for one that is heard, and for one that was heard in this many periods and could be read in none."""
+"""The same for one that is heard (or was in the last period, where asking costs only what is left of it), and for one
+that was heard in this many periods and could be read in none."""
+_SHORTEST_S, _RESERVE_S = 0.05, 0.05
+"""Where the wait for an answer can be limited to the rest of the period: the shortest worth while, and what is left of
+the period for the answer's own way."""
 
 
 @dataclass(slots=True)
@@ -38,13 +42,6 @@ class _Unsure:
     """Whether it had answered promptly for long."""
     asks: int = 1
     """How often it has been asked in this period."""
-
-    @property
-    def in_vain(self) -> bool:
-        """Whether it need not be asked again in this period."""
-        if self.device.heard:
-            return self.asks >= (_MOST_HEARD if self.device.lost < _LOST_OFTEN else _FEW)
-        return self.asks >= _MOST_SILENT
 
 
 class BusRunner:
@@ -72,6 +69,7 @@ class BusRunner:
         self.devices = tuple(PolledDevice(driver, line, clock) for driver in line.drivers)
         self._clock, self._publish, self._sequence = clock, publish, sequence
         self._bus = PolledBus(line)
+        self._reserve_s = min(_RESERVE_S, line.period_s / 10) if self._bus.is_limited else 0.0
         problems = Problems(clock, line.period_s, notify, log, quiet=quiet)
         self._steady_s = problems.window_s
         self._reports = LineReports(line, problems)
@@ -154,9 +152,11 @@ class BusRunner:
         late, first = False, True
         while self._unsure:
             unsure = self._unsure.popleft()
-            fits = self._may_cost_s(unsure.device) <= self._left_s(due)
+            rest_s = self._left_s(due) - self._reserve_s
+            fits = self._least_s(unsure.device) <= rest_s
             if self._bus.is_open and (fits or (unsure.asks == 1 and (late or (first and unsure.steady)))):
-                late |= await self._ask_once_more(unsure, due) or unsure.device.heard
+                with self._bus.limited(rest_s if fits else math.inf):
+                    late |= await self._ask_once_more(unsure, due) or unsure.device.heard
                 first = False
             else:
                 await self._failed(unsure.device, due, unsure.error)
@@ -181,6 +181,11 @@ class BusRunner:
         the period if that is long; one that was heard costs twice as much as the last time."""
         longest_s = min(self.line.bus.timeout_s, self.line.period_s / 2)
         return min(2 * device.cost_s, longest_s) if device.heard else longest_s
+
+    def _least_s(self, device: PolledDevice) -> float:
+        """Time that must remain in the period to ask a device again."""
+        may_cost_s = self._may_cost_s(device)
+        return min(_SHORTEST_S, may_cost_s) if self._bus.is_limited else may_cost_s
 
     async def _open_bus(self, due: float) -> bool:
         if not self._bus.breaker.allows(due):
@@ -224,7 +229,7 @@ class BusRunner:
                 unsure.error = error  # the first that was given the full time says best what is wrong
             if not isinstance(error, NoAnswer | BadAnswer):
                 await self._failed(unsure.device, due, error)
-            elif unsure.in_vain:
+            elif self._in_vain(unsure):
                 await self._failed(unsure.device, due, unsure.error)
             else:
                 self._unsure.append(unsure)
@@ -271,6 +276,13 @@ class BusRunner:
             for other in self.devices:
                 other.detail = device.detail
             await self.close()
+
+    def _in_vain(self, unsure: _Unsure) -> bool:
+        """Whether it need not be asked again in this period."""
+        device = unsure.device
+        if device.heard or (self._bus.is_limited and device.ever_answered and not device.silent):
+            return unsure.asks >= (_MOST_HEARD if device.lost < _LOST_OFTEN else _FEW)
+        return unsure.asks >= _MOST_SILENT
 
     def _publish_fault(self, device: PolledDevice) -> None:
         self._publish(samples(device.fault(), self._sequence()))
