@@ -16,6 +16,7 @@ from benchmarks.learner import MACHINES, moments
 from benchmarks.rows import BenchRow
 from talc.control import Controller
 from talc.frame import FloatArray, Frame, Measurement
+from talc.indicators import TWO_SIDED_95
 from talc.learner import ForecastRecord
 from talc.settings import TalcSettings
 
@@ -76,7 +77,7 @@ def _run(kind: str, seed: int) -> ForecastOutcome:
             if k + ahead < rows:
                 truth = m.truth[k + ahead]
                 off[:, k, i] = truth - decision.corrected, truth - forecast.value[i], truth - others[i]
-                half = 1.96 * np.sqrt(forecast.sigma[i] ** 2 + misses.value[i] ** 2)
+                half = TWO_SIDED_95 * np.sqrt(forecast.sigma[i] ** 2 + misses.value[i] ** 2)
                 inside[k, i] = np.where(np.isfinite(half), np.abs(off[1, k, i]) <= half, np.nan)
     held, stays, continued = np.sqrt(np.nanmean(off**2, axis=1))
     return ForecastOutcome(held, stays, continued, np.nanmean(inside, axis=0))

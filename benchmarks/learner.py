@@ -16,7 +16,7 @@ from benchmarks.rows import BenchRow
 from studies import Days, held
 from talc.control import Controller
 from talc.frame import BoolArray, FloatArray, Frame, Measurement
-from talc.indicators import rms
+from talc.indicators import TWO_SIDED_95, rms
 from talc.learner import LearnerState, Prior, make_prior
 from talc.settings import TalcSettings
 
@@ -50,7 +50,7 @@ def run(m: Days, used: BoolArray, prior: Prior | None = None, keep: bool = False
         predicted[k], corrected[k], sigma[k] = np.nan_to_num(decision.predicted), decision.corrected, decision.sigma
     shown = ~used
     shown[:_DAY] = False
-    inside = (np.abs(m.truth - corrected) <= 1.96 * sigma)[shown].mean(axis=0)
+    inside = (np.abs(m.truth - corrected) <= TWO_SIDED_95 * sigma)[shown].mean(axis=0)
     course = controller.state().course if keep else None
     return LearnerOutcome(m.truth - predicted, inside, None if course is None else course.learner)
 

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from talc import Learner
 from talc.frame import FloatArray
+from talc.indicators import TWO_SIDED_95
 
 _ROOT = Path(__file__).parents[1]
 _RECORDING = _ROOT / "benchmarks" / "recordings" / "fl_thermal" / "fl_thermal.csv"
@@ -48,7 +49,7 @@ def followed(inputs: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatAr
 def _day(hours: FloatArray, error: FloatArray, mean: FloatArray, std: FloatArray) -> Figure:
     figure = Figure(figsize=(9, 3.2), layout="constrained")
     axes = figure.subplots()
-    low, high = mean - 1.96 * std, mean + 1.96 * std
+    low, high = mean - TWO_SIDED_95 * std, mean + TWO_SIDED_95 * std
     axes.fill_between(hours, low, high, color="#dbeafe", lw=0, label="its 95 % interval")
     axes.plot(hours, error, color="#94a3b8", lw=1.6, label="recorded")
     axes.plot(hours, mean, color="#1d4ed8", lw=1.0, label="predicted")

@@ -15,7 +15,7 @@ from benchmarks.data import machine
 from benchmarks.rows import BenchRow
 from studies import control, held
 from talc.frame import BoolArray, FloatArray
-from talc.indicators import peak_to_peak, rms
+from talc.indicators import TWO_SIDED_95, peak_to_peak, rms
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 
 _DAY, _HOURS = 288, 96
@@ -94,7 +94,7 @@ def run(way: Way, kind: str, seed: int, noise_seed: int | None = None) -> Unseen
     sigma = np.where(course.used[:, None], np.nan, course.sigma)
     inside = np.array(
         [
-            np.mean(np.abs(e[known]) <= 1.96 * s[known])
+            np.mean(np.abs(e[known]) <= TWO_SIDED_95 * s[known])
             for e, s in zip(left[after].T, sigma[after].T, strict=True)
             if (known := np.isfinite(s)).any()
         ]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from drivers.base import Quality
 from gateway.commands import CommandName
 from gateway.telemetry import (
+    COMMAND_LIMIT_S,
     MOST_ROWS,
     TYPES,
     Access,
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
     import pandas
 
 ANSWER_LIMIT_S = 10.0
-COMMAND_LIMIT_S = 70.0
-"""A command waits for the gateway's disk."""
 _MOST_WAITING = 20_000
 _GOOD = Quality.GOOD.value
 _Array = NDArray[np.float64]

@@ -6,6 +6,11 @@ import os
 from base64 import b64decode, b64encode
 from binascii import Error as NotBase64
 from collections import deque
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+from drivers.section import matching
 
 _N, _R, _P = 2**14, 8, 1
 """16 MB and some 50 ms for each attempt (RFC 7914)."""
@@ -86,3 +91,19 @@ def _parts(text: str) -> tuple[int, int, int, bytes, bytes] | None:
     costs = cost_n >= 2 and cost_n & (cost_n - 1) == 0 and 1 <= cost_r <= 32 and 1 <= cost_p <= 16
     fits = costs and 128 * cost_n * cost_r < _MOST_BYTES
     return found if scheme == "scrypt" and fits and len(wanted) == _LENGTH else None
+
+
+def hash_printed_by(command: str) -> AfterValidator:
+    """A validator of the hashes in the settings of `talc-gateway` COMMAND."""
+
+    def check(text: str) -> str:
+        if not is_hash(text):
+            expected = f"expected what `talc-gateway {command} --make-password` prints"
+            raise ValueError(f"{expected}, not the password itself")
+        return text
+
+    return AfterValidator(check)
+
+
+UserName = Annotated[str, matching(r"[^:\x00-\x1f]+", "a name without a colon")]
+"""Of whom a password hash is kept."""

@@ -19,6 +19,7 @@ from talc.frame import (
     Why,
 )
 from talc.free_running import FreeRunningModel, ModelState
+from talc.indicators import TWO_SIDED_95
 from talc.learner import CourseState, Explanation, Forecast, LearningCourse, Prior, Reasons, Weights
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -30,7 +31,6 @@ _ENOUGH = 0.75
 _LONGEST_GAP_STEPS = 2016
 """After a longer silence (a week at 5 min) the record starts again; models stay."""
 _ERRORS = len(THERMAL_ERRORS)
-_TWO_SIDED_95 = 1.96
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -355,7 +355,7 @@ class Controller:
             return None
         if control.policy == "novelty":
             return Why.NOVELTY if novel else None
-        unsure = _TWO_SIDED_95 * sigma > control.uncertainty_share * limits  # NaN compares false: no model
+        unsure = TWO_SIDED_95 * sigma > control.uncertainty_share * limits  # NaN compares false: no model
         return Why.UNCERTAINTY if unsure.any() else None
 
     def _limits(self) -> FloatArray:

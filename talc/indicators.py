@@ -15,9 +15,14 @@ An error of 40 µm peak to peak, of which a tenth is left, and 35 cycles of 2 mi
 98.4
 """
 
+from typing import Final
+
 import numpy as np
 
 from talc.frame import FloatArray
+
+TWO_SIDED_95: Final = 1.96
+"""Standard deviations on each side of a 95 % interval, of a normal distribution."""
 
 
 def peak_to_peak(values: FloatArray) -> float:

@@ -9,10 +9,10 @@ import numpy as np
 from benchmarks.recordings.methods import Given, Method, MethodCourse, given_of
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
+from talc.indicators import TWO_SIDED_95
 
 FIRST_HOURS = (0.0, 2.0, 6.0, 24.0, np.inf)
 """Edges of the learning curve's windows, in hours since the beginning."""
-_TWO_SIDED_95 = 1.96
 _MOVED = 1000.0
 """By how much measurements are shifted to detect methods that used them too early: standard uncertainties."""
 
@@ -128,7 +128,7 @@ def coverage(left: FloatArray, sigma: FloatArray, noise: FloatArray) -> float:
     stated = np.isfinite(sigma) & np.isfinite(left)
     if not stated.any():
         return float("nan")
-    inside = np.abs(left) <= _TWO_SIDED_95 * np.hypot(sigma, noise)
+    inside = np.abs(left) <= TWO_SIDED_95 * np.hypot(sigma, noise)
     return float(inside[stated].mean())
 
 

@@ -1,8 +1,13 @@
-"""Files that hold a secret."""
+"""Files that hold a secret, and when a certificate is reported as ending soon."""
 
 import stat
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
+from typing import Final
+
+ENDS_SOON: Final = timedelta(days=30)
+"""A certificate that ends within this time is reported."""
 
 
 def secret_cautions(path: Path) -> Iterator[str]:

@@ -1,14 +1,12 @@
 """Warnings about a connection to an OPC UA server: what may fail later, or is less safe than it could be."""
 
 from collections.abc import Iterator
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 
 from drivers.base import SetupError
 from drivers.opcua import OpcUaServer
-from gateway.config.credentials import secret_cautions
-
-_SOON = timedelta(days=30)
+from gateway.config.credentials import ENDS_SOON, secret_cautions
 
 
 def server_cautions(server: OpcUaServer, *, in_the_clear: str) -> Iterator[tuple[str, str]]:
@@ -41,7 +39,7 @@ def _certificate_cautions(path: Path, name: str) -> Iterator[str]:
     except SetupError as error:
         yield error.what
     else:
-        if end - datetime.now(UTC) < _SOON:
+        if end - datetime.now(UTC) < ENDS_SOON:
             yield f"'{path}' ends on {end:%Y-%m-%d}; after that the gateway no longer connects to the server"
 
 

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from drivers.signature import shared_key
-from gateway.config.credentials import secret_cautions
+from gateway.config.credentials import ENDS_SOON, secret_cautions
 from gateway.config.problems import Problem
 from gateway.config.telemetry import Telemetry, TelemetryTls
 
 if TYPE_CHECKING:
     from cryptography import x509
 
-_SOON = timedelta(days=30)
 T = TypeVar("T")
 
 
@@ -107,7 +106,7 @@ def _ends_soon(name: str, path: Path | None) -> Iterator[Problem]:
         return  # check says it
     now = datetime.now(UTC)
     for ends in sorted(each.not_valid_after_utc for each in found)[:1]:
-        if timedelta() < ends - now < _SOON:
+        if timedelta() < ends - now < ENDS_SOON:
             yield Problem(f"[telemetry.tls] {name}", f"'{path}' ends on {ends:%Y-%m-%d}; make a new one before then")
 
 

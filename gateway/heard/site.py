@@ -14,6 +14,7 @@ from gateway.config import Telemetry
 from gateway.heard.hearing import Hearing
 from gateway.heard.machine import MachineSeen
 from gateway.telemetry import (
+    COMMAND_LIMIT_S,
     CommandAnswer,
     CommandSigner,
     CoursePage,
@@ -32,8 +33,6 @@ _ANSWER_LIMIT_S = 5.0
 _REPORT_LIMIT_S = 150.0
 """A small computer draws for half a minute, and others may be waiting."""
 _Answer = TypeVar("_Answer", CoursePage, ReportPage)
-_COMMAND_LIMIT_S = 70.0
-"""A command waits for the gateway's disk."""
 
 
 def listened_to(telemetry: Telemetry) -> tuple[str, ...]:
@@ -148,7 +147,7 @@ class SiteSubscription:
 
     def give(self, machine: str, by: CommandSigner, name: CommandName) -> CommandAnswer:
         """Give a machine's gateway a command. Blocks. Raises as `gateway.telemetry.command`."""
-        return command(self._hearing.session, keys.root(self._site.prefix, machine), by, name, _COMMAND_LIMIT_S)
+        return command(self._hearing.session, keys.root(self._site.prefix, machine), by, name, COMMAND_LIMIT_S)
 
     def _life(self, key: str, alive: bool) -> bool:
         self._site.life(key, alive=alive)

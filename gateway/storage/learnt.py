@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.storage.snapshot import ARRAY_KINDS
 from talc.control import ControllerState
 from talc.frame import FloatArray, Frames
 from talc.names import THERMAL_ERRORS
 from talc.snapshot import from_plain, to_plain
 
 FORMAT, VERSION = "talc-gateway learnt", 1
-_KINDS = {"f": "<f8", "i": "<i8", "b": "|b1"}
 _LARGEST_BYTES = 2**30
 _LONGEST_STEP_S = 1e6
 _SHAPES = {
@@ -170,14 +170,14 @@ def _arrays(plain: object, inputs: int) -> dict[str, NDArray[Any]]:
 
 
 def _packed(array: NDArray[Any]) -> dict[str, object]:
-    kind = _KINDS[array.dtype.kind]
+    kind = ARRAY_KINDS[array.dtype.kind]
     data = np.ascontiguousarray(array, dtype=kind).tobytes()
     return {"kind": kind, "shape": list(array.shape), "zlib": b64encode(zlib.compress(data)).decode()}
 
 
 def _unpacked(name: str, packed: object) -> NDArray[Any]:
     try:
-        if not isinstance(packed, dict) or packed["kind"] not in _KINDS.values():
+        if not isinstance(packed, dict) or packed["kind"] not in ARRAY_KINDS.values():
             raise ValueError("its kind is unknown")
         shape = tuple(int(size) for size in packed["shape"])
         size = int(np.prod(shape)) * np.dtype(packed["kind"]).itemsize

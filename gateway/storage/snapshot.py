@@ -20,7 +20,8 @@ from talc.snapshot import from_plain, to_plain
 
 _NAME = b"talc-gateway snapshot 1\n"
 _CHECKSUM, _LENGTH = hashlib.sha256().digest_size, 8
-_KINDS = {"f": "<f8", "i": "<i8", "b": "|b1"}
+ARRAY_KINDS = {"f": "<f8", "i": "<i8", "b": "|b1"}
+"""How arrays are stored, by the kind of their numbers."""
 _SPARSE = "<f8"
 
 
@@ -61,12 +62,12 @@ def encode_snapshot(snapshot: Snapshot) -> bytes:
         "missing": dict(snapshot.missing),
         "measured": snapshot.measured,
         "controller": plain,
-        "arrays": [[name, _KINDS[array.dtype.kind], array.shape] for name, array in arrays.items()],
+        "arrays": [[name, ARRAY_KINDS[array.dtype.kind], array.shape] for name, array in arrays.items()],
     }
     text = json.dumps(header, separators=(",", ":")).encode()
     parts = [_NAME, len(text).to_bytes(_LENGTH, "little"), text]
     for array in arrays.values():
-        parts += _packed(np.ascontiguousarray(array, dtype=_KINDS[array.dtype.kind]))
+        parts += _packed(np.ascontiguousarray(array, dtype=ARRAY_KINDS[array.dtype.kind]))
     checksum = hashlib.sha256()
     for part in parts:
         checksum.update(part)

@@ -17,12 +17,12 @@ from gateway.telemetry.answers import (
     StoredRows,
     StoredTable,
 )
-from gateway.telemetry.asking import ask, command, running
+from gateway.telemetry.asking import COMMAND_LIMIT_S, ask, command, running
 from gateway.telemetry.codec import TYPES, decode, decode_answer, decode_refusal, encode
 from gateway.telemetry.command_door import CommandDoor, Entitled
 from gateway.telemetry.command_signer import CommandSigner, SignedCommand
 from gateway.telemetry.compose import Composer, Dropped, courses
-from gateway.telemetry.history_queries import MOST_ROWS, CourseRequest, CourseSource, HistoryRequest, HistorySource
+from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import (
     CompensationMessage,
@@ -46,12 +46,13 @@ from gateway.telemetry.messages import (
     StorageStanding,
 )
 from gateway.telemetry.publisher import TelemetryError, TelemetryPublisher
-from gateway.telemetry.queries import AskedQuery, Replied
+from gateway.telemetry.queries import MOST_ROWS, AskedQuery, Replied
 from gateway.telemetry.report_queries import ReportRequest, ReportSource
 from gateway.telemetry.session import Access, own_access, page_config, reader_config, without_path
 from gateway.telemetry.stored_queries import StoredRequest, StoredSource
 
 __all__ = [
+    "COMMAND_LIMIT_S",
     "MOST_ROWS",
     "TYPES",
     "Access",

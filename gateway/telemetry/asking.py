@@ -1,7 +1,7 @@
 """A reader's questions: which gateways run, and what one of them answers to a query or a command."""
 
 import re
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import zenoh
 from msgspec import Struct
@@ -13,6 +13,8 @@ from gateway.telemetry.codec import decode_answer, decode_refusal
 from gateway.telemetry.command_signer import CommandSigner
 
 _Answer = TypeVar("_Answer", bound=Struct)
+COMMAND_LIMIT_S: Final = 70.0
+"""How long to wait for the answer to a command: the gateway waits for its disk."""
 _MACHINE = re.compile(r"[A-Za-z0-9_-]+")
 
 

@@ -6,10 +6,8 @@ from datetime import datetime
 
 from gateway.telemetry.answers import CoursePage, HistoryPage
 from gateway.telemetry.codec import encode
-from gateway.telemetry.queries import Answer, Replied, limit_of, parameters_of
+from gateway.telemetry.queries import MOST_ROWS, Answer, Replied, limit_of, parameters_of
 
-MOST_ROWS = 50_000
-"""Of one page; a page has a fifth of it unless `limit` says otherwise."""
 _MOST_ESTIMATES = 2000
 _KNOWN = ("from", "to", "channels", "limit", "after")
 

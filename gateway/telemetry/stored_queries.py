@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 from gateway.telemetry.answers import StoredRows
 from gateway.telemetry.codec import encode
-from gateway.telemetry.queries import Answer, Replied, limit_of, parameters_of
+from gateway.telemetry.queries import MOST_ROWS, Answer, Replied, limit_of, parameters_of
 
-_MOST_ROWS = 50_000
 _KNOWN = ("after", "limit")
 _AFTER = re.compile(r"(?P<table>[a-z]{1,40})(?::(?P<epoch>[0-9a-f]{32}):(?P<number>-?[0-9]{1,19}))?")
 _LARGEST = 2**63 - 1
@@ -52,4 +51,4 @@ def parse_stored(selected: str) -> StoredRequest:
             if abs(number) > _LARGEST:
                 raise ValueError(f"after = {text!r}: expected a number of a row")
             after[found["table"]] = (found["epoch"], number)
-    return StoredRequest(after, limit_of(parameters, _MOST_ROWS // 5, _MOST_ROWS))
+    return StoredRequest(after, limit_of(parameters, MOST_ROWS // 5, MOST_ROWS))

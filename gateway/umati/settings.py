@@ -4,19 +4,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from drivers.base import SetupError
-from drivers.section import FilePath, NotEmpty, Section, matching
+from drivers.section import FilePath, NotEmpty, Section
 from gateway.config import Name, endpoint, read_as
-from gateway.passwords import is_hash
+from gateway.passwords import UserName, hash_printed_by
 from gateway.umati.model import Nameplate
-
-
-def _a_hash(text: str) -> str:
-    if not is_hash(text):
-        raise ValueError("expected what `talc-gateway opcua --make-password` prints, not the password itself")
-    return text
 
 
 class ServerSecurity(Section):
@@ -51,8 +45,7 @@ class OpcUaServing(Section):
     """The server's own file."""
 
     security: ServerSecurity | None = None
-    users: Mapping[Annotated[str, matching(r"[^:\x00-\x1f]+", "a name without a colon")],
-                   Annotated[str, AfterValidator(_a_hash)]] = Field(default_factory=dict)  # fmt: skip
+    users: Mapping[UserName, Annotated[str, hash_printed_by("opcua")]] = Field(default_factory=dict)
     """Name and password hash of everybody who may read."""
     machines: Mapping[Name, ShownMachine] = Field(default_factory=dict, alias="machine")
     """By name of the machine; these are shown beside that of the configuration."""

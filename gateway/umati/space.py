@@ -21,7 +21,7 @@ from gateway.umati.model import (
     Space,
     quantity,
 )
-from gateway.umati.values import CHANNELS, NOTHING, NodeShown, Path
+from gateway.umati.values import CHANNELS, UNKNOWN, NodeShown, Path
 
 _UNITS: Final[Mapping[str, tuple[int, str]]] = {
     "µm": (13384, "micrometre (micron)"),
@@ -59,8 +59,6 @@ _DATA_TYPES: Final[Mapping[str, int]] = {"DateTime": 294}
 """Where it is not the number of the built-in type: UtcTime."""
 _MOST_VARIABLES = 1000
 """Of a machine, of what anybody who may publish can make this process keep."""
-_FORGOTTEN = NodeShown(None, NOTHING, None)
-"""A channel that its gateway has not sent since it started again."""
 _READ = ua.AccessLevel.CurrentRead.mask
 
 
@@ -104,7 +102,7 @@ class AddressSpace:
             if path not in variables and path[0] == CHANNELS and len(variables) < _MOST_VARIABLES:
                 await self._channel(machine, path, units.get(path[1], ""))
         for path, known in variables.items():
-            shown = values.get(path, _FORGOTTEN)
+            shown = values.get(path, UNKNOWN)
             if self._shown.get((machine, path)) != shown:
                 await self._write(known, shown)
                 self._shown[machine, path] = shown

@@ -40,7 +40,8 @@ class NodeShown:
     """When the value was taken, by the gateway's clock; None without one."""
 
 
-_NOTHING = NodeShown(None, NOTHING, None)
+UNKNOWN: Final = NodeShown(None, NOTHING, None)
+"""A value that the gateway does not know, or has not sent since it started again."""
 ACTIVITY: Final = "Probing cycle that measures the thermal errors"
 ERRORS: Final = "ThermalErrors"
 SIGMAS: Final = "StandardUncertainties"
@@ -84,7 +85,7 @@ def _aged(shown: NodeShown) -> NodeShown:
 def _number(value: float | None, status: str, at: datetime | None) -> NodeShown:
     """A number, if it is one and bears a time."""
     known = believable(value)
-    return _NOTHING if at is None or math.isnan(known) else NodeShown(known, status, at)
+    return UNKNOWN if at is None or math.isnan(known) else NodeShown(known, status, at)
 
 
 def _errors(seen: MachineSeen, now_s: float) -> Iterator[tuple[Path, NodeShown]]:
@@ -114,7 +115,7 @@ def _reading(message: ReadingMessage) -> NodeShown:
         return NodeShown(None, status, at)
     value = message.value
     if value is None or not math.isfinite(value) or at is None:
-        return _NOTHING
+        return UNKNOWN
     return NodeShown(value, status, at)
 
 
@@ -124,7 +125,7 @@ def _next(seen: MachineSeen, now_s: float) -> Iterator[tuple[Path, NodeShown]]:
     expected = None if reasons is None else seen.at_k(reasons.next_k)
     said, clock = None if reasons is None else instant(reasons.time), seen.clock(now_s)
     if reasons is None or expected is None or said is None or clock is None:
-        told = dict.fromkeys(_PROGNOSIS, _NOTHING)
+        told = dict.fromkeys(_PROGNOSIS, UNKNOWN)
     else:
         status = GOOD if clock <= expected else OLD
         values: tuple[Plain, ...] = (expected, ACTIVITY, reasons.next_why)
@@ -132,7 +133,7 @@ def _next(seen: MachineSeen, now_s: float) -> Iterator[tuple[Path, NodeShown]]:
     for name, shown in told.items():
         yield (NEXT, name), shown
     standing, at = seen.probing, seen.latest
-    yield (NEXT, "Standing"), _NOTHING if standing is None or at is None else NodeShown(standing.standing, GOOD, at)
+    yield (NEXT, "Standing"), UNKNOWN if standing is None or at is None else NodeShown(standing.standing, GOOD, at)
 
 
 def _state(seen: MachineSeen) -> Iterator[tuple[Path, NodeShown]]:
@@ -144,4 +145,4 @@ def _state(seen: MachineSeen) -> Iterator[tuple[Path, NodeShown]]:
     else:
         values = (status.phase, status.nc, status.channels, status.channels_good, status.waits_for, status.version)
     for name, value in zip(_STATES, values, strict=True):
-        yield (RUN, name), _NOTHING if value is None else NodeShown(value, GOOD, at)
+        yield (RUN, name), UNKNOWN if value is None else NodeShown(value, GOOD, at)

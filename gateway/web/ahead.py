@@ -13,9 +13,10 @@ import numpy as np
 
 from gateway.heard import Applied, MachineSeen, applied, believable, instant
 from gateway.telemetry import ForecastMessage, PublishedCourse
-from gateway.web.at_tool import NINETY_FIVE, ToolError, half_width, moved
+from gateway.web.at_tool import ToolError, half_width, moved
 from gateway.web.sentences import Amount, Atom, Sentence, Word, at, um
 from talc.frame import BoolArray, FloatArray
+from talc.indicators import TWO_SIDED_95
 from talc.names import THERMAL_ERRORS
 
 WAIT_S, WARM_S = 1800.0, 7200.0
@@ -68,7 +69,7 @@ def ahead(seen: MachineSeen, matrix: FloatArray) -> AheadError | None:
     left = _left(without, now)
     far = np.abs(left) + half
     if now.following:
-        spread = NINETY_FIVE * sigma_missed
+        spread = TWO_SIDED_95 * sigma_missed
         high = np.abs(left) + half_width(matrix, sigma + spread)
         low = np.abs(left) + half_width(matrix, np.maximum(sigma - spread, 0.0))
     else:

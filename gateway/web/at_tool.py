@@ -7,10 +7,9 @@ import numpy as np
 
 from gateway.heard import Applied, Estimated
 from talc.frame import FloatArray
+from talc.indicators import TWO_SIDED_95
 from talc.kinematics import tcp_offsets
 
-NINETY_FIVE = 1.96
-"""Standard uncertainties on each side of a 95 % interval."""
 _NOT_HERE = 1e-12
 """An error that moves the tool by less than this factor does not count at this point; it may be unknown."""
 
@@ -64,7 +63,7 @@ def half_width(matrix: FloatArray, sigma: FloatArray) -> FloatArray:
 
     The nine errors are taken to be independent of each other.
     """
-    return np.asarray(NINETY_FIVE * np.sqrt(moved(matrix**2, sigma**2)), dtype=np.float64)
+    return np.asarray(TWO_SIDED_95 * np.sqrt(moved(matrix**2, sigma**2)), dtype=np.float64)
 
 
 def at_the_tool(matrix: FloatArray, errors: FloatArray, sigma: FloatArray, now: Applied) -> ToolError:

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gateway.heard import Explained, MachineSeen
-from gateway.web.at_tool import NINETY_FIVE
 from gateway.web.sentences import Amount, Word
+from talc.indicators import TWO_SIDED_95
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 _PERCENT = 100.0
@@ -51,7 +51,7 @@ def _lines(explained: Explained) -> Iterator[ShownCorrection]:
             t=message.time,
             error=error,
             estimate=Amount(reason.estimate, unit, sign=True),
-            half=Amount(None if sigma is None else NINETY_FIVE * sigma, unit),
+            half=Amount(None if sigma is None else TWO_SIDED_95 * sigma, unit),
             movers=tuple((i, Amount(v, unit, sign=True)) for i, v in reason.inputs.items() if v is not None),
             rest=Amount(rest, unit, sign=True),
             experts=tuple(

@@ -4,17 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from drivers.section import FilePath, Positive, Section, matching
 from gateway.config import Name, read_as
-from gateway.passwords import is_hash
-
-
-def _a_hash(text: str) -> str:
-    if not is_hash(text):
-        raise ValueError("expected what `talc-gateway web --make-password` prints, not the password itself")
-    return text
+from gateway.passwords import UserName, hash_printed_by
 
 
 class Tls(Section):
@@ -51,8 +45,7 @@ class WebSettings(Section):
 
     tls: Tls | None = None
     proxy: Proxy | None = None
-    users: Mapping[Annotated[str, matching(r"[^:\x00-\x1f]+", "a name without a colon")],
-                   Annotated[str, AfterValidator(_a_hash)]] = Field(default_factory=dict)  # fmt: skip
+    users: Mapping[UserName, Annotated[str, hash_printed_by("web")]] = Field(default_factory=dict)
     """Name and password hash of everybody who may look."""
     hosts: tuple[str, ...] = ()
     """Names by which browsers call this computer, beside localhost; of a page without users others are refused."""

@@ -17,6 +17,7 @@ from talc.frame import (
     Phase,
     Why,
 )
+from talc.indicators import TWO_SIDED_95
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS
 from talc.learner.forecast import Forecast
 from talc.learner.learner import Estimate, Explanation, LearnerState, RowLearner, Weights
@@ -26,7 +27,6 @@ from talc.learner.reasons import Reasons, reasons_for
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import LearnerSettings
 
-_TWO_SIDED_95 = 1.96
 _SETTLED_S = 3600.0
 """After a gap longer than this a measurement is wanted at once."""
 _UNKNOWN_PAUSE_S = 30 * 86400.0
@@ -250,7 +250,7 @@ class LearningCourse:
         return Why.UNCERTAINTY if self._unsure(after) else None
 
     def _unsure(self, estimate: Estimate) -> bool:
-        return bool((_TWO_SIDED_95 * estimate.sigma > self._limits).any())
+        return bool((TWO_SIDED_95 * estimate.sigma > self._limits).any())
 
     def _next(self, k: int) -> tuple[int, Why]:
         """When `_why_measure` will have led to a measurement, if the inputs stay as they are."""

@@ -1,0 +1,29 @@
+"""One can find things: README.md names every room, the tree of tests mirrors them, tests/README.md names all else."""
+
+from pathlib import Path
+
+TESTS = Path(__file__).parent
+ROOT = TESTS.parent
+TOPS = ("benchmarks", "drivers", "gateway", "simulators", "studies", "talc")
+
+
+def test_every_room_has_a_folder_of_tests() -> None:
+    rooms = [file.parent.relative_to(ROOT) for top in TOPS for file in (ROOT / top).rglob("__init__.py")]
+    assert len(rooms) > 40, "the rooms were found"
+    assert [str(room) for room in rooms if not list((TESTS / room).rglob("test_*.py"))] == []
+
+
+def test_every_other_folder_of_tests_is_in_the_index() -> None:
+    index = (TESTS / "README.md").read_text("utf-8")
+    folders = {file.parent for file in TESTS.rglob("test_*.py")} - {TESTS}
+    others = [folder.relative_to(ROOT) for folder in folders if not (ROOT / folder.relative_to(TESTS)).is_dir()]
+    assert others, "tests/gateway/faults is one"
+    assert [str(folder) for folder in others if str(folder) not in index] == []
+
+
+def test_the_readme_names_every_room_of_drivers_and_gateway() -> None:
+    readme = (ROOT / "README.md").read_text("utf-8")
+    house = readme[readme.index("## The house") :]
+    rooms = [file.parent.name for top in ("drivers", "gateway") for file in (ROOT / top).glob("*/__init__.py")]
+    assert len(rooms) > 25, "the rooms were found"
+    assert [room for room in rooms if f"`{room}/`" not in house] == []
