@@ -55,6 +55,16 @@ def losses(data: ReportData, s: Summary) -> tuple[tuple[str, str], ...]:
     ]
     if worse:
         found.append(("worse with compensation, RMS", ", ".join(worse)))
+    held = {row.name: row.compensated_e_rms for row in s.held}
+    beaten = [
+        f"{r.name} {after} instead of {plain} {r.unit}"
+        for r in s.rows
+        if held.get(r.name, np.inf) < r.compensated_e_rms
+        and not r.within_noise
+        and (plain := _short(held[r.name])) != (after := _short(r.compensated_e_rms))
+    ]
+    if beaten:
+        found.append(("worse than holding the last measurement, RMS", ", ".join(beaten)))
     return tuple(found)
 
 
