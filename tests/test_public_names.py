@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import talc
+
 ROOT = Path(__file__).parents[1]
 ROOMS = sorted(
     ".".join(file.relative_to(ROOT).parent.parts)
@@ -21,6 +23,11 @@ def test_a_room_states_its_public_names(room: str) -> None:
     assert isinstance(module.__all__, list)
     missing = [n for n in module.__all__ if not hasattr(module, n) and find_spec(f"{room}.{n}") is None]
     assert not missing
+
+
+def test_completion_offers_what_talc_imports_when_it_is_first_used() -> None:
+    """In a notebook, `talc.` and the tabulator key are how one finds `Learner`."""
+    assert set(talc.__all__) <= set(dir(talc))
 
 
 def test_the_import_linter_knows_every_room() -> None:

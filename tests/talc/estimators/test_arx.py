@@ -57,6 +57,17 @@ def test_a_gap_before_the_predicted_rows_is_run_through() -> None:
     np.testing.assert_allclose(model.predict(X[330:]), whole[30:], rtol=1e-12)
 
 
+def test_arx_needs_rows_measured_one_after_another_and_output_error_does_not() -> None:
+    X, y = machine(500, 1)
+    later, X, y = X[400:], X[:400], y[:400]
+    sixth = y[::6].reindex(y.index)
+    with pytest.warns(UserWarning, match="all earlier outputs measured; its mean is predicted"):
+        arx = talc.GroupLassoARX(max_nb=1, max_inputs=3).fit(X, sixth)
+    assert arx.inputs_ == {}
+    assert arx.predict(later)[-1, 0] == pytest.approx(float(np.nanmean(sixth)))
+    assert "a" in talc.SparseOutputError(max_nb=1, max_inputs=3).fit(X, sixth).inputs_["error 0"]
+
+
 def test_too_few_measurements_give_the_mean_and_a_warning() -> None:
     X, y = machine(100, 2)
     y.iloc[np.arange(100) % 10 > 0, 1] = np.nan
