@@ -27,3 +27,19 @@ def test_the_readme_names_every_room_of_drivers_and_gateway() -> None:
     rooms = [file.parent.name for top in ("drivers", "gateway") for file in (ROOT / top).glob("*/__init__.py")]
     assert len(rooms) > 25, "the rooms were found"
     assert [room for room in rooms if f"`{room}/`" not in house] == []
+
+
+def test_a_long_file_states_its_reason() -> None:
+    """More than 400 lines are two responsibilities, unless the first lines say why not."""
+    files = [
+        file
+        for top in (*TOPS, "deploy", "examples")
+        for ending in ("py", "cpp", "hpp", "cc", "js", "sh", "toml")
+        for file in (ROOT / top).rglob(f"*.{ending}")
+        if "node_modules" not in file.parts
+    ]
+    assert len(files) > 500, "the rooms were found"
+    long = {file: text for file in files if (text := file.read_text("utf-8")).count("\n") > 400}
+    assert [
+        str(f.relative_to(ROOT)) for f, text in long.items() if "longer than 400 lines" not in text[:500].lower()
+    ] == []

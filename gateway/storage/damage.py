@@ -1,4 +1,4 @@
-"""Sets a damaged database aside, and copies what can be read of it to a new one.
+"""Finds damage in a database, page by page and row by row.
 
 Damage is what SQLite finds (a page that is not one, a file that is not a database) and rows that are not values of this
 gateway. SQLite keeps no checksums of its pages: a bit that flips within a number changes the number.
@@ -7,51 +7,28 @@ gateway. SQLite keeps no checksums of its pages: a bit that flips within a numbe
 import json
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
-from dataclasses import dataclass, field
-from datetime import datetime
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gateway.commands import CommandName
 from gateway.config import validate
 from gateway.storage import rows
-from gateway.storage.epochs import begin_epoch, check_epoch
+from gateway.storage.epochs import check_epoch
 from gateway.storage.learnt import parse_learnt
 from gateway.storage.schema import NEW, UNREADABLE
 from gateway.storage.snapshot import marks_of
 
 _NOT_COPIED = ("reading", "minute", "mark", "thinned")
-"""Raw readings stay in the file that is set aside: they are many, and nothing is learnt from them."""
-_LEARNT = ("frame", "decision", "measurement", "model")
-_ALSO_LEARNT = ("trust", "reasons", "learnt")
-_SAME_COMMAND = "SELECT 1 FROM command WHERE time = ? AND name = ? AND by = ?"
-_FARTHEST = 2**40
+"""Raw readings stay in a file that is set aside: they are many, and nothing is learnt from them."""
 _LARGEST = 1e9
 """Of any input, error or uncertainty."""
 _LONGEST_S = 1e11
-_NUMBERS_SKIPPED = 100
-"""Requests that may have been made after the last one that can be read."""
 
 RawRow = tuple[Any, ...]
-
-
-@dataclass(slots=True)
-class Known:
-    """Rows that the running gateway has in memory."""
-
-    boot: RawRow | None = None
-    """Of this run."""
-    first_k: int | None = None
-    """Of this run's steps; an earlier run's that was not read when this one began counts as lost."""
-    reference: RawRow | None = None
-    """The first measurement that was used, the reference of all others; without its id."""
-    standing: dict[CommandName, RawRow] = field(default_factory=dict)
-    """The command that stands until another one ends it; without its id."""
 
 
 def contradiction(connection: sqlite3.Connection) -> str:
@@ -59,7 +36,7 @@ def contradiction(connection: sqlite3.Connection) -> str:
 
     The raw readings are not looked at: they are many, and nothing is learnt from them. Raises sqlite3.Error.
     """
-    for table in _columns():
+    for table in checked_columns():
         (found,) = connection.execute(f"PRAGMA integrity_check({table})").fetchone()
         if found != "ok":
             return f"{table}: {found}"
@@ -72,11 +49,15 @@ def unreadable_rows(path: Path) -> int:
     Raises sqlite3.Error or UnicodeDecodeError where SQLite finds damage.
     """
     with closing(sqlite3.connect(path, timeout=10.0)) as source:
-        source.text_factory = _text
+        source.text_factory = any_text
         return (
             bool(contradiction(source))
             + _frames_of_no_run(source)
-            + sum(not _checked(table, row) for table in _columns() for row in source.execute(f"SELECT * FROM {table}"))
+            + sum(
+                not is_whole(table, row)
+                for table in checked_columns()
+                for row in source.execute(f"SELECT * FROM {table}")
+            )
         )
 
 
@@ -87,7 +68,7 @@ def _frames_of_no_run(connection: sqlite3.Connection) -> int:
         return 0
     (many,) = connection.execute("SELECT count(*) FROM frame WHERE boot NOT IN (SELECT id FROM boot)").fetchone()
     for boot, text in runs:
-        if (inputs := _inputs_of(text)) is not None:
+        if (inputs := inputs_of_run(text)) is not None:
             found = "SELECT count(*) FROM frame WHERE boot = ? AND length(inputs) <> ?"
             many += connection.execute(found, (boot, 8 * inputs)).fetchone()[0]
     return int(many)
@@ -97,158 +78,18 @@ def damage_found(path: Path) -> list[str]:
     """What is damaged, in words, with the raw readings; may be called while a gateway writes to the file."""
     found, bad = list[str](), Counter[str]()
     with closing(sqlite3.connect(path, timeout=10.0)) as source:
-        source.text_factory = _text
+        source.text_factory = any_text
         try:
             pages = source.execute("PRAGMA integrity_check(20)").fetchall()
             found += [str(text) for (text,) in pages if text != "ok"]
-            for table in _columns():
-                bad[table] += sum(not _checked(table, row) for row in source.execute(f"SELECT * FROM {table}"))
+            for table in checked_columns():
+                bad[table] += sum(not is_whole(table, row) for row in source.execute(f"SELECT * FROM {table}"))
         except UNREADABLE as error:
             found.append(str(error))
     return found + [f"{table}: {many} rows hold no values of this gateway" for table, many in bad.items() if many]
 
 
-def mend(path: Path, why: str, now: datetime, known: Known) -> str:
-    """Set the file aside and begin a new one with what can be read. Returns what was done, in words.
-
-    No other program may have the file open. The new one is complete before it takes the place of the damaged one, so
-    that nothing is lost if the disk fails meanwhile. Raises sqlite3.Error or OSError.
-    """
-    if known.reference is not None and not _checked("measurement", (1, *known.reference)):
-        known.reference = None  # it was read from the damaged file
-    aside = path.with_name(f"{path.name}.damaged-{now:%Y%m%dT%H%M%S}")
-    new = _fresh(path)
-    with closing(sqlite3.connect(new)) as target:
-        target.executescript(NEW)
-        counts, lost = _copy(path, target)
-        _restore(target, known)
-        anew = _settle(target, counts, reference_known=known.reference is not None)
-        lost += _recounted(target, counts)
-        begin_epoch(target)
-        target.commit()
-    for ending in ("-wal", "-shm"):
-        with suppress(FileNotFoundError):
-            path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
-    try:
-        aside.hardlink_to(path)  # so that there is a database at the path at any time
-    except OSError:  # a file system without links
-        path.rename(aside)
-    new.replace(path)
-    kept = ", ".join(f"{counts[table]} of {table}" for table in _LEARNT)
-    text = (
-        f"storage: {path} was damaged ({' '.join(why.split())}) and is set aside as {aside.name}; read from it: {kept}"
-    )
-    text += f"; at least {lost} other rows are lost" if lost else ""
-    return text + (f"; {anew}" if anew else "; raw readings stay there")
-
-
-def begin_anew(path: Path, known: Known) -> str:
-    """Begin another database in the place of one that was deleted. Returns what was done, in words.
-
-    Raises sqlite3.Error or OSError.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new = _fresh(path)
-    with closing(sqlite3.connect(new)) as target:
-        target.executescript(NEW)
-        _restore(target, known)
-        begin_epoch(target)
-        target.commit()
-    for ending in ("-wal", "-shm"):  # of the deleted one
-        path.with_name(path.name + ending).unlink(missing_ok=True)
-    new.replace(path)
-    return (
-        f"storage: {path} was deleted while the gateway ran; a new database is begun. What the gateway has learnt stays"
-        " in its memory, but after a restart only what is stored from now on counts"
-    )
-
-
-def _fresh(path: Path) -> Path:
-    """Where a new database is made before it takes its place; without what an earlier attempt left."""
-    new = path.with_name(path.name + ".new")
-    for ending in ("", "-journal"):
-        new.with_name(new.name + ending).unlink(missing_ok=True)
-    return new
-
-
-def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
-    """How many rows of each table were read, and how many were found but are not values."""
-    counts, lost = Counter[str](), 0
-    with closing(sqlite3.connect(source, timeout=10.0)) as connection:
-        connection.text_factory = _text
-        for table in _columns():
-            names = [str(name) for _, name, *_ in target.execute(f"PRAGMA table_info({table})")]
-            insert = _insert(table, len(names))
-            for row in _all_that_can_be_read(connection, table, names):
-                if not _checked(table, row):
-                    lost += 1
-                    continue
-                with suppress(sqlite3.IntegrityError):
-                    counts[table] += target.execute(insert, row).rowcount
-    return counts, lost
-
-
-def _restore(target: sqlite3.Connection, known: Known) -> None:
-    if known.boot is not None:
-        target.execute(_insert("boot", len(known.boot)), known.boot)
-        if known.first_k is not None:
-            target.execute("DELETE FROM frame WHERE k >= ? AND boot <> ?", (known.first_k, known.boot[1]))
-    for given in known.standing.values():
-        if not target.execute(f"{_SAME_COMMAND} LIMIT 1", given[:3]).fetchone():
-            target.execute("INSERT INTO command VALUES (NULL, ?, ?, ?, ?, ?)", given)
-    if known.reference is None:
-        return
-    found = target.execute("SELECT count(*) FROM measurement WHERE number = ?", known.reference[:1]).fetchone()
-    if not found[0]:
-        (first,) = target.execute("SELECT coalesce(min(id), 1) FROM measurement").fetchone()
-        target.execute(_insert("measurement", 1 + len(known.reference)), (first - 1, *known.reference))
-
-
-def _insert(table: str, columns: int) -> str:
-    return f"INSERT OR IGNORE INTO {table} VALUES ({', '.join('?' * columns)})"
-
-
-def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known: bool) -> str:
-    """Remove what contradicts the lost rows; returns the consequence, in words."""
-    for boot, text in target.execute("SELECT id, config FROM boot").fetchall():
-        if (inputs := _inputs_of(text)) is not None:
-            target.execute("DELETE FROM frame WHERE boot = ? AND length(inputs) <> ?", (boot, 8 * inputs))
-    if counts["boot"]:  # without its configuration nothing says what the inputs of a frame are
-        target.execute("DELETE FROM frame WHERE boot NOT IN (SELECT id FROM boot)")
-    target.execute("DELETE FROM frame WHERE k NOT IN (SELECT k FROM decision)")
-    target.execute("DELETE FROM decision WHERE k NOT IN (SELECT k FROM frame)")
-    if not counts["request"]:
-        (last,) = target.execute("SELECT max(number) FROM measurement").fetchone()
-        if last is not None:
-            target.execute("INSERT INTO request VALUES (?, '')", (last + _NUMBERS_SKIPPED,))
-    first, last_id, cycles = target.execute("SELECT min(id), max(id), count(*) FROM measurement").fetchone()
-    measured = target.execute("SELECT count(*) FROM frame WHERE errors IS NOT NULL").fetchone()[0]
-    whole = first == 1 and last_id == cycles if cycles else not measured
-    (boots,) = target.execute("SELECT count(*) FROM boot").fetchone()
-    if boots and (whole or reference_known):
-        return ""
-    # The first measurement is the reference of all others: with another one they would mean something else.
-    for table in (*_LEARNT, *_ALSO_LEARNT):
-        target.execute(f"DELETE FROM {table}")
-        counts[table] = 0
-    for table in ("snapshot", "running"):
-        target.execute(f"DELETE FROM {table}")
-    target.execute("DELETE FROM prior_of_boot")
-    target.execute("DELETE FROM boot")
-    return "the reference of the measurements or the configuration is lost: learning begins again"
-
-
-def _recounted(target: sqlite3.Connection, counts: Counter[str]) -> int:
-    """Take from the counts what was read and is not kept; returns how many rows that are."""
-    removed = 0
-    for table in _LEARNT:
-        (kept,) = target.execute(f"SELECT count(*) FROM {table}").fetchone()
-        removed += max(counts[table] - kept, 0)
-        counts[table] = min(counts[table], kept)
-    return removed
-
-
-def _inputs_of(config: str) -> int | None:
+def inputs_of_run(config: str) -> int | None:
     """How many inputs a frame of a stored configuration has."""
     try:
         return len(rows.inputs_of_config(config)) or None
@@ -256,60 +97,10 @@ def _inputs_of(config: str) -> int | None:
         return None
 
 
-def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequence[str]) -> Iterator[RawRow]:
-    """Rows in the order of their numbers; after a damaged page it continues with the next readable one."""
-    if table == "prior":  # has no row numbers
-        with suppress(*UNREADABLE):
-            yield from source.execute(f"SELECT {', '.join(names)} FROM {table}")
-            return
-        with suppress(*UNREADABLE):  # once more, as below; rows that are there already are ignored
-            yield from source.execute(f"SELECT {', '.join(names)} FROM {table}")
-        return
-    query = f"SELECT rowid, {', '.join(names)} FROM {table} WHERE rowid > ? ORDER BY rowid"
-    low: int | None = -_FARTHEST
-    failed_at: int | None = None
-    while low is not None:
-        try:
-            for number, *row in source.execute(query, (low,)):
-                low = max(low, number)
-                yield tuple(row)
-            return
-        except UNREADABLE:
-            if failed_at == low:
-                low = _behind(lambda at: source.execute(query + " LIMIT 1", (at,)).fetchone(), low)
-            else:  # once more: a disk that failed once has not damaged a page
-                failed_at = low
-
-
-def _behind(first_after: Callable[[int], RawRow | None], low: int) -> int | None:
-    """The smallest number above `low` behind which a row can be read; None: none can."""
-    low, gap = max(low, 0), 1
-    while gap < _FARTHEST:
-        with suppress(*UNREADABLE):
-            if first_after(low + gap) is None:
-                return None if gap == 1 else _between(first_after, low + gap // 2, low + gap)
-            return _between(first_after, low + gap // 2, low + gap)
-        gap *= 2
-    return None
-
-
-def _between(first_after: Callable[[int], RawRow | None], bad: int, good: int) -> int:
-    """By bisection: the first number from which on reading works."""
-    while good - bad > 1:
-        middle = (bad + good) // 2
-        try:
-            first_after(middle)
-        except UNREADABLE:
-            bad = middle
-        else:
-            good = middle
-    return good
-
-
-def _checked(table: str, row: RawRow) -> bool:
+def is_whole(table: str, row: RawRow) -> bool:
     """Whether the row holds values of this gateway."""
     try:
-        for value, (kinds, required) in zip(row, _columns()[table], strict=True):
+        for value, (kinds, required) in zip(row, checked_columns()[table], strict=True):
             if not isinstance(value, kinds) and (required or value is not None):
                 return False
             if isinstance(value, str):
@@ -321,8 +112,8 @@ def _checked(table: str, row: RawRow) -> bool:
 
 
 @cache
-def _columns() -> Mapping[str, Sequence[tuple[tuple[type, ...], bool]]]:
-    """Of each table's columns: what a value may be, and whether there must be one."""
+def checked_columns() -> Mapping[str, Sequence[tuple[tuple[type, ...], bool]]]:
+    """Of the columns of each table that is checked and copied: what a value may be, and whether there must be one."""
     kinds = {"INTEGER": (int,), "REAL": (int, float), "TEXT": (str,), "BLOB": (bytes,)}
     with closing(sqlite3.connect(":memory:")) as connection:
         connection.executescript(NEW)
@@ -337,8 +128,8 @@ def _columns() -> Mapping[str, Sequence[tuple[tuple[type, ...], bool]]]:
         }
 
 
-def _text(data: bytes) -> str:
-    """Any bytes; those that are no UTF-8 cannot be encoded again, by which `_checked` knows them."""
+def any_text(data: bytes) -> str:
+    """Any bytes; those that are no UTF-8 cannot be encoded again, by which `is_whole` knows them."""
     return data.decode("utf-8", "surrogateescape")
 
 

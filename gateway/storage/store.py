@@ -33,10 +33,11 @@ from gateway.events import (
     StoreHealth,
 )
 from gateway.storage import rows
-from gateway.storage.damage import Known, begin_anew, mend, unreadable_rows
+from gateway.storage.damage import unreadable_rows
 from gateway.storage.epochs import begin_epoch
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.lock import FileLock
+from gateway.storage.mending import Known, begin_anew, mend
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
 from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema, unusable
 from gateway.storage.snapshot import Snapshot

@@ -11,7 +11,7 @@ from gateway.nc import Source
 from gateway.past import past_of
 from gateway.replay import replay
 from gateway.storage import History, Store
-from gateway.storage.damage import Known, begin_anew, mend
+from gateway.storage.mending import Known, begin_anew, mend
 from talc.frame import EventKind, Why
 from tests.benches.commanded import CONFIG, NOWHERE, STEP_S, commanded
 from tests.benches.nc_link_bench import LinkBench

@@ -12,7 +12,7 @@ from gateway.events import CommandGiven
 from gateway.nc import Source
 from gateway.past import past_of
 from gateway.storage import History, Store
-from gateway.storage.damage import Known, mend
+from gateway.storage.mending import Known, mend
 from talc.frame import EventKind
 from tests.benches.commanded import CONFIG, NOWHERE, STEP_S, commanded
 from tests.benches.nc_link_bench import LinkBench
