@@ -56,7 +56,7 @@ class StoredTable(Struct, frozen=True):
     last: Annotated[int, Meta(description="Number after which the next query goes on, in this epoch")] = 0
     more: Annotated[bool, Meta(description="Whether there are more rows now")] = False
     thinned: Annotated[
-        int | None, Meta(description="Rows up to this number were deleted, being old, before they were asked for")
+        int | None, Meta(description="Rows up to this number were deleted for their age before they were asked for")
     ] = None
     numbers: Annotated[list[int], Meta(description="Of the rows, ascending")] = []
     columns: tuple[StoredColumn, ...] = ()
