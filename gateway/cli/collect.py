@@ -6,13 +6,13 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from gateway.cli.arguments import access_options
+from gateway.cli.arguments import PemPath, access_options
+from gateway.cli.extras import need_extra
 
 if TYPE_CHECKING:
     from gateway.config import Telemetry
@@ -21,15 +21,16 @@ log = logging.getLogger(__name__)
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("site", metavar="FOLDER|ADDRESS")
 @click.option("--connect", multiple=True, required=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a "
               "router, such as tcp/192.168.1.5:7447; several for a site.")  # fmt: skip
 @click.option("--prefix", default="talc", show_default=True, help="First part of the keys.")
 @click.option("--every", type=click.FloatRange(min=0.1), default=30.0, show_default=True,
               help="Seconds after which a gateway is asked again.")  # fmt: skip
+@click.option("--database-password-file", type=PemPath, help="Holds the password of ADDRESS's user alone.")
 @access_options
 def collect(
-    folder: Path,
+    site: str,
     connect: tuple[str, ...],
     prefix: str,
     every: float,
@@ -38,29 +39,34 @@ def collect(
     key: Path | None,
     user: str | None,
     password_file: Path | None,
+    database_password_file: Path | None,
 ) -> None:
-    """Keep what all gateways at --connect have stored in FOLDER, as Parquet by table, machine and day.
+    """Keep what all gateways at --connect have stored in FOLDER, as Parquet by table, machine and day, or in the
+    PostgreSQL database at ADDRESS, such as postgresql://collector@db.plant.example/site.
 
     \b
-    Asks each gateway for the rows that follow those that are in FOLDER: none is lost or there twice, however often
+    Asks each gateway for the rows that follow those that are there: none is lost or there twice, however often
     gateways, routers and this command are stopped or killed (docs/collect.md). Gateways may come and go; it tries again
     until SIGINT or SIGTERM, and says at the end what was collected.
     """
-    if find_spec("pyarrow") is None:
-        raise click.UsageError("pyarrow is not installed; pip install 'talc-gateway[parquet]'")
+    need_extra("postgres" if "://" in site else "parquet")
     telemetry = _telemetry(
         connect, prefix, user, password_file, {"authority": authority, "certificate": certificate, "key": key}
     )
-    from gateway.collect import Collector, SiteFolder, SiteNetwork
+    from gateway.collect import Collector, SiteNetwork, site_at
 
     if logging.getLogger().level > logging.INFO:
         logging.getLogger("gateway").setLevel(logging.INFO)
     stop = threading.Event()
-    with SiteFolder(folder) as kept, SiteNetwork(telemetry) as network:
+    try:
+        place = site_at(site, database_password_file)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+    with place as kept, SiteNetwork(telemetry) as network:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: stop.set())
         collector = Collector(network, kept, every_s=every)
-        click.echo(f"{folder}: collecting what gateways at {', '.join(connect)} have stored")
+        click.echo(f"{site}: collecting what gateways at {', '.join(connect)} have stored")
         _go_on(collector.turn, stop, every)
     for name, asked in sorted(collector.machines.items()):
         rows = ", ".join(f"{many} {table}" for table, many in asked.rows.items()) or "nothing new"

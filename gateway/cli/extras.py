@@ -5,15 +5,21 @@ from typing import Literal
 
 import click
 
-_PACKAGES = {"report": ("jinja2", "matplotlib"), "web": ("starlette", "uvicorn", "jinja2")}
+Extra = Literal["parquet", "postgres", "report", "web"]
+_PACKAGES = {
+    "parquet": ("pyarrow",),
+    "postgres": ("psycopg", "pyarrow"),
+    "report": ("jinja2", "matplotlib"),
+    "web": ("starlette", "uvicorn", "jinja2"),
+}
 
 
-def need_extra(extra: Literal["report", "web"]) -> None:
-    """Raises click.UsageError where packages of an extra are not installed. The Debian package has all of them."""
+def need_extra(extra: Extra) -> None:
+    """Raises click.UsageError where packages of an extra are not installed. Debian's package has `report` and `web`."""
     if missing := missing_of(extra):
         raise click.UsageError(f"{', '.join(missing)} not installed; pip install 'talc-gateway[{extra}]'")
 
 
-def missing_of(extra: Literal["report", "web"]) -> list[str]:
+def missing_of(extra: Extra) -> list[str]:
     """Packages of an extra that are not installed."""
     return [name for name in _PACKAGES[extra] if find_spec(name) is None]

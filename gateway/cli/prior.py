@@ -5,13 +5,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
 import numpy as np
 
+from gateway.cli.extras import need_extra
 from gateway.past import Rebuilt, rebuilt, start_of, stored_config
 from gateway.storage import History, StoreError
 from talc.control import Controller
@@ -82,8 +82,7 @@ def _sources(path: Path) -> list[_LearntMachine]:
         with History(path) as history:
             machine = stored_config(history).machine
         return [_LearntMachine(machine.name, machine.kind, str(path), partial(_of_database, path))]
-    if find_spec("pyarrow") is None:
-        raise click.UsageError("pyarrow is not installed; pip install 'talc-gateway[parquet]'")
+    need_extra("parquet")
     from gateway.collect import machines_in
 
     return [

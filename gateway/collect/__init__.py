@@ -1,9 +1,10 @@
-"""Collects what the gateways of a site have stored: each row once, to Parquet by table, machine and day."""
+"""Collects what the gateways of a site have stored: each row once, to Parquet files or to PostgreSQL."""
 
-from gateway.collect.collector import Collector, MachineAsked
+from gateway.collect.collector import Collector, MachineAsked, SiteKept
 from gateway.collect.folder import CollectError, Commit, SiteFolder
 from gateway.collect.machines import CollectedMachine, machines_in
 from gateway.collect.network import SiteNetwork
+from gateway.collect.places import site_at
 from gateway.collect.progress import CollectProgress
 
 __all__ = [
@@ -14,6 +15,8 @@ __all__ = [
     "Commit",
     "MachineAsked",
     "SiteFolder",
+    "SiteKept",
     "SiteNetwork",
     "machines_in",
+    "site_at",
 ]

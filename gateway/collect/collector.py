@@ -10,7 +10,7 @@ from typing import Protocol
 
 import pyarrow as pa
 
-from gateway.collect.folder import Commit, SiteFolder
+from gateway.collect.folder import Commit
 from gateway.collect.progress import CollectProgress, TablePlace
 from gateway.collect.tables import arrow_of
 from gateway.storage import NUMBERS
@@ -38,6 +38,22 @@ class SiteGateways(Protocol):
         """Rows that follow. Raises OSError, ValueError."""
 
 
+class SiteKept(Protocol):
+    """Where rows are kept."""
+
+    def ready(self) -> None:
+        """Raises OSError while nothing can be kept at all."""
+
+    def progress(self, machine: str) -> CollectProgress:
+        """How far a machine is collected. Raises OSError, ValueError."""
+
+    def add(self, machine: str, commit: Commit) -> CollectProgress:
+        """Keep all of a batch, or nothing of it. When this returns, it is kept for good.
+
+        Raises OSError, ValueError; then only `progress` knows whether it counts.
+        """
+
+
 @dataclass(slots=True)
 class MachineAsked:
     """What is known of one machine."""
@@ -60,7 +76,7 @@ class Collector:
     Parameters
     ----------
     gateways: who is asked
-    folder: where it is kept
+    kept: where it is kept
     every_s: how long after it has everything of a machine it asks again
     limit: rows of a table in one answer
     utc: the time of gaps
@@ -69,19 +85,21 @@ class Collector:
     def __init__(
         self,
         gateways: SiteGateways,
-        folder: SiteFolder,
+        kept: SiteKept,
         *,
         every_s: float = 30.0,
         limit: int = _LIMIT,
         utc: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
-        self._gateways, self._folder, self._every_s, self._limit, self._utc = gateways, folder, every_s, limit, utc
+        self._gateways, self._kept, self._every_s, self._limit, self._utc = gateways, kept, every_s, limit, utc
         self.machines: dict[str, MachineAsked] = {}
         self._heard, self._writing = True, threading.Semaphore(_WRITTEN_AT_ONCE)
 
     def turn(self, now_s: float) -> float:
         """Ask each machine that runs and is due once: those with a backlog get one page each, so that none waits for
-        another's backlog. Returns when the next turn is due."""
+        another's backlog. Returns when the next turn is due. Raises OSError while nothing can be kept, or when the
+        network fails as a whole."""
+        self._kept.ready()
         running = self._gateways.running()
         if bool(running) != self._heard:
             self._heard = bool(running)
@@ -123,7 +141,7 @@ class Collector:
             log.warning("%s: collected again", _some(ended))
 
     def _page(self, name: str, asked: MachineAsked) -> bool:
-        before = asked.progress or self._folder.progress(name)
+        before = asked.progress or self._kept.progress(name)
         places = {table: before.place(table, asked.back.get(table, 0)) for table in NUMBERS}
         answer = self._gateways.ask(name, places, self._limit)
         with self._writing:
@@ -152,7 +170,7 @@ class Collector:
         rows = batch.rows_at(self._utc())
         for table, *_ in batch.gaps:
             log.warning("%s: %s were deleted, being old, before they were collected", name, table)
-        asked.progress = self._folder.add(name, Commit(batch.progress, rows)) if batch.progress != before else before
+        asked.progress = self._kept.add(name, Commit(batch.progress, rows)) if batch.progress != before else before
         for table, added in rows.items():
             asked.rows[table] = asked.rows.get(table, 0) + added.num_rows
         if batch.problems:

@@ -18,14 +18,12 @@ from typing import Self
 import pyarrow as pa
 from pyarrow import parquet
 
-from gateway.collect.progress import CollectProgress, load_progress, save_progress, sync_folder
+from gateway.collect.progress import CollectProgress, checked_machine, load_progress, save_progress, sync_folder
 from gateway.collect.tables import by_day
 
 log = logging.getLogger(__name__)
 
 _PART_ROWS = 100_000
-_MACHINE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-"""What a configuration allows for a machine's name, and nothing that means something in a path."""
 _PROGRESS, _INCOMING = "progress", "incoming"
 _PART = re.compile(r"part-(\d{5})\.parquet")
 
@@ -74,6 +72,9 @@ class SiteFolder:
     ) -> None:
         self._lock.close()
 
+    def ready(self) -> None:
+        """The folder is there from the entry on; each machine tells what it could not write."""
+
     def progress(self, machine: str) -> CollectProgress:
         """How far a machine is collected, after what an interrupted batch left to do is done.
 
@@ -107,9 +108,7 @@ class SiteFolder:
         return counted
 
     def _progress_path(self, machine: str) -> Path:
-        if not _MACHINE.fullmatch(machine):
-            raise ValueError(f"machine {machine!r}: no gateway has such a name; expected letters, digits and _")
-        return self._path / _PROGRESS / f"{machine}.json"
+        return self._path / _PROGRESS / f"{checked_machine(machine)}.json"
 
     def _incoming(self, machine: str) -> Path:
         return self._path / _INCOMING / machine

@@ -35,12 +35,17 @@ def arrow_of(table: StoredTable, above: int | None) -> pa.Table:
 
 def by_day(rows: pa.Table) -> Iterator[tuple[str, pa.Table]]:
     """Each day, UTC, and its rows in their order. Raises ValueError for rows without a time."""
-    times = [name for name in rows.column_names if pa.types.is_timestamp(rows.schema.field(name).type)]
-    if not times or rows[times[0]].null_count:
-        raise ValueError("rows without a time")
-    days = compute.strftime(rows[times[0]], format="%Y-%m-%d")
+    days = compute.strftime(rows[time_column(rows)], format="%Y-%m-%d")
     for day in compute.unique(days).to_pylist():
         yield day, rows.filter(compute.equal(days, day))
+
+
+def time_column(rows: pa.Table) -> str:
+    """The column with the time of each row. Raises ValueError for rows without a time."""
+    times: list[str] = [name for name in rows.column_names if pa.types.is_timestamp(rows.schema.field(name).type)]
+    if not times or rows[times[0]].null_count:
+        raise ValueError("rows without a time")
+    return times[0]
 
 
 def _array(column: StoredColumn) -> pa.Array:

@@ -90,6 +90,7 @@ TABLE: dict[str, HowShown] = {
     ),
     r"demo --preset zimmermann-2022.*": RunElsewhere("tests/system/test_demo.py", '"--preset", "blaser-2019"'),
     r"init (gateway\.toml|CONFIG)": RunElsewhere("tests/gateway/cli/test_init.py", '"init"'),
+    r"collect '?postgresql://.*": RunElsewhere("tests/gateway/collect/test_database_command.py", '"collect"'),
     r"collect (FOLDER|site) .*": RunElsewhere("tests/gateway/collect/test_network.py", '"collect"'),
     r"publish outlets\.toml.*": RunElsewhere("tests/gateway/outlets/test_publish.py", '"publish"'),
     r"watch.*": RunElsewhere("tests/gateway/cli/test_watch.py", '"watch"'),

@@ -1,0 +1,369 @@
+"""A site in PostgreSQL has what its folder has, row by row, whatever is killed meanwhile. The server is Debian's."""
+
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+from pyarrow import dataset
+
+from gateway.collect import CollectError, Collector, SiteFolder, SiteKept
+from gateway.collect.database import SiteDatabase
+from gateway.storage import Retention, Store
+from gateway.storage.readings import Pruning
+from gateway.storage.schema import connect
+from gateway.telemetry import StoredColumn, StoredRows, StoredTable
+from tests.benches.plant_authority import PlantAuthority
+from tests.benches.postgres import Postgres, postgres
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.stored_site import FIRST_K, StoredSite, step
+
+pytestmark = pytest.mark.peer
+FOUND = datetime(2026, 3, 3, 7, tzinfo=UTC)
+E = "e" * 32
+_databases = count()
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Postgres]:
+    with postgres() as running:
+        yield running
+
+
+@pytest.fixture
+def database(server: Postgres) -> str:
+    """Name of a new one."""
+    name = f"site{next(_databases)}"
+    server.created(name)
+    return name
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> StoredSite:
+    (tmp_path / "gateways").mkdir()
+    return StoredSite(tmp_path / "gateways")
+
+
+def write(site: StoredSite, machine: str, steps: range, boot: str = "boot-1") -> None:
+    with Store(site.path(machine), boot, SteppedClock()) as store:
+        for n in steps:
+            step(store, n)
+
+
+def collector(site: StoredSite, kept: SiteKept, limit: int = 100) -> Collector:
+    return Collector(site, kept, every_s=30.0, limit=limit, utc=lambda: FOUND)
+
+
+def catch_up(collecting: Collector, now_s: float = 0.0) -> None:
+    """Turns until nothing more is due."""
+    while collecting.turn(now_s) <= now_s:
+        pass
+
+
+def problems(collecting: Collector) -> dict[str, str]:
+    return {name: asked.problem for name, asked in collecting.machines.items() if asked.problem}
+
+
+def in_database(server: Postgres, database: str, table: str) -> list[dict[str, Any]]:
+    """Rows without what is empty, in the order of their numbers."""
+    found = server.query(database, f'SELECT * FROM talc."{table}"')
+    rows = [{name: value for name, value in row.items() if value is not None} for row in found]
+    return sorted(rows, key=lambda row: (row["machine"], row["epoch"], row.get("row", 0)))
+
+
+def in_folder(folder: Path, table: str) -> list[dict[str, Any]]:
+    files = sorted((folder / table).rglob("*.parquet"))
+    rows = [
+        {"machine": file.parents[1].name.removeprefix("machine="), **row}
+        for file in files
+        for row in dataset.dataset(file).to_table().to_pylist()
+    ]
+    kept = [{name: value for name, value in row.items() if value is not None} for row in rows]
+    return sorted(kept, key=lambda row: (row["machine"], row["epoch"], row.get("row", 0)))
+
+
+def steps_of(server: Postgres, database: str) -> list[int]:
+    return [row["k"] - FIRST_K for row in server.query(database, "SELECT k FROM talc.steps ORDER BY k")]
+
+
+def test_rows_and_columns_are_those_of_the_folder(
+    server: Postgres, database: str, site: StoredSite, tmp_path: Path
+) -> None:
+    write(site, "mill", range(20))
+    with closing(connect(site.path("mill"))) as connection, connection:
+        pruning = Pruning(Retention(samples_days=1.0), 0.0)
+        pruning.prune(connection, 100.0)
+        pruning.prune(connection, 3 * 86400.0)
+    write(site, "lathe", range(200, 230))
+    with SiteFolder(tmp_path / "site") as folder, SiteDatabase(server.url(database)) as kept:
+        for place in (folder, kept):
+            collecting = collector(site, place, limit=7)
+            catch_up(collecting)
+            assert problems(collecting) == {}
+    tables = {row["tablename"] for row in server.query(database, "SELECT * FROM pg_tables WHERE schemaname = 'talc'")}
+    assert tables == {path.name for path in (tmp_path / "site").iterdir()} - {"incoming"}
+    filled = sorted(tables - {"progress"})
+    assert set(filled) >= {"readings", "minutes", "steps", "measurements", "events", "gaps"}
+    for table in filled:
+        found = in_database(server, database, table)
+        assert found == in_folder(tmp_path / "site", table)
+        assert found, table
+
+
+class CollectorKilled(BaseException):
+    """No handler for errors sees it."""
+
+
+class DatabaseInterrupted:
+    """At one of the calls by which the collector speaks to the database: itself, or its connection, is killed.
+
+    Commits are counted twice, as the connection may break before and behind them.
+    """
+
+    def __init__(self, looking: "psycopg.Connection[Any]", at: int, what: str, patch: pytest.MonkeyPatch) -> None:
+        self.happened, self._looking, self._at, self._what, self._calls = False, looking, at, what, 0
+        execute, commit = psycopg.Connection.execute, psycopg.Connection.commit
+
+        def executed(connection: Any, *words: Any, **more: Any) -> Any:
+            self.call(connection)
+            return execute(connection, *words, **more)
+
+        def committed(connection: Any) -> None:
+            self.call(connection)
+            commit(connection)
+            self.call(connection)
+
+        patch.setattr(psycopg.Connection, "execute", executed)
+        patch.setattr(psycopg.Connection, "commit", committed)
+
+    def call(self, connection: "psycopg.Connection[Any]") -> None:
+        if connection.info.parameter_status("application_name") != "talc-gateway collect":
+            return
+        self._calls += 1
+        if self._calls != self._at:
+            return
+        self.happened = True
+        if self._what == "collector":
+            raise CollectorKilled
+        pid = connection.info.backend_pid
+        self._looking.execute("SELECT pg_terminate_backend(%s, 600000)", (pid,))
+        raise psycopg.OperationalError("terminating connection")
+
+
+@pytest.mark.parametrize("what", ["collector", "connection"])
+def test_killed_at_any_moment_it_loses_and_doubles_nothing(
+    what: str, server: Postgres, database: str, site: StoredSite, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(site, "mill", range(4))
+    expected = [(channel, n + 1) for n in range(4) for channel in ("bed", "column")]
+    with psycopg.connect(server.url(database), autocommit=True) as looking:
+        for at in count(1):
+            with monkeypatch.context() as patch:
+                interrupted = DatabaseInterrupted(looking, at, what, patch)
+                with suppress(CollectorKilled, CollectError), SiteDatabase(server.url(database)) as kept:
+                    catch_up(collector(site, kept, limit=5))
+            if not interrupted.happened:
+                break
+            with SiteDatabase(server.url(database)) as kept:
+                catch_up(collector(site, kept, limit=5))
+            steps = looking.execute("SELECT k FROM talc.steps ORDER BY k").fetchall()
+            readings = looking.execute("SELECT channel, sequence FROM talc.readings ORDER BY row").fetchall()
+            assert (steps, readings) == ([(FIRST_K + n,) for n in range(4)], expected), f"interrupted at call {at}"
+            looking.execute("DROP SCHEMA talc CASCADE")
+    assert at > 20
+
+
+def test_while_the_database_is_down_nothing_is_lost_and_it_is_told_once(
+    server: Postgres, database: str, site: StoredSite
+) -> None:
+    write(site, "mill", range(5))
+    with SiteDatabase(server.url(database)) as kept:
+        collecting = collector(site, kept, limit=2)
+        collecting.turn(0.0)
+        server.stop()
+        try:
+            site.asked.clear()
+            with pytest.raises(CollectError, match=r"database: connection failed: .* Connection refused"):
+                collecting.turn(0.0)
+            assert site.asked == [], "no gateway is asked for what cannot be kept"
+        finally:
+            server.start()
+        write(site, "mill", range(5, 9), "boot-2")
+        catch_up(collecting, 30.0)
+        assert problems(collecting) == {}
+    assert steps_of(server, database) == list(range(9))
+
+
+def test_after_the_server_started_again_the_same_turn_goes_on(
+    server: Postgres, database: str, site: StoredSite
+) -> None:
+    write(site, "mill", range(5))
+    with SiteDatabase(server.url(database)) as kept:
+        collecting = collector(site, kept, limit=2)
+        collecting.turn(0.0)
+        server.stop()
+        server.start()
+        catch_up(collecting)
+        assert problems(collecting) == {}
+    assert steps_of(server, database) == list(range(5))
+
+
+def test_rows_that_are_there_are_not_inserted_again_when_the_progress_is_gone(
+    server: Postgres, database: str, site: StoredSite
+) -> None:
+    write(site, "mill", range(9))
+    for _ in range(2):
+        with SiteDatabase(server.url(database)) as kept:
+            catch_up(collector(site, kept))
+        server.query(database, "DELETE FROM talc.progress")
+    assert steps_of(server, database) == list(range(9))
+    assert len(in_database(server, database, "readings")) == 18
+
+
+def test_a_backup_that_is_put_back_meanwhile_is_noticed(server: Postgres, database: str, site: StoredSite) -> None:
+    write(site, "mill", range(3))
+    with SiteDatabase(server.url(database)) as kept:
+        collecting = collector(site, kept)
+        catch_up(collecting)
+        server.query(database, "UPDATE talc.progress SET batch = 0, places = '{}'; DELETE FROM talc.steps")
+        write(site, "mill", range(3, 6), "boot-2")
+        catch_up(collecting, 30.0)
+        assert "another program has changed talc.progress" in problems(collecting)["mill"]
+        catch_up(collecting, 60.0)
+    assert steps_of(server, database) == list(range(6))
+
+
+def test_a_second_collector_is_kept_off_until_the_first_one_ends(server: Postgres, database: str) -> None:
+    with SiteDatabase(server.url(database)), pytest.raises(CollectError, match="another collector writes to it"):
+        SiteDatabase(server.url(database)).__enter__()
+    with SiteDatabase(server.url(database)):
+        pass
+
+
+def table(*columns: StoredColumn, numbers: tuple[int, ...] = (1, 2)) -> StoredRows:
+    time = StoredColumn("time", "time", [1.7e9 + n for n in numbers])
+    return StoredRows({"events": StoredTable(E, numbers[-1], numbers=list(numbers), columns=(time, *columns))})
+
+
+class OnlySaw(StoredSite):
+    """One machine, with these answers one after the other."""
+
+    def __init__(self, folder: Path, *answers: StoredRows) -> None:
+        super().__init__(folder)
+        self.answers = iter(answers)
+
+    def running(self) -> list[str]:
+        return ["saw"]
+
+    def ask(self, machine: str, after: object, limit: int) -> StoredRows:
+        return next(self.answers)
+
+
+def told(server: Postgres, database: str, tmp_path: Path, *answers: StoredRows) -> tuple[list[dict[str, Any]], str]:
+    """What is kept of the answers of a machine, and the last problem."""
+    with SiteDatabase(server.url(database)) as kept:
+        collecting = collector(OnlySaw(tmp_path, *answers), kept)
+        for turn, _ in enumerate(answers):
+            collecting.turn(30.0 * turn)
+    there = server.query(database, "SELECT 1 FROM pg_tables WHERE schemaname = 'talc' AND tablename = 'events'")
+    return in_database(server, database, "events") if there else [], problems(collecting).get("saw", "")
+
+
+def test_what_has_no_column_is_kept_in_the_column_for_others(server: Postgres, database: str, tmp_path: Path) -> None:
+    long = "input_" + "x" * 64
+    many = [StoredColumn(f"n{n}", "number", [n / 2, None]) for n in range(900)]
+    changed = StoredColumn("n1", "text", [0], ("as text",))
+    rows, problem = told(
+        server,
+        database,
+        tmp_path,
+        table(*many, StoredColumn(long, "number", [7.5, None])),
+        table(changed, numbers=(3,)),
+    )
+    assert problem == ""
+    first, second, third = rows
+    kept = {**first, **first["other"]}
+    assert {name: kept[name] for name in kept if name.startswith(("n", "input"))} == {
+        **{f"n{n}": n / 2 for n in range(900)}, long: 7.5,
+    }  # fmt: skip
+    assert set(second) == {"machine", "time", "epoch", "row"}
+    assert third["other"] == {"n1": "as text"}
+
+
+def test_a_later_program_has_more_columns(server: Postgres, database: str, tmp_path: Path) -> None:
+    rows, problem = told(
+        server, database, tmp_path, table(), table(StoredColumn('a "new" 100%', "whole", [5]), numbers=(3,))
+    )
+    assert (problem, [row.get('a "new" 100%') for row in rows]) == ("", [None, None, 5])
+
+
+def test_a_zero_byte_in_a_text_does_not_stop_a_machine(server: Postgres, database: str, tmp_path: Path) -> None:
+    rows, problem = told(server, database, tmp_path, table(StoredColumn("text", "text", [0, None], ("a\0b",))))
+    assert (problem, [row.get("text") for row in rows]) == ("", ["a\ufffdb", None])
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ((StoredColumn("n", "whole", [1, 2]), StoredColumn("n", "whole", [1, 2])), "a column is there twice"),
+        ((StoredColumn("machine", "text", [0, 0], ("mill",)),), "is named machine or other"),
+        ((StoredColumn("n\0", "whole", [1, 2]),), "database: "),
+    ],
+)
+def test_columns_that_no_gateway_has_are_told(
+    columns: tuple[StoredColumn, ...], said: str, server: Postgres, database: str, tmp_path: Path
+) -> None:
+    rows, problem = told(server, database, tmp_path, table(*columns))
+    assert (rows, said in problem) == ([], True), problem
+
+
+def test_a_name_that_no_gateway_has_is_refused(server: Postgres, database: str) -> None:
+    with SiteDatabase(server.url(database)) as kept, pytest.raises(ValueError, match="no gateway has such a name"):
+        kept.progress("a'b")
+
+
+def test_a_database_of_another_encoding_is_refused(server: Postgres) -> None:
+    server.query("postgres", "CREATE DATABASE latin ENCODING 'LATIN1' TEMPLATE template0")
+    with pytest.raises(CollectError, match="its encoding is LATIN1; create one with ENCODING 'UTF8'"):
+        SiteDatabase(server.url("latin")).__enter__()
+
+
+def test_a_role_needs_no_more_than_its_own_schema(server: Postgres, database: str, site: StoredSite) -> None:
+    for statement in ("CREATE ROLE writer LOGIN", "CREATE SCHEMA talc AUTHORIZATION writer"):
+        server.query(database, statement)
+    write(site, "mill", range(3))
+    with SiteDatabase(server.url(database, "writer")) as kept:
+        catch_up(collector(site, kept))
+    assert steps_of(server, database) == list(range(3))
+
+
+def test_by_tls_and_with_a_password(server: Postgres, database: str, site: StoredSite, tmp_path: Path) -> None:
+    for statement in ("CREATE ROLE guarded LOGIN PASSWORD 'secret'", "CREATE SCHEMA talc AUTHORIZATION guarded"):
+        server.query(database, statement)
+    password, wrong = tmp_path / "password", tmp_path / "wrong"
+    password.write_text("secret\n", encoding="utf-8")
+    wrong.write_text("secrets\n", encoding="utf-8")
+    plain = server.url(database, "guarded")
+    trusted, other = (
+        f"{plain}?sslmode=verify-full&sslrootcert={path}"
+        for path in (server.authority, PlantAuthority(tmp_path / "other", "other").path)
+    )
+    write(site, "mill", range(3))
+    with SiteDatabase(trusted, password) as kept:
+        catch_up(collector(site, kept))
+        query = "SELECT ssl FROM pg_stat_ssl JOIN pg_stat_activity USING (pid) WHERE usename = 'guarded'"
+        assert server.query(database, query) == [{"ssl": True}]
+    assert steps_of(server, database) == list(range(3))
+    for url, file, said in (
+        (trusted, wrong, "password authentication failed"),
+        (trusted, None, "no password supplied"),
+        (trusted, tmp_path / "none", "none: the password cannot be read"),
+        (other, password, "certificate verify failed"),
+        (f"{plain}?sslmode=disable", password, "pg_hba.conf rejects connection"),
+    ):
+        with pytest.raises(CollectError, match=said):
+            SiteDatabase(url, file).__enter__()
