@@ -8,6 +8,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, TypeVar
 
 from drivers.base import ConnectError, DriverError
+from drivers.mqtt.packets import publish_packet
 from drivers.mqtt.settings import MqttBusSettings
 from drivers.tap import Tap
 
@@ -38,12 +39,12 @@ class MqttBus:
     kind = "mqtt"
     units = (1, 127)
 
-    def __init__(self, name: str, settings: MqttBusSettings, tap: Tap | None = None) -> None:  # noqa: ARG002
-        """`tap`: receives nothing; record the broker's messages with its own tools. Raises SetupError."""
+    def __init__(self, name: str, settings: MqttBusSettings, tap: Tap | None = None) -> None:
+        """`tap`: receives each message as the packet in which it could have come. Raises SetupError."""
         # Importing paho costs memory: only for a bus that needs it.
         from drivers.mqtt import connection
 
-        self._name, self._settings = name, settings
+        self._name, self._settings, self._tap = name, settings, tap
         self._make = connection.MqttConnection
         self._topics: set[str] = set()
         self._latest: dict[str, TopicMessage] = {}
@@ -71,12 +72,13 @@ class MqttBus:
         loop = asyncio.get_running_loop()
         connection = self._placed(
             lambda: self._make(
-                self._settings, self.timeout_s, on_message=self._hearing(loop), on_lost=lambda: self._tell(loop)
+                self._settings, self.timeout_s, on_message=self._hearing(loop), on_lost=lambda: self._lost(loop)
             )
         )
 
         def opened() -> None:
             connection.open()
+            self._note("open")
             if self._topics:
                 connection.subscribe(sorted(self._topics))
 
@@ -88,9 +90,21 @@ class MqttBus:
             raise
         self._connection, self._opened_s = connection, monotonic()
 
+    def _note(self, text: str) -> None:
+        if self._tap is not None:
+            self._tap.note(text)
+
+    def _lost(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Runs in the library's thread, also after `close`."""
+        if (connection := self._connection) is not None:
+            self._note(f"lost {connection.lost}")
+        self._tell(loop)
+
     async def close(self) -> None:
         connection, self._connection = self._connection, None
         if connection is not None:
+            if connection.is_open:
+                self._note("close")
             await asyncio.to_thread(connection.close if connection.is_open else connection.drop)
 
     async def latest(self, device: str, topics: Collection[str]) -> dict[str, TopicMessage]:
@@ -133,6 +147,8 @@ class MqttBus:
     def _hearing(self, loop: asyncio.AbstractEventLoop) -> Callable[[str, bytes, bool], None]:
         def hear(topic: str, payload: bytes, retained: bool) -> None:
             """Runs in the library's thread; entries are replaced whole."""
+            if self._tap is not None:
+                self._tap.data(False, publish_packet(topic, payload, retained=retained))
             known = self._latest.get(topic)
             if retained and known is not None and known.payload == payload:
                 return  # after a reconnect: when it arrived first is known better

@@ -6,7 +6,7 @@ import os
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AsyncExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -35,6 +35,7 @@ from simulators.devices import (
     EXTENDED,
     Passed,
     PlayedAdapter,
+    PlayedBroker,
     PlayedGroup,
     PlayedHost,
     PlayedLine,
@@ -46,7 +47,7 @@ from simulators.devices import (
 
 _CAN_LOGS = (".asc", ".blf", ".csv", ".log", ".trc")
 """Formats of other programs that python-can reads; .log is candump's."""
-_NEVER = ("mqtt", "opcua")
+_NEVER = ("opcua",)
 """Kinds of bus whose traffic is not in a recording."""
 
 
@@ -86,6 +87,11 @@ async def play_bus(
             script = stream_script(unnumbered(passed) if numbered else passed)
             host = PlayedHost(script, numbered=numbered)
             return Played(bus, kind, {"host": "127.0.0.1", "port": await host.start()}, script, host)
+        case "mqtt":
+            first_s, last_s = (events[0].at_s, events[-1].at_s) if events else (0.0, 0.0)
+            script = replace(stream_script(passed), lasts_s=last_s - first_s)
+            broker = PlayedBroker(script)
+            return Played(bus, kind, _broker_at(await broker.start()), script, broker)
         case "canopen" | "can":
             script = can_script(passed)
             if group is not None:
@@ -217,14 +223,21 @@ def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
             return {}  # what it calls its address is known to its package alone; see docs/extensions.md
         case OpcUaSection():  # sessions are not recorded
             return {"url": "opc.tcp://127.0.0.1:1"}
-        case MqttSection():  # nor are a broker's messages
-            return {"url": "mqtt://127.0.0.1:1", "authority": None, "certificate": None, "key": None}
+        case MqttSection():
+            return _broker_at(1)
         case _:
             return {"port": absent}
 
 
+def _broker_at(port: int) -> dict[str, object]:
+    """A broker on this computer, without TLS and password."""
+    secrets = ("authority", "certificate", "key", "user", "password_file")
+    return {"url": f"mqtt://127.0.0.1:{port}", **dict.fromkeys(secrets)}
+
+
 def _fields(one: Played) -> dict[str, object]:
-    return {"name": one.bus, "kind": one.kind, **one.place}
+    place = {field: value for field, value in one.place.items() if value is not None}
+    return {"name": one.bus, "kind": one.kind, **place}
 
 
 def read_wire_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None, Sequence[WireEvent]]:

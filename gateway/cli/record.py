@@ -11,7 +11,7 @@ from gateway.acquisition import Acquisition, lines_of
 from gateway.cli.signals import stop_on_signals, until
 from gateway.cli.terminal import terminal
 from gateway.clock import RealClock
-from gateway.config import GatewayConfig, MqttSection, OpcUaSection, packed_toml
+from gateway.config import GatewayConfig, OpcUaSection, packed_toml
 from gateway.polling import Notice
 from gateway.recordings import WireLogWriter
 
@@ -23,10 +23,7 @@ def not_recorded(config: GatewayConfig) -> list[str]:
     """The buses whose traffic the wire log does not hold, and what to do instead."""
     found = []
     for bus in config.buses:
-        if isinstance(bus, MqttSection):
-            instead = "record its topics with the broker's own tools, such as mosquitto_sub -F '%U %t %p'"
-            found.append(f"bus '{bus.name}' (mqtt): messages of a broker are not recorded; {instead}")
-        elif isinstance(bus, OpcUaSection):
+        if isinstance(bus, OpcUaSection):
             instead = "db export, or a Zenoh subscriber, keeps the values that were read"
             found.append(f"bus '{bus.name}' (opcua): the traffic of an OPC UA session is not recorded; {instead}")
     return found

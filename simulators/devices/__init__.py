@@ -6,6 +6,7 @@ from simulators.devices.m7015 import M7015
 from simulators.devices.me_sensor import MeSensor
 from simulators.devices.modbus_servers import DeviceServer, RtuLine, TcpHost
 from simulators.devices.playback import PlayedAdapter, PlayedGroup, PlayedHost, PlayedLine
+from simulators.devices.played_broker import PlayedBroker
 from simulators.devices.script import EXTENDED, Passed, Script, can_script, stream_script, unnumbered
 from simulators.devices.slcan_adapter import SlcanAdapter
 from simulators.devices.source import ValueSource
@@ -19,6 +20,7 @@ __all__ = [
     "MeSensor",
     "Passed",
     "PlayedAdapter",
+    "PlayedBroker",
     "PlayedGroup",
     "PlayedHost",
     "PlayedLine",

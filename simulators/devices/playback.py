@@ -44,7 +44,7 @@ class PlayedLine:
     def __init__(self, script: Script) -> None:
         self._script, self._requests = script, _Requests(script)
         self._port = PtyPort(self._on_bytes)
-        self._timers = _Timers()
+        self._timers = ScriptTimers()
 
     async def start(self) -> str:
         return await self._port.start()
@@ -82,7 +82,7 @@ class _PlayedConnection(Connection):
     def __init__(self, script: Script, with_numbers: bool) -> None:
         super().__init__()
         self._script, self._requests, self._numbered = script, _Requests(script), with_numbers
-        self._timers = _Timers()
+        self._timers = ScriptTimers()
         self._heard = b""
         self._rest = 0
 
@@ -128,7 +128,7 @@ class PlayedAdapter:
     def __init__(self, script: Script) -> None:
         self._script = script
         self._adapter = SlcanAdapter([self])
-        self._timers = _Timers()
+        self._timers = ScriptTimers()
 
     async def start(self) -> str:
         path = await self._adapter.start()
@@ -155,7 +155,7 @@ class PlayedGroup:
     def __init__(self, script: Script, group: str, port: int) -> None:
         self._script = script
         self._bus = MulticastBus([self], group, port)
-        self._timers = _Timers()
+        self._timers = ScriptTimers()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._said: Counter[bytes] = Counter()
 
@@ -187,7 +187,7 @@ class PlayedGroup:
             self._bus.send([frame_of(data)])
 
 
-class _Timers:
+class ScriptTimers:
     """The answers that are still to be sent, on the event loop's time."""
 
     def __init__(self) -> None:

@@ -10,12 +10,13 @@ from gateway.cli.record import not_recorded
 from gateway.config import load, packed_toml
 from gateway.recordings import WireLogWriter
 
-BROKER = """[machine]
+SERVER = """[machine]
 name = "mill"
 [[bus]]
 name = "hall"
-kind = "mqtt"
-url = "mqtt://127.0.0.1:1"
+kind = "opcua"
+url = "opc.tcp://127.0.0.1:1"
+security = "none"
 [[device]]
 name = "sensors"
 bus = "hall"
@@ -23,7 +24,7 @@ profile = "hall.toml"
 unit = 1
 channels = { north = 0 }
 """
-PROFILE = 'protocol = "mqtt"\ntitle = "hall"\nunit = "degC"\nmax_age_s = 2\n[[topic]]\ntopic = "hall/north"\n'
+PROFILE = 'protocol = "opcua"\ntitle = "hall"\nunit = "degC"\n[[node]]\nnode = "ns=1;s=north"\n'
 LINE = """[[bus]]
 name = "rtu1"
 kind = "modbus_rtu"
@@ -49,24 +50,24 @@ def run(*words: object) -> Result:
 
 
 def test_a_configuration_with_nothing_to_record_is_refused(tmp_path: Path) -> None:
-    answer = run("record", config(tmp_path, BROKER), "-o", tmp_path / "field.wire")
+    answer = run("record", config(tmp_path, SERVER), "-o", tmp_path / "field.wire")
     assert answer.exit_code == 2
     assert "there is nothing to record" in answer.output
-    assert "bus 'hall' (mqtt): messages of a broker are not recorded; record its topics with the" in answer.output
+    assert "bus 'hall' (opcua): the traffic of an OPC UA session is not recorded; db export, or a" in answer.output
     assert not (tmp_path / "field.wire").exists()
 
 
 def test_beside_other_buses_they_are_named(tmp_path: Path) -> None:
-    (told,) = not_recorded(load(config(tmp_path, BROKER + LINE)))
-    assert "bus 'hall' (mqtt)" in told
-    assert "mosquitto_sub" in told
+    (told,) = not_recorded(load(config(tmp_path, SERVER + LINE)))
+    assert "bus 'hall' (opcua)" in told
+    assert "db export" in told
 
 
 def test_play_says_why_they_are_absent(tmp_path: Path) -> None:
-    packed, path = packed_toml(load(config(tmp_path, BROKER + LINE))), tmp_path / "field.wire"
+    packed, path = packed_toml(load(config(tmp_path, SERVER + LINE))), tmp_path / "field.wire"
     with WireLogWriter(path, packed, datetime.now(UTC), most_bytes=1_000_000):
         pass
     answer = run("play", path, "--seconds", 0.1)
     assert answer.exit_code == 0, answer.output
-    assert "hall (mqtt): is never recorded, so it is absent now" in answer.output
+    assert "hall (opcua): is never recorded, so it is absent now" in answer.output
     assert "rtu1 (modbus_rtu): did not open while recording, so it is absent now" in answer.output
