@@ -212,16 +212,18 @@ def test_after_the_server_started_again_the_same_turn_goes_on(
     assert steps_of(server, database) == list(range(5))
 
 
-def test_rows_that_are_there_are_not_inserted_again_when_the_progress_is_gone(
+def test_rows_that_are_there_are_passed_over_when_the_progress_is_gone(
     server: Postgres, database: str, site: StoredSite
 ) -> None:
-    write(site, "mill", range(9))
-    for _ in range(2):
+    for boot, some in enumerate((range(9), range(9, 12))):
+        write(site, "mill", some, f"boot-{boot}")
         with SiteDatabase(server.url(database)) as kept:
-            catch_up(collector(site, kept))
+            collecting = collector(site, kept)
+            catch_up(collecting)
+            assert problems(collecting) == {}
         server.query(database, "DELETE FROM talc.progress")
-    assert steps_of(server, database) == list(range(9))
-    assert len(in_database(server, database, "readings")) == 18
+    assert steps_of(server, database) == list(range(12))
+    assert len(in_database(server, database, "readings")) == 24
 
 
 def test_a_backup_that_is_put_back_meanwhile_is_noticed(server: Postgres, database: str, site: StoredSite) -> None:
