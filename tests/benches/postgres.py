@@ -54,8 +54,8 @@ class Postgres:
             os.chown(path, user.pw_uid, user.pw_gid)
 
     def url(self, database: str = "postgres", user: str = "site") -> str:
-        """Of a database, on loopback."""
-        return f"postgresql://{user}@127.0.0.1:{self.port}/{database}"
+        """Of a database, on loopback; a busy computer may take its time to connect."""
+        return f"postgresql://{user}@127.0.0.1:{self.port}/{database}?connect_timeout={_LIMIT_S}"
 
     def start(self) -> None:
         """Returns when it accepts connections."""

@@ -351,7 +351,7 @@ def test_by_tls_and_with_a_password(server: Postgres, database: str, site: Store
     wrong.write_text("secrets\n", encoding="utf-8")
     plain = server.url(database, "guarded")
     trusted, other = (
-        f"{plain}?sslmode=verify-full&sslrootcert={path}"
+        f"{plain}&sslmode=verify-full&sslrootcert={path}"
         for path in (server.authority, PlantAuthority(tmp_path / "other", "other").path)
     )
     write(site, "mill", range(3))
@@ -365,7 +365,7 @@ def test_by_tls_and_with_a_password(server: Postgres, database: str, site: Store
         (trusted, None, "no password supplied"),
         (trusted, tmp_path / "none", "none: the password cannot be read"),
         (other, password, "certificate verify failed"),
-        (f"{plain}?sslmode=disable", password, "pg_hba.conf rejects connection"),
+        (f"{plain}&sslmode=disable", password, "pg_hba.conf rejects connection"),
     ):
         with pytest.raises(CollectError, match=said):
             SiteDatabase(url, file).__enter__()
