@@ -4,8 +4,8 @@ import asyncio
 import fcntl
 import os
 import struct
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AsyncExitStack, contextmanager, suppress
+from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -164,12 +164,29 @@ async def _play(
     seconds: float | None,
     group: tuple[str, int] | None,
 ) -> None:
-    console = terminal()
-    kinds = _kinds(config, events)
     stop = asyncio.Event()
     stop_on_signals(stop)
+    async with playing(config, events, folder, group):
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await stop.wait()
+
+
+@asynccontextmanager
+async def playing(
+    config: GatewayConfig | None,
+    events: Sequence[WireEvent],
+    folder: Path,
+    group: tuple[str, int] | None = None,
+) -> AsyncIterator[None]:
+    """All buses of a recording on wires of this computer, and in `folder` the configuration that reads them.
+
+    config, events: see `read_wire_recording`. group: see `play`. Raises WireLogError, ConfigError, or OSError.
+    """
+    console = terminal()
+    kinds = _kinds(config, events)
+    played = list[Played]()
     async with AsyncExitStack() as stack:
-        played = []
         for bus, kind in kinds.items():
             of_bus = [event for event in events if event.bus == bus]
             if not of_bus:
@@ -188,9 +205,7 @@ async def _play(
                 highlight=False, soft_wrap=True,
             )  # fmt: skip
         console.print(_ready(config, played, folder), highlight=False, soft_wrap=True)
-        with suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
-                await stop.wait()
+        yield
     for one in played:
         (folder / one.bus).unlink(missing_ok=True)  # links of serial lines and adapters
         if one.script.unknown:

@@ -23,9 +23,11 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
+#include <iterator>
 #include <list>
 #include <map>
 #include <mutex>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -253,11 +255,15 @@ class Threads {
     const pid_t self = static_cast<pid_t>(syscall(SYS_gettid));
     DIR* tasks = opendir("/proc/self/task");
     bool asleep = true;
+    std::set<pid_t> there;
     while (const dirent* task = asleep ? readdir(tasks) : nullptr) {
       const pid_t id = atoi(task->d_name);
-      if (id != 0 && id != self) asleep = sleeps(id);
+      if (id == 0 || id == self) continue;
+      asleep = sleeps(id);
+      there.insert(id);
     }
     closedir(tasks);
+    if (asleep) forget_all_but(there);
     return asleep;
   }
 
@@ -280,6 +286,13 @@ class Threads {
     text[size] = 0;
     const char* end = strrchr(text, ')');
     return end && end[2] == 'S';
+  }
+  void forget_all_but(const std::set<pid_t>& there) {  // of a thread that ended, the file would stay open
+    for (auto file = files_.begin(); file != files_.end();) {
+      const bool kept = there.count(file->first) != 0;
+      if (!kept) close(file->second);
+      file = kept ? std::next(file) : files_.erase(file);
+    }
   }
   std::map<pid_t, int> files_;
 };

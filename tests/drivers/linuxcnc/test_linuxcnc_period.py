@@ -5,7 +5,7 @@ import pytest
 
 from tests.benches.linuxcnc_period import periods_us
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.realtime]
 
 
 async def test_most_periods_of_the_component_are_far_shorter_than_5_us() -> None:

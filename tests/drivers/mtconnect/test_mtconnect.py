@@ -178,12 +178,14 @@ async def test_a_server_that_does_not_speak_http_is_no_connection() -> None:
             await control(url).connect()
 
 
+@pytest.mark.simulated_time
 async def test_an_answer_that_never_ends_is_given_up() -> None:
     async with answering(b"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\n<a", then_hang_up=False) as url:
         with pytest.raises(NoAnswer, match=r"no answer to probe within 0\.2 s"):
             await control(url, timeout_s=0.2).connect()
 
 
+@pytest.mark.simulated_time
 async def test_an_agent_that_sends_byte_by_byte_is_hung_up_on() -> None:
     gone = asyncio.Event()
 

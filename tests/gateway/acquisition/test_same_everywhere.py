@@ -20,6 +20,8 @@ from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
 from tests.benches.command import beside, here
 
+pytestmark = pytest.mark.simulated_time
+
 CONFIG = """[machine]
 name = "mill"
 [[bus]]
@@ -105,7 +107,7 @@ async def scan(port: int) -> ScanReport:
 def test_a_good_a_broken_and_a_limited_sensor(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     with beside(adam()) as port:
-        file.write_text(CONFIG.format(port=port, timeout_s=10.0), encoding="utf-8")  # it answers sooner
+        file.write_text(CONFIG.format(port=port, timeout_s=0.5), encoding="utf-8")
         taken, probed, watched = asyncio.run(run(file)), probe(file), probe_watch(file)
         scanned = asyncio.run(scan(port))
     assert taken == {
@@ -121,7 +123,6 @@ def test_a_good_a_broken_and_a_limited_sensor(tmp_path: Path) -> None:
     assert of_scan == taken | {LIMITED: ("80.00", Quality.GOOD)}
 
 
-@pytest.mark.slow
 def test_a_silent_device(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     with beside(adam(silent=True)) as port:

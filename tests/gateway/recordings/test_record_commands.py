@@ -4,18 +4,19 @@ import asyncio
 import re
 import signal
 import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import can
 import pytest
 
-from gateway.cli.play import read_wire_recording
+from gateway.cli.play import playing, read_wire_recording
 from gateway.recordings import read_wire_log
 from simulators.devices import M7015, Cia404Node, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.source import SensorFault
-from tests.benches.command import here, talc_gateway
-from tests.benches.counted_source import CountedSource
+from tests.benches.command import beside, here, talc_gateway
 from tests.benches.file_waits import appears, text_of, until
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 
@@ -43,9 +44,9 @@ async def test_plain_can_log_is_played(tmp_path: Path) -> None:
     write_trace(tmp_path / "trace.log")
     arguments = ("play", str(tmp_path / "trace.log"), "--folder", str(tmp_path))
     enough = asyncio.Event()
-    playing = asyncio.create_task(talc_gateway(*arguments, interrupt=enough.wait))
+    player = asyncio.create_task(talc_gateway(*arguments, interrupt=enough.wait))
     link = tmp_path / "can1"
-    await appears(link, playing)
+    await appears(link, player)
     bus = await asyncio.to_thread(can.Bus, interface="slcan", channel=str(link), sleep_after_open=0)
     try:
         seen: set[tuple[int, bytes]] = set()
@@ -57,7 +58,7 @@ async def test_plain_can_log_is_played(tmp_path: Path) -> None:
     finally:
         bus.shutdown()
         enough.set()
-    assert 'kind = "can"' in (await playing).out
+    assert 'kind = "can"' in (await player).out
 
 
 CONFIG = """[machine]
@@ -107,38 +108,36 @@ channels = {{ growth = 0 }}
 """
 
 
-@pytest.mark.slow
-async def test_commands_record_play_and_probe_alike(tmp_path: Path) -> None:
-    """With a broken sensor, a unit that is silent, and a port that is not there."""
-    temperatures, fluids = CountedSource([20.0] * 6), CountedSource([30.0])
-    broken, silent = M7015(temperatures), M7015(lambda: [20.0] * 6)
+@asynccontextmanager
+async def recorded_site(folder: Path) -> AsyncIterator[Path]:
+    """With a broken sensor, a unit that is silent, and a port that is not there; yields its configuration."""
+    broken, silent = M7015(lambda: [20.0] * 6), M7015(lambda: [20.0] * 6)
     broken.faults.set(4, SensorFault.OPEN)
     silent.faults.silent = True
-    line, node = RtuLine({1: broken, 2: silent}), Cia404Node(5, fluids, inputs=1)
+    line, node = RtuLine({1: broken, 2: silent}), Cia404Node(5, lambda: [30.0], inputs=1)
     adapter = SlcanAdapter([node])
-    file = tmp_path / "gateway.toml"
-    ports = {"rtu": await line.start(), "can": await adapter.start(), "gone": f"{tmp_path}/absent"}
+    file = folder / "gateway.toml"
+    ports = {"rtu": await line.start(), "can": await adapter.start(), "gone": f"{folder}/absent"}
     file.write_text(CONFIG.format(**ports), encoding="utf-8")
-    wire = tmp_path / "field.wire"
-
-    async def several_reads() -> None:
-        await asyncio.gather(temperatures.reads(20), fluids.reads(20))
-
     try:
-        before = await talc_gateway("probe", str(file))
-        recorded = await talc_gateway("record", str(file), "-o", str(wire), interrupt=several_reads)
+        yield file
     finally:
         await line.stop()
         await adapter.stop()
+
+
+@pytest.mark.simulated_time
+def test_commands_record_play_and_probe_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wire, folder = tmp_path / "field.wire", tmp_path / "played"
+    with beside(recorded_site(tmp_path)) as file:
+        before = here("probe", str(file))
+        recorded = here("record", str(file), "-o", str(wire), "--seconds", "8")
     assert recorded.code == 0, recorded.err
-    enough = asyncio.Event()
-    playing = asyncio.create_task(talc_gateway("play", str(wire), interrupt=enough.wait))
-    config = tmp_path / "field.wire.play" / "gateway.toml"
-    await appears(config, playing)
-    after = await talc_gateway("probe", str(config))
-    enough.set()
-    played = await playing
-    assert "gone1 (me_rs485): did not open" in played.out
+    folder.mkdir()
+    config = folder / "gateway.toml"
+    with beside(playing(*read_wire_recording(wire, folder), folder)):
+        after = here("probe", str(config))
+    assert "gone1 (me_rs485): did not open" in capsys.readouterr().out
     assert _without_times(after.out, tmp_path) == _without_times(before.out, tmp_path)
     assert after.code == before.code == 3
     assert not list(config.parent.glob("*1"))  # the links go with the devices
@@ -231,13 +230,13 @@ async def test_a_second_play_of_one_file_leaves_the_first_ones_links(tmp_path: P
     write_trace(tmp_path / "trace.log")
     arguments = ("play", str(tmp_path / "trace.log"))
     link, enough = tmp_path / "trace.log.play" / "can1", asyncio.Event()
-    playing = asyncio.create_task(talc_gateway(*arguments, interrupt=enough.wait))
-    await appears(link, playing)
+    player = asyncio.create_task(talc_gateway(*arguments, interrupt=enough.wait))
+    await appears(link, player)
     target = link.readlink()
     second = here(*arguments)
     assert second.code == 3
     assert "another `play` uses this folder; stop it, or give another --folder" in second.err
     assert link.readlink() == target
     enough.set()
-    assert (await playing).code == 0
+    assert (await player).code == 0
     assert not link.is_symlink()

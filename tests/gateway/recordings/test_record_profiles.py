@@ -5,18 +5,21 @@ import shutil
 import signal
 import sys
 import tomllib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
 from drivers.modbus import ModbusProfile
 from drivers.profiles import load_profile
+from gateway.cli.play import playing, read_wire_recording
 from gateway.config import ConfigError, load, packed_toml, unpacked
 from gateway.recordings import read_wire_log
 from simulators.devices import M7015, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
-from tests.benches.command import talc_gateway
-from tests.benches.file_waits import appears, text_of, until
+from tests.benches.command import beside, here
+from tests.benches.file_waits import text_of, until
 from tests.benches.logger_files import logger_dbc, logger_profile_text
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 
@@ -56,28 +59,32 @@ def machine(folder: Path, rtu: str = "/dev/a", can: str = "/dev/b", dbc: str = "
     return file
 
 
-@pytest.mark.slow
-async def test_devices_of_own_profiles_are_played_on_another_computer(tmp_path: Path) -> None:
+@asynccontextmanager
+async def own_machine(folder: Path) -> AsyncIterator[Path]:
+    """Its devices on their wires; yields its configuration."""
     line, adapter = RtuLine({1: M7015(lambda: [20.5] * 6)}), SlcanAdapter([])
-    file = machine(tmp_path / "machine", await line.start(), await adapter.start())
+    file = machine(folder, await line.start(), await adapter.start())
     logger = CanLogger(lambda: [30.0, 31.0, 32.0, 33.0, 34.5], adapter.send)
     logger.start()
-    wire = tmp_path / "field.wire"
     try:
-        recorded = await talc_gateway("record", str(file), "-o", str(wire), "--seconds", "1.5")
+        yield file
     finally:
         logger.stop()
         await adapter.stop()
         await line.stop()
+
+
+@pytest.mark.simulated_time
+def test_devices_of_own_profiles_are_played_on_another_computer(tmp_path: Path) -> None:
+    wire, folder = tmp_path / "field.wire", tmp_path / "played"
+    with beside(own_machine(tmp_path / "machine")) as file:
+        recorded = here("record", str(file), "-o", str(wire), "--seconds", "1.5")
     assert recorded.code == 0, recorded.err
     shutil.rmtree(tmp_path / "machine")
-    enough = asyncio.Event()
-    playing = asyncio.create_task(talc_gateway("play", str(wire), interrupt=enough.wait))
-    config = tmp_path / "field.wire.play" / "gateway.toml"
-    await appears(config, playing)
-    probed = await talc_gateway("probe", str(config))
-    enough.set()
-    assert (await playing).code == 0
+    folder.mkdir()
+    config = folder / "gateway.toml"
+    with beside(playing(*read_wire_recording(wire, folder), folder)):
+        probed = here("probe", str(config))
     assert probed.code == 0, probed.out + probed.err
     assert [value for value in ("20.50", "30.00", "34.50") if f" {value} degC" not in probed.out] == []
     assert {path.name for path in (config.parent / "profiles").iterdir()} == {"mine.toml", "mine_2.toml", "mine_2.dbc"}

@@ -175,17 +175,18 @@ async def test_an_absent_server_says_what_to_check() -> None:
     ]
 
 
-async def test_command_reaches_nodes_over_the_network_of_this_computer(tmp_path: Path) -> None:
+@pytest.mark.simulated_time
+def test_command_reaches_nodes_over_the_network_of_this_computer(tmp_path: Path) -> None:
     group, port, file = "239.74.163.9", free_port(), tmp_path / "gateway.toml"
     wire = MulticastBus([node(5)], group, port)
     wire.start()
     try:
-        done = await talc_gateway(
+        done = here(
             *("scan", "can", group, "--interface", "udp_multicast", "--udp-port", str(port)),
             *("--listen", "0.2", "--toml", str(file)),
         )
     finally:
-        await asyncio.to_thread(wire.stop)
+        wire.stop()
     assert done.code == 0, done.err
     (device,) = load(file).devices
     assert (device.profile, device.unit, dict(device.options)) == ("cia404", 5, {"vendor": "esd"})

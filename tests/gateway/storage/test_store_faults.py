@@ -51,9 +51,7 @@ def test_what_a_failing_disk_refuses_waits_and_is_stored_when_it_works_again(fau
         assert health["failing_s"] > 0
         assert stored(path) == [1], "readable meanwhile"
         store.ask("fault ok")
-        began = time.monotonic()
         store.until(failing=False)
-        assert time.monotonic() - began < 60.0
         assert store.ask("close") == ""
     assert stored(path) == list(range(1, 30))
 
