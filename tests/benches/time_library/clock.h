@@ -8,15 +8,27 @@
 namespace simulated_time {
 using Nanoseconds = int64_t;
 constexpr Nanoseconds second = 1'000'000'000, never = INT64_MAX;
-constexpr Nanoseconds lost_after = 2 * second;  // what has not come then was discarded
 
 extern std::atomic<bool> active;
 
 inline Nanoseconds of(const timespec& at) { return at.tv_sec * second + at.tv_nsec; }
-inline timespec spec(Nanoseconds at) { return {static_cast<time_t>(at / second), static_cast<long>(at % second)}; }
 inline Nanoseconds real(clockid_t clock) {
   timespec at;
   ::clock_gettime(clock, &at);  // this library's own calls are not redirected
   return of(at);
 }
+
+// What is under way, and the process at rest: not coming any more after two real seconds, and so many looks. Time alone
+// does not tell: it also passes while this computer, or just the governor, stands still and looks at nothing.
+class Missing {
+ public:
+  void appears() { since_ = real(CLOCK_MONOTONIC), looks_ = 0; }
+  bool lost() { return ++looks_ > 400 && real(CLOCK_MONOTONIC) - since_ > 2 * second; }
+
+ private:
+  Nanoseconds since_ = 0;
+  int looks_ = 0;
+};
+
+inline timespec spec(Nanoseconds at) { return {static_cast<time_t>(at / second), static_cast<long>(at % second)}; }
 }  // namespace simulated_time

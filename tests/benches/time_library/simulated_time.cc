@@ -304,7 +304,7 @@ void* govern(void*) {
   Threads threads;
   timespec rest{0, rest_ns};
   uint64_t waits_then = 0;
-  Nanoseconds since = 0;  // real time at which these were first seen, and one of them ended
+  Missing missing;  // since these were first seen, and one of them ended
   while (active) {
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
     rest.tv_nsec = std::min(2 * rest.tv_nsec, longest_rest_ns);  // work goes on; looks cost, too
@@ -314,9 +314,8 @@ void* govern(void*) {
     std::lock_guard lock(guard);
     if (waits != before || for_the_lock != 0) continue;
     if (std::any_of(waiting.begin(), waiting.end(), [](const Wait* wait) { return ended(*wait); })) {
-      const Nanoseconds now = real(CLOCK_MONOTONIC);
-      if (before != waits_then) waits_then = before, since = now;
-      if (now - since < lost_after) continue;  // later: somebody closed what this thread still waits for
+      if (before != waits_then) waits_then = before, missing.appears();
+      if (!missing.lost()) continue;  // later: somebody closed what this thread still waits for
     }
     Nanoseconds next = never;
     for (const auto* wait : waiting) next = std::min(next, wait->expired ? never : wait->deadline);

@@ -20,7 +20,7 @@ struct End {  // one that reads
   int64_t written = 0, read = 0;
   int fd = -1;
   int64_t written_then = 0, read_then = 0;
-  Nanoseconds since = 0;  // real time at which these two were first seen
+  Missing missing;  // since these two were first seen
 };
 struct Terminal {
   int number;
@@ -58,10 +58,11 @@ bool wires_are_quiet() {
     int ready = 0;
     if (find_descriptor(at, end)) ioctl(end.fd, FIONREAD, &ready);
     if (end.fd >= 0 && end.read + ready >= end.written) continue;
-    const Nanoseconds now = real(CLOCK_MONOTONIC);
-    if (end.written != end.written_then || end.read != end.read_then)
-      end.written_then = end.written, end.read_then = end.read, end.since = now;
-    if (end.fd >= 0 && now - end.since < lost_after) return false;
+    if (end.written != end.written_then || end.read != end.read_then) {
+      end.written_then = end.written, end.read_then = end.read;
+      end.missing.appears();
+    }
+    if (end.fd >= 0 && !end.missing.lost()) return false;
     end.written = end.read + ready;
   }
   return true;
