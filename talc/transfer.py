@@ -84,7 +84,10 @@ def _taken(old: NDArray[_Value], fresh: NDArray[_Value], at: IntArray) -> NDArra
 
 def _mixture(old: MixtureState, fresh: MixtureState, inputs: IntArray, lags: int) -> MixtureState:
     if old.weight.shape != fresh.weight.shape:
-        raise ValueError("it was learnt with a prior and this gateway has none, or the other way round")
+        raise ValueError(
+            f"it has {old.weight.shape[1]} filters and the learner here has {fresh.weight.shape[1]}: "
+            "only one of the two has a prior, or another version of the program has learnt it"
+        )
     lagged = np.where(inputs[:, None] >= 0, inputs[:, None] * lags + np.arange(lags), _NOT_HERE).ravel()
     at = np.append(lagged, old.mean.shape[2] - 1)  # the level comes last
     prior = _weights(old.prior, at, fresh.prior)

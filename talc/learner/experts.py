@@ -24,6 +24,9 @@ class Expert:
     direct: bool = False
     """Uses only inputs without lags: a regression."""
 
+    misfit: float = 0.0
+    """Standard deviation of what neither the inputs nor the level express, anew at each measurement."""
+
     others: bool = False
     """Starts with what other machines have learnt; `weight` then multiplies its standard deviations."""
 
@@ -37,20 +40,23 @@ class Expert:
         if self.direct:
             return f"regression {self.weight:g}, level {self.level:g}"
         kind = "inputs chosen" if self.evidence else "all inputs"
-        return f"{kind} {self.weight:g}, level {self.level:g}" + (f", drift {self.drift:g}" if self.drift else "")
+        further = [f", {what} {size:g}" for what, size in (("drift", self.drift), ("misfit", self.misfit)) if size]
+        return f"{kind} {self.weight:g}, level {self.level:g}" + "".join(further)
 
 
 EXPERTS: Final = (
-    *(Expert(0.0, level) for level in (0.002, 0.01, 0.04, 0.1)),
-    Expert(10.0, 0.005),
+    *(Expert(0.0, level) for level in (0.002, 0.1)),
     Expert(1.0, 0.02, direct=True),
-    Expert(0.5, 0.1),
-    *(Expert(a, level, drift=0.02) for a, level in product((0.5, 2.5), (0.002, 0.02))),
-    *(Expert(a, level, evidence=True) for a, level in product((0.1, 0.5, 2.5), (0.002, 0.02))),
+    Expert(2.5, 0.02, drift=0.02),
+    Expert(0.5, 0.002, evidence=True),
+    *(Expert(a, 0.02, evidence=True) for a in (0.5, 2.5)),
+    *(Expert(a, 0.0005, evidence=True, misfit=0.05) for a in (0.1, 0.5, 2.5)),
 )
-"""The same for every machine, error and input: decades of prior weight and of drift. The experts with evidence are best
-while the machine's behaviour stays the same, those whose weights drift when it changes slowly, and those whose level
-moves fast when it changes at once."""
+"""The same for every machine, error and input. Sizes are a factor of five or more apart: a mixture needs no finer ones.
+The experts that choose inputs are best while the machine's behaviour stays the same. Three of them have a level that
+hardly moves, and half a micrometre of misfit, the noise of a good probing cycle: what no lag expresses is not taken for
+a new level. The one whose weights drift is best when the behaviour changes slowly, and those whose level moves fast
+when it changes at once."""
 
 OTHERS_EXPERTS: Final = tuple(Expert(a, level, others=True) for a, level in product((1.0, 2.0), (0.002, 0.02)))
 """Added to the others if there is a prior from other machines."""

@@ -14,7 +14,7 @@ from talc.names import THERMAL_ERRORS
 _ERRORS = len(THERMAL_ERRORS)
 _DRIFT_STEP_S = 300.0
 """Time in seconds to which the drifts of an `Expert` refer."""
-_TEMPER, _KEPT, _SHARED = 0.3, 0.97, 0.01
+_TEMPER, _KEPT, _SHARED = 0.6, 0.97, 0.01
 """Exponent of the likelihoods, their discount at each measurement, and the share of weight spread over all experts."""
 _NULL_FIRST, _NULL_KEPT, _NULL_BOUND = 3.0, 0.995, 10.0
 """Log-odds that an error stays zero: at first, their discount at a measurement, and their bound."""
@@ -149,6 +149,8 @@ class Mixture:
             growth[e, -1] = (expert.level * UNIT) ** 2
         self._per_step = step_s / _DRIFT_STEP_S
         self._growth = growth * self._per_step
+        self._misfit = np.array([(expert.misfit * UNIT) ** 2 for expert in experts])
+        """(E,) variances."""
         self._first_prior = prior
         self._groups = np.arange(min(_RENEWED, inputs))
         self._gain, self._spread = np.empty((many, n)), np.empty(many)
@@ -226,7 +228,7 @@ class Mixture:
         Before the first measurement of an error: 0 and 0."""
         s, mean, variance = self._s, np.empty(self._errors), np.empty(self._errors)
         _kernel.mixtures_predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed + ahead, x, mean, variance)
-        return mean, variance + s.jolt
+        return mean, variance + s.jolt + np.where(s.count > 0, s.weight @ self._misfit, 0.0)
 
     def each(self, x: FloatArray) -> FloatArray:
         """(9, E) what each expert predicts with features x (n,)."""
@@ -276,6 +278,7 @@ class Mixture:
         growth = self._growth * s.elapsed[j]
         growth[:, -1] += s.jolt[j]
         _kernel.filters_look(covariance, growth, x, gain, spread)
+        spread += self._misfit  # noise of the filter's own: the kernel needs the sum of both
         innovation = y - np.sum(mean * x, axis=1)
         weight = s.weight[j]
         centre = float(weight @ innovation)

@@ -242,3 +242,18 @@ def test_an_input_that_is_left_out_takes_its_part_of_the_covariance_with_it() ->
     np.testing.assert_allclose(after.level_sigma, before.level_sigma)
     assert (after.inputs[:, 2] == 0.0).all()
     assert (after.inputs_sigma[:, 2, 0] > 0.0).all()
+
+
+def test_what_other_filters_learnt_is_refused_with_their_number() -> None:
+    settings = TalcSettings()
+    one = Controller(NAMES, settings)
+    one.step(frame(0))
+    known = one.state()
+    assert known.course is not None
+    mixture = known.course.learner.mixture
+    fewer = replace(mixture, weight=mixture.weight[:, 1:], log_weight=mixture.log_weight[:, 1:])
+    learner = replace(known.course.learner, mixture=fewer)
+    other = replace(known, course=replace(known.course, learner=learner))
+    there = fewer.weight.shape[1]
+    with pytest.raises(ValueError, match=f"it has {there} filters and the learner here has {there + 1}"):
+        transferred(other, Controller(NAMES, settings).state())

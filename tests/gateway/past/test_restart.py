@@ -142,7 +142,9 @@ def test_a_damaged_snapshot_is_replaced_by_the_one_before_or_by_the_record(spoil
     config = config_of(tmp_path)
     run(config, fresh(config), 0, LONGER, "earlier")
     whole = restarted(config)
-    broken = "CAST(substr(state, 1, 5000) || x'00' || substr(state, 5002) AS BLOB)"
+    at = "length(state) / 2"
+    other = f"CASE substr(state, {at} + 1, 1) WHEN x'00' THEN x'01' ELSE x'00' END"
+    broken = f"CAST(substr(state, 1, {at}) || {other} || substr(state, {at} + 2) AS BLOB)"
     change(config.storage.path, f"UPDATE snapshot SET state = {broken} WHERE k IN ({spoilt})")
     again = restarted(config)
     assert again.since_snapshot > whole.since_snapshot

@@ -36,7 +36,14 @@ def fed(mixture: Mixture, x: Array, steps: Array, y: Array) -> None:
 
 
 @pytest.mark.parametrize(
-    "expert", [Expert(1.0, 0.01), Expert(0.5, 0.02, 0.02), Expert(0.0, 0.04), Expert(1.0, 0.02, direct=True)]
+    "expert",
+    [
+        Expert(1.0, 0.01),
+        Expert(0.5, 0.02, 0.02),
+        Expert(0.0, 0.04),
+        Expert(1.0, 0.02, direct=True),
+        Expert(2.5, 0.0005, misfit=0.05),
+    ],
 )
 def test_one_filter_is_the_dense_normal_distribution_s_posterior(expert: Expert) -> None:
     count = 40
@@ -54,10 +61,11 @@ def test_one_filter_is_the_dense_normal_distribution_s_posterior(expert: Expert)
     if expert.direct:  # all of it on the feature without a lag
         prior[:-1] = np.where(np.arange(features_count) % LAGS == 0, LAGS * prior[:-1], 0.0)
     growth = np.append(np.full(features_count, expert.drift**2 * UNIT**2 / features_count), (expert.level * UNIT) ** 2)
-    wanted = posterior(x, steps, y, NOISE**2, prior, growth, at, steps[-1] + 7)
+    misfit = (expert.misfit * UNIT) ** 2
+    wanted = posterior(x, steps, y, NOISE**2 + misfit, prior, growth, at, steps[-1] + 7)
     assert mean[0] == pytest.approx(wanted[0], rel=1e-9)
-    assert variance[0] == pytest.approx(wanted[1], rel=1e-9)
-    each = [posterior(x, steps, y, NOISE**2, prior, growth, one, steps[-1] + 7) for one in np.eye(len(at))]
+    assert variance[0] == pytest.approx(wanted[1] + misfit, rel=1e-9)
+    each = [posterior(x, steps, y, NOISE**2 + misfit, prior, growth, one, steps[-1] + 7) for one in np.eye(len(at))]
     np.testing.assert_allclose(mixture.weights()[0], [mean for mean, _ in each], rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(mixture.variances()[0], [variance for _, variance in each], rtol=1e-8, atol=1e-12)
 
