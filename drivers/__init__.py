@@ -10,6 +10,7 @@ __all__ = [
     "bus_settings",
     "can",
     "canopen",
+    "first_use",
     "linuxcnc",
     "micro_epsilon",
     "modbus",

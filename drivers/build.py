@@ -1,46 +1,32 @@
-"""Checks and builds buses and devices from the fields of a configuration. Uses no network."""
+"""Checks and builds buses and devices from the fields of a configuration. Uses no network.
+
+Checking imports no library of a bus; building imports those of its kind.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from drivers import can, canopen, micro_epsilon, modbus, mqtt, opcua  # buses and devices: loaded where they are named
 from drivers.base import Bus, Clock, Driver, SetupError
-from drivers.can import CanBus, CanDbcDevice, CanDbcProfile, CanSettings
-from drivers.canopen import (
-    CanOpenBus,
-    CanOpenDevice,
-    CanOpenProfile,
-    CanOpenSettings,
-    Cia404Device,
-    Cia404Options,
-    Cia404Profile,
-    NodeOptions,
-)
+from drivers.can import CanDbcProfile, CanSettings
+from drivers.canopen import CanOpenProfile, CanOpenSettings, Cia404Options, Cia404Profile, NodeOptions
 from drivers.micro_epsilon import (
     DisplacementOptions,
-    MeEthernetBus,
-    MeEthernetDevice,
     MeEthernetProfile,
     MeEthernetSettings,
-    MeRs485Bus,
-    MeRs485Device,
     MeRs485Profile,
     MeRs485Settings,
 )
 from drivers.modbus import (
-    ModbusBus,
-    ModbusDevice,
     ModbusOptions,
     ModbusProfile,
-    ModbusRtuBus,
     ModbusRtuSettings,
-    ModbusRtuTcpBus,
     ModbusRtuTcpSettings,
-    ModbusTcpBus,
     ModbusTcpSettings,
     last_address,
 )
-from drivers.mqtt import MqttBus, MqttBusSettings, MqttDevice, MqttProfile
-from drivers.opcua import OpcUaBus, OpcUaBusSettings, OpcUaDevice, OpcUaProfile
+from drivers.mqtt import MqttBusSettings, MqttProfile
+from drivers.opcua import OpcUaBusSettings, OpcUaProfile
 from drivers.problems import read_settings
 from drivers.profile import fits_bus
 from drivers.profiles import Profile, load_profile
@@ -82,17 +68,6 @@ class NoOptions(Section):
 
 
 _Options = ModbusOptions | Cia404Options | NodeOptions | DisplacementOptions | NoOptions
-_AnyBus = (
-    ModbusRtuBus
-    | ModbusRtuTcpBus
-    | ModbusTcpBus
-    | CanOpenBus
-    | CanBus
-    | MeRs485Bus
-    | MeEthernetBus
-    | OpcUaBus
-    | MqttBus
-)
 
 
 def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | None = None) -> Bus:
@@ -108,48 +83,26 @@ def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | Non
 
 
 def bus_from_settings(name: str, settings: AnyBusSettings, tap: Tap | None = None) -> Bus:
-    """The bus that these settings describe."""
+    """The bus that these settings describe. Imports the libraries of its kind."""
     match settings:
         case ModbusRtuSettings():
-            return ModbusRtuBus(name, settings, tap)
+            return modbus.ModbusRtuBus(name, settings, tap)
         case ModbusRtuTcpSettings():
-            return ModbusRtuTcpBus(name, settings, tap)
+            return modbus.ModbusRtuTcpBus(name, settings, tap)
         case ModbusTcpSettings():
-            return ModbusTcpBus(name, settings, tap)
+            return modbus.ModbusTcpBus(name, settings, tap)
         case CanOpenSettings():
-            return CanOpenBus(name, settings, tap)
+            return canopen.CanOpenBus(name, settings, tap)
         case CanSettings():
-            return CanBus(name, settings, tap)
+            return can.CanBus(name, settings, tap)
         case MeRs485Settings():
-            return MeRs485Bus(name, settings, tap)
+            return micro_epsilon.MeRs485Bus(name, settings, tap)
         case MeEthernetSettings():
-            return MeEthernetBus(name, settings, tap)
+            return micro_epsilon.MeEthernetBus(name, settings, tap)
         case OpcUaBusSettings():
-            return OpcUaBus(name, settings, tap)
+            return opcua.OpcUaBus(name, settings, tap)
         case MqttBusSettings():
-            return MqttBus(name, settings, tap)
-
-
-def _bus_class(settings: AnyBusSettings) -> type[_AnyBus]:
-    match settings:
-        case ModbusRtuSettings():
-            return ModbusRtuBus
-        case ModbusRtuTcpSettings():
-            return ModbusRtuTcpBus
-        case ModbusTcpSettings():
-            return ModbusTcpBus
-        case CanOpenSettings():
-            return CanOpenBus
-        case CanSettings():
-            return CanBus
-        case MeRs485Settings():
-            return MeRs485Bus
-        case MeEthernetSettings():
-            return MeEthernetBus
-        case OpcUaBusSettings():
-            return OpcUaBus
-        case MqttBusSettings():
-            return MqttBus
+            return mqtt.MqttBus(name, settings, tap)
 
 
 def check_device(
@@ -165,8 +118,8 @@ def check_device(
 
     Raises SetupError naming the bus, the device, the channel and the value.
     """
-    bus = _bus_class(settings)
-    _SettingsCheck(device_name, bus_name, bus.kind, bus.units).check(_loaded(profile), unit, channels, options)
+    kind = next(kind for kind, its in BUS_KINDS.items() if isinstance(settings, its))
+    _SettingsCheck(device_name, bus_name, kind, settings.units).check(_loaded(profile), unit, channels, options)
 
 
 def make_device(
@@ -189,22 +142,22 @@ def make_device(
     profile = _loaded(profile)
     checked = _SettingsCheck(device_name, bus.name, bus.kind, bus.units).check(profile, unit, channels, options)
     match profile, bus, checked:
-        case ModbusProfile(), ModbusBus(), ModbusOptions():
-            return ModbusDevice(device_name, bus, profile, unit, channels, checked, clock)
-        case Cia404Profile(), CanOpenBus(), Cia404Options():
-            return Cia404Device(device_name, bus, profile, unit, channels, checked, clock)
-        case CanOpenProfile(), CanOpenBus(), NodeOptions():
-            return CanOpenDevice(device_name, bus, profile, unit, channels, checked, clock)
-        case CanDbcProfile(), CanBus(), NoOptions():
-            return CanDbcDevice(device_name, bus, profile, channels, clock)
-        case MeRs485Profile(), MeRs485Bus(), DisplacementOptions():
-            return MeRs485Device(device_name, bus, profile, unit, channels, checked, clock)
-        case MeEthernetProfile(), MeEthernetBus(), DisplacementOptions():
-            return MeEthernetDevice(device_name, bus, profile, channels, checked, clock)
-        case OpcUaProfile(), OpcUaBus(), NoOptions():
-            return OpcUaDevice(device_name, bus, profile, channels, clock)
-        case MqttProfile(), MqttBus(), NoOptions():
-            return MqttDevice(device_name, bus, profile, channels, clock)
+        case ModbusProfile(), modbus.ModbusBus(), ModbusOptions():
+            return modbus.ModbusDevice(device_name, bus, profile, unit, channels, checked, clock)
+        case Cia404Profile(), canopen.CanOpenBus(), Cia404Options():
+            return canopen.Cia404Device(device_name, bus, profile, unit, channels, checked, clock)
+        case CanOpenProfile(), canopen.CanOpenBus(), NodeOptions():
+            return canopen.CanOpenDevice(device_name, bus, profile, unit, channels, checked, clock)
+        case CanDbcProfile(), can.CanBus(), NoOptions():
+            return can.CanDbcDevice(device_name, bus, profile, channels, clock)
+        case MeRs485Profile(), micro_epsilon.MeRs485Bus(), DisplacementOptions():
+            return micro_epsilon.MeRs485Device(device_name, bus, profile, unit, channels, checked, clock)
+        case MeEthernetProfile(), micro_epsilon.MeEthernetBus(), DisplacementOptions():
+            return micro_epsilon.MeEthernetDevice(device_name, bus, profile, channels, checked, clock)
+        case OpcUaProfile(), opcua.OpcUaBus(), NoOptions():
+            return opcua.OpcUaDevice(device_name, bus, profile, channels, clock)
+        case MqttProfile(), mqtt.MqttBus(), NoOptions():
+            return mqtt.MqttDevice(device_name, bus, profile, channels, clock)
         case _:
             raise SetupError(f"{type(bus).__name__} was not made by make_bus", bus=bus.name, device=device_name)
 

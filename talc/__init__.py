@@ -21,6 +21,7 @@ __all__ = [
     "control",
     "frame",
     "indicators",
+    "kinds",
     "kinematics",
     "learner",
     "models",

@@ -177,7 +177,10 @@ def test_a_test_runs_each_command() -> None:
 
 def _leaves(command: click.Command, path: list[str]) -> Iterator[list[str]]:
     if isinstance(command, click.Group):
-        for name, inner in command.commands.items():
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            inner = command.get_command(context, name)
+            assert inner is not None
             yield from _leaves(inner, [*path, name])
     else:
         yield path

@@ -1,5 +1,8 @@
 """Every room states what others may use, and what it states is there."""
 
+import ast
+import subprocess
+import sys
 import tomllib
 from importlib import import_module
 from importlib.util import find_spec
@@ -54,3 +57,39 @@ def test_a_room_that_names_modules_names_each_that_is_for_others(room: str) -> N
     stated = set(import_module(room).__all__)
     undecided = {n for n in inside - stated if not n.startswith("_") and f'"{room}.{n}"' not in protected}
     assert not undecided
+
+
+def _lazy(room: str) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:
+    """Module and name of what a room imports for the type checker, and of what it imports when it is first used."""
+    tree = ast.parse((ROOT / room.replace(".", "/") / "__init__.py").read_text("utf-8"))
+    stated, used = set[tuple[str, str]](), set[tuple[str, str]]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.partition(".")[0] == room.partition(".")[0]:
+            for alias in node.names:
+                whole = node.module == room
+                stated.add((f"{node.module}.{alias.name}", "") if whole else (node.module, alias.name))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "on_first_use":
+            modules: dict[str, tuple[str, ...]] = ast.literal_eval(node.args[1])
+            for module, names in modules.items():
+                where = room + module if module.startswith(".") else module
+                used |= {(where, name) for name in names or ("",)}
+    return stated - {("drivers.first_use", "on_first_use")}, used
+
+
+LAZY = [room for room in ROOMS if _lazy(room)[1]]
+
+
+@pytest.mark.parametrize("room", LAZY)
+def test_a_room_imports_on_first_use_what_the_type_checker_sees(room: str) -> None:
+    stated, used = _lazy(room)
+    assert stated == used
+    assert {name or module.rpartition(".")[2] for module, name in used} == set(import_module(room).__all__)
+
+
+def test_importing_a_room_imports_none_of_its_modules() -> None:
+    """But those that all rooms share."""
+    code = f"import sys; from importlib import import_module; list(map(import_module, {LAZY!r})); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    own = {name for name in done.stdout.split() if name.partition(".")[0] in ("talc", "drivers", "gateway")}
+    assert len(LAZY) > 25
+    assert own == {"drivers", "gateway", "drivers.first_use", *LAZY}

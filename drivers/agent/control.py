@@ -28,8 +28,6 @@ from drivers.nc import (
 
 AXES = LINEAR_AXES + ROTARY_AXES
 _POLL_S, _THERE_UM = 0.02, 1e-3
-STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
-"""Every machine state that an agent is expected to report: 1/min, mm/min, 0 or 1."""
 EMERGENCY_STOP: Final = 1
 """Shown as an alarm, beside those that the agent reports."""
 NO_CYCLE: Final = "the agent has no probing cycle"

@@ -1,11 +1,36 @@
 """CAN interfaces, and devices that send without being asked."""
 
-from drivers.can.bus import CanBus
-from drivers.can.dbc import CanDbcDevice, CanDbcProfile
-from drivers.can.interface import interface_error, open_interface, shut
-from drivers.can.receiver import Receiver
-from drivers.can.settings import CAN_BITRATES, CAN_INTERFACES, CanInterfaceSettings, CanSettings, is_multicast_group
-from drivers.can.survey import CanSurvey, Heard, Stopped
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from drivers.can.bus import CanBus
+    from drivers.can.dbc import CanDbcDevice
+    from drivers.can.dbc_profile import CanDbcProfile
+    from drivers.can.interface import interface_error, open_interface, shut
+    from drivers.can.receiver import Receiver
+    from drivers.can.settings import CAN_BITRATES, CAN_INTERFACES, CanInterfaceSettings, CanSettings, is_multicast_group
+    from drivers.can.survey import CanSurvey, Heard, Stopped
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".bus": ("CanBus",),
+            ".dbc": ("CanDbcDevice",),
+            ".dbc_profile": ("CanDbcProfile",),
+            ".interface": ("interface_error", "open_interface", "shut"),
+            ".receiver": ("Receiver",),
+            ".settings": (
+                "CAN_BITRATES",
+                "CAN_INTERFACES",
+                "CanInterfaceSettings",
+                "CanSettings",
+                "is_multicast_group",
+            ),
+            ".survey": ("CanSurvey", "Heard", "Stopped"),
+        },
+    )
 
 __all__ = [
     "CAN_BITRATES",

@@ -6,7 +6,6 @@ While connected, one thread receives; it drops frames without a subscription.
 import asyncio
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from time import monotonic
 
 import can
@@ -15,42 +14,15 @@ from drivers.base import ConnectError, NoAnswer
 from drivers.can.interface import interface_error, open_interface, shut
 from drivers.can.receiver import Receiver
 from drivers.can.settings import CanSettings
+from drivers.can.wanted import FrameId, WantedFrame
 from drivers.tap import Tap
-
-FrameId = tuple[int, bool]
-"""Identifier, and whether it is a 29-bit one."""
-
-
-@dataclass(frozen=True, slots=True)
-class Page:
-    """One of several contents that frames of one identifier have in turn, told by some of their bits."""
-
-    mask: int
-    """The bits, in the data as a little-endian number."""
-    values: frozenset[int]
-    """What may stand in them."""
-
-
-@dataclass(frozen=True, slots=True)
-class WantedFrame:
-    """A kind of frame whose latest is kept."""
-
-    identifier: int
-    extended: bool = False
-    pages: tuple[Page, ...] = ()
-    """All of these must fit; none: any content."""
-
-    def fits(self, data: bytes) -> bool:
-        """Whether a frame of this identifier is of this kind."""
-        number = int.from_bytes(data, "little")
-        return all(number & page.mask in page.values for page in self.pages)
 
 
 class CanBus:
     """A bus that listens and sends nothing."""
 
     kind = "can"
-    units = (1, 127)
+    units = CanSettings.units
 
     def __init__(self, name: str, settings: CanSettings, tap: Tap | None = None) -> None:
         self._name, self._settings, self._tap = name, settings, tap

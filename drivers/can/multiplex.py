@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import TYPE_CHECKING
 
-from drivers.can.bus import Page
+from drivers.can.wanted import Page
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal

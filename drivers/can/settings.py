@@ -1,7 +1,7 @@
 """Settings of a CAN bus."""
 
 from ipaddress import ip_address
-from typing import Final, Literal, Self, get_args
+from typing import ClassVar, Final, Literal, Self, get_args
 
 from pydantic import ValidationInfo, field_validator, model_validator
 
@@ -57,3 +57,6 @@ class CanSettings(CanInterfaceSettings):
 
     It must be longer than the devices' cycle.
     """
+
+    units: ClassVar[tuple[int, int]] = (1, 127)
+    """First and last address on the bus."""

@@ -13,9 +13,9 @@ from typing import Self
 import can
 
 from drivers.base import ConnectError
-from drivers.can.bus import FrameId
 from drivers.can.interface import interface_error, open_interface, shut
 from drivers.can.settings import CanInterfaceSettings
+from drivers.can.wanted import FrameId
 
 _SLICE_S = 0.05
 """How long stopping may take."""

@@ -8,7 +8,6 @@ import logging
 import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
 from time import monotonic
@@ -22,6 +21,7 @@ from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.can import Receiver, interface_error, open_interface, shut
 from drivers.canopen.events import NodeEvents
 from drivers.canopen.frames import LatestFrames, pass_on
+from drivers.canopen.place import CanObject
 from drivers.canopen.settings import CanOpenSettings
 from drivers.patience import Patience
 from drivers.tap import Tap
@@ -36,18 +36,6 @@ _LONGEST_NUMBER = 8
 
 logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs is raised here as an error
 
-
-@dataclass(frozen=True, slots=True)
-class CanObject:
-    """One entry of a node's object dictionary."""
-
-    index: int
-    subindex: int
-
-    def __str__(self) -> str:
-        return f"{self.index:04X}:{self.subindex:02X}"
-
-
 _NEVER_VALUES = CanObject(0x1000, 0), CanObject(0x1001, 0), CanObject(0x1018, 0)
 """Objects that every node has (CiA 301) and that no channel reads."""
 
@@ -56,7 +44,7 @@ class CanOpenBus:
     """Nodes on one CAN interface. Requests to all nodes queue for one thread."""
 
     kind = "canopen"
-    units = (1, 127)
+    units = CanOpenSettings.units
 
     def __init__(self, name: str, settings: CanOpenSettings, tap: Tap | None = None) -> None:
         self._name, self._settings, self._tap = name, settings, tap

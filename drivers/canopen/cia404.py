@@ -3,8 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 from drivers.base import BadAnswer, Clock, Quality, Reading
-from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.node import NO_HEARTBEAT, NodeReader
+from drivers.canopen.place import CanObject
 from drivers.canopen.profile import STATUS_BITS, Cia404Profile, Scaling
 from drivers.canopen.settings import Cia404Options
 from drivers.faults import Fault, first_fault

@@ -4,9 +4,10 @@ import struct
 from collections.abc import Mapping, Sequence
 
 from drivers.base import Clock, Quality, Reading, Refused
-from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.node import NO_HEARTBEAT, NodeReader
 from drivers.canopen.objects import FORMATS, CanOpenProfile, raw_number
+from drivers.canopen.place import CanObject
 from drivers.canopen.settings import NodeOptions
 from drivers.faults import Fault
 from drivers.readings import ReadingMaker

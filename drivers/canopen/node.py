@@ -8,9 +8,10 @@ from dataclasses import replace
 from time import monotonic
 
 from drivers.base import BadAnswer, DriverError, Quality, Refused, WrongDevice
-from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.events import HeartbeatWatch
 from drivers.canopen.pdo import COMMUNICATION, EVERY_SYNC, MAPPING, ON_EVENTS, TPDOS, PdoMap, pdo_map
+from drivers.canopen.place import CanObject
 from drivers.canopen.settings import NodeOptions
 from drivers.faults import Fault
 

@@ -1,15 +1,16 @@
-"""Profiles of CANopen nodes that follow no device profile known here: which objects are channels."""
+"""Profiles of CANopen nodes that follow no device profile known here: which objects are channels.
+
+The library reads the EDS; it is imported where there is such a file.
+"""
 
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, Self, get_args
 
-import canopen
-from canopen.objectdictionary.eds import import_eds
 from pydantic import Field, PrivateAttr, model_validator
 
-from drivers.canopen.bus import CanObject
+from drivers.canopen.place import CanObject
 from drivers.faults import NumberRule, RawNumber
 from drivers.profile import DeviceProfile, LinearValue
 from drivers.section import OTHER_ENCODING, FilePath, wrong
@@ -99,6 +100,8 @@ def raw_number(kind: ObjectType, name: str) -> RawNumber:
 
 def _read(path: Path) -> Any:
     """The object dictionary of a file, as the library has it."""
+    from canopen.objectdictionary.eds import import_eds
+
     try:
         with path.open(encoding=OTHER_ENCODING) as file:  # the library would read it in the system's encoding
             return import_eds(file, None)  # type: ignore[no-untyped-call]
@@ -108,10 +111,12 @@ def _read(path: Path) -> Any:
 
 def _in(dictionary: Any, entry: ObjectEntry, *at: str | int) -> ObjectType:
     """The type of an object by the EDS. Raises an error if it is not there, not readable, or of another type."""
+    from canopen.objectdictionary import ODVariable
+
     found = dictionary.get(entry.index)
     if found is None:
         raise wrong(f"the EDS has no object {entry.index:04X}", *at, "index")
-    if not isinstance(found, canopen.objectdictionary.ODVariable):
+    if not isinstance(found, ODVariable):
         found = found.subindices.get(entry.subindex)
         if found is None:
             raise wrong(f"the EDS has no object {entry.place}", *at, "subindex")

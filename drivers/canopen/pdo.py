@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.canopen.bus import CanObject
+from drivers.canopen.place import CanObject
 
 COMMUNICATION = 0x1800
 MAPPING = 0x1A00

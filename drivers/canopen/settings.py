@@ -1,6 +1,6 @@
 """Settings of a CANopen bus, and the options of a node."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -10,6 +10,9 @@ from drivers.section import Section
 
 class CanOpenSettings(CanInterfaceSettings):
     """CANopen nodes on a CAN bus."""
+
+    units: ClassVar[tuple[int, int]] = (1, 127)
+    """First and last address on the bus."""
 
 
 class NodeOptions(Section):

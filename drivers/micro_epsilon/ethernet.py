@@ -39,7 +39,7 @@ class MeEthernetBus(StreamBus):
     """The data port of one controller."""
 
     kind = "me_ethernet"
-    units = (1, 1)
+    units = MeEthernetSettings.units
 
     def __init__(self, name: str, settings: MeEthernetSettings, tap: Tap | None = None) -> None:
         super().__init__(name, TcpStream(name, settings.host, settings.port, tap), settings.timeout_s)

@@ -35,7 +35,7 @@ class MeRs485Bus(StreamBus):
     """Sensors on one serial line."""
 
     kind = "me_rs485"
-    units = (2, 126)
+    units = MeRs485Settings.units
 
     def __init__(self, name: str, settings: MeRs485Settings, tap: Tap | None = None) -> None:
         super().__init__(name, SerialStream(name, settings, tap), settings.timeout_s)

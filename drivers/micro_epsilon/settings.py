@@ -1,5 +1,7 @@
 """Settings of the buses of Micro-Epsilon sensors and controllers, and the options of a device."""
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from drivers.bus_settings import Baud, HostSettings, Parity, SerialSettings
@@ -9,6 +11,9 @@ from drivers.section import Port, Section
 class MeRs485Settings(SerialSettings):
     """Micro-Epsilon displacement sensors on RS-485."""
 
+    units: ClassVar[tuple[int, int]] = (2, 126)
+    """First and last address on the bus."""
+
     baud: Baud = 230_400
     """Bits per second."""
     parity: Parity = "N"
@@ -17,6 +22,9 @@ class MeRs485Settings(SerialSettings):
 
 class MeEthernetSettings(HostSettings):
     """The data port of a Micro-Epsilon controller on Ethernet."""
+
+    units: ClassVar[tuple[int, int]] = (1, 1)
+    """First and last address on the bus."""
 
     port: Port = 10001
     """TCP port of the measured values."""

@@ -1,11 +1,30 @@
 """Modbus RTU, also over TCP, and Modbus TCP."""
 
-from drivers.modbus.bus import ModbusBus, ModbusTcpBus
-from drivers.modbus.device import ModbusDevice, last_address
-from drivers.modbus.numbers import Block, NumberFormat, NumberType, Order
-from drivers.modbus.profile import ModbusProfile
-from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
-from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from drivers.modbus.bus import ModbusBus, ModbusTcpBus
+    from drivers.modbus.device import ModbusDevice
+    from drivers.modbus.inputs import last_address
+    from drivers.modbus.numbers import Block, NumberFormat, NumberType, Order
+    from drivers.modbus.profile import ModbusProfile
+    from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
+    from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".bus": ("ModbusBus", "ModbusTcpBus"),
+            ".device": ("ModbusDevice",),
+            ".inputs": ("last_address",),
+            ".numbers": ("Block", "NumberFormat", "NumberType", "Order"),
+            ".profile": ("ModbusProfile",),
+            ".rtu": ("ModbusRtuBus", "ModbusRtuTcpBus"),
+            ".settings": ("ModbusOptions", "ModbusRtuSettings", "ModbusRtuTcpSettings", "ModbusTcpSettings"),
+        },
+    )
 
 __all__ = [
     "Block",

@@ -119,7 +119,7 @@ class ModbusTcpBus(ModbusBus):
     """Units behind one host. Answers carry the request's number, which identifies late and foreign ones."""
 
     kind = "modbus_tcp"
-    units = (0, 255)
+    units = ModbusTcpSettings.units
     reopens = True
 
     def __init__(self, name: str, settings: ModbusTcpSettings, tap: Tap | None = None) -> None:

@@ -1,16 +1,16 @@
 """A Modbus device as its profile describes it."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from math import inf, isfinite
 
 from drivers.base import BadAnswer, Clock, DriverError, NoAnswer, Quality, Reading, Refused, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus.answers import BlockAnswers, Words
 from drivers.modbus.bus import ModbusBus
+from drivers.modbus.inputs import DeviceInput, device_input
 from drivers.modbus.numbers import AddressRange, Block, Span
 from drivers.modbus.plan import ReadPlan
-from drivers.modbus.profile import ChannelBlock, ModbusProfile
+from drivers.modbus.profile import ModbusProfile
 from drivers.modbus.settings import ModbusOptions
 from drivers.modbus.tables import Plausibility
 from drivers.readings import ReadingMaker, total
@@ -20,45 +20,6 @@ _ASK_REFUSED_AGAIN_S = 60.0
 
 _SAME_UNIT_S = 2.0
 """For so long what a unit has answered in a check that failed is kept: nobody exchanges it faster."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Input:
-    """One channel in use: where its value is, and all that tells what it means."""
-
-    block: ChannelBlock
-    index: int
-    """Which of the block's channels it is."""
-    unit: str
-    value: AddressRange
-    bit: AddressRange | None
-    """Its fault bit."""
-    status: AddressRange | None
-    code: AddressRange | None
-    """Its type code."""
-
-    @property
-    def faults(self) -> tuple[AddressRange, ...]:
-        return tuple(place for place in (self.bit, self.status) if place is not None)
-
-    @property
-    def all(self) -> tuple[AddressRange, ...]:
-        return (self.value, *self.faults) if self.code is None else (self.value, *self.faults, self.code)
-
-
-def _input(profile: ModbusProfile, number: int, offset: int) -> _Input:
-    """The channel of this number; offset: added to every address."""
-    block, index = profile.channel(number)
-    bits, status, codes = block.fault_bits, block.status, block.type_codes
-    return _Input(
-        block,
-        index,
-        block.unit or profile.unit,
-        block.place(index, offset),
-        None if bits is None else (bits.function, bits.address + offset + index, 1),
-        None if status is None else (status.function, status.register(index) + offset, 1),
-        None if codes is None else (codes.function, codes.address + offset + index, 1),
-    )
 
 
 class ModbusDevice:
@@ -79,7 +40,7 @@ class ModbusDevice:
     ) -> None:
         self._device, self._bus, self._profile, self._unit = device, bus, profile, unit
         self._offset, self._clock = options.address_offset, clock
-        self._channels = {name: _input(profile, number, self._offset) for name, number in channels.items()}
+        self._channels = {name: device_input(profile, number, self._offset) for name, number in channels.items()}
         self._maker = ReadingMaker({name: one.unit for name, one in self._channels.items()}, clock)
         inputs = self._channels.values()
         self._values = self._plan(place for one in inputs for place in (one.value, *one.faults))
@@ -306,21 +267,10 @@ class ModbusDevice:
             return Fault(Quality.OUT_OF_RANGE, text)
         return _implausible(block.plausibility, value, one.unit) or value
 
-    def _refused(self, one: _Input) -> Refused | None:
+    def _refused(self, one: DeviceInput) -> Refused | None:
         """How the unit refused an address that the channel needs."""
         refused = self._values.refused | self._codes.refused
         return next((refused[place] for place in one.all if place in refused), None)
-
-
-def last_address(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> int:
-    """Highest register or bit address that a device with this profile reads.
-
-    offset: as `address_offset` of its options
-    """
-    places = [(setting.function, setting.address + offset, 1) for setting in profile.settings]
-    for number in channels.values():
-        places += _input(profile, number, offset).all
-    return max(address + width - 1 for _, address, width in places)
 
 
 def _implausible(rule: Plausibility | None, value: float, unit: str) -> Fault | None:

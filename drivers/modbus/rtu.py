@@ -42,7 +42,7 @@ class RtuFramedBus(ModbusBus):
     pause_s: after a pause of this length, what was being sent has ended
     """
 
-    units = (1, 247)
+    units = ModbusRtuSettings.units
 
     def __init__(
         self, name: str, stream: ByteStream, timeout_s: float, *, local_echo: bool | None, gap_s: float, pause_s: float

@@ -1,5 +1,7 @@
 """Settings of a Modbus bus, and the options of a unit."""
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from drivers.bus_settings import HostSettings, SerialSettings
@@ -17,6 +19,9 @@ class LineSettings(Section):
 class ModbusRtuSettings(SerialSettings, LineSettings):
     """Modbus RTU on a serial line (RS-485)."""
 
+    units: ClassVar[tuple[int, int]] = (1, 247)
+    """First and last address on the bus."""
+
 
 class ModbusRtuTcpSettings(HostSettings, LineSettings):
     """Modbus RTU over TCP: units on the serial line of a device server, whose TCP port forwards the bytes unchanged.
@@ -24,9 +29,15 @@ class ModbusRtuTcpSettings(HostSettings, LineSettings):
     The server sets speed and parity of the line.
     """
 
+    units: ClassVar[tuple[int, int]] = (1, 247)
+    """First and last address on the bus."""
+
 
 class ModbusTcpSettings(HostSettings):
     """Modbus TCP to one host, which is a device itself or a gateway to several units."""
+
+    units: ClassVar[tuple[int, int]] = (0, 255)
+    """First and last address on the bus."""
 
     port: Port = 502
     """TCP port."""

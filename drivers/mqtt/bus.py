@@ -37,7 +37,7 @@ class MqttBus:
     """One connection to a broker, which several devices share."""
 
     kind = "mqtt"
-    units = (1, 127)
+    units = MqttBusSettings.units
 
     def __init__(self, name: str, settings: MqttBusSettings, tap: Tap | None = None) -> None:
         """`tap`: receives each message as the packet in which it could have come. Raises SetupError."""

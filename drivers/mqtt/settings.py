@@ -1,7 +1,7 @@
 """Settings of a connection to an MQTT broker. No network."""
 
 import re
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -83,6 +83,9 @@ class MqttServer(Section):
 
 class MqttBusSettings(MqttServer):
     """An MQTT broker whose topics are channels."""
+
+    units: ClassVar[tuple[int, int]] = (1, 127)
+    """First and last address on the bus."""
 
     timeout_s: Positive = 2.0
     """How long connecting may take, and how long the first read waits for topics that have had no message."""

@@ -4,8 +4,22 @@
 a first configuration.
 """
 
-from drivers.mtconnect.make import make_mtconnect, suggest_mtconnect
-from drivers.mtconnect.settings import AgentUrl, MachineOfAgent, MtConnectSettings
-from drivers.mtconnect.suggest import SuggestedItems
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from drivers.mtconnect.make import make_mtconnect, suggest_mtconnect
+    from drivers.mtconnect.settings import AgentUrl, MachineOfAgent, MtConnectSettings
+    from drivers.mtconnect.suggest import SuggestedItems
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".make": ("make_mtconnect", "suggest_mtconnect"),
+            ".settings": ("AgentUrl", "MachineOfAgent", "MtConnectSettings"),
+            ".suggest": ("SuggestedItems",),
+        },
+    )
 
 __all__ = ["AgentUrl", "MachineOfAgent", "MtConnectSettings", "SuggestedItems", "make_mtconnect", "suggest_mtconnect"]

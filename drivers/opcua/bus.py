@@ -13,7 +13,7 @@ class OpcUaBus:
     """One session with a server. It is never that of the control, whose errors end the session that writes offsets."""
 
     kind = "opcua"
-    units = (1, 127)
+    units = OpcUaBusSettings.units
 
     def __init__(self, name: str, settings: OpcUaBusSettings, tap: Tap | None = None) -> None:  # noqa: ARG002
         """`tap`: receives nothing, as what passes on the wire is encrypted."""

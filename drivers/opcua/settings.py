@@ -1,6 +1,6 @@
 """Settings of an OPC UA connection: address, certificates, ports. No network."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 from urllib.parse import urlsplit
 
 from pydantic import model_validator
@@ -57,6 +57,9 @@ class OpcUaSettings(OpcUaServer):
 
 class OpcUaBusSettings(OpcUaServer):
     """An OPC UA server whose nodes are channels."""
+
+    units: ClassVar[tuple[int, int]] = (1, 127)
+    """First and last address on the bus."""
 
     @property
     def place(self) -> str:

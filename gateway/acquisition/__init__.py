@@ -1,17 +1,40 @@
 """Reads every device of every bus once per period, checks the values, and reports problems."""
 
-from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.board import Aged, Board
-from gateway.acquisition.build import lines_of
-from gateway.acquisition.line import Line
-from gateway.acquisition.once import DeviceAnswer, read_once
-from gateway.acquisition.plausibility import Check, Plausible
-from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes
-from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
-from gateway.acquisition.runner import Publish
-from gateway.acquisition.sample import Sample
-from gateway.acquisition.stale import StaleWatch
-from gateway.acquisition.text import number_text, reading_text
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.acquisition.acquisition import Acquisition
+    from gateway.acquisition.board import Aged, Board
+    from gateway.acquisition.build import lines_of
+    from gateway.acquisition.line import Line
+    from gateway.acquisition.once import DeviceAnswer, read_once
+    from gateway.acquisition.plausibility import Check, Plausible
+    from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes
+    from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
+    from gateway.acquisition.runner import Publish
+    from gateway.acquisition.sample import Sample
+    from gateway.acquisition.stale import StaleWatch
+    from gateway.acquisition.text import number_text, reading_text
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".acquisition": ("Acquisition",),
+            ".board": ("Aged", "Board"),
+            ".build": ("lines_of",),
+            ".line": ("Line",),
+            ".once": ("DeviceAnswer", "read_once"),
+            ".plausibility": ("Check", "Plausible"),
+            ".reload": ("BusChanges", "ReloadError", "apply", "bus_changes"),
+            ".reports": ("NO_OTHER_MASTER", "OTHER_MASTER"),
+            ".runner": ("Publish",),
+            ".sample": ("Sample",),
+            ".stale": ("StaleWatch",),
+            ".text": ("number_text", "reading_text"),
+        },
+    )
 
 __all__ = [
     "NO_OTHER_MASTER",

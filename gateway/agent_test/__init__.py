@@ -1,8 +1,22 @@
 """The contract of docs/agent.md as clauses, each of which tests one promise on a running agent."""
 
-from gateway.agent_test.clause import Clause, ClauseOutcome, ClauseResult, Moves
-from gateway.agent_test.clauses import CLAUSES, run_clauses
-from gateway.agent_test.line import AgentUnderTest, BareLine, Broken, Unreachable
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.agent_test.clause import Clause, ClauseOutcome, ClauseResult, Moves
+    from gateway.agent_test.clauses import CLAUSES, run_clauses
+    from gateway.agent_test.line import AgentUnderTest, BareLine, Broken, Unreachable
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".clause": ("Clause", "ClauseOutcome", "ClauseResult", "Moves"),
+            ".clauses": ("CLAUSES", "run_clauses"),
+            ".line": ("AgentUnderTest", "BareLine", "Broken", "Unreachable"),
+        },
+    )
 
 __all__ = [
     "CLAUSES",

@@ -8,13 +8,14 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
 
-from gateway.config import GatewayConfig, cautions, load
-
 if TYPE_CHECKING:
+    from gateway.config import GatewayConfig
     from gateway.telemetry import Access
 
 ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
 PemPath = click.Path(exists=True, dir_okay=False, path_type=Path)
+LIMIT_S = 600.0
+"""How long a scan takes at most, unless the user says otherwise."""
 Command = TypeVar("Command", bound=Callable[..., object])
 _ACCESS = (
     click.option("--authority", type=PemPath, help="Certificates of the plant's authority, for tls/… endpoints."),
@@ -25,8 +26,10 @@ _ACCESS = (
 )
 
 
-def read_config(path: Path) -> GatewayConfig:
+def read_config(path: Path) -> "GatewayConfig":
     """The checked configuration; its warnings go to standard error."""
+    from gateway.config import cautions, load
+
     config = load(path)
     for caution in cautions(config):
         click.echo(f"warning: {path}: {caution}", err=True)

@@ -6,7 +6,6 @@ from pathlib import Path
 import click
 
 from gateway.cli.arguments import ConfigPath
-from gateway.config import load
 
 _EXIT_UNWELL = 3
 
@@ -20,6 +19,7 @@ def status(config: Path, as_json: bool) -> None:
     Well means that it runs, decides in time, and every channel is good. It reads the database and touches no device.
     """
     from gateway.cli.status import show
+    from gateway.config import load
 
     sys.exit(0 if show(load(config), as_json) else _EXIT_UNWELL)
 
@@ -33,5 +33,6 @@ def doctor(config: Path) -> None:
     more than at first, sensors that are the same all day. It reads files only.
     """
     from gateway.cli.doctor import show
+    from gateway.config import load
 
     sys.exit(0 if show(load(config)) else _EXIT_UNWELL)

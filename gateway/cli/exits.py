@@ -5,6 +5,7 @@ import sys
 import click
 
 from drivers.base import DriverError, SetupError
+from gateway.cli.elsewhere import CommandsElsewhere
 from gateway.config import ConfigError
 from gateway.recordings import RecordingError, WireLogError
 from gateway.storage import StoreError
@@ -17,7 +18,7 @@ EXIT_DIFFERENT = 1
 """A comparison found a difference."""
 
 
-class Commands(click.Group):
+class Commands(CommandsElsewhere):
     """Turns errors into one clear message and the right exit code."""
 
     def invoke(self, ctx: click.Context) -> object:

@@ -1,10 +1,15 @@
 """What the programs beside a gateway share: where they hear it, and hashes of passwords for their settings."""
 
+from typing import TYPE_CHECKING
+
 import click
 
-from gateway.config import GatewayConfig, Telemetry, endpoint
+from gateway.config import Telemetry, endpoint
 from gateway.heard import listened_to
 from gateway.passwords import make_hash
+
+if TYPE_CHECKING:
+    from gateway.config import GatewayConfig
 
 
 def print_hash() -> None:
@@ -13,7 +18,7 @@ def print_hash() -> None:
     click.echo(make_hash(password))
 
 
-def heard_at(config: GatewayConfig | None, connect: tuple[str, ...], prefix: str | None) -> Telemetry:
+def heard_at(config: "GatewayConfig | None", connect: tuple[str, ...], prefix: str | None) -> Telemetry:
     """Where to listen. Raises click.UsageError.
 
     config: of a gateway on this computer; None: only what `connect` says

@@ -46,17 +46,7 @@ Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
                      help="Write a profile of what was read; the file must not exist yet.")  # fmt: skip
 
 
-@click.group()
-def inspect() -> None:
-    """Read registers, objects or nodes that no profile describes, and write the draft of a profile. Reads only.
-
-    \b
-    Every number that the bytes may be stands side by side; choose the plausible ones, and repeat with --draft.
-    Nothing else may use the wire: stop the gateway first.
-    """
-
-
-@inspect.command("registers")
+@click.command("registers")
 @click.argument("where")
 @click.argument("addresses", type=Numbers(0, 65535))
 @click.option("--unit", type=click.IntRange(0, 255), default=1, show_default=True, help="Modbus unit id.")

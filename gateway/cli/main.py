@@ -9,29 +9,35 @@ from typing import Literal
 
 import click
 
-from drivers.can import is_multicast_group
-from gateway.cli.agent_test import agent_test
-from gateway.cli.arguments import ConfigPath, access_of, access_options, address_of, read_config
-from gateway.cli.collect import collect
-from gateway.cli.command import command
-from gateway.cli.db import db
+from gateway.cli.arguments import LIMIT_S, ConfigPath, access_of, access_options, address_of, read_config
 from gateway.cli.exits import EXIT_WORLD, Commands
 from gateway.cli.extras import need_extra
 from gateway.cli.log import log_to_stderr
-from gateway.cli.nc import nc as nc_files
-from gateway.cli.opcua import opcua
-from gateway.cli.publish import publish
-from gateway.cli.scan import LIMIT_S
-from gateway.config import (
-    ConfigError,
-    credential_problems,
-    described,
-    other_kinds,
-    unarmed,
+
+_ELSEWHERE = {
+    "agent-test": "gateway.cli.agent_test",
+    "collect": "gateway.cli.collect",
+    "command": "gateway.cli.command",
+    "db": "gateway.cli.db",
+    "doctor": "gateway.cli.condition",
+    "inspect": "gateway.cli.by_hand",
+    "nc": "gateway.cli.nc",
+    "opcua": "gateway.cli.opcua",
+    "prior": "gateway.cli.recorded",
+    "publish": "gateway.cli.publish",
+    "replay": "gateway.cli.recorded",
+    "report": "gateway.cli.recorded",
+    "scan": "gateway.cli.by_hand",
+    "status": "gateway.cli.condition",
+}
+"""Commands that are not defined here."""
+
+
+@click.group(
+    cls=Commands,
+    elsewhere=_ELSEWHERE,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-
-
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="talc-gateway")
 @click.option("-v", "--verbose", count=True, help="Log more; twice: everything.")
 def main(verbose: int) -> None:
@@ -77,6 +83,7 @@ def init(config: Path, answers: Path | None, limit: float) -> None:
 def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
     from gateway.cli.opening import armed, contents
+    from gateway.config import ConfigError, credential_problems, described, other_kinds, unarmed
 
     checked = read_config(config)
     if wrong := list(credential_problems(checked.telemetry, datetime.now(UTC))):
@@ -163,6 +170,7 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
     the sequence starts again.
     """
     _with_simulators()
+    from drivers.can import is_multicast_group
     from gateway.cli.play import play as be_devices
 
     group = None
@@ -183,6 +191,7 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
 def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.cli.run import run_service
+    from gateway.config import credential_problems
 
     checked = read_config(config)
     for problem in credential_problems(checked.telemetry, datetime.now(UTC)):  # no reason not to run the machine
@@ -304,12 +313,3 @@ def web(
         raise click.UsageError("give CONFIG, or --connect ENDPOINT")
     host, port = address_of(listen)
     serve_pages(WebCommand(None if config is None else read_config(config), connect, prefix, settings, host, port))
-
-
-main.add_command(collect)
-main.add_command(agent_test)
-main.add_command(command)
-main.add_command(db)
-main.add_command(nc_files)
-main.add_command(opcua)
-main.add_command(publish)

@@ -1,13 +1,15 @@
 """`talc-gateway nc`: writes the files for the control."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from drivers.base import SetupError
-from drivers.sinumerik import ErrorTerms, SinumerikSettings, errors_program
 from gateway.cli.arguments import ConfigPath
-from gateway.config import ConfigError, GatewayConfig, Problem, SinumerikNc, load
+
+if TYPE_CHECKING:
+    from gateway.config import GatewayConfig
 
 
 @click.group()
@@ -27,6 +29,8 @@ def sinumerik_files(config: Path, output: Path) -> None:
     in CONFIG: the gateway refuses a program that keeps to others. docs/nc.md, Nine errors; then the checklist for the
     first hour, docs/first-hour.md.
     """
+    from gateway.config import ConfigError, Problem, load
+
     try:
         text = program_of(load(config))
     except SetupError as error:
@@ -36,8 +40,11 @@ def sinumerik_files(config: Path, output: Path) -> None:
     click.echo(f"{path}: {text.count('IDS=')} synchronised actions. Call it at power on instead of TALC_START")
 
 
-def program_of(config: GatewayConfig) -> str:
+def program_of(config: "GatewayConfig") -> str:
     """TALC_ERRORS.SPF. Raises SetupError for another control or route."""
+    from drivers.sinumerik import ErrorTerms, SinumerikSettings, errors_program
+    from gateway.config import SinumerikNc
+
     if not isinstance(config.nc, SinumerikNc):
         raise SetupError("CONFIG has no control of kind = 'sinumerik'")
     settings: SinumerikSettings = config.nc.settings(config.probing.poses_deg, ())

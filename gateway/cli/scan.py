@@ -18,6 +18,7 @@ from drivers.canopen import CanOpenSettings
 from drivers.modbus import ModbusRtuTcpBus
 from drivers.problems import read_settings
 from drivers.recognition import describe
+from gateway.cli.arguments import LIMIT_S
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.config import ConfigError, Problem, read_text
@@ -42,7 +43,6 @@ BAUDS = (9600, 19200, 38400, 57600, 115200)
 ME_BAUDS = (230_400, 256_000)
 BITRATES = (125_000, 250_000, 500_000, 1_000_000)
 SERIAL_TIMEOUT_S, TCP_TIMEOUT_S, CAN_TIMEOUT_S, LISTEN_S = 0.15, 1.0, 0.3, 3.0
-LIMIT_S = 600.0
 _BaudOption = click.IntRange(SLOWEST_BAUD, FASTEST_BAUD)
 _EXIT_NOTHING = 3
 
@@ -95,18 +95,7 @@ Limit = click.option(
 Yes = click.option("--yes", is_flag=True, help="Answer every question with yes.")
 
 
-@click.group()
-def scan() -> None:
-    """Find devices on a wire: `scan ports`, then `scan serial PORT`, `scan can CHANNEL`, `scan tcp HOST`. Reads only.
-
-    \b
-    Each device that answers is compared with the supplied profiles, and its inputs are read. --toml writes a
-    configuration; several scans can go into one file. Nothing else may use the wire: stop the gateway first. Ctrl-C
-    ends the scan after the current request and shows what was found so far.
-    """
-
-
-@scan.command("ports")
+@click.command("ports")
 def ports_command() -> None:
     """List this computer's serial ports and CAN interfaces. Opens none of them."""
     found = find_ports()
@@ -117,7 +106,7 @@ def ports_command() -> None:
     sys.exit(0 if found else _EXIT_NOTHING)
 
 
-@scan.command("serial")
+@click.command("serial")
 @click.argument("port")
 @click.option("--baud", "bauds", type=_BaudOption, multiple=True, default=BAUDS, show_default=True,
               help="Speed to try; may be given several times.")  # fmt: skip
@@ -156,7 +145,7 @@ def serial_command(
     _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_line(what, p, s))
 
 
-@scan.command("tcp")
+@click.command("tcp")
 @click.argument("hosts", type=Host(), nargs=-1, required=True)
 @click.option("--units", type=Numbers(0, 255), default="1", show_default=True, help="Units to ask behind each host.")
 @click.option("--rtu", is_flag=True,
@@ -192,7 +181,7 @@ def tcp_command(
     _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_hosts(what, p, s))
 
 
-@scan.command("can")
+@click.command("can")
 @click.argument("channel")
 @click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
 @click.option("--bitrate", "bitrates", type=click.Choice(CAN_BITRATES),

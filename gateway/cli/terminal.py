@@ -1,6 +1,9 @@
 """The consoles that commands print to."""
 
-from rich.console import Console
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def printable(text: str) -> str:
@@ -8,6 +11,8 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else "\ufffd" for c in text)
 
 
-def terminal(*, stderr: bool = False) -> Console:
+def terminal(*, stderr: bool = False) -> "Console":
     """A console that prints text as it is: names of files, channels and settings contain brackets and colons."""
+    from rich.console import Console
+
     return Console(stderr=stderr, markup=False, emoji=False)

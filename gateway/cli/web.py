@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import uvicorn
 
 from gateway.cli.heard import heard_at
-from gateway.config import GatewayConfig
 from gateway.heard import SiteSeen, SiteSubscription
 from gateway.web import (
     MachineUse,
@@ -20,6 +20,9 @@ from gateway.web import (
     load_settings,
 )
 
+if TYPE_CHECKING:
+    from gateway.config import GatewayConfig
+
 _GOODBYE_S = 2
 """Streams never end by themselves: open pages are cut after this time when the page stops."""
 
@@ -28,7 +31,7 @@ _GOODBYE_S = 2
 class WebCommand:
     """What to serve."""
 
-    config: GatewayConfig | None
+    config: "GatewayConfig | None"
     """Of a gateway on this computer; None: only what `connect` says."""
     connect: tuple[str, ...]
     prefix: str | None

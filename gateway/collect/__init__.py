@@ -1,11 +1,28 @@
 """Collects what the gateways of a site have stored: each row once, to Parquet files or to PostgreSQL."""
 
-from gateway.collect.collector import Collector, MachineAsked, SiteKept
-from gateway.collect.folder import CollectError, Commit, SiteFolder
-from gateway.collect.machines import CollectedMachine, machines_in
-from gateway.collect.network import SiteNetwork
-from gateway.collect.places import site_at
-from gateway.collect.progress import CollectProgress
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.collect.collector import Collector, MachineAsked, SiteKept
+    from gateway.collect.folder import CollectError, Commit, SiteFolder
+    from gateway.collect.machines import CollectedMachine, machines_in
+    from gateway.collect.network import SiteNetwork
+    from gateway.collect.places import site_at
+    from gateway.collect.progress import CollectProgress
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".collector": ("Collector", "MachineAsked", "SiteKept"),
+            ".folder": ("CollectError", "Commit", "SiteFolder"),
+            ".machines": ("CollectedMachine", "machines_in"),
+            ".network": ("SiteNetwork",),
+            ".places": ("site_at",),
+            ".progress": ("CollectProgress",),
+        },
+    )
 
 __all__ = [
     "CollectError",

@@ -1,34 +1,76 @@
 """Typed configuration of one gateway: one TOML file in, one frozen value out, clear messages when it is invalid."""
 
-from gateway.config.buses import (
-    BusSection,
-    CanOpenSection,
-    CanSection,
-    MeEthernetSection,
-    ModbusRtuSection,
-    ModbusRtuTcpSection,
-    ModbusTcpSection,
-    MqttSection,
-    OpcUaSection,
-)
-from gateway.config.certificates import certificate_end, certificate_ends
-from gateway.config.consequences import unarmed
-from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
-from gateway.config.extended import other_kinds, validate
-from gateway.config.extensions import ControlSection, OtherBus
-from gateway.config.fields import Name
-from gateway.config.file import draft, load, parse, read_as, read_text
-from gateway.config.metrics import Metrics
-from gateway.config.model import Channel, GatewayConfig
-from gateway.config.packed import packed_toml, unpacked
-from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
-from gateway.config.problems import ConfigError, Problem, place, shown, suggestion
-from gateway.config.rules import cautions
-from gateway.config.sections import Compensation, Device, Probing, Storage
-from gateway.config.talc_only import TalcOnly, load_talc_only
-from gateway.config.telemetry import Endpoint, EndpointParts, Operator, Telemetry, TelemetryTls, endpoint
-from gateway.config.telemetry_rules import credential_problems
-from gateway.config.wires import toml_value, wires_toml
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.config.buses import (
+        BusSection,
+        CanOpenSection,
+        CanSection,
+        MeEthernetSection,
+        ModbusRtuSection,
+        ModbusRtuTcpSection,
+        ModbusTcpSection,
+        MqttSection,
+        OpcUaSection,
+    )
+    from gateway.config.certificates import certificate_end, certificate_ends
+    from gateway.config.consequences import unarmed
+    from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
+    from gateway.config.extended import other_kinds, validate
+    from gateway.config.extensions import ControlSection, OtherBus
+    from gateway.config.fields import Name
+    from gateway.config.file import draft, load, parse
+    from gateway.config.metrics import Metrics
+    from gateway.config.model import Channel, GatewayConfig
+    from gateway.config.packed import packed_toml, unpacked
+    from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
+    from gateway.config.problems import ConfigError, Problem, place, shown, suggestion
+    from gateway.config.reading import read_as, read_text
+    from gateway.config.rules import cautions
+    from gateway.config.sections import Compensation, Device, Probing, Storage
+    from gateway.config.talc_only import TalcOnly, load_talc_only
+    from gateway.config.telemetry import Endpoint, EndpointParts, Operator, Telemetry, TelemetryTls, endpoint
+    from gateway.config.telemetry_rules import credential_problems
+    from gateway.config.wires import toml_value, wires_toml
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".buses": (
+                "BusSection",
+                "CanOpenSection",
+                "CanSection",
+                "MeEthernetSection",
+                "ModbusRtuSection",
+                "ModbusRtuTcpSection",
+                "ModbusTcpSection",
+                "MqttSection",
+                "OpcUaSection",
+            ),
+            ".certificates": ("certificate_end", "certificate_ends"),
+            ".consequences": ("unarmed",),
+            ".controls": ("AgentNc", "LinuxCncNc", "MtConnectNc", "Nc", "SinumerikNc"),
+            ".extended": ("other_kinds", "validate"),
+            ".extensions": ("ControlSection", "OtherBus"),
+            ".fields": ("Name",),
+            ".file": ("draft", "load", "parse"),
+            ".metrics": ("Metrics",),
+            ".model": ("Channel", "GatewayConfig"),
+            ".packed": ("packed_toml", "unpacked"),
+            ".prior": ("PriorError", "PriorFile", "described", "parse_prior", "prior_for"),
+            ".problems": ("ConfigError", "Problem", "place", "shown", "suggestion"),
+            ".reading": ("read_as", "read_text"),
+            ".rules": ("cautions",),
+            ".sections": ("Compensation", "Device", "Probing", "Storage"),
+            ".talc_only": ("TalcOnly", "load_talc_only"),
+            ".telemetry": ("Endpoint", "EndpointParts", "Operator", "Telemetry", "TelemetryTls", "endpoint"),
+            ".telemetry_rules": ("credential_problems",),
+            ".wires": ("toml_value", "wires_toml"),
+        },
+    )
 
 __all__ = [
     "AgentNc",

@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from drivers.opcua import OpcUaServer
-from gateway.config.buses import OpcUaSection
-from gateway.config.controls import SinumerikNc
-from gateway.config.model import GatewayConfig
+if TYPE_CHECKING:
+    from drivers.opcua import OpcUaServer
+    from gateway.config.model import GatewayConfig
 
 
-def certificate_ends(config: GatewayConfig) -> dict[str, datetime]:
+def certificate_ends(config: "GatewayConfig") -> dict[str, datetime]:
     """By section and field, UTC; of several in a file the one that ends first. Reads files.
 
     One that cannot be read is left out: `talc-gateway check` says why.
@@ -31,7 +31,10 @@ def certificate_end(path: Path) -> datetime | None:
     return min(each.not_valid_after_utc for each in found)
 
 
-def _named(config: GatewayConfig) -> Iterator[tuple[str, Path]]:
+def _named(config: "GatewayConfig") -> Iterator[tuple[str, Path]]:
+    from gateway.config.buses import OpcUaSection  # the page asks for the end of its own certificate alone
+    from gateway.config.controls import SinumerikNc
+
     tls = config.telemetry.tls
     sections = [("[telemetry.tls]", "certificate", tls.certificate), ("[telemetry.tls]", "authority", tls.authority)]
     servers: list[tuple[str, OpcUaServer]] = [

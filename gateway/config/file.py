@@ -2,22 +2,16 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
-
-from pydantic import BaseModel
 
 from drivers.base import SetupError
-from drivers.problems import toml_data
 from drivers.profiles import UserProfile, is_users, user_profile
 from gateway.config.extended import config_class
 from gateway.config.extensions import OtherBus
 from gateway.config.model import GatewayConfig, with_database
 from gateway.config.prior import PriorError, prior_for
 from gateway.config.problems import ConfigError, Problem, read_sections
+from gateway.config.reading import data_of, read_text
 from gateway.config.rules import problems_between
-from talc.presets import completed
-
-M = TypeVar("M", bound=BaseModel)
 
 
 def load(path: Path) -> GatewayConfig:
@@ -26,18 +20,6 @@ def load(path: Path) -> GatewayConfig:
     Raises ConfigError with every problem found.
     """
     return parse(read_text(path), path)
-
-
-def read_text(path: Path) -> str:
-    """The text of a file. Raises ConfigError."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(path, [Problem("", f"cannot be read: {error.strerror or error}")]) from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            path, [Problem("", f"is not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}")]
-        ) from None
 
 
 def parse(text: str, path: Path) -> GatewayConfig:
@@ -51,11 +33,6 @@ def parse(text: str, path: Path) -> GatewayConfig:
 def draft(text: str, path: Path) -> GatewayConfig:
     """The content of a text so far: each field is valid, but they need not fit together. Raises ConfigError."""
     return _validated(data_of(text, path), path)
-
-
-def read_as(kind: type[M], path: Path) -> M:
-    """What a TOML file of another kind than a configuration holds. Raises ConfigError with every problem found."""
-    return read_sections(kind, data_of(read_text(path), path), path)
 
 
 def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:
@@ -84,16 +61,6 @@ def _with_own_profiles(config: GatewayConfig) -> tuple[GatewayConfig, list[Probl
         except SetupError as error:
             unreadable.append(Problem("", str(error)))
     return config.with_profiles(profiles), unreadable
-
-
-def data_of(text: str, path: Path) -> dict[str, object]:
-    """The data of the text, with those of the `[talc]` preset added; not checked yet. Raises ConfigError."""
-    try:
-        data = toml_data(text)
-    except ValueError as error:
-        raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
-    talc = data.get("talc")
-    return {**data, "talc": completed(talc)} if isinstance(talc, dict) else data
 
 
 def _validated(data: Mapping[str, object], path: Path) -> GatewayConfig:

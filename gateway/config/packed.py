@@ -10,9 +10,10 @@ from pathlib import Path
 
 from drivers.profiles import UserProfile
 from drivers.section import OTHER_ENCODING
-from gateway.config.file import data_of, from_data
+from gateway.config.file import from_data
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import ConfigError, Problem, shown
+from gateway.config.reading import data_of
 from gateway.config.wires import toml_value, wires_toml
 
 _FILES = "files"

@@ -5,9 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from talc.learner import Prior
 from talc.settings import TalcSettings
+
+if TYPE_CHECKING:
+    from talc.learner import Prior
 
 _REMEDY = "make one with `talc-gateway prior make`, or remove this line"
 
@@ -21,7 +24,7 @@ class PriorFile:
     """A prior as its file held it at one moment."""
 
     text: str
-    prior: Prior = field(compare=False, repr=False)
+    prior: "Prior" = field(compare=False, repr=False)
 
     @property
     def content_hash(self) -> str:
@@ -50,6 +53,8 @@ def prior_for(talc: TalcSettings, names: Sequence[str]) -> PriorFile | None:
 
 def parse_prior(text: str) -> PriorFile:
     """The prior in a file's text. Raises ValueError naming the field, its value and what was expected."""
+    from talc.learner import Prior  # loads the kernel and NumPy
+
     try:
         plain = json.loads(text)
     except (ValueError, RecursionError) as error:

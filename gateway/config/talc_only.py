@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from drivers.section import Section
-from gateway.config.file import data_of, read_text
 from gateway.config.problems import read_sections
+from gateway.config.reading import data_of, read_text
 from gateway.config.sections import Grid, Talc
 from talc.settings import TalcSettings
 

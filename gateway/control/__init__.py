@@ -1,10 +1,26 @@
 """The grid loop around the pure controller, training and the sensor check."""
 
-from gateway.control.command_taker import AskReload, CommandTaker
-from gateway.control.grid import GridSampler, Schedule
-from gateway.control.loop import GridLoop
-from gateway.control.sensor_watch import SeenBefore, SensorWatch
-from gateway.control.trainer import has_failed
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.control.command_taker import AskReload, CommandTaker
+    from gateway.control.grid import GridSampler, Schedule
+    from gateway.control.loop import GridLoop
+    from gateway.control.sensor_watch import SeenBefore, SensorWatch
+    from gateway.control.trainer import has_failed
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".command_taker": ("AskReload", "CommandTaker"),
+            ".grid": ("GridSampler", "Schedule"),
+            ".loop": ("GridLoop",),
+            ".sensor_watch": ("SeenBefore", "SensorWatch"),
+            ".trainer": ("has_failed",),
+        },
+    )
 
 __all__ = [
     "AskReload",

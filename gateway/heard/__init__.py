@@ -1,21 +1,48 @@
 """What the machines of a site publish, as a read-only subscriber holds it."""
 
-from gateway.heard.hearing import Hearing
-from gateway.heard.machine import (
-    KEPT,
-    OLD_S,
-    Applied,
-    Estimated,
-    Explained,
-    MachineSeen,
-    MeasuredErrors,
-    applied,
-    believable,
-    instant,
-    is_old,
-    nine,
-)
-from gateway.heard.site import SiteSeen, SiteSubscription, listened_to
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.heard.hearing import Hearing
+    from gateway.heard.instants import instant
+    from gateway.heard.machine import (
+        KEPT,
+        OLD_S,
+        Applied,
+        Estimated,
+        Explained,
+        MachineSeen,
+        MeasuredErrors,
+        applied,
+        believable,
+        is_old,
+        nine,
+    )
+    from gateway.heard.site import SiteSeen, SiteSubscription, listened_to
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".hearing": ("Hearing",),
+            ".instants": ("instant",),
+            ".machine": (
+                "KEPT",
+                "OLD_S",
+                "Applied",
+                "Estimated",
+                "Explained",
+                "MachineSeen",
+                "MeasuredErrors",
+                "applied",
+                "believable",
+                "is_old",
+                "nine",
+            ),
+            ".site": ("SiteSeen", "SiteSubscription", "listened_to"),
+        },
+    )
 
 __all__ = [
     "KEPT",

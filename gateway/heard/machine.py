@@ -3,11 +3,12 @@
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import assert_never
 
 import numpy as np
 
+from gateway.heard.instants import instant
 from gateway.telemetry import (
     CompensationMessage,
     DecisionMessage,
@@ -310,14 +311,3 @@ def is_old(seen: MachineSeen, now_s: float) -> bool:
         return False
     age_s = seen.age_s(seen.decision.time, now_s)
     return age_s is None or age_s > max(OLD_S, _STEPS_MISSED * (seen.step_s or 0.0))
-
-
-def instant(text: str) -> datetime | None:
-    """A published time; None: not one."""
-    try:
-        found = datetime.fromisoformat(text)
-    except ValueError:
-        return None
-    if not 2000 <= found.year < 2200:
-        return None
-    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)

@@ -1,12 +1,30 @@
 """The link to the numerical control: offsets are bounded, slewed, written under a lease and read back."""
 
-from gateway.nc.boundary import contained_control
-from gateway.nc.build import control_of
-from gateway.nc.link import NcLink
-from gateway.nc.routes import Form, form_of
-from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
-from gateway.nc.slew import Offsets, Slew, Source, Step, Write
-from gateway.nc.states import NcState
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.nc.boundary import contained_control
+    from gateway.nc.build import control_of
+    from gateway.nc.link import NcLink
+    from gateway.nc.routes import Form, form_of
+    from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
+    from gateway.nc.slew import Offsets, Slew, Step, Write
+    from gateway.nc.states import NcState, Source
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".boundary": ("contained_control",),
+            ".build": ("control_of",),
+            ".link": ("NcLink",),
+            ".routes": ("Form", "form_of"),
+            ".settings": ("Earlier", "Identity", "LinkSettings", "Listeners"),
+            ".slew": ("Offsets", "Slew", "Step", "Write"),
+            ".states": ("NcState", "Source"),
+        },
+    )
 
 __all__ = [
     "Earlier",

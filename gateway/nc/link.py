@@ -20,8 +20,8 @@ from gateway.nc.pace import NcPace
 from gateway.nc.routes import form_of, positions
 from gateway.nc.session import Session
 from gateway.nc.settings import Earlier, LinkSettings, Listeners
-from gateway.nc.slew import Source, Write
-from gateway.nc.states import STATES, Condition, LinkState, after
+from gateway.nc.slew import Write
+from gateway.nc.states import STATES, Condition, LinkState, Source, after
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured
 from gateway.nc.writer import OffsetWriter

@@ -3,37 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
 from typing import Literal
 
 import numpy as np
 
+from gateway.nc.states import Source
 from talc.frame import FloatArray
 
 Offsets = tuple[float, float, float]
-
-
-class Source(StrEnum):
-    """The basis of the present target."""
-
-    PREDICTION = "prediction"
-    STALE = "stale"
-    NO_MODEL = "no_model"
-    INPUTS_STALE = "inputs_stale"
-    """An input of a live model has had no good value for too long."""
-    FROZEN = "frozen"
-    """The control is probing."""
-    NOT_READY = "not_ready"
-    """Emergency stop, drives off, axes not referenced."""
-    STOPPED = "stopped"
-    UNANSWERED = "unanswered"
-    """A write without an answer may still arrive."""
-    NOT_STORED = "not_stored"
-    """Nothing could be stored for too long."""
-    PAUSED = "paused"
-    """A person has paused the compensation."""
-    DISARMED = "disarmed"
-    """A person has disarmed the gateway."""
 
 
 @dataclass(frozen=True, slots=True)

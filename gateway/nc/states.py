@@ -1,4 +1,6 @@
-"""The states of the link: those of its offsets and of its right to write them, as tables, and the control's. Pure."""
+"""The states of the link: those of its offsets and of its right to write them, as tables, the control's, and the basis
+of a target. Pure.
+"""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -33,6 +35,29 @@ class NcState(StrEnum):
     """Emergency stop, drives off or axes not referenced."""
     PROBING = "probing"
     READY = "ready"
+
+
+class Source(StrEnum):
+    """The basis of the present target."""
+
+    PREDICTION = "prediction"
+    STALE = "stale"
+    NO_MODEL = "no_model"
+    INPUTS_STALE = "inputs_stale"
+    """An input of a live model has had no good value for too long."""
+    FROZEN = "frozen"
+    """The control is probing."""
+    NOT_READY = "not_ready"
+    """Emergency stop, drives off, axes not referenced."""
+    STOPPED = "stopped"
+    UNANSWERED = "unanswered"
+    """A write without an answer may still arrive."""
+    NOT_STORED = "not_stored"
+    """Nothing could be stored for too long."""
+    PAUSED = "paused"
+    """A person has paused the compensation."""
+    DISARMED = "disarmed"
+    """A person has disarmed the gateway."""
 
 
 class Condition(StrEnum):

@@ -8,7 +8,7 @@ import numpy as np
 from drivers.base import Quality
 from gateway.commands import Disarmed, Pause
 from gateway.config import Compensation
-from gateway.nc.slew import Source
+from gateway.nc.states import Source
 from gateway.nc.unmodelled import LastMeasured
 from talc.frame import Decision, FloatArray, Measurement
 from talc.names import THERMAL_ERRORS

@@ -11,7 +11,8 @@ from gateway.clock import ServiceClock
 from gateway.config import Compensation
 from gateway.nc.lease import Lease
 from gateway.nc.routes import Form, differ, offsets_text, positions
-from gateway.nc.slew import Offsets, Slew, Source, Step, Write, as_offsets
+from gateway.nc.slew import Offsets, Slew, Step, Write, as_offsets
+from gateway.nc.states import Source
 from talc.frame import FloatArray
 
 _LATE_S = 10.0

@@ -1,8 +1,22 @@
 """What an earlier run left in the store, the controller rebuilt from it, and the snapshots that the next run needs."""
 
-from gateway.past.earlier import Past, decide_alike, from_stored, past_in, past_of, stored_config
-from gateway.past.rebuild import Interrupted, Rebuilt, continued, controller_of, marks, rebuilt, start_of
-from gateway.past.snapshots import SnapshotKeeper
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.past.earlier import Past, decide_alike, from_stored, past_in, past_of, stored_config
+    from gateway.past.rebuild import Interrupted, Rebuilt, continued, controller_of, marks, rebuilt, start_of
+    from gateway.past.snapshots import SnapshotKeeper
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".earlier": ("Past", "decide_alike", "from_stored", "past_in", "past_of", "stored_config"),
+            ".rebuild": ("Interrupted", "Rebuilt", "continued", "controller_of", "marks", "rebuilt", "start_of"),
+            ".snapshots": ("SnapshotKeeper",),
+        },
+    )
 
 __all__ = [
     "Interrupted",

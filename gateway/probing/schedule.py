@@ -19,6 +19,7 @@ from enum import StrEnum
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.probing.cycle import End
+from gateway.probing.standing import Standing
 from talc.frame import Event, EventKind, Why
 
 URGENT = frozenset({Why.CALIBRATION, Why.NO_GOOD, Why.RETRY, Why.COMMAND})
@@ -51,16 +52,6 @@ def moment(before: NcSnapshot | None, now: NcSnapshot) -> Moment:
     if before is not None and before.program is ProgramState.RUNNING:
         return Moment.PROGRAM_END
     return Moment.IDLE
-
-
-class Standing(StrEnum):
-    """State of a wanted measurement."""
-
-    NOT_WANTED = "not_wanted"
-    WAITING = "waiting"
-    BLOCKED = "blocked"
-    DUE = "due"
-    ASKED = "asked"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,28 @@
 """The report of a run: a table for the terminal and one self-contained HTML page."""
 
-from gateway.report.data import SHIFTS, TRUTH_WIDTH, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
-from gateway.report.figures import Summary, SummaryRow, summary, table
-from gateway.report.first_lines import by_shift, losses, verdict
-from gateway.report.local import local_moment
-from gateway.report.page import build, nothing_learnt, nothing_that_day
-from gateway.report.plots import picture
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.report.data import SHIFTS, TRUTH_WIDTH, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
+    from gateway.report.figures import Summary, SummaryRow, summary, table
+    from gateway.report.first_lines import by_shift, losses, verdict
+    from gateway.report.local import local_moment
+    from gateway.report.page import build, nothing_learnt, nothing_that_day
+    from gateway.report.plots import picture
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".data": ("SHIFTS", "TRUTH_WIDTH", "AdoptedModels", "CycleSeen", "NotYet", "ReportData", "Truth"),
+            ".figures": ("Summary", "SummaryRow", "summary", "table"),
+            ".first_lines": ("by_shift", "losses", "verdict"),
+            ".local": ("local_moment",),
+            ".page": ("build", "nothing_learnt", "nothing_that_day"),
+            ".plots": ("picture",),
+        },
+    )
 
 __all__ = [
     "SHIFTS",

@@ -1,24 +1,54 @@
 """Finds the devices on a wire, or looks into one, to write a configuration. It only reads."""
 
-from gateway.scan.can import CanScan, scan_can
-from gateway.scan.drafts import node_draft, object_draft
-from gateway.scan.first import (
-    Answers,
-    ControlAnswers,
-    LinuxCncAnswers,
-    MtConnectAnswers,
-    SinumerikAnswers,
-    first_configuration,
-    read_answers,
-    to_confirm,
-)
-from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus
-from gateway.scan.fragment import check_addable, merged
-from gateway.scan.ports import ScanPort, find_ports
-from gateway.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
-from gateway.scan.serial import LineTry, SerialScan, plan, scan_line
-from gateway.scan.tcp import TcpScan, scan_hosts
-from gateway.scan.topics import SeenTopic, seen_topics, topic_draft
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.scan.can import CanScan, scan_can
+    from gateway.scan.drafts import node_draft, object_draft
+    from gateway.scan.first import (
+        Answers,
+        ControlAnswers,
+        LinuxCncAnswers,
+        MtConnectAnswers,
+        SinumerikAnswers,
+        first_configuration,
+        read_answers,
+        to_confirm,
+    )
+    from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus
+    from gateway.scan.fragment import check_addable, merged
+    from gateway.scan.ports import ScanPort, find_ports
+    from gateway.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
+    from gateway.scan.serial import LineTry, SerialScan, plan, scan_line
+    from gateway.scan.tcp import TcpScan, scan_hosts
+    from gateway.scan.topics import SeenTopic, seen_topics, topic_draft
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            ".can": ("CanScan", "scan_can"),
+            ".drafts": ("node_draft", "object_draft"),
+            ".first": (
+                "Answers",
+                "ControlAnswers",
+                "LinuxCncAnswers",
+                "MtConnectAnswers",
+                "SinumerikAnswers",
+                "first_configuration",
+                "read_answers",
+                "to_confirm",
+            ),
+            ".found": ("Found", "Place", "ScanProgress", "ScanReport", "open_bus"),
+            ".fragment": ("check_addable", "merged"),
+            ".ports": ("ScanPort", "find_ports"),
+            ".registers": ("ORDERS", "Meaning", "SeenWords", "profile_draft", "read_words"),
+            ".serial": ("LineTry", "SerialScan", "plan", "scan_line"),
+            ".tcp": ("TcpScan", "scan_hosts"),
+            ".topics": ("SeenTopic", "seen_topics", "topic_draft"),
+        },
+    )
 
 __all__ = [
     "ORDERS",

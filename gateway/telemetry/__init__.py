@@ -3,53 +3,111 @@
 `NcState`, `Source` and `Standing` are the texts of some fields, for programs that only read messages.
 """
 
-from gateway.nc import NcState, Source
-from gateway.probing import Standing
-from gateway.telemetry import keys
-from gateway.telemetry.answers import (
-    CommandAnswer,
-    CommandRequest,
-    CommandTerms,
-    CoursePage,
-    HistoryPage,
-    ReportPage,
-    StoredColumn,
-    StoredRows,
-    StoredTable,
-)
-from gateway.telemetry.asking import COMMAND_LIMIT_S, ask, command, running
-from gateway.telemetry.codec import TYPES, decode, decode_answer, decode_refusal, encode
-from gateway.telemetry.command_door import CommandDoor, Entitled
-from gateway.telemetry.command_signer import CommandSigner, SignedCommand
-from gateway.telemetry.compose import Composer, Dropped, courses
-from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
-from gateway.telemetry.json_schema import schemas
-from gateway.telemetry.messages import (
-    CompensationMessage,
-    DecisionMessage,
-    EventMessage,
-    ForecastMessage,
-    FrameMessage,
-    MeasurementMessage,
-    ModelMessage,
-    PauseStanding,
-    ProbingMessage,
-    ProbingStanding,
-    Published,
-    PublishedCourse,
-    PublishedReason,
-    ReadingMessage,
-    ReasonsMessage,
-    SensorFinding,
-    SensorsMessage,
-    StatusMessage,
-    StorageStanding,
-)
-from gateway.telemetry.publisher import TelemetryError, TelemetryPublisher
-from gateway.telemetry.queries import MOST_ROWS, AskedQuery, Replied
-from gateway.telemetry.report_queries import ReportRequest, ReportSource
-from gateway.telemetry.session import Access, own_access, page_config, reader_config, without_path
-from gateway.telemetry.stored_queries import StoredRequest, StoredSource
+from typing import TYPE_CHECKING
+
+from drivers.first_use import on_first_use
+
+if TYPE_CHECKING:
+    from gateway.nc import NcState, Source
+    from gateway.probing import Standing
+    from gateway.telemetry import keys
+    from gateway.telemetry.answers import (
+        CommandAnswer,
+        CommandRequest,
+        CommandTerms,
+        CoursePage,
+        HistoryPage,
+        ReportPage,
+        StoredColumn,
+        StoredRows,
+        StoredTable,
+    )
+    from gateway.telemetry.asking import COMMAND_LIMIT_S, ask, command, running
+    from gateway.telemetry.codec import TYPES, decode, decode_answer, decode_refusal, encode
+    from gateway.telemetry.command_door import CommandDoor, Entitled
+    from gateway.telemetry.command_signer import CommandSigner, SignedCommand
+    from gateway.telemetry.compose import Composer, Dropped, courses
+    from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
+    from gateway.telemetry.json_schema import schemas
+    from gateway.telemetry.messages import (
+        CompensationMessage,
+        DecisionMessage,
+        EventMessage,
+        ForecastMessage,
+        FrameMessage,
+        MeasurementMessage,
+        ModelMessage,
+        PauseStanding,
+        ProbingMessage,
+        ProbingStanding,
+        Published,
+        PublishedCourse,
+        PublishedReason,
+        ReadingMessage,
+        ReasonsMessage,
+        SensorFinding,
+        SensorsMessage,
+        StatusMessage,
+        StorageStanding,
+    )
+    from gateway.telemetry.publisher import TelemetryPublisher
+    from gateway.telemetry.queries import MOST_ROWS, AskedQuery, Replied
+    from gateway.telemetry.report_queries import ReportRequest, ReportSource
+    from gateway.telemetry.session import Access, TelemetryError, own_access, page_config, reader_config, without_path
+    from gateway.telemetry.stored_queries import StoredRequest, StoredSource
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            "gateway.nc": ("NcState", "Source"),
+            "gateway.probing": ("Standing",),
+            ".answers": (
+                "CommandAnswer",
+                "CommandRequest",
+                "CommandTerms",
+                "CoursePage",
+                "HistoryPage",
+                "ReportPage",
+                "StoredColumn",
+                "StoredRows",
+                "StoredTable",
+            ),
+            ".asking": ("COMMAND_LIMIT_S", "ask", "command", "running"),
+            ".codec": ("TYPES", "decode", "decode_answer", "decode_refusal", "encode"),
+            ".command_door": ("CommandDoor", "Entitled"),
+            ".command_signer": ("CommandSigner", "SignedCommand"),
+            ".compose": ("Composer", "Dropped", "courses"),
+            ".history_queries": ("CourseRequest", "CourseSource", "HistoryRequest", "HistorySource"),
+            ".json_schema": ("schemas",),
+            ".keys": (),
+            ".messages": (
+                "CompensationMessage",
+                "DecisionMessage",
+                "EventMessage",
+                "ForecastMessage",
+                "FrameMessage",
+                "MeasurementMessage",
+                "ModelMessage",
+                "PauseStanding",
+                "ProbingMessage",
+                "ProbingStanding",
+                "Published",
+                "PublishedCourse",
+                "PublishedReason",
+                "ReadingMessage",
+                "ReasonsMessage",
+                "SensorFinding",
+                "SensorsMessage",
+                "StatusMessage",
+                "StorageStanding",
+            ),
+            ".publisher": ("TelemetryPublisher",),
+            ".queries": ("MOST_ROWS", "AskedQuery", "Replied"),
+            ".report_queries": ("ReportRequest", "ReportSource"),
+            ".session": ("Access", "TelemetryError", "own_access", "page_config", "reader_config", "without_path"),
+            ".stored_queries": ("StoredRequest", "StoredSource"),
+        },
+    )
 
 __all__ = [
     "COMMAND_LIMIT_S",

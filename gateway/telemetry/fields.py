@@ -5,7 +5,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from talc.frame import Why
+from talc.kinds import Why
 
 
 def one_of(texts: type[StrEnum] | tuple[str, ...], description: str = "") -> Meta:

@@ -14,7 +14,7 @@ from gateway.nc import NcState, Source
 from gateway.probing import Standing
 from gateway.telemetry import keys
 from gateway.telemetry.fields import ByError, GridIndex, Number, OffsetsUm, Reason, Utc, one_of
-from talc.frame import EventKind, Phase
+from talc.kinds import EventKind, Phase
 
 
 class Message(Struct, frozen=True):

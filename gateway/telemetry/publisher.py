@@ -36,7 +36,7 @@ from gateway.telemetry.history_queries import CourseSource, HistorySource, cours
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.queries import Queries
 from gateway.telemetry.report_queries import ReportSource, report_answer
-from gateway.telemetry.session import session_config, without_path
+from gateway.telemetry.session import TelemetryError, session_config, without_path
 from gateway.telemetry.stored_queries import StoredSource, stored_answer
 from talc.frame import Decision
 
@@ -55,10 +55,6 @@ _OBEYED_WITHIN_S = 60.0
 
 Obey = Callable[[Command, str], Coroutine[object, object, CommandOutcome]]
 """Obeys a command in the event loop, or refuses it for the reason that is given. Raises OSError while nobody does."""
-
-
-class TelemetryError(OSError):
-    """No session could be opened; the message names the endpoints and what to do."""
 
 
 class TelemetryPublisher:

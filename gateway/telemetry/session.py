@@ -17,6 +17,10 @@ _READING = ["query", "declare_subscriber", "liveliness_query", "declare_liveline
 _TLS, _LOGIN = "transport/link/tls", "transport/auth/usrpwd"
 
 
+class TelemetryError(OSError):
+    """No session could be opened; the message names the endpoints and what to do."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Access:
     """How a reader proves who it is, and whom it believes. PEM files."""

@@ -4,7 +4,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from drivers.build import make_bus
-from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.place import CanObject
 from simulators.devices import SlcanAdapter
 from simulators.devices.slcan_adapter import CanNode
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SystemClock
 from drivers.build import make_device
-from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.place import CanObject
 from drivers.canopen.profile import Cia404Profile
 from drivers.canopen.settings import CanOpenSettings
 from drivers.micro_epsilon.ethernet import MeBlock, MeEthernetBus

@@ -1,12 +1,129 @@
-"""The service loads only what it needs: memory and seconds on a small computer."""
+"""Each program loads only what it needs: memory and seconds on a small computer."""
 
+import signal
 import subprocess
 import sys
+import urllib.request
+from collections.abc import Sequence
+from pathlib import Path
 
-HEAVY = ("asyncua", "scipy", "osqp", "matplotlib", "jinja2", "cantools", "cryptography")
+import pytest
+
+from tests.benches.free_port import free_port
+
+BUSES = {"pymodbus", "can", "canopen", "cantools", "serial"}
+NUMERICS = {"scipy", "osqp", "talc._kernel", "matplotlib", "pandas"}
+NEVER_BESIDE = BUSES | NUMERICS
+"""What no program beside a gateway needs: it talks to no device, and learns nothing."""
+WHOLE = (
+    "import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr));"
+    "from gateway.cli import main; main()"
+)
+"""A command as it is, which tells at its end what it has loaded."""
+
+
+def loaded(code: str) -> set[str]:
+    """What a fresh process has loaded after this code."""
+    code += "; import sys; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def loaded_by(command: Sequence[str], asked: str = "") -> set[str]:
+    """What a command has loaded that runs until it is stopped: after its first line, and the answer of its page.
+
+    asked: path on its page
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-c", WHOLE, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    try:
+        first = process.stdout.readline()
+        if asked:
+            with urllib.request.urlopen(first.strip().rstrip("/") + asked) as answer:
+                assert answer.status == 200
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate()
+    finally:
+        process.kill()
+        process.wait()
+    assert first, said
+    return set(said.splitlines()[-1].split())
 
 
 def test_a_gateway_without_opc_ua_loads_none_of_the_heavy_libraries() -> None:
-    code = f"import sys, gateway.cli.main, gateway.cli.run; print([m for m in {HEAVY!r} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == "[]"
+    heavy = {"asyncua", "scipy", "osqp", "matplotlib", "jinja2", "cantools", "cryptography"}
+    assert loaded("import gateway.cli.main, gateway.cli.run").isdisjoint(heavy)
+
+
+def test_the_page_loads_no_bus_and_no_learner() -> None:
+    port = free_port()
+    modules = loaded_by(["web", "--connect", f"tcp/127.0.0.1:{port}", "--listen", "127.0.0.1:0"], "/")
+    assert {"zenoh", "starlette"} <= modules
+    assert not modules & (NEVER_BESIDE | {"asyncua", "paho", "gateway.config.model"})
+
+
+def test_the_page_of_a_configuration_loads_no_bus_and_no_learner() -> None:
+    config = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
+    modules = loaded_by(["web", str(config), "--listen", "127.0.0.1:0"], "/")
+    assert "gateway.config.model" in modules
+    assert not modules & (NEVER_BESIDE | {"asyncua", "paho"})
+
+
+def test_the_outlets_load_neither_a_bus_nor_numpy(tmp_path: Path) -> None:
+    file = tmp_path / "outlets.toml"
+    file.write_text(
+        f'[source]\nconnect = ["tcp/127.0.0.1:{free_port()}"]\n[[outlet]]\nname = "plant"\nkind = "mqtt"\n'
+        f'url = "mqtt://127.0.0.1:{free_port()}"\n',
+        encoding="utf-8",
+    )
+    modules = loaded_by(["publish", str(file)])
+    assert {"zenoh", "paho"} <= modules
+    assert not modules & (NEVER_BESIDE | {"asyncua", "numpy", "gateway.config.model"})
+
+
+def test_the_opc_ua_server_and_the_collector_load_no_bus(tmp_path: Path) -> None:
+    shown = tmp_path / "opcua.toml"
+    shown.write_text('[machine.m000]\nmanufacturer = "Muster AG"\n', encoding="utf-8")
+    where = ["--connect", f"tcp/127.0.0.1:{free_port()}"]
+    served = loaded_by(["opcua", *where, "--settings", str(shown), "--listen", "127.0.0.1:0"])
+    assert "asyncua" in served
+    assert not served & NEVER_BESIDE
+    kept = loaded_by(["collect", str(tmp_path / "site"), *where])
+    assert "pyarrow" in kept
+    assert not kept & (NEVER_BESIDE | {"asyncua"})
+
+
+def test_reading_and_checking_a_configuration_loads_no_bus() -> None:
+    config = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
+    modules = loaded(f"from pathlib import Path; from gateway.config import load; load(Path({str(config)!r}))")
+    assert {"drivers.build", "gateway.config.rules"} <= modules
+    assert not modules & (NEVER_BESIDE | {"asyncua", "paho", "asyncio"})
+
+
+@pytest.mark.parametrize(
+    ("kind", "needed", "foreign"),
+    [
+        ("modbus_rtu", "pymodbus", {"can", "canopen", "cantools", "asyncua", "paho"}),
+        ("modbus_tcp", "pymodbus", {"can", "canopen", "cantools", "asyncua", "paho"}),
+        ("canopen", "canopen", {"pymodbus", "cantools", "asyncua", "paho"}),
+        ("can", "can", {"pymodbus", "canopen", "asyncua", "paho"}),
+        ("me_rs485", "serial", {"pymodbus", "can", "canopen", "cantools", "asyncua", "paho"}),
+    ],
+)
+def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, foreign: set[str]) -> None:
+    where = {
+        "modbus_tcp": {"host": "127.0.0.1"},
+        "can": {"interface": "virtual", "channel": "one"},
+        "canopen": {"interface": "virtual", "channel": "one"},
+    }.get(kind, {"port": "/dev/ttyUSB0"})
+    modules = loaded(f"from drivers.build import make_bus; make_bus('one', {kind!r}, {where!r})")
+    assert needed in modules
+    assert not modules & foreign
+
+
+def test_no_command_waits_for_the_libraries_of_another() -> None:
+    """The help of the whole program names every command."""
+    code = "from gateway.cli import main; main(['--help'], standalone_mode=False)"
+    assert loaded(code).isdisjoint(NEVER_BESIDE | {"numpy", "asyncua", "zenoh", "rich", "gateway.config.model"})

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from drivers.base import ConnectError, Driver, NoAnswer, Quality, Reading, SetupError, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.can.dbc import CanDbcProfile, DbcSignal
+from drivers.can.dbc_profile import CanDbcProfile, DbcSignal
 from drivers.faults import Fault as Faulty
 from drivers.profiles import load_profile
 from simulators.devices import SlcanAdapter

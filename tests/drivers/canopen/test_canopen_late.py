@@ -13,7 +13,8 @@ import pytest
 
 from drivers.base import DriverError, NoAnswer
 from drivers.build import make_bus
-from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.place import CanObject
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.cia404_node import Nmt
 from simulators.devices.spoil import Late

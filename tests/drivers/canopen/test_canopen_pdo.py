@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from drivers.base import Driver, NoAnswer, Quality, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
-from drivers.canopen.bus import CanObject
 from drivers.canopen.pdo import pdo_map
+from drivers.canopen.place import CanObject
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
 

@@ -14,7 +14,8 @@ import pytest
 
 from drivers.base import Bus, Driver, Quality, Reading, Refused, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.canopen.bus import CanObject, CanOpenBus
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.place import CanObject
 from simulators.devices import SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
 from tests.benches.asked_again import readings_of

@@ -5,8 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from gateway.nc.slew import Source
-from gateway.nc.states import RIGHTS, STATES, Condition, LinkState, Reply, Right, after
+from gateway.nc.states import RIGHTS, STATES, Condition, LinkState, Reply, Right, Source, after
 from tests.benches.nc_link_bench import LinkBench, decision
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from drivers.nc import ProbingState
-from gateway.nc.slew import Source
+from gateway.nc.states import Source
 from gateway.probing.cycle import End
 from simulators.nc import User
 from simulators.nc.cycle import ReasonCode

@@ -12,7 +12,7 @@ import pytest
 from gateway.acquisition.reload import ReloadError, bus_changes
 from gateway.config import Compensation, Probing
 from gateway.events import CompensationStepped
-from gateway.nc.slew import Source
+from gateway.nc.states import Source
 from gateway.storage import History, Store
 from simulators.nc.watchdog import R_OWNER, Logged
 from talc import kinematics

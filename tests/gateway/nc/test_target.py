@@ -10,7 +10,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.config import Compensation
-from gateway.nc.slew import Source
+from gateway.nc.states import Source
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured
 from talc.frame import Measurement

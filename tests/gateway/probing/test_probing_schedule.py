@@ -8,7 +8,8 @@ import pytest
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.probing.cycle import End
-from gateway.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, Standing, moment
+from gateway.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, moment
+from gateway.probing.standing import Standing
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MachineState, MeanLoads, Nck
 from talc.frame import Event, EventKind, Why
 from tests.benches.still_machine import StillMachine

@@ -1,0 +1,39 @@
+"""Reads TOML files, those of a gateway and others. Loads no model of a configuration."""
+
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel
+
+from drivers.problems import toml_data
+from gateway.config.problems import ConfigError, Problem, read_sections
+from talc.presets import completed
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def read_text(path: Path) -> str:
+    """The text of a file. Raises ConfigError."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(path, [Problem("", f"cannot be read: {error.strerror or error}")]) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            path, [Problem("", f"is not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}")]
+        ) from None
+
+
+def read_as(kind: type[M], path: Path) -> M:
+    """What a TOML file of another kind than a configuration holds. Raises ConfigError with every problem found."""
+    return read_sections(kind, data_of(read_text(path), path), path)
+
+
+def data_of(text: str, path: Path) -> dict[str, object]:
+    """The data of the text, with those of the `[talc]` preset added; not checked yet. Raises ConfigError."""
+    try:
+        data = toml_data(text)
+    except ValueError as error:
+        raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
+    talc = data.get("talc")
+    return {**data, "talc": completed(talc)} if isinstance(talc, dict) else data
