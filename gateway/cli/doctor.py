@@ -14,7 +14,7 @@ from gateway.acquisition import NO_OTHER_MASTER, OTHER_MASTER
 from gateway.cli.doctor_files import unread_files
 from gateway.cli.terminal import terminal
 from gateway.config import CanOpenSection, CanSection, GatewayConfig, ModbusRtuSection, cautions, credential_problems
-from gateway.storage import History
+from gateway.storage import History, answered
 from gateway.time_service import clock_synchronised
 from talc.frame import FloatArray
 
@@ -97,7 +97,7 @@ def ailments(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterat
     for problem in credential_problems(config.telemetry, datetime.now(UTC)):
         if problem.where not in unread:
             yield Ailment(str(problem), "nobody on another computer can hear the gateway", "renew the file")
-    if config.storage.path.is_file():
+    if answered(config.storage.path, config.storage.path.is_file):
         with History(config.storage.path) as history:
             yield from _other_masters(history, config)
             yield from _scatter(history.residuals_um())

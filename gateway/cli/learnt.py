@@ -9,7 +9,7 @@ import click
 
 from gateway.config import GatewayConfig
 from gateway.past import continued, past_of, stored_config
-from gateway.storage import History, Learnt, Reference, StoreError, import_learnt, learnt_text, parse_learnt
+from gateway.storage import History, Learnt, Reference, StoreError, answered, import_learnt, learnt_text, parse_learnt
 from talc.names import THERMAL_ERRORS
 
 _MB = 1e6
@@ -45,7 +45,8 @@ def take(config: GatewayConfig, file: Path, *, replace: bool) -> Iterator[str]:
         continued(learnt, config)
     except (OSError, ValueError) as error:
         raise StoreError(f"{file}: {error}") from None
-    aside = import_learnt(config.storage.path, learnt, text, datetime.now(UTC), replace=replace)
+    path, now = config.storage.path, datetime.now(UTC)
+    aside = answered(path, lambda: import_learnt(path, learnt, text, now, replace=replace))
     if aside is not None:
         yield f"{config.storage.path}: had a record; it is kept as {aside.name}"
     yield f"{config.storage.path}: taken from {learnt.machine}: {'; '.join(_contents(learnt))}"

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
@@ -16,7 +17,7 @@ from gateway.nc import Identity
 from gateway.past import Interrupted, Past, Rebuilt, SnapshotKeeper, past_in
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
-from gateway.storage import Retention, Store, boot_id
+from gateway.storage import DiskWork, Retention, Store, boot_id
 from gateway.telemetry import TelemetryPublisher
 from gateway.time_service import clock_synchronised
 from gateway.versions import versions
@@ -47,20 +48,14 @@ async def serve(
     """
     boot = boot_id()
     async with AsyncExitStack() as stack:
-        store = stack.enter_context(
-            Store(
-                config.storage.path,
-                boot,
-                clock,
-                commit_s=config.storage.commit_s,
-                retention=Retention(
-                    samples_days=config.storage.keep_samples_days,
-                    minutes_days=config.storage.keep_minutes_days,
-                    most_mb=config.storage.most_mb,
-                ),
-                silent_s=_SILENT_S,
-            )
-        )
+        with clock.hold():  # the disk takes real time
+            store = await DiskWork(
+                config.storage.path, lambda: _store(config, boot, clock), unwanted=Store.leave
+            ).until(stop)
+        if store is None:
+            log.warning("%s: stopped before it was open", config.storage.path)
+            return
+        stack.enter_context(store)
         past = await _past(store, config, clock, stop)
         if past is None:
             return
@@ -117,6 +112,21 @@ async def serve(
         await service.run(stop)
 
 
+def _store(config: GatewayConfig, boot: str, clock: ServiceClock) -> Store:
+    return Store(
+        config.storage.path,
+        boot,
+        clock,
+        commit_s=config.storage.commit_s,
+        retention=Retention(
+            samples_days=config.storage.keep_samples_days,
+            minutes_days=config.storage.keep_minutes_days,
+            most_mb=config.storage.most_mb,
+        ),
+        silent_s=_SILENT_S,
+    )
+
+
 def _news(past: Past, config: GatewayConfig) -> list[str]:
     """What has changed since the latest run, and what became of what was learnt."""
     news, method = [], config.talc.method
@@ -145,16 +155,25 @@ async def _past(store: Store, config: GatewayConfig, clock: ServiceClock, stop: 
         if ended.is_set():
             raise Interrupted
 
-    with clock.hold():
-        rebuilding = asyncio.create_task(asyncio.to_thread(past_in, store, config, progress))
-        stopping = asyncio.create_task(stop.wait())
-        await asyncio.wait((rebuilding, stopping), return_when=asyncio.FIRST_COMPLETED)
-        ended.set()
-        stopping.cancel()
+    def rebuilt() -> Past | None:
         try:
-            return await rebuilding
+            return past_in(store, config, progress)
         except Interrupted:
             return None
+
+    rebuilding = DiskWork(config.storage.path, rebuilt, limit_s=math.inf)  # years of record take minutes
+    with clock.hold():
+        stopping = asyncio.create_task(_passed_on(stop, ended))
+        try:
+            return await rebuilding.until(stop)
+        finally:
+            ended.set()
+            stopping.cancel()
+
+
+async def _passed_on(stop: asyncio.Event, ended: threading.Event) -> None:
+    await stop.wait()
+    ended.set()
 
 
 def _reconfiguring(wire_log: WireLogWriter, recorded: str) -> Sink:

@@ -8,7 +8,7 @@ from pathlib import Path
 from gateway.cli.opening import armed
 from gateway.cli.terminal import printable, terminal
 from gateway.config import GatewayConfig, unarmed
-from gateway.storage import History
+from gateway.storage import History, answered
 from gateway.time_service import clock_synchronised
 from talc.frame import EventKind
 
@@ -59,7 +59,7 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
     readings: dict[str, tuple[float | None, str, str]] = {}
     problems: list[str] = []
     pause = disarmed = None
-    if path.is_file():
+    if answered(path, path.is_file):
         with History(path) as history:
             decision = history.latest_decision()
             pause, disarmed = history.paused(), history.disarmed()

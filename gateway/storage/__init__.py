@@ -6,6 +6,7 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.storage import columns
+    from gateway.storage.answers import DiskWork, answered
     from gateway.storage.course_pages import StoredCourse, course_between
     from gateway.storage.damage import damage_found
     from gateway.storage.epochs import NUMBERS, Position
@@ -23,6 +24,7 @@ else:
     __getattr__ = on_first_use(
         __name__,
         {
+            ".answers": ("DiskWork", "answered"),
             ".columns": (),
             ".course_pages": ("StoredCourse", "course_between"),
             ".damage": ("damage_found",),
@@ -43,6 +45,7 @@ else:
 __all__ = [
     "NUMBERS",
     "DamagedError",
+    "DiskWork",
     "History",
     "Learnt",
     "Position",
@@ -60,6 +63,7 @@ __all__ = [
     "StoredRun",
     "StoredStep",
     "TimeSpan",
+    "answered",
     "boot_id",
     "columns",
     "course_between",

@@ -13,6 +13,7 @@ import numpy as np
 from gateway.ages import StepTime
 from gateway.commands import CommandName, CommandOutcome, Disarmed, Pause
 from gateway.storage import rows
+from gateway.storage.answers import DiskWork
 from gateway.storage.faults import StoreError
 from gateway.storage.pages import first_id
 from gateway.storage.placing import placed_frames, placed_step
@@ -31,27 +32,33 @@ TimeSpan = tuple[datetime, datetime]
 """From one instant on, until before another."""
 
 
+def _opened(path: Path) -> sqlite3.Connection:
+    """A connection that any one thread may use. Raises StoreError."""
+    if not path.is_file():
+        raise StoreError(f"{path}: no such file")
+    connection = sqlite3.connect(path, timeout=10.0, check_same_thread=False)
+    try:
+        version = connection.execute("PRAGMA user_version").fetchone()[0]
+    except sqlite3.DatabaseError as error:
+        connection.close()
+        raise unusable(path, error) from error
+    if version not in READABLE:
+        connection.close()
+        raise StoreError(
+            f"{path}: schema version {version}, expected {SCHEMA_VERSION}; `talc-gateway run` migrates older ones"
+        )
+    return connection
+
+
 class History:
     """One database, as a context manager.
 
-    Raises StoreError if the file is not a database of this gateway.
+    Raises StoreError if the file is not a database of this gateway, or its disk does not answer.
     """
 
     def __init__(self, path: Path) -> None:
-        if not path.is_file():
-            raise StoreError(f"{path}: no such file")
         self._path = path
-        self._connection = sqlite3.connect(path, timeout=10.0)
-        try:
-            version = self._connection.execute("PRAGMA user_version").fetchone()[0]
-        except sqlite3.DatabaseError as error:
-            self._connection.close()
-            raise unusable(path, error) from error
-        if version not in READABLE:
-            self._connection.close()
-            raise StoreError(
-                f"{path}: schema version {version}, expected {SCHEMA_VERSION}; `talc-gateway run` migrates older ones"
-            )
+        self._connection = DiskWork(path, lambda: _opened(path), unwanted=sqlite3.Connection.close).wait()
 
     def __enter__(self) -> Self:
         return self

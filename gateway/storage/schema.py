@@ -7,6 +7,7 @@ from contextlib import closing
 from functools import cache
 from pathlib import Path
 
+from gateway.storage.answers import long_work
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.migration import STEPS, migrate
 from gateway.storage.readings import TABLES
@@ -150,7 +151,8 @@ def make_schema(path: Path) -> Path | None:
             if version == 0 and not foreign:
                 connection.executescript(NEW)
             if version in STEPS:
-                backup = migrate(path, connection, version)
+                with long_work():
+                    backup = migrate(path, connection, version)
                 version = SCHEMA_VERSION
             if version == SCHEMA_VERSION:
                 connection.executescript(ADDED)

@@ -33,6 +33,7 @@ from gateway.events import (
     StoreHealth,
 )
 from gateway.storage import rows
+from gateway.storage.answers import long_work
 from gateway.storage.damage import unreadable_rows
 from gateway.storage.epochs import begin_epoch
 from gateway.storage.faults import DamagedError, StoreError
@@ -98,7 +99,8 @@ class Store:
             except (DamagedError, *UNREADABLE) as error:
                 if not (isinstance(error, DamagedError) or is_damage(error)):
                     raise
-                mended = self._mend(str(error))
+                with long_work():
+                    mended = self._mend(str(error))
                 self._open()
         except UNREADABLE as error:
             self._lock.release()
@@ -153,6 +155,10 @@ class Store:
         if self._writer.close():
             self._lock.release()
         self._writer.check()
+
+    def leave(self) -> None:
+        """Release the lock of a store that was opened and is not used."""
+        self._lock.release()
 
     @property
     def earlier_boot(self) -> str | None:

@@ -2,10 +2,12 @@
 //
 // Preload it with FAILING_DISK set to the folder; the process calls set_disk_fault, or fail_from for a fault that begins
 // at the n-th call that changes the disk: write, truncate, synchronise, create, rename, unlink. With HANGING_DISK set to
-// a path, such calls also wait while there is a file: for a process that calls nothing.
+// a path, such calls also wait while there is a file: for a process that calls nothing. With HANGING_READS set as well,
+// opening and reading wait too; STOPPED_WHILE_HANGING: the first call that waits sends SIGTERM to its process.
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -35,10 +37,23 @@ bool on_the_disk(int descriptor) {
   return below(path);
 }
 
+void wait_while_it_hangs() {
+  static const char *hanging = getenv("HANGING_DISK"), *stopped = getenv("STOPPED_WHILE_HANGING");
+  static std::atomic<bool> told{false};
+  if (hanging == nullptr || access(hanging, F_OK) != 0) return;
+  if (stopped != nullptr && !told.exchange(true)) kill(getpid(), SIGTERM);
+  while (access(hanging, F_OK) == 0) usleep(1000);
+}
+
+// Of calls that change nothing.
+void wait_to_read() {
+  static const bool reads = getenv("HANGING_READS") != nullptr;
+  if (reads) wait_while_it_hangs();
+}
+
 // Whether the call fails; errno says why. Waits while the disk hangs.
 bool fails_now(char name) {
-  static const char* hanging = getenv("HANGING_DISK");
-  while (hanging != nullptr && access(hanging, F_OK) == 0) usleep(1000);
+  wait_while_it_hangs();
   int number = ++calls;
   if (size_t(number) <= most_names) names[number - 1] = name;
   if (begins != 0 && number >= begins && (lasts || number == begins)) {
@@ -101,6 +116,16 @@ ssize_t pwrite64(int descriptor, const void* data, size_t size, off64_t at) {
   static auto real = genuine<ssize_t (*)(int, const void*, size_t, off64_t)>("pwrite64");
   return fails(descriptor, 'w') ? -1 : real(descriptor, data, size, at);
 }
+ssize_t pread(int descriptor, void* data, size_t size, off_t at) {
+  static auto real = genuine<ssize_t (*)(int, void*, size_t, off_t)>("pread");
+  if (on_the_disk(descriptor)) wait_to_read();
+  return real(descriptor, data, size, at);
+}
+ssize_t pread64(int descriptor, void* data, size_t size, off64_t at) {
+  static auto real = genuine<ssize_t (*)(int, void*, size_t, off64_t)>("pread64");
+  if (on_the_disk(descriptor)) wait_to_read();
+  return real(descriptor, data, size, at);
+}
 int ftruncate(int descriptor, off_t size) {
   static auto real = genuine<int (*)(int, off_t)>("ftruncate");
   return fails(descriptor, 't') ? -1 : real(descriptor, size);
@@ -136,6 +161,7 @@ int unlink(const char* path) {
     va_start(more, flags);                                                 \
     mode_t mode = flags & O_CREAT ? va_arg(more, mode_t) : 0;              \
     va_end(more);                                                          \
+    if (below(path)) wait_to_read();                                       \
     if ((flags & O_CREAT) && access(path, F_OK) != 0 && fails(path, 'c')) return -1; \
     return real(path, flags, mode);                                        \
   }

@@ -60,10 +60,14 @@ class StoreProcess:
         raise AssertionError(f"after {limit_s} s: {health}")
 
 
-def on_failing_disk(folder: Path, hanging: Path | None = None) -> dict[str, str]:
+def on_failing_disk(
+    folder: Path, hanging: Path | None = None, *, reads: bool = False, stopped: bool = False
+) -> dict[str, str]:
     """The environment of a process for which what is below this folder is on the disk that can fail.
 
     hanging: while this file, on another disk, is there, the disk hangs
+    reads: opening and reading hang, too
+    stopped: the process gets SIGTERM when it begins to wait
     """
     return {
         **os.environ,
@@ -71,6 +75,8 @@ def on_failing_disk(folder: Path, hanging: Path | None = None) -> dict[str, str]
         "LD_PRELOAD": str(preload(_SOURCE)),
         "FAILING_DISK": str(folder.resolve()),
         **({} if hanging is None else {"HANGING_DISK": str(hanging.resolve())}),
+        **({"HANGING_READS": "1"} if reads else {}),
+        **({"STOPPED_WHILE_HANGING": "1"} if stopped else {}),
     }
 
 

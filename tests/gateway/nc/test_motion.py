@@ -39,6 +39,20 @@ def test_a_machine_that_is_at_the_same_place_at_two_looks_far_apart_has_not_froz
     assert [motion.frozen(snapshot(300.0 * n, 5.0, 100.0)) for n in range(10)] == [()] * 10
 
 
-def test_an_impossible_time() -> None:
+@pytest.mark.parametrize(("longest_s", "apart_s"), [(60.0, 16.0), (10.0, 2.6)])
+def test_looks_more_than_a_quarter_of_the_time_apart_prove_nothing(longest_s: float, apart_s: float) -> None:
+    motion = Motion(longest_s)
+    assert [motion.frozen(snapshot(apart_s * n, 5.0, 100.0)) for n in range(10)] == [()] * 10
+
+
+@pytest.mark.parametrize(("longest_s", "apart_s", "looks"), [(60.0, 15.0, 4), (10.0, 2.5, 4), (0.5, 0.125, 4)])
+def test_looks_a_quarter_of_the_time_apart_do(longest_s: float, apart_s: float, looks: int) -> None:
+    motion = Motion(longest_s)
+    found = [motion.frozen(snapshot(apart_s * n, float("5.0"), 100.0)) for n in range(looks + 1)]  # equal, not the same
+    assert found == [()] * looks + [("X",)]
+
+
+@pytest.mark.parametrize("longest_s", [0.0, -1.0])
+def test_an_impossible_time(longest_s: float) -> None:
     with pytest.raises(ValueError, match="longest_s"):
-        Motion(0.0)
+        Motion(longest_s)

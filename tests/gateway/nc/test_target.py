@@ -38,10 +38,11 @@ def test_a_decision_counts_until_it_is_stale() -> None:
     assert at.errors(Quality.GOOD, 100.0)[1] is Source.PREDICTION
 
 
-def test_nothing_is_built_on_a_snapshot_that_stands_still() -> None:
+@pytest.mark.parametrize("quality", [each for each in Quality if each is not Quality.GOOD])
+def test_nothing_is_built_on_a_snapshot_that_is_not_good(quality: Quality) -> None:
     at = target()
     at.follow(decision(4.0), 10.0)
-    assert at.errors(Quality.STALE, 11.0) == (None, Source.STALE)
+    assert at.errors(quality, 11.0) == (None, Source.STALE)
 
 
 def test_a_missing_input_counts_from_when_it_went_missing() -> None:
@@ -99,6 +100,14 @@ def test_an_unknown_error_is_left_alone_and_a_measured_one_counts_only_so_long()
     errors, _ = at.errors(Quality.GOOD, 203.0)
     assert errors is not None
     assert errors[1] == 4.0
+
+
+def test_with_hold_a_measured_error_counts_however_old_it_is() -> None:
+    at = target("hold")
+    at.follow(replace(decision(4.0), predicted=np.full(9, math.nan)), 1e6)
+    errors, source = at.errors(Quality.GOOD, 1e6)
+    assert errors is not None
+    assert (errors[1], source) == (4.0, Source.PREDICTION)
 
 
 def test_nothing_is_built_on_what_cannot_be_stored() -> None:

@@ -1,0 +1,74 @@
+"""Commands open a database on a disk that hangs: they say so and end, and a stop does not wait for the disk."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gateway.config import load
+from gateway.storage import Store
+from tests.benches.failing_disk import on_failing_disk
+from tests.benches.manual_clock import ManualClock
+from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
+
+LIMIT_S = 300.0
+"""Real seconds; the commands themselves wait 20 s for the disk."""
+Command = tuple[str, ...]
+
+
+@pytest.fixture
+def hanging(tmp_path: Path) -> Iterator[Path]:
+    """A configuration beside a database on a disk that hangs while the file is there."""
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "gateway.toml").write_text(
+        f'{UNPUBLISHED}\n[storage]\npath = "disk/gateway.sqlite"\n' + rtu_bus() + m7015(), encoding="utf-8"
+    )
+    with Store(load(tmp_path / "gateway.toml").storage.path, "boot", ManualClock()):
+        pass
+    (tmp_path / "hanging").touch()
+    yield tmp_path / "hanging"
+    (tmp_path / "hanging").unlink(missing_ok=True)
+
+
+def said_by(hanging: Path, command: Command, code: int, *, stopped: bool = False) -> str:
+    """What it writes to standard error until it ends with this code, while the disk hangs."""
+    folder = hanging.parent
+    done = subprocess.run(
+        [sys.executable, "-m", "gateway", *command],
+        cwd=folder,
+        env=on_failing_disk(folder / "disk", hanging, reads=True, stopped=stopped),
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+    assert hanging.exists()
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "gateway.toml"),
+        ("status", "gateway.toml"),
+        ("doctor", "gateway.toml"),
+        ("db", "check", "disk/gateway.sqlite"),
+        ("db", "backup", "disk/gateway.sqlite", "-o", "copy.sqlite"),
+    ],
+    ids=" ".join,
+)
+def test_a_command_says_what_does_not_answer_and_ends(command: Command, hanging: Path) -> None:
+    said = said_by(hanging, command, 3)
+    assert "disk/gateway.sqlite: the disk does not answer (waited 20 s)" in said
+    assert "dmesg" in said
+
+
+@pytest.mark.slow
+def test_a_gateway_that_waits_for_its_database_is_stopped_without_it(hanging: Path) -> None:
+    said = said_by(hanging, ("run", "gateway.toml"), 0, stopped=True)
+    assert "gateway.sqlite: stopped before it was open" in said
