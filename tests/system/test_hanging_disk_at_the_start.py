@@ -15,7 +15,6 @@ from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 
 LIMIT_S = 300.0
 """Real seconds; the commands themselves wait 20 s for the disk."""
-Command = tuple[str, ...]
 
 
 @pytest.fixture
@@ -32,7 +31,7 @@ def hanging(tmp_path: Path) -> Iterator[Path]:
     (tmp_path / "hanging").unlink(missing_ok=True)
 
 
-def said_by(hanging: Path, command: Command, code: int, *, stopped: bool = False) -> str:
+def said_by(hanging: Path, command: tuple[str, ...], code: int, *, stopped: bool = False) -> str:
     """What it writes to standard error until it ends with this code, while the disk hangs."""
     folder = hanging.parent
     done = subprocess.run(
@@ -62,7 +61,7 @@ def said_by(hanging: Path, command: Command, code: int, *, stopped: bool = False
     ],
     ids=" ".join,
 )
-def test_a_command_says_what_does_not_answer_and_ends(command: Command, hanging: Path) -> None:
+def test_a_command_says_what_does_not_answer_and_ends(command: tuple[str, ...], hanging: Path) -> None:
     said = said_by(hanging, command, 3)
     assert "disk/gateway.sqlite: the disk does not answer (waited 20 s)" in said
     assert "dmesg" in said
