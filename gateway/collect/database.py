@@ -32,7 +32,9 @@ _SESSION = """
     SET TIME ZONE 'UTC'; SET tcp_keepalives_idle = 30; SET tcp_keepalives_interval = 10; SET tcp_keepalives_count = 3
 """
 """So does the server notice a collector that has vanished, and gives up its lock."""
-_LOCK = "SELECT pg_try_advisory_lock(hashtext('talc-gateway collect'))"
+_LOCK = "SELECT pg_advisory_lock(hashtext('talc-gateway collect'))"
+_LOCK_WAIT_S = 5.0
+"""The server takes a moment to notice that a collector has ended, and only then gives up its lock."""
 _PROGRESS = """
     CREATE TABLE IF NOT EXISTS talc.progress (machine text PRIMARY KEY, batch bigint NOT NULL, places jsonb NOT NULL)
 """
@@ -71,13 +73,15 @@ class SiteDatabase:
     ----------
     url: postgresql://USER@HOST/DATABASE, with any of libpq's parameters
     password_file: holds the user's password alone; read at each connection
+    lock_wait_s: how long a connection waits for the lock of another collector
 
     Raises ValueError as `database_parameters`; CollectError on entry when the database cannot be reached or used, or
     when another collector uses it.
     """
 
-    def __init__(self, url: str, password_file: Path | None = None) -> None:
+    def __init__(self, url: str, password_file: Path | None = None, *, lock_wait_s: float = _LOCK_WAIT_S) -> None:
         self._parameters, self._password_file = database_parameters(url), password_file
+        self._lock_wait_s = lock_wait_s
         self._connection: _DatabaseConnection | None = None
         self._relations, self._one = SiteRelations(), threading.Lock()
 
@@ -143,7 +147,7 @@ class SiteDatabase:
             parameters["password"] = _password(self._password_file)
         connection = psycopg.connect(**parameters)
         try:
-            _prepare(connection)
+            _prepare(connection, self._lock_wait_s)
         except BaseException:
             connection.close()
             raise
@@ -163,11 +167,14 @@ def _password(file: Path) -> str:
         raise CollectError(f"{file}: the password cannot be read: {error}") from error
 
 
-def _prepare(connection: _DatabaseConnection) -> None:
+def _prepare(connection: _DatabaseConnection, lock_wait_s: float) -> None:
     """Settings of the session, the lock, and what must exist."""
     connection.execute(_SESSION)
-    if _one(connection, _LOCK) is not True:
-        raise CollectError("database: another collector writes to it")
+    connection.execute("SELECT set_config('lock_timeout', %s, true)", (f"{lock_wait_s * 1e3:.0f}ms",))
+    try:
+        connection.execute(_LOCK)
+    except psycopg.errors.LockNotAvailable:
+        raise CollectError("database: another collector writes to it") from None
     if (encoding := _one(connection, "SHOW server_encoding")) != "UTF8":
         raise CollectError(f"database: its encoding is {encoding}; create one with ENCODING 'UTF8'")
     if not _one(connection, "SELECT count(*) FROM pg_namespace WHERE nspname = 'talc'"):

@@ -99,7 +99,7 @@ def test_rows_and_columns_are_those_of_the_folder(
         pruning.prune(connection, 100.0)
         pruning.prune(connection, 3 * 86400.0)
     write(site, "lathe", range(200, 230))
-    with SiteFolder(tmp_path / "site") as folder, SiteDatabase(server.url(database)) as kept:
+    with SiteFolder(tmp_path / "site") as folder, kept_in(server.url(database)) as kept:
         for place in (folder, kept):
             collecting = collector(site, place, limit=7)
             catch_up(collecting)
@@ -112,6 +112,11 @@ def test_rows_and_columns_are_those_of_the_folder(
         found = in_database(server, database, table)
         assert found == in_folder(tmp_path / "site", table)
         assert found, table
+
+
+def kept_in(url: str) -> SiteDatabase:
+    """A busy computer may take its time to notice that the collector before this one has ended."""
+    return SiteDatabase(url, lock_wait_s=600.0)
 
 
 class CollectorKilled(BaseException):
@@ -164,11 +169,11 @@ def test_killed_at_any_moment_it_loses_and_doubles_nothing(
         for at in count(1):
             with monkeypatch.context() as patch:
                 interrupted = DatabaseInterrupted(looking, at, what, patch)
-                with suppress(CollectorKilled, CollectError), SiteDatabase(server.url(database)) as kept:
+                with suppress(CollectorKilled, CollectError), kept_in(server.url(database)) as kept:
                     catch_up(collector(site, kept, limit=5))
             if not interrupted.happened:
                 break
-            with SiteDatabase(server.url(database)) as kept:
+            with kept_in(server.url(database)) as kept:
                 catch_up(collector(site, kept, limit=5))
             steps = looking.execute("SELECT k FROM talc.steps ORDER BY k").fetchall()
             readings = looking.execute("SELECT channel, sequence FROM talc.readings ORDER BY row").fetchall()
@@ -181,7 +186,7 @@ def test_while_the_database_is_down_nothing_is_lost_and_it_is_told_once(
     server: Postgres, database: str, site: StoredSite
 ) -> None:
     write(site, "mill", range(5))
-    with SiteDatabase(server.url(database)) as kept:
+    with kept_in(server.url(database)) as kept:
         collecting = collector(site, kept, limit=2)
         collecting.turn(0.0)
         server.stop()
@@ -202,7 +207,7 @@ def test_after_the_server_started_again_the_same_turn_goes_on(
     server: Postgres, database: str, site: StoredSite
 ) -> None:
     write(site, "mill", range(5))
-    with SiteDatabase(server.url(database)) as kept:
+    with kept_in(server.url(database)) as kept:
         collecting = collector(site, kept, limit=2)
         collecting.turn(0.0)
         server.stop()
@@ -217,7 +222,7 @@ def test_rows_that_are_there_are_passed_over_when_the_progress_is_gone(
 ) -> None:
     for boot, some in enumerate((range(9), range(9, 12))):
         write(site, "mill", some, f"boot-{boot}")
-        with SiteDatabase(server.url(database)) as kept:
+        with kept_in(server.url(database)) as kept:
             collecting = collector(site, kept)
             catch_up(collecting)
             assert problems(collecting) == {}
@@ -228,7 +233,7 @@ def test_rows_that_are_there_are_passed_over_when_the_progress_is_gone(
 
 def test_a_backup_that_is_put_back_meanwhile_is_noticed(server: Postgres, database: str, site: StoredSite) -> None:
     write(site, "mill", range(3))
-    with SiteDatabase(server.url(database)) as kept:
+    with kept_in(server.url(database)) as kept:
         collecting = collector(site, kept)
         catch_up(collecting)
         server.query(database, "UPDATE talc.progress SET batch = 0, places = '{}'; DELETE FROM talc.steps")
@@ -240,9 +245,9 @@ def test_a_backup_that_is_put_back_meanwhile_is_noticed(server: Postgres, databa
 
 
 def test_a_second_collector_is_kept_off_until_the_first_one_ends(server: Postgres, database: str) -> None:
-    with SiteDatabase(server.url(database)), pytest.raises(CollectError, match="another collector writes to it"):
-        SiteDatabase(server.url(database)).__enter__()
-    with SiteDatabase(server.url(database)):
+    with kept_in(server.url(database)), pytest.raises(CollectError, match="another collector writes to it"):
+        SiteDatabase(server.url(database), lock_wait_s=0.001).__enter__()
+    with kept_in(server.url(database)):
         pass
 
 
@@ -267,7 +272,7 @@ class OnlySaw(StoredSite):
 
 def told(server: Postgres, database: str, tmp_path: Path, *answers: StoredRows) -> tuple[list[dict[str, Any]], str]:
     """What is kept of the answers of a machine, and the last problem."""
-    with SiteDatabase(server.url(database)) as kept:
+    with kept_in(server.url(database)) as kept:
         collecting = collector(OnlySaw(tmp_path, *answers), kept)
         for turn, _ in enumerate(answers):
             collecting.turn(30.0 * turn)
@@ -324,7 +329,7 @@ def test_columns_that_no_gateway_has_are_told(
 
 
 def test_a_name_that_no_gateway_has_is_refused(server: Postgres, database: str) -> None:
-    with SiteDatabase(server.url(database)) as kept, pytest.raises(ValueError, match="no gateway has such a name"):
+    with kept_in(server.url(database)) as kept, pytest.raises(ValueError, match="no gateway has such a name"):
         kept.progress("a'b")
 
 
@@ -338,7 +343,7 @@ def test_a_role_needs_no_more_than_its_own_schema(server: Postgres, database: st
     for statement in ("CREATE ROLE writer LOGIN", "CREATE SCHEMA talc AUTHORIZATION writer"):
         server.query(database, statement)
     write(site, "mill", range(3))
-    with SiteDatabase(server.url(database, "writer")) as kept:
+    with kept_in(server.url(database, "writer")) as kept:
         catch_up(collector(site, kept))
     assert steps_of(server, database) == list(range(3))
 
