@@ -34,8 +34,10 @@ def _commands(path: str, command: click.Command) -> Iterator[tuple[str, click.Co
     if path:
         yield path, command
     if isinstance(command, click.Group):
-        for name, below in sorted(command.commands.items()):
-            if not below.hidden:
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            if below is not None and not below.hidden:
                 yield from _commands(f"{path} {name}".strip(), below)
 
 
