@@ -103,13 +103,23 @@ class SiteDatabase:
             pass
 
     def progress(self, machine: str) -> CollectProgress:
-        """How far a machine is collected. Raises ValueError for a name that no gateway has, CollectError."""
+        """How far a machine is collected.
+
+        Raises ValueError for a name that no gateway has or what is no progress, CollectError.
+        """
         name = checked_machine(machine)
         with self._transaction() as connection:
             found = connection.execute(
                 "SELECT batch, places::text FROM talc.progress WHERE machine = %s", (name,)
             ).fetchone()
-        return CollectProgress() if found is None else CollectProgress(found[0], _PLACES.decode(found[1]))
+        if found is None:
+            return CollectProgress()
+        try:
+            return CollectProgress(found[0], _PLACES.decode(found[1]))
+        except msgspec.DecodeError as error:
+            raise ValueError(
+                f"talc.progress, machine {name}, places: {error}; restore it from a backup with all of the schema talc"
+            ) from error
 
     def add(self, machine: str, commit: Commit) -> CollectProgress:
         """Make a batch count; when this returns, its rows and the progress are committed.

@@ -244,6 +244,23 @@ def test_a_backup_that_is_put_back_meanwhile_is_noticed(server: Postgres, databa
     assert steps_of(server, database) == list(range(6))
 
 
+@pytest.mark.parametrize("places", ['{"steps": 5}', "[]", "null", '{"steps": [["e", "1"]]}', '{"steps": [["e", 1.5]]}'])
+def test_what_is_no_progress_is_named_and_holds_up_only_its_machine(
+    places: str, server: Postgres, database: str, site: StoredSite, caplog: pytest.LogCaptureFixture
+) -> None:
+    write(site, "mill", range(3))
+    write(site, "lathe", range(3))
+    with kept_in(server.url(database)) as kept:
+        catch_up(collector(site, kept))
+        server.query(database, f"UPDATE talc.progress SET places = '{places}' WHERE machine = 'mill'")
+        again = collector(site, kept)
+        catch_up(again)
+        assert list(problems(again)) == ["mill"]
+        assert problems(again)["mill"].startswith("talc.progress, machine mill, places: ")
+    assert not [record for record in caplog.records if record.exc_info]
+    assert steps_of(server, database) == [0, 0, 1, 1, 2, 2]
+
+
 def test_a_second_collector_is_kept_off_until_the_first_one_ends(server: Postgres, database: str) -> None:
     with kept_in(server.url(database)), pytest.raises(CollectError, match="another collector writes to it"):
         SiteDatabase(server.url(database), lock_wait_s=0.001).__enter__()

@@ -22,6 +22,7 @@ from gateway.storage import Store
 from gateway.telemetry import TelemetryPublisher
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import PlantAuthority
+from tests.benches.postgres import postgres
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stored_site import step
 
@@ -99,8 +100,8 @@ async def until(reached: Callable[[], bool], process: Process) -> None:
             await asyncio.sleep(0.2)
 
 
-async def start(port: int, folder: Path) -> Process:
-    words = ("collect", str(folder), "--connect", here(port), "--every", "0.2")
+async def start(port: int, site: Path | str, *more: str) -> Process:
+    words = ("collect", str(site), "--connect", here(port), "--every", "0.2", *more)
     return await asyncio.create_subprocess_exec(
         sys.executable, "-m", "gateway", *words, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
@@ -135,6 +136,38 @@ async def test_the_command_is_killed_and_goes_on_and_the_queries_of_the_page_giv
     out, err = await process.communicate()
     assert process.returncode == 0, err.decode()
     assert "mill" in out.decode()
+
+
+@pytest.mark.peer
+async def test_the_command_keeps_a_site_in_a_database_and_goes_on_after_it_was_killed(tmp_path: Path) -> None:
+    port, database, password = free_port(), tmp_path / "g.sqlite", tmp_path / "password"
+    password.write_text("secret\n", encoding="utf-8")
+    with postgres() as server, Store(database, "boot-1", SteppedClock()) as store:
+        for statement in ("CREATE ROLE guarded LOGIN PASSWORD 'secret'", "CREATE SCHEMA talc AUTHORIZATION guarded"):
+            server.query("postgres", statement)
+        address = f"{server.url(user='guarded')}&sslmode=verify-full&sslrootcert={server.authority}"
+        more = ("--database-password-file", str(password))
+
+        def stored() -> int:
+            if server.query("postgres", "SELECT to_regclass('talc.steps') AS found") == [{"found": None}]:
+                return 0
+            return int(server.query("postgres", "SELECT count(*) AS many FROM talc.steps")[0]["many"])
+
+        async with gateway(port, database):
+            write(store, range(6))
+            process = await start(port, address, *more)
+            await until(lambda: stored() == 6, process)
+            process.kill()
+            await process.communicate()
+            while server.query("postgres", "SELECT pid FROM pg_stat_activity WHERE usename = 'guarded'"):
+                await asyncio.sleep(0.05)
+            write(store, range(6, 12))
+            process = await start(port, address, *more)
+            await until(lambda: stored() == 12, process)
+            process.send_signal(signal.SIGTERM)
+            out, err = await process.communicate()
+    assert process.returncode == 0, err
+    assert re.search(r"(?m)^mill: .*\b6 steps", out.decode())
 
 
 @pytest.mark.parametrize(
