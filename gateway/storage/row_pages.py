@@ -166,23 +166,6 @@ def _step_of(row: Sequence[Any], pause_unknown: bool) -> StoredStep:
     return replace(step, frame=replace(step.frame, pause_unknown=pause_unknown))
 
 
-def _measurements(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
-    found = _select(connection, f"SELECT id, {rows.MEASUREMENT_COLUMNS} FROM measurement", "id", span, limit)
-    cells = [(number, columns.measurement_cells(rows.measurement_of(row))) for number, *row in found]
-    return TableRows(columns.MEASUREMENTS, cells)
-
-
-def _events(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
-    found = _select(connection, f"SELECT id, {rows.EVENT_COLUMNS} FROM event", "id", span, limit)
-    return TableRows(columns.EVENTS, [(number, columns.event_cells(rows.event_of(row))) for number, *row in found])
-
-
-def _compensation(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
-    found = _select(connection, f"SELECT id, {rows.COMPENSATION_COLUMNS} FROM compensation", "id", span, limit)
-    cells = [(number, columns.compensation_cells(rows.compensation_of(row))) for number, *row in found]
-    return TableRows(columns.COMPENSATION, cells)
-
-
 def _models(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
     found = _select(connection, "SELECT id, after_k, fingerprint, models FROM model", "id", span, limit)
     step_s = _step_s(connection)
@@ -190,27 +173,43 @@ def _models(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableR
     return TableRows(columns.MODELS, cells)
 
 
-def _commands(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
-    found = _select(connection, f"SELECT id, {rows.COMMAND_COLUMNS} FROM command", "id", span, limit)
-    cells = [(number, columns.command_cells(rows.command_of(row))) for number, *row in found]
-    return TableRows(columns.COMMANDS, cells)
+_TablePage = Callable[[sqlite3.Connection, RowSpan, int], TableRows]
 
 
-def _runs(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
-    found = _select(connection, f"SELECT number, {rows.RUN_COLUMNS} FROM boot", "number", span, limit)
-    return TableRows(columns.RUNS, [(number, columns.run_cells(rows.run_of(row))) for number, *row in found])
+def _each(
+    table: str, selected: str, kinds: CellKinds, cells: Callable[[Sequence[Any]], Cells], number: str = "id"
+) -> _TablePage:
+    """Of a table in which each row stands for itself. cells: of the selected columns; number: the row's column."""
+
+    def page(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
+        found = _select(connection, f"SELECT {number}, {selected} FROM {table}", number, span, limit)
+        return TableRows(kinds, [(of_row, cells(row)) for of_row, *row in found])
+
+    return page
 
 
-_TABLES: Final[Mapping[str, Callable[[sqlite3.Connection, RowSpan, int], TableRows]]] = {
-    "measurements": _measurements,
+_TABLES: Final[Mapping[str, _TablePage]] = {
+    "measurements": _each(
+        "measurement",
+        rows.MEASUREMENT_COLUMNS,
+        columns.MEASUREMENTS,
+        lambda row: columns.measurement_cells(rows.measurement_of(row)),
+    ),
     "steps": _steps,
     "models": _models,
-    "events": _events,
-    "compensation": _compensation,
+    "events": _each("event", rows.EVENT_COLUMNS, columns.EVENTS, lambda row: columns.event_cells(rows.event_of(row))),
+    "compensation": _each(
+        "compensation",
+        rows.COMPENSATION_COLUMNS,
+        columns.COMPENSATION,
+        lambda row: columns.compensation_cells(rows.compensation_of(row)),
+    ),
     "minutes": _minutes,
     "readings": _readings,
-    "commands": _commands,
-    "runs": _runs,
+    "commands": _each(
+        "command", rows.COMMAND_COLUMNS, columns.COMMANDS, lambda row: columns.command_cells(rows.command_of(row))
+    ),
+    "runs": _each("boot", rows.RUN_COLUMNS, columns.RUNS, lambda row: columns.run_cells(rows.run_of(row)), "number"),
 }
 
 
