@@ -16,7 +16,6 @@ class Connection(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         if isinstance(transport, asyncio.Transport):
             self.transport = transport
-            self.known.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's interface
         self.known.discard(self)
@@ -44,12 +43,17 @@ class LoopbackServer:
         """Stop listening, and disconnect every client."""
         if self._server is None:
             return
+        # asyncio leaves the socket of a client open whose connection it makes after the server was closed.
+        for listening in self._server.sockets:
+            asyncio.get_running_loop().remove_reader(listening.fileno())
+        await asyncio.sleep(0)  # who was accepted by now is a connection after this pass of the loop
         self._server.close()
-        for connection in tuple(self.connections):
-            connection.abort()
+        while self.connections:
+            for connection in tuple(self.connections):
+                connection.abort()
+            await asyncio.sleep(0)
         await self._server.wait_closed()
         self._server = None
-        await asyncio.sleep(0)
 
     def forget(self, forgets: bool) -> None:
         """Present clients, and those that connect until this is called with False, never get another answer."""
@@ -61,4 +65,5 @@ class LoopbackServer:
         connection = self._connect()
         connection.forgotten = self._forgets
         connection.known = self.connections
+        self.connections.add(connection)
         return connection
