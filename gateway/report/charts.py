@@ -17,6 +17,8 @@ _ALIKE = 0.1
 """Of the largest line of a chart: a smaller one has an axis of its own."""
 _MOST_INPUTS = 8
 """Lines in a chart of inputs that can be told apart."""
+_LONGEST_TITLE, _LONGEST_NAME = 34, 23
+"""Characters beside a chart: of its inputs' names, and of one name."""
 DEGREES = "degC"
 
 
@@ -175,9 +177,18 @@ def input_charts(data: ReportData) -> tuple[ChartGroup | None, str]:
         if unit == DEGREES and lines:
             charts.append(Chart("temperatures", "°C", tuple(lines)))
         else:
-            name = "inputs" if data.recorded is not None else "other inputs"
-            charts += [Chart(name, unit, alike) for alike in _of_like_size(lines)]
+            charts += [Chart(_named(alike), unit, alike) for alike in _of_like_size(lines)]
     return (ChartGroup("inputs", "Temperatures and other inputs", tuple(charts)) if charts else None), basis
+
+
+def _named(lines: Sequence[ChartLine]) -> str:
+    """The lines' names, as many as fit beside a chart; its legend has them all."""
+    names = [n if len(n) <= _LONGEST_NAME else n[: _LONGEST_NAME - 1] + "…" for n in (line.label for line in lines)]
+    for fit in range(len(names), 1, -1):
+        title = ", ".join(names[:fit]) + (f" and {len(names) - fit} more" if fit < len(names) else "")
+        if len(title) <= _LONGEST_TITLE:
+            return title
+    return names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
 
 def _of_like_size(lines: Sequence[ChartLine]) -> Iterator[tuple[ChartLine, ...]]:

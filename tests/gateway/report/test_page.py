@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from datetime import UTC, datetime, time
 from html.parser import HTMLParser
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -62,6 +63,13 @@ def read(page: str) -> StrictHtmlReader:
     return reader
 
 
+def series_of(page: str) -> dict[str, Any]:
+    """What the script draws."""
+    found = re.search(r'<script type="application/json" id="series">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return dict(json.loads(found[1]))
+
+
 @pytest.fixture(scope="module")
 def page() -> str:
     moved = np.zeros((9, 3))
@@ -96,9 +104,7 @@ def test_every_chart_is_a_picture_with_text_too_for_readers_without_a_script(pag
 
 
 def test_the_scripts_charts_hold_the_numbers(page: str) -> None:
-    found = re.search(r'<script type="application/json" id="series">(.*?)</script>', page, re.DOTALL)
-    assert found is not None
-    series = json.loads(found[1])
+    series = series_of(page)
     assert series["start"] == START
     assert series["zone"] == "Europe/Zurich"
     left = next(line for line in series["groups"]["tool"][2]["lines"] if line["label"] == "left")
@@ -110,10 +116,24 @@ def test_a_speed_does_not_flatten_temperatures_of_unknown_unit() -> None:
     run = small_run()
     inputs = np.column_stack([np.linspace(20.0, 24.0, 48), np.linspace(0.0, 5000.0, 48), np.linspace(30.0, 31.0, 48)])
     page = build(replace(run, inputs=inputs, input_units=("", "", "")))
-    found = re.search(r'<script type="application/json" id="series">(.*?)</script>', page, re.DOTALL)
-    assert found is not None
-    charts = json.loads(found[1])["groups"]["inputs"]
+    charts = series_of(page)["groups"]["inputs"]
     assert [{line["label"] for line in chart["lines"]} for chart in charts] == [{"rear"}, {"front", "speed"}]
+
+
+@pytest.mark.parametrize(
+    ("names", "title"),
+    [
+        (("spindle speed", "rear", "Y"), "spindle speed, rear, Y"),
+        (("spindle speed", "X speed", "Y speed of it"), "spindle speed, X speed and 1 more"),
+        (("speed of the spindle", "speed of X", "Y"), "speed of the spindle and 2 more"),
+        (("current of the main coolant pump", "rear", "Y"), "current of the main co…, rear, Y"),
+    ],
+)
+def test_a_chart_of_inputs_is_titled_with_their_names(names: tuple[str, ...], title: str) -> None:
+    alike = np.column_stack([np.linspace(10.0 * i, 100.0, 48) for i in (1, 2, 3)])
+    page = build(replace(small_run(), inputs=alike, input_names=names, input_units=("", "", "")))
+    assert [chart["title"] for chart in series_of(page)["groups"]["inputs"]] == [title]
+    assert f">{title}</text>" in page
 
 
 def test_each_error_is_drawn_and_explained(page: str) -> None:

@@ -1,0 +1,68 @@
+"""A page on paper: Chromium's PDF of it, and the words on each sheet with their places (poppler)."""
+
+import html
+import re
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+from playwright.sync_api import Page
+
+_SHEET = re.compile(r'<page width="([\d.]+)" height="([\d.]+)">(.*?)</page>', re.DOTALL)
+_WORD = re.compile(r'<word xMin="([-\d.]+)" yMin="([-\d.]+)" xMax="([-\d.]+)" yMax="([-\d.]+)">(.*?)</word>')
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedWord:
+    """Its text and its box from the sheet's upper left corner, points of 1/72 inch."""
+
+    text: str
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """One printed page."""
+
+    width: float
+    height: float
+    words: tuple[PrintedWord, ...]
+
+    @property
+    def text(self) -> str:
+        """Its words in their order, without spaces."""
+        return "".join(word.text for word in self.words)
+
+    def last_line(self) -> str:
+        """The lowest words, without spaces."""
+        lowest = max(word.bottom for word in self.words)
+        return "".join(word.text for word in self.words if word.bottom > lowest - 2.0)
+
+
+def printed(page: Page, folder: Path, paper: str) -> list[Sheet]:
+    """Print what the browser shows, as a person does: without backgrounds.
+
+    paper: its format, such as A4 or Letter
+    """
+    file = folder / "page.pdf"
+    page.pdf(path=file, format=paper, print_background=False)
+    told = subprocess.run(["pdftotext", "-bbox", file, "-"], check=True, capture_output=True, text=True).stdout
+    return [
+        Sheet(
+            float(width),
+            float(height),
+            tuple(
+                PrintedWord(html.unescape(word), float(left), float(top), float(right), float(bottom))
+                for left, top, right, bottom, word in _WORD.findall(content)
+            ),
+        )
+        for width, height, content in _SHEET.findall(told)
+    ]
+
+
+def squeezed(text: str) -> str:
+    """Without spaces, as `Sheet.text`."""
+    return "".join(text.split())
