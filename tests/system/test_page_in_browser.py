@@ -11,7 +11,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, Response, expect
+from playwright.sync_api import Page, Response, Route, expect
 
 from gateway.passwords import make_hash
 from tests.benches.npm_peer import PEERS, node_with
@@ -312,3 +312,71 @@ def test_a_user_with_a_key_gives_commands_after_a_second_confirmation(tmp_path: 
             page.keyboard.press("Escape")
             gateway.kill()
             expect(page.locator("#commands")).to_be_hidden()
+
+
+_NOTE_SHIFTS = """() => {
+  window.shifts = [];
+  const take = (list) => list.forEach((e) => {
+    window.shifts.push([e.value, e.sources.map(({ node }) => node && (node.id || node.textContent))]);
+  });
+  window.watcher = new PerformanceObserver((list) => take(list.getEntries()));
+  window.watcher.observe({ type: "layout-shift", buffered: true });
+  window.takeShifts = () => { take(window.watcher.takeRecords()); return window.shifts.splice(0); };
+}"""
+"""Chromium's own measure: what is seen at another place than in the frame before, since the page was opened."""
+_TWO_FRAMES = (
+    "() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(drawn))))"
+)
+
+
+def shifts(page: Page) -> object:
+    """What has moved since it was last asked."""
+    page.evaluate(_TWO_FRAMES)
+    return page.evaluate("window.takeShifts()")
+
+
+def top_of(page: Page, selector: str) -> float:
+    return float(page.evaluate("(of) => document.querySelector(of).getBoundingClientRect().top + scrollY", selector))
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_nothing_moves_while_the_page_and_its_weekly_tables_arrive(settings: Path, width: int, height: int) -> None:
+    with page_rig() as rig:
+        started(rig, settings)
+        with rig.page("/?all=1", width, height) as page:
+            held = list[Route]()
+            for address in ("**/scatter/*", "**/sensitivity/*"):
+                page.route(address, lambda route: held.append(route))
+            with page.expect_request("**/scatter/*"), page.expect_request("**/sensitivity/*"):
+                page.goto(rig.address.rstrip("/") + "/machine/mill")
+            expect(page.locator("#axes .u-over")).to_have_count(3)
+            page.evaluate(_NOTE_SHIFTS)
+            assert shifts(page) == [], "while the page was opened"
+            page.evaluate("document.getElementById('health-title').scrollIntoView()")
+            shifts(page)
+            below = top_of(page, "#events-title")
+            for each in held:
+                each.continue_()
+            expect(page.locator("#weeks tbody tr").first).to_be_visible()
+            expect(page.locator("#sensitivity tbody tr").first).to_be_attached()
+            assert shifts(page) == []
+            assert top_of(page, "#events-title") == below
+
+
+def test_what_comes_and_goes_with_a_measurement_moves_nothing_below_it(settings: Path) -> None:
+    with page_rig() as rig:
+        gateway = started(rig, settings)
+        with rig.page("/machine/mill", 390, 844) as page:
+            waits = page.locator("#waits")
+            for reason in ("the door is open", ""):
+                gateway.say(
+                    "probing " + json.dumps({"reason": reason, "operator": reason, "rejected": 3 * bool(reason)})
+                )
+                if reason:
+                    expect(waits).to_contain_text(reason)
+                    below = top_of(page, "#heat-title")
+            expect(waits).not_to_contain_text("the door is open")
+            assert top_of(page, "#heat-title") == below
+            page.set_viewport_size({"width": 1400, "height": 900})
+            page.evaluate(_TWO_FRAMES)
+            assert page.evaluate("document.getElementById('ready').offsetHeight") < 400, "not that of the phone"

@@ -16,7 +16,6 @@ const fetchPast = async (from, to) => {
   if (own !== asking) return null;
   const found = answer && answer.ok ? await answer.json() : null;
   const why = answer ? answer.ok ? "" : await answer.text() : word("word.lost");
-  $("past-problem").hidden = !why;
   put($("past-problem"), why ? word("chart.no_past").replace("{at}", time(to * 1e3)).replace("{why}", why) : "");
   return found;
 };

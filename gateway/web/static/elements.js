@@ -33,3 +33,15 @@ export const rows = (list) => list.map((row) => {
   each.append(make("dt", word(row.label)), value);
   return each;
 });
+
+// A part that has grown keeps its height: what comes and goes with each measurement would push the parts below about.
+export const keepHeights = (parts) => {
+  const kept = new ResizeObserver((all) => all.forEach(({ target }) => { target.style.minHeight = `${target.offsetHeight}px`; }));
+  let width = innerWidth;
+  addEventListener("resize", () => {
+    if (innerWidth === width) return;
+    width = innerWidth;
+    parts.forEach((part) => { part.style.minHeight = ""; });
+  });
+  parts.forEach((part) => kept.observe(part));
+};

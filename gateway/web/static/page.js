@@ -2,7 +2,7 @@
 import { forgetCourse, readyCharts, showCourse } from "./charts.js";
 import { machine, query, readyChoice } from "./choice.js";
 import { hideCommands, readyCommands, showCommands } from "./commands.js";
-import { $, draw, make, paint, put, say } from "./elements.js";
+import { $, draw, keepHeights, make, paint, put, say } from "./elements.js";
 import { readyDay, showMachine } from "./machine.js";
 import { showSensitivity } from "./sensitivity.js";
 import { readyTables, showWeeks, takeCorrections, takeEvents } from "./tables.js";
@@ -10,12 +10,15 @@ import { time, word } from "./words.js";
 
 const SILENT_MS = 7000;
 let latest = null, heardMs = performance.now(), lost = false;
+// Until all of it is there, nothing of it: what came piece by piece would push the rest about.
+const showAll = () => document.body.classList.remove("waiting");
 const loseOrFind = (gone) => {
   if (gone === lost) return;
   lost = gone;
   document.body.classList.toggle("past", lost || (latest !== null && latest.alive === false));
   $("lost").hidden = !lost;
   if (lost) {
+    showAll();
     hideCommands();
     $("lost").textContent = word("page.no_server").replace("{at}", latest ? time(latest.shownAt) : "–");
     if (machine) { paint($("ready"), "grey"); put($("word"), word("word.lost")); }
@@ -53,11 +56,11 @@ const listen = () => {
     if (show) show(JSON.parse(event.data));
   });
   on("tick");
-  on("list", showList);
+  on("list", (list) => { showAll(); showList(list); });
   on("view", showView);
   on("events", takeEvents);
   on("corrections", takeCorrections);
-  on("course", showCourse);
+  on("course", (course) => { showAll(); showCourse(course); });
   stream.onerror = () => {
     loseOrFind(true);
     if (stream.readyState === EventSource.CLOSED) setTimeout(listen, 3000);
@@ -71,6 +74,7 @@ if (machine) {
   readyTables();
   readyDay(() => latest);
   readyCharts();
+  keepHeights(document.querySelectorAll(".kept"));
   const answers = () => !lost && latest && latest.alive && latest.gateway_time;
   showWeeks(answers);
   showSensitivity(answers);
