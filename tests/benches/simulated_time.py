@@ -2,7 +2,7 @@
 
 A test marked `simulated_time` runs on it, fixtures included, with the real event loop, threads, sockets and
 pseudo-terminals. Work takes no time, however slow or busy the computer is; waiting takes none of the computer's. It is
-for what stays within this process: another process would not wait for it.
+for what stays within this process: another process would not wait for it, unless time is held while it works.
 """
 
 import ctypes
@@ -43,6 +43,17 @@ def real_monotonic_s() -> float:
 def jump_wall_clock(seconds: int) -> None:
     """Set the wall clock of this process, s ahead; the monotonic clock stays. Within simulated time."""
     _library().jump_simulated_wall_clock(ctypes.c_long(seconds))
+
+
+@contextmanager
+def held_time() -> Iterator[None]:
+    """Inside, simulated time stands still although everybody sleeps, as while another process works."""
+    hold = _library().hold_simulated_time
+    hold(1)
+    try:
+        yield
+    finally:
+        hold(-1)
 
 
 @contextmanager

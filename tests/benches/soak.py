@@ -19,19 +19,22 @@ import sys
 import tempfile
 import threading
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
-from contextlib import AbstractContextManager, asynccontextmanager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, asynccontextmanager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
+from gateway.apart import apart
 from gateway.cli.memory import give_back_large_blocks
 from gateway.cli.running import serve
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, load
+from gateway.control import sensor_watch, trainer
 from gateway.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
 from simulators.clock import SharedClock
 from talc.frame import EventKind, FloatArray
@@ -39,13 +42,17 @@ from tests.benches.faulty_machine import faulty_machine
 from tests.benches.free_port import free_port
 from tests.benches.processes import children
 from tests.benches.rare_looks import rare_looks
-from tests.benches.simulated_time import real_monotonic_s, simulated_time
+from tests.benches.simulated_time import held_time, real_monotonic_s, simulated_time
 from tests.benches.soak_judged import HeldNow, SoakResult, SoakRun, SoakSeen, judged
 
 AS_ON_A_MACHINE = (("= 100.0", "= 1.0"), ("= 30.0 ", "= 1.0 "), ("watchdog_s = 3600.0", "watchdog_s = 10.0"))
 """The periods of the bench's configuration, and those of a machine."""
-ON_SIMULATED_TIME = (("[telemetry]", "[telemetry]\nenabled = false"), ("timeout_s = 2.0", "timeout_s = 30.0"))
-"""Telemetry's threads would not wait for it. OPC UA's client asks as often as that whether the control is there."""
+ON_SIMULATED_TIME = (
+    ("[telemetry]", "[telemetry]\nenabled = false"),  # its threads would not wait for it
+    ("timeout_s = 2.0", "timeout_s = 100.0"),  # OPC UA's client asks as often as that whether the control is there
+    ("= 30.0 ", "= 100.0 "),  # the control as often as the buses: most of the work is that of its emulation
+    ("slew_um_per_s = 1.0", "slew_um_per_s = 0.3"),  # 30 µm in a period, as before
+)
 SHORTEST_RUN_S = 1800.0
 LOOK_S = 600.0
 """How often the computer's own time is looked at, simulated s."""
@@ -101,6 +108,14 @@ async def _machine_apart(folder: Path, epoch: datetime, plan: SoakPlan) -> Async
         process.stdin.close()
         await asyncio.wait_for(process.wait(), 120.0)
         clock.close()
+
+
+@asynccontextmanager
+async def _machine_here(folder: Path, clock: SoakClock, plan: SoakPlan) -> AsyncIterator[dict[str, int]]:
+    """The emulated machine in this process; as this configuration asks rarely, so do the libraries within."""
+    with rare_looks():
+        async with faulty_machine(folder, clock, plan.seed, plan.days * 24.0, plan.pause_s) as ports:
+            yield ports
 
 
 def config(folder: Path, ports: dict[str, int], *, real: bool) -> GatewayConfig:
@@ -185,11 +200,7 @@ async def soaked(
     """
     random, clock, seen = np.random.default_rng(plan.seed), SoakClock(), SoakSeen()
     epoch, total_s, began_s = clock.utc(), plan.days * 86400.0, real_monotonic_s()
-    whole = (
-        _machine_apart(folder, epoch, plan)
-        if real
-        else faulty_machine(folder, clock, plan.seed, plan.days * 24.0, plan.pause_s)
-    )
+    whole = _machine_apart(folder, epoch, plan) if real else _machine_here(folder, clock, plan)
     async with whole as ports:
         settings = config(folder, ports, real=real)
         watching = Watching(seen, clock, settings.grid.step_s)
@@ -249,9 +260,18 @@ def table(found: SoakResult) -> str:
     return "\n".join(lines)
 
 
+async def _apart_while_time_stands(work: Callable[..., Any], *given: Any, **named: Any) -> Any:
+    with held_time():
+        return await apart(work, *given, **named)
+
+
 @contextmanager
-def _fast() -> Iterator[None]:
-    with rare_looks(), simulated_time():
+def fast_forward() -> Iterator[None]:
+    """Inside, simulated time, which waits for the processes that learn."""
+    with ExitStack() as stack:
+        for module in (sensor_watch, trainer):
+            stack.enter_context(patch.object(module, "apart", _apart_while_time_stands))
+        stack.enter_context(simulated_time())
         yield
 
 
@@ -272,7 +292,7 @@ def main() -> None:
     plan = SoakPlan(given.days, given.seed, given.pause, given.run, 60.0 * given.minutes)
     logging.disable(logging.CRITICAL)
     give_back_large_blocks()  # as `run` does
-    pace: AbstractContextManager[None] = nullcontext() if given.real else _fast()
+    pace: AbstractContextManager[None] = nullcontext() if given.real else fast_forward()
     with tempfile.TemporaryDirectory() as name, pace:
         folder = given.folder or Path(name)
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,16 +1,25 @@
-"""Hours of random faults and restarts; and that the soak excuses no alarm that a fault does not explain.
+"""Hours of random faults and restarts; what takes no simulated time; and what the soak does not excuse.
 
 More of it by `python -m tests.benches.soak`.
 """
 
+import asyncio
 import logging
 import re
+import sys
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from talc.frame import EventKind
-from tests.benches.soak import SoakPlan, soaked, table
+from gateway.control import SensorWatch
+from gateway.events import EventReported, GatewayEvent, SensorsJudged
+from talc.frame import EventKind, Frame
+from talc.settings import SensorCheckSettings
+from tests.benches.plant_days import NAMES, plant_days
+from tests.benches.simulated_time import held_time, simulated_time
+from tests.benches.soak import RightClock, SoakPlan, fast_forward, soaked, table
 from tests.benches.soak_judged import Alarm, SoakFault, false_alarms, reported
 
 WORDS = {
@@ -30,11 +39,52 @@ def ended(at_s: float, text: str = "device rtd1: answers again") -> Alarm:
 
 
 @pytest.mark.slow
-@pytest.mark.simulated_time
-async def test_hours_of_faults_and_restarts(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_hours_of_faults_and_restarts(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)  # pytest keeps every record
-    found = await soaked(tmp_path, SoakPlan(days=0.1, seed=3, pause_s=1200.0, run_s=2400.0))
+    with fast_forward():
+        found = asyncio.run(soaked(tmp_path, SoakPlan(days=0.1, seed=3, pause_s=1200.0, run_s=2400.0)))
     assert found.good, table(found)
+
+
+def test_held_time_does_not_pass_while_another_process_works() -> None:
+    async def waited_s() -> float:
+        begin_s, passed = time.monotonic(), asyncio.Event()
+        later = asyncio.get_running_loop().call_later(7200.0, passed.set)
+        with held_time():
+            process = await asyncio.create_subprocess_exec(sys.executable, "-c", "sum(range(10_000_000))")
+            assert await process.wait() == 0
+        waited = time.monotonic() - begin_s
+        assert not passed.is_set()
+        later.cancel()
+        return waited
+
+    with simulated_time():
+        assert asyncio.run(waited_s()) < 1.0
+
+
+def test_a_soak_waits_for_the_process_that_learns_the_sensors() -> None:
+    """Else a simulated hour passes in a second, and the gateway says that the process did not end within it."""
+    events: list[GatewayEvent] = []
+    x = plant_days(1)
+    names = tuple(NAMES)
+
+    async def learnt() -> float:
+        watch = SensorWatch(names, SensorCheckSettings(), lambda _: True, events.append, RightClock())
+        for k, row in enumerate(x):
+            watch.frame(Frame(k, row, np.ones(len(names), dtype=np.bool_)))
+        begin_s = time.monotonic()
+        later = asyncio.get_running_loop().call_later(4000.0, lambda: None)
+        await watch.look()
+        await watch.look()
+        later.cancel()
+        return time.monotonic() - begin_s
+
+    with fast_forward():
+        took_s = asyncio.run(learnt())
+    assert took_s < 1.0
+    assert [type(event) for event in events] == [SensorsJudged], [
+        event.event.text for event in events if isinstance(event, EventReported)
+    ]
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,7 @@ constexpr long rest_ns = 30'000, longest_rest_ns = 240'000;  // real time betwee
 std::atomic<Nanoseconds> simulated{0}, wall_offset{0};
 std::atomic<uint64_t> waits{0};  // that began or ended
 std::atomic<int> for_the_lock{0};  // threads that wait for Python's interpreter lock
+std::atomic<int> holds{0};  // of who waits for something that time must not pass for, such as another process
 
 // ---- Waits ----
 
@@ -312,7 +313,7 @@ void* govern(void*) {
     if (!threads.all_sleep()) continue;
     if (!wires_are_quiet() || !threads.all_sleep()) continue;
     std::lock_guard lock(guard);
-    if (waits != before || for_the_lock != 0) continue;
+    if (waits != before || for_the_lock != 0 || holds != 0) continue;
     if (std::any_of(waiting.begin(), waiting.end(), [](const Wait* wait) { return ended(*wait); })) {
       if (before != waits_then) waits_then = before, missing.appears();
       if (!missing.lost()) continue;  // later: somebody closed what this thread still waits for
@@ -336,6 +337,8 @@ extern "C" {
 double real_monotonic_s() { return real(CLOCK_MONOTONIC) * 1e-9; }
 
 uint64_t steps_of_simulated_time() { return steps; }
+
+void hold_simulated_time(int more) { holds += more, ++waits; }
 
 void jump_simulated_wall_clock(long seconds) { wall_offset += seconds * second; }
 
