@@ -125,17 +125,17 @@ class _Inbox:
             self.check()
             if timeout_s <= 0:
                 raise TimeoutError
-            self._waiter = asyncio.get_running_loop().create_future()
+            loop = asyncio.get_running_loop()
+            self._waiter = loop.create_future()
+            end = loop.call_later(timeout_s, self._wake)
             try:
-                async with asyncio.timeout(timeout_s):
-                    await self._waiter
-            except TimeoutError:
-                if not self._bytes:  # otherwise they came in time, but the event loop was too busy to process them
-                    raise
+                await self._waiter
             finally:
+                end.cancel()
                 self._waiter = None
-            if not self._bytes:
+            if not self._bytes:  # bytes count if they came in time, even if the event loop was too busy to see them
                 self.check()
+                raise TimeoutError
         data = bytes(self._bytes)
         self._bytes.clear()
         return data

@@ -9,21 +9,20 @@ import asyncio
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from math import inf
+from math import inf, isinf
 
 from pymodbus.exceptions import ModbusException
-from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer
 from drivers.byte_stream import ByteStream, StreamBus, TcpStream
-from drivers.modbus.frames import TCP_HEADER, find_tcp_answer, fits, request_pdu, tcp_messages
+from drivers.modbus.frames import RESPONSES, TCP_HEADER, find_tcp_answer, fits, request_pdu, tcp_messages
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.modbus.refusals import refusal
 from drivers.modbus.settings import ModbusTcpSettings
 from drivers.patience import Patience
 from drivers.tap import Tap
 
-_DECODER = DecodePDU(False)
 _SHORTEST_S = 0.03
 """A request that must be answered sooner than this is not sent: its answer would disturb the next period."""
 _MOST_HEARD = 4096
@@ -56,7 +55,7 @@ class ModbusBus(StreamBus, ABC):
     @property
     def left_s(self) -> float:
         """How long a request may wait until the limit."""
-        return self._until_s - asyncio.get_running_loop().time()
+        return inf if isinf(self._until_s) else self._until_s - asyncio.get_running_loop().time()
 
     async def read(self, device: str, unit: int, block: Block, *, again: bool = False) -> tuple[int, ...]:
         """Registers (0..65535) or bits (0, 1) of one block.
@@ -205,9 +204,10 @@ def _any_answer(heard: bytearray, numbers: Iterable[int]) -> tuple[int, int, byt
 def decode_pdu(message: bytes, bus: str, device: str) -> ModbusPDU:
     """The answer, from its function code and data. Raises BadAnswer."""
     try:
-        pdu = _DECODER.decode(message)
+        # Not by pymodbus' DecodePDU, which writes each answer as text for its log, whatever is logged.
+        refused, function = message[0] & 0x80, message[0] & 0x7F
+        pdu = ExceptionResponse(function) if refused else RESPONSES[function]()
+        pdu.decode(message[1:])
     except (ModbusException, ValueError, struct.error, IndexError) as error:
         raise BadAnswer(f"cannot be decoded: {error}: {message.hex(' ')}", bus=bus, device=device) from error
-    if pdu is None:
-        raise BadAnswer(f"cannot be decoded: {message.hex(' ')}", bus=bus, device=device)
     return pdu

@@ -81,7 +81,8 @@ class RtuFramedBus(ModbusBus):
     async def _request(self, device: str, unit: int, block: Block, like: Block) -> ModbusPDU:
         """Send the request and wait about as long as the unit usually takes for the one that it is like."""
         loop = asyncio.get_running_loop()
-        await asyncio.sleep(self._quiet_since + self._gap_s - loop.time())
+        if (gap_s := self._quiet_since + self._gap_s - loop.time()) > 0:
+            await asyncio.sleep(gap_s)
         self._note(self._stream.discard())
         self._strangers.asked(unit, block)
         asked = self._unanswered.asked(unit, block)

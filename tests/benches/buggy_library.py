@@ -1,7 +1,12 @@
 """A library with a bug: it raises what nobody expects of it."""
 
 import pytest
-from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.pdu.bit_message import ReadCoilsResponse
+from pymodbus.pdu.register_message import ReadHoldingRegistersResponse
+
+_RESPONSES = (ReadCoilsResponse, ReadHoldingRegistersResponse, ExceptionResponse)
+"""To functions 1 and 2, to 3 and 4, and to any."""
 
 
 class BuggyDecoder:
@@ -9,12 +14,16 @@ class BuggyDecoder:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
         self.failures = failures
-        decode = DecodePDU.decode
+        for response in _RESPONSES:
+            self._break(monkeypatch, response)
 
-        def buggy(decoder: DecodePDU, frame: bytes) -> ModbusPDU | None:
+    def _break(self, monkeypatch: pytest.MonkeyPatch, response: type[ModbusPDU]) -> None:
+        decode = response.decode
+
+        def buggy(pdu: ModbusPDU, data: bytes) -> None:
             if self.failures:
                 self.failures -= 1
                 raise KeyError("no such key")
-            return decode(decoder, frame)
+            decode(pdu, data)
 
-        monkeypatch.setattr(DecodePDU, "decode", buggy)
+        monkeypatch.setattr(response, "decode", buggy)
