@@ -4,6 +4,8 @@ import threading
 from collections import deque
 from typing import NamedTuple
 
+_MOST_AT_ONCE = 200
+
 
 class Outgoing(NamedTuple):
     """One message."""
@@ -19,13 +21,17 @@ class Backlog:
     When there are too many messages that may be lost, the oldest of them is dropped. Those that must arrive stay
     longer; beyond their bounds the oldest is dropped too: the store has them all, and a gap in `seq` shows it.
 
+    Messages that may be lost leave together: to send one alone costs four times as much as to send it among fifty.
+
     Parameters
     ----------
     most_loose: messages that may be lost
     most_firm, most_firm_bytes: messages that must arrive, and their size
+    gather_s: how long a message that may be lost waits for others, unless one that must arrive follows it, real seconds
     """
 
-    def __init__(self, most_loose: int, most_firm: int, most_firm_bytes: int) -> None:
+    def __init__(self, most_loose: int, most_firm: int, most_firm_bytes: int, gather_s: float) -> None:
+        self._gather_s = gather_s
         self._changed = threading.Condition()
         self._loose, self._firm = deque[Outgoing](), deque[Outgoing]()
         self._most_loose, self._most_firm, self._most_firm_bytes = most_loose, most_firm, most_firm_bytes
@@ -49,20 +55,25 @@ class Backlog:
                 if len(self._loose) > self._most_loose:
                     self._loose.popleft()
                     self.dropped_loose += 1
-            self._changed.notify()
+            if firm or len(self._loose) in (1, _MOST_AT_ONCE):  # in between `take` gathers
+                self._changed.notify()
 
-    def take(self) -> tuple[str, bytes] | None:
-        """The oldest; waits for one. None: it was closed and is empty."""
+    def take(self) -> list[tuple[str, bytes]]:
+        """The oldest, in order; waits for one, and then for those that follow it soon. Empty: it was closed and is."""
         with self._changed:
             self._changed.wait_for(lambda: self._loose or self._firm or self._closed)
-            if not (self._loose or self._firm):
-                return None
-            if self._firm and not (self._loose and self._loose[0].number < self._firm[0].number):
-                first = self._firm.popleft()
-                self._firm_bytes -= len(first.payload)
-            else:
-                first = self._loose.popleft()
-            return first.suffix, first.payload
+            self._changed.wait_for(
+                lambda: self._firm or self._closed or len(self._loose) >= _MOST_AT_ONCE, self._gather_s
+            )
+            return [self._oldest() for _ in range(min(_MOST_AT_ONCE, len(self._loose) + len(self._firm)))]
+
+    def _oldest(self) -> tuple[str, bytes]:
+        if self._firm and not (self._loose and self._loose[0].number < self._firm[0].number):
+            first = self._firm.popleft()
+            self._firm_bytes -= len(first.payload)
+        else:
+            first = self._loose.popleft()
+        return first.suffix, first.payload
 
     def close(self) -> None:
         """`take` ends when nothing is left."""

@@ -110,7 +110,9 @@ class Composer:
         match event:
             case ReadingsTaken(readings):
                 now_s = self._clock.monotonic()
-                return [(f"{keys.READING}/{r.channel}", _reading(self._stamp(), r, now_s)) for r in readings]
+                stamps = self._stamps(len(readings))
+                named = zip(stamps, readings, strict=True)
+                return [(f"{keys.READING}/{r.channel}", _reading(stamp, r, now_s)) for stamp, r in named]
             case FrameMade(frame):
                 return [(keys.FRAME, _frame(self._stamp(), frame, self._names))]
             case DecisionMade(decision):
@@ -178,9 +180,14 @@ class Composer:
         return keys.STATUS, message if health is None else _with_health(message, health)
 
     def _stamp(self) -> _Stamp:
-        self._sequence += 1
+        return self._stamps(1)[0]
+
+    def _stamps(self, count: int) -> list[_Stamp]:
+        """Of messages that are published together."""
+        first, self._sequence = self._sequence + 1, self._sequence + count
         state = "simulated" if self._simulated else "system" if self.clock_known() else "unsynchronised"
-        return _Stamp(self._boot, self._sequence, self._clock.utc().isoformat(), state)
+        time = self._clock.utc().isoformat()
+        return [_Stamp(self._boot, number, time, state) for number in range(first, first + count)]
 
 
 def _reading(stamp: _Stamp, r: Sample, now_s: float) -> ReadingMessage:

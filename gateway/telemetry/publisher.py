@@ -45,6 +45,8 @@ log = logging.getLogger(__name__)
 _MOST_LOOSE = 5000
 _MOST_FIRM, _MOST_FIRM_BYTES = 20_000, 32_000_000
 """A day of frames, decisions and events; a subscriber that stalls for longer misses the oldest."""
+_GATHER_S = 0.05
+"""How long a reading waits for others to leave with it."""
 _JSON = zenoh.Encoding.APPLICATION_JSON
 _MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODEL, keys.EVENT, keys.PROBING})
 """Kinds for which a slow subscriber makes the publishing thread wait instead of losing a sample."""
@@ -97,7 +99,7 @@ class TelemetryPublisher:
     ) -> None:
         self._settings, self._root = settings, keys.root(settings.prefix, machine)
         self._composer = Composer(boot, input_names, clock, simulated=simulated)
-        self._backlog = Backlog(_MOST_LOOSE, _MOST_FIRM, _MOST_FIRM_BYTES)
+        self._backlog = Backlog(_MOST_LOOSE, _MOST_FIRM, _MOST_FIRM_BYTES, _GATHER_S)
         self._outlook: Outlook | None = None
         self._storage: StoreHealth | None = None
         self._health: Health | None = None
@@ -236,20 +238,21 @@ class TelemetryPublisher:
 
     def _put(self, keyed: Keyed) -> None:
         suffix, message = keyed
-        self._backlog.put(suffix, encode(message), firm=keys.kind_of(suffix) in _MUST_ARRIVE)
+        payload = encode(message)
+        with self._last_lock:
+            self._last[suffix] = payload
+        self._backlog.put(suffix, payload, firm=keys.kind_of(suffix) in _MUST_ARRIVE)
 
     def _send(self) -> None:
         session = self._session
-        while session is not None and (item := self._backlog.take()) is not None:
-            suffix, payload = item
-            must = keys.kind_of(suffix) in _MUST_ARRIVE
-            control = zenoh.CongestionControl.BLOCK if must else zenoh.CongestionControl.DROP
-            with self._last_lock:
-                self._last[suffix] = payload
-            try:
-                session.put(f"{self._root}/{suffix}", payload, encoding=_JSON, congestion_control=control)
-            except zenoh.ZError as error:
-                log.warning("telemetry: %s was not published: %s", suffix, error)
+        while session is not None and (messages := self._backlog.take()):
+            for suffix, payload in messages:
+                must = keys.kind_of(suffix) in _MUST_ARRIVE
+                control = zenoh.CongestionControl.BLOCK if must else zenoh.CongestionControl.DROP
+                try:
+                    session.put(f"{self._root}/{suffix}", payload, encoding=_JSON, congestion_control=control)
+                except zenoh.ZError as error:
+                    log.warning("telemetry: %s was not published: %s", suffix, error)
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every requested key, or with schemas; called in one of Zenoh's threads."""

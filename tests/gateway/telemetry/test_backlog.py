@@ -17,13 +17,13 @@ ROOT = Path(__file__).parents[3]
 def drained(backlog: Backlog) -> list[str]:
     backlog.close()
     found = []
-    while (item := backlog.take()) is not None:
-        found.append(item[0])
+    while messages := backlog.take():
+        found += [suffix for suffix, _ in messages]
     return found
 
 
 def test_messages_leave_in_the_order_in_which_they_came() -> None:
-    backlog = Backlog(10, 10, 1000)
+    backlog = Backlog(10, 10, 1000, 0.0)
     for number in range(8):
         backlog.put(f"m{number}", b"x", firm=number % 3 == 0)
     assert drained(backlog) == [f"m{number}" for number in range(8)]
@@ -31,7 +31,7 @@ def test_messages_leave_in_the_order_in_which_they_came() -> None:
 
 
 def test_of_too_many_the_oldest_that_may_be_lost_go_and_none_of_the_others() -> None:
-    backlog = Backlog(3, 10, 1000)
+    backlog = Backlog(3, 10, 1000, 0.0)
     for number in range(10):
         backlog.put(f"loose{number}", b"x" * 200, firm=False)
         if number % 2 == 0:
@@ -42,7 +42,7 @@ def test_of_too_many_the_oldest_that_may_be_lost_go_and_none_of_the_others() -> 
 
 @pytest.mark.parametrize(("most", "most_bytes"), [(4, 1000), (100, 40)])
 def test_what_must_arrive_is_bounded_in_number_and_size_and_the_newest_stay(most: int, most_bytes: int) -> None:
-    backlog = Backlog(3, most, most_bytes)
+    backlog = Backlog(3, most, most_bytes, 0.0)
     for number in range(1000):
         backlog.put(f"firm{number}", b"x" * 10, firm=True)
     assert backlog.dropped_firm == 996
@@ -50,11 +50,11 @@ def test_what_must_arrive_is_bounded_in_number_and_size_and_the_newest_stay(most
 
 
 def test_who_takes_waits_for_the_next_and_ends_with_the_last() -> None:
-    backlog, found = Backlog(3, 3, 100), list[str]()
+    backlog, found = Backlog(3, 3, 100, 0.0), list[str]()
 
     def take() -> None:
-        while (item := backlog.take()) is not None:
-            found.append(item[0])
+        while messages := backlog.take():
+            found.extend(suffix for suffix, _ in messages)
 
     thread = threading.Thread(target=take)
     thread.start()
@@ -64,6 +64,31 @@ def test_who_takes_waits_for_the_next_and_ends_with_the_last() -> None:
     thread.join(60.0)
     assert not thread.is_alive()
     assert found == ["a", "b"]
+
+
+def test_what_may_be_lost_leaves_together_and_at_once_when_something_must_arrive() -> None:
+    backlog, found, took = Backlog(300, 3, 100, 3600.0), list[list[str]](), threading.Semaphore(0)
+
+    def take() -> None:
+        while messages := backlog.take():
+            found.append([suffix for suffix, _ in messages])
+            took.release()
+
+    thread = threading.Thread(target=take)
+    thread.start()
+    for name in ("a", "b", "c"):
+        backlog.put(name, b"x", firm=False)
+    backlog.put("must", b"x", firm=True)
+    assert took.acquire(timeout=60.0)
+    many = [f"n{number}" for number in range(200)]
+    for name in many:
+        backlog.put(name, b"x", firm=False)
+    assert took.acquire(timeout=60.0)
+    backlog.put("last", b"x", firm=False)
+    backlog.close()
+    thread.join(60.0)
+    assert not thread.is_alive()
+    assert found == [["a", "b", "c", "must"], many, ["last"]]
 
 
 def largest_mb(process: int) -> float:
