@@ -5,7 +5,8 @@ import logging
 from pathlib import Path
 
 from drivers.base import DriverError
-from gateway.acquisition import ReloadError
+from gateway.acquisition import ReloadError, lines_of
+from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, load
 from gateway.service import Service
 
@@ -38,7 +39,7 @@ class Reloading:
         if self._asked.is_set() or self._applying:
             raise ReloadError("another reload is under way; give the command again")
         try:
-            config = await asyncio.to_thread(load, self._path)
+            config = await asyncio.to_thread(_read, self._path)
             change = service.changes(config)
         except (ConfigError, DriverError) as error:
             raise ReloadError(str(error)[:_LONGEST_TEXT]) from error
@@ -57,7 +58,8 @@ class Reloading:
             self._asked.clear()
             config, self._next, self._applying = self._next, None, True
             try:
-                change = await service.reload(load(self._path) if config is None else config)
+                read = await asyncio.to_thread(_read, self._path) if config is None else config
+                change = await service.reload(read)
             except (ConfigError, DriverError, ReloadError) as error:
                 log.error("not reloaded; the previous configuration stays in use: %s", error)
                 self._tell(service, config, str(error))
@@ -75,3 +77,11 @@ class Reloading:
         """Who gave the command was told that it is being applied."""
         if commanded is not None:
             service.tell(f"not reloaded; the previous configuration stays in use: {why[:_LONGEST_TEXT]}")
+
+
+def _read(path: Path) -> GatewayConfig:
+    """The configuration, with its drivers built once: that imports the library of a bus that is the first of its kind,
+    which takes longer than a period and so may not happen in the event loop. Raises ConfigError, SetupError."""
+    config = load(path)
+    lines_of(config, RealClock())
+    return config

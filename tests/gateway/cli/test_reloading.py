@@ -1,6 +1,8 @@
 """A reload that a command asks for: checked before it is answered, applied once, and told when it fails after all."""
 
 import asyncio
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,10 +16,26 @@ from gateway.service import Service
 from talc.control import Controller
 from talc.frame import EventKind
 from tests.benches.kept_events import KeptEvents
-from tests.benches.service_file import TEXT
+from tests.benches.service_file import MACHINE, TEXT
 from tests.benches.stepped_clock import SteppedClock
 
 OTHER = TEXT.replace("/nowhere/adapter", "/nowhere/other")
+OF_A_NEW_KIND = (
+    MACHINE
+    + """
+[[bus]]
+name = "can1"
+kind = "canopen"
+channel = "vcan9"
+[[device]]
+name = "jumo"
+bus = "can1"
+profile = "cia404"
+unit = 5
+channels = { bed_front = 0 }
+options = { vendor = "jumo" }
+"""
+)
 
 
 class Unwilling(Service):
@@ -83,3 +101,63 @@ async def test_what_fails_after_the_answer_is_an_event(tmp_path: Path) -> None:
     assert kept.texts(EventKind.OPERATOR) == [
         "not reloaded; the previous configuration stays in use: the port is in use"
     ], "a signal is nobody's command: its failure is in the log alone"
+
+
+IMPORTING = """
+import asyncio, sys, threading
+from importlib.abc import MetaPathFinder
+from pathlib import Path
+
+class Importers(MetaPathFinder):
+    by_the_loop, by_a_thread = set(), set()
+    def find_spec(self, name, path=None, target=None):
+        in_loop = threading.current_thread() is threading.main_thread()
+        (self.by_the_loop if in_loop else self.by_a_thread).add(name.partition(".")[0])
+
+from gateway.cli.reloading import Reloading
+from gateway.service import Service
+from tests.benches.kept_events import KeptEvents
+from tests.benches.stepped_clock import SteppedClock
+from tests.gateway.cli.test_reloading import OF_A_NEW_KIND, service_of
+
+async def main(path, by_signal):
+    clock, stop, asked = SteppedClock(), asyncio.Event(), asyncio.Event()
+
+    class Asked(Service):
+        async def reload(self, config):
+            asked.set()
+            return await super().reload(config)
+
+    service, reloading = service_of(path, KeptEvents(), clock, Asked), Reloading(path)
+    tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
+    await clock.run_until(3.0)
+    path.write_text(OF_A_NEW_KIND, encoding="utf-8")
+    sys.meta_path.insert(0, Importers())
+    before = service.fingerprint
+    if by_signal:
+        reloading.hang_up()
+    else:
+        await reloading.ask(service)
+    async with asyncio.timeout(300.0):
+        await asked.wait()
+    await clock.run_until(6.0)
+    assert service.fingerprint != before
+    sys.meta_path.pop(0)
+    stop.set()
+    tasks[1].cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    libraries = {"can", "canopen"}
+    print(libraries & Importers.by_the_loop, libraries & Importers.by_a_thread)
+
+asyncio.run(main(Path(sys.argv[1]), sys.argv[2] == "signal"))
+"""
+
+
+@pytest.mark.parametrize("how", ["signal", "command"])
+def test_the_library_of_a_bus_that_is_the_first_of_its_kind_is_not_imported_in_the_event_loop(
+    how: str, tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTING, str(tmp_path / "gateway.toml"), how], capture_output=True, text=True
+    )
+    assert done.stdout in ("set() {'can', 'canopen'}\n", "set() {'canopen', 'can'}\n"), done.stdout + done.stderr
