@@ -33,6 +33,8 @@ _STEPS_A_LOOK = 10_000
 """Of SQLite's machine: about a millisecond of a statement that takes long."""
 _YIELD_S = 0.05
 """How long a producer that is faster than the thread waits for it, as in a simulation that outruns the disk."""
+_GATHER_S, _MOST_GATHERED = 0.2, 1000
+"""How long readings wait for each other, real seconds, and how many do, so that the thread wakes up for all at once."""
 _REFUSED = (sqlite3.IntegrityError, sqlite3.DataError, sqlite3.InterfaceError, sqlite3.ProgrammingError, OverflowError)
 """What the database raises for rows that it would never accept: the gateway's own mistake."""
 
@@ -78,6 +80,8 @@ class DatabaseWriter:
         self._mending, self._times_mended = threading.Lock(), 0
         self._changed = threading.Condition()
         self._waiting = Waiting()
+        self._gathered = False
+        """Whether anything waits that does not wait for more readings."""
         self._open: list[Item] = []
         """Executed and not committed."""
         self._last = 0
@@ -155,7 +159,9 @@ class DatabaseWriter:
                 self._changed.wait_for(lambda: not self._waiting.full(kind) or self._problem, _YIELD_S)
             self._last += 1
             self._waiting.put(Item(self._last, statement, rows, kind, commit))
-            self._changed.notify_all()
+            if kind is not WaitingKind.READINGS or commit or self._waiting.rows >= _MOST_GATHERED:
+                self._gathered = True
+                self._changed.notify_all()
 
     def flush(self, kinds: Collection[WaitingKind] = tuple(WaitingKind), limit_s: float | None = None) -> None:
         """Return when all of some kinds put so far are committed. Raises StoreError when that fails or takes longer."""
@@ -288,21 +294,20 @@ class DatabaseWriter:
         wanted = False
         while True:
             item = self._next()
-            if item is None:
+            if item is None and self._closing and not len(self._waiting):
                 self._commit(connection)
-                if self._closing and not len(self._waiting):
-                    self._end(connection)
-                    self._commit(connection)
-                    self._goes_on()
-                    return
-            elif item.statement:
+                self._end(connection)
+                self._commit(connection)
+                self._goes_on()
+                return
+            if item is not None and item.statement:
                 self._execute(connection, item)
             now = time.monotonic()
             if now - pruned >= _PRUNE_EVERY_S:
                 self._delete_old(connection)
                 pruned = now
             wanted = wanted or (item is not None and item.commit)
-            if (wanted and not len(self._waiting)) or now - committed >= self._commit_s:
+            if (wanted and not self._gathered) or now - committed >= self._commit_s:
                 self._commit(connection)
                 committed, wanted = now, False
             if now - self._looked_s >= self._look_s:
@@ -341,11 +346,14 @@ class DatabaseWriter:
     def _next(self) -> Item | None:
         with self._changed:
             self._asked_s = None
-            self._changed.wait_for(lambda: len(self._waiting) or self._closing or self._to_mend, self._commit_s)
+            self._changed.wait_for(
+                lambda: self._gathered or self._closing or self._to_mend, min(_GATHER_S, self._commit_s)
+            )
             self._asked_s = time.monotonic()
             if self._to_mend:
                 raise StoreError(self._to_mend)
             item = self._waiting.take()
+            self._gathered = len(self._waiting) > 0
             if item is not None:
                 self._open.append(item)
             return item

@@ -188,6 +188,20 @@ def make(store: Store, k: int) -> None:
     store.record(DecisionMade(decision))
 
 
+def test_readings_alone_reach_the_file_without_anything_that_hurries_them(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with Store(path, "boot1", SteppedClock(), commit_s=0.3) as store, closing(sqlite3.connect(path)) as other:
+        store.flush()
+        for k in range(1, 4):  # one after the other is in the file
+            store.record(ReadingsTaken([Sample("a", 20.0, "degC", Quality.GOOD, EPOCH, 0.0, sequence=k)]))
+            if k == 1:
+                store.flush()  # the channel's name
+            end = time.monotonic() + LIMIT_S
+            while other.execute("SELECT count(*) FROM reading").fetchone() != (k,):
+                assert time.monotonic() < end
+                time.sleep(0.01)
+
+
 async def test_what_another_program_locks_out_waits_and_is_stored_when_the_lock_is_gone(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with Store(path, "boot1", SteppedClock(), commit_s=0.01, retry_s=RETRY_S) as store:
