@@ -63,6 +63,20 @@ def slow(share: float, by_s: float) -> Disturb:
     return disturb
 
 
+def least_lost(seed: int, share: float, by_s: float, requests: int) -> int:
+    """How many of 60 periods are lost on a line that is `slow` by anyone who needs so many answers in each.
+
+    He sends each request once, knows which answer is whose, and so waits for nothing but the unit.
+    """
+    draw, free_s, lost_periods = random.Random(seed), 0.0, 0
+    for period in range(PERIODS):
+        begin_s = PERIOD_S * period
+        for _ in range(requests):
+            free_s = max(begin_s, free_s) + (by_s if draw.random() < share else 0.0)
+        lost_periods += free_s > begin_s + PERIOD_S
+    return lost_periods
+
+
 class Bench:
     """The line, and what was read of its units."""
 
