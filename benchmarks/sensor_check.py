@@ -19,7 +19,7 @@ from gateway.clock import RealClock
 from gateway.control import SensorWatch
 from gateway.events import EventReported, GatewayEvent
 from talc.frame import BoolArray, EventKind, FloatArray, Frame
-from talc.sensor_check import judge
+from talc.sensor_check import judge, rows_needed
 from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
 from talc.settings import SensorCheckSettings
 
@@ -45,6 +45,8 @@ class SensorOutcome:
     alike: list[tuple[str, str]] = field(default_factory=list)
     """After eight days, one entry per pair and window."""
     windows: int = 0
+    loaded: int = 0
+    """Windows after eight days in which the loads were taken in."""
 
 
 class _SuspectNotes:
@@ -57,13 +59,14 @@ class _SuspectNotes:
 
 
 async def _learn(
-    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings, loads: Sequence[str]
 ) -> SensorModel | None:
-    return learn(names, inputs, valid, settings)
+    return learn(names, inputs, valid, settings, loads)
 
 
 async def _watch(names: tuple[str, ...], x: FloatArray, outcome: SensorOutcome) -> None:
-    watching = SensorWatch(names, _SETTINGS, lambda _: True, _SuspectNotes(outcome), RealClock(), None, _learn)
+    heard, own = _SuspectNotes(outcome), names[:_SENSORS].__contains__
+    watching = SensorWatch(names, _SETTINGS, own, heard, RealClock(), None, _learn, is_load=lambda name: not own(name))
     valid = np.ones(len(names), np.bool_)
     for k, row in enumerate(x):
         watching.frame(Frame(k, row, valid))
@@ -74,38 +77,43 @@ async def _watch(names: tuple[str, ...], x: FloatArray, outcome: SensorOutcome) 
 
 def _detect(names: tuple[str, ...], x: FloatArray, seed: int, outcome: SensorOutcome) -> None:
     draw, n = np.random.default_rng([seed, 31]), _SETTINGS.window_steps + CHANGE_STEPS
-    good = np.ones((len(x), len(names)), np.bool_)
+    good, loads = np.ones(x.shape, np.bool_), names[_SENSORS:]
     for days in _LEARNT:
-        model = learn(names, x[: days * _DAY], good[: days * _DAY], _SETTINGS)
+        model = learn(names, x[: days * _DAY], good[: days * _DAY], _SETTINGS, loads)
         if model is None:
             raise RuntimeError(f"nothing was learnt from {days} days")
         for _ in range(_DRAWS):
             end = int(draw.integers(days * _DAY + n, len(x)))
-            window = x[end - n : end]
-            healthy = judge(model, names, window, good[:n], _SETTINGS)
+            window = x[max(0, end - rows_needed(model, _SETTINGS)) : end]
+            healthy = judge(model, names, window, good[: len(window)], _SETTINGS)
             outcome.smallest.setdefault(days, []).extend(healthy.smallest_offset_K.values())
             if days == _LEARNT[-1]:
                 outcome.alike += healthy.alike
                 outcome.windows += 1
+                outcome.loaded += bool(healthy.loads)
             for size in _OFFSETS_K:
-                i, sign = int(draw.integers(len(names))), float(draw.choice([-1.0, 1.0]))
+                i, sign = int(draw.integers(_SENSORS)), float(draw.choice([-1.0, 1.0]))
                 off = window.copy()
                 off[:, i] += sign * size
-                first = judge(model, names, off, good[:n], _SETTINGS).findings[:1]
+                first = judge(model, names, off, good[: len(window)], _SETTINGS).findings[:1]
                 hit = any(f.kind == "offset" and names[i] in f.inputs + f.alternatives for f in first)
                 outcome.found[days, size] = outcome.found.get((days, size), 0) + hit
-            i, j = (int(v) for v in draw.choice(len(names), 2, replace=False))
+            i, j = (int(v) for v in draw.choice(_SENSORS, 2, replace=False))
             exchanged = window.copy()
             exchanged[:, [i, j]] = exchanged[:, [j, i]]
-            first = judge(model, names, exchanged, good[:n], _SETTINGS).findings[:1]
+            first = judge(model, names, exchanged, good[: len(window)], _SETTINGS).findings[:1]
             hit = any(f.kind == "swap" and set(f.inputs) == {names[i], names[j]} for f in first)
             outcome.found[days, 0.0] = outcome.found.get((days, 0.0), 0) + hit
 
 
-def run(kind: str, seed: int) -> SensorOutcome:
-    """One machine's twelve days; `off`: a shop's day switched off for eight hours of the night and at the weekend."""
+def run(kind: str, seed: int, *, loads: bool = False) -> SensorOutcome:
+    """One machine's twelve days; `off`: a shop's day switched off for eight hours of the night and at the weekend.
+
+    loads: whether the watch knows the speeds and the coolant, too
+    """
     m = machine("day" if kind == "off" else kind, seed, 24 * _DAYS, off=_is_off if kind == "off" else None)
-    names, x, outcome = m.names[:_SENSORS], m.inputs[:, :_SENSORS], SensorOutcome()
+    known = [*range(_SENSORS), *(range(_SENSORS + 1, len(m.names)) if loads else ())]  # the one between is a length
+    names, x, outcome = tuple(m.names[i] for i in known), m.inputs[:, known], SensorOutcome()
     asyncio.run(_watch(names, x, outcome))
     if kind != "off":
         _detect(names, x, seed, outcome)

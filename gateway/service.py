@@ -50,6 +50,8 @@ _LOOKS_PER_STEP, _SHORTEST_LOOK_S = 60, 1.0
 """How often the store's health is looked at: each 5 s with a grid of 5 min."""
 
 _TEMPERATURE = "degC"
+_LOADS = frozenset({"1/min", "mm/s", "m/s", "%", "W", "kW", "A", "Nm"})
+"""Units of what heats a machine: speeds, shares of a rated load, powers, currents, torques."""
 
 
 async def _nothing_to_wait_for() -> None:
@@ -100,7 +102,13 @@ class Service:
         self._lines: tuple[Line, ...] = lines_of(config, clock, tap)
         self.link = self._make_link()
         self._sensors = SensorWatch(
-            config.input_names, config.sensor_check, self._is_temperature, sink, clock, past.seen
+            config.input_names,
+            config.sensor_check,
+            self._is_temperature,
+            sink,
+            clock,
+            past.seen,
+            is_load=self._is_load,
         )
         self._acquisition: Acquisition | None = None
         self._clock_watch = ClockWatch(self._ages, clock, self._noticed, self._remember)
@@ -266,8 +274,15 @@ class Service:
             self.link.remembered(self._measured_s(), self._missing_s())
 
     def _is_temperature(self, name: str) -> bool:
+        return self._unit(name) == _TEMPERATURE
+
+    def _is_load(self, name: str) -> bool:
+        """A machine state, or a channel that tells a speed, power, current, torque or share of a load."""
+        return name not in self._channels or self._unit(name) in _LOADS
+
+    def _unit(self, name: str) -> str | None:
         aged = self.board.latest(name, self._clock.monotonic()) if name in self._channels else None
-        return aged is not None and aged.reading.unit == _TEMPERATURE
+        return None if aged is None else aged.reading.unit
 
     def _take(self, readings: Sequence[Sample]) -> None:
         self.board.put(readings)

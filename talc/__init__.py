@@ -24,6 +24,7 @@ __all__ = [
     "kinds",
     "kinematics",
     "learner",
+    "load_heat",
     "models",
     "names",
     "presets",

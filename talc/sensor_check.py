@@ -7,8 +7,8 @@ Hypotheses about the last window, each against "nothing happened":
   half-hourly changes. An exchange adds no parameter: by Markov's inequality a ratio of c or more comes by chance with
   probability 1 / c at most.
 
-A residual that other loads than the learnt ones may explain is doubted: its variance grows with the leverage of the
-other inputs, without those being judged.
+What known loads explain is no residual (talc.load_heat). A residual that other loads than the learnt ones may explain
+is doubted: its variance grows with the leverage of the other inputs and of the loads, without those being judged.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,6 +18,7 @@ from typing import Final, Literal
 import numpy as np
 
 from talc.frame import BoolArray, FloatArray
+from talc.load_heat import HISTORY_STEPS
 from talc.sensor_model import (
     CHANGE_STEPS,
     SensorModel,
@@ -72,6 +73,13 @@ class Judgement:
     """Input to the offset that this window would have shown. Inputs that could not be judged are missing."""
     alike: tuple[tuple[str, str], ...] = ()
     """Pairs that could be exchanged unnoticed in this window: sensors side by side, or a machine at rest."""
+    loads: tuple[str, ...] = ()
+    """Loads from which the inputs were predicted, beside each other."""
+
+
+def rows_needed(model: SensorModel, settings: SensorCheckSettings) -> int:
+    """Number of rows that a judgement looks at; with fewer the lags of loads begin later."""
+    return settings.window_steps + CHANGE_STEPS + (0 if model.loads is None else HISTORY_STEPS)
 
 
 def judge(
@@ -79,47 +87,62 @@ def judge(
 ) -> Judgement:
     """Explanations of the last window that fit better than no fault; each is removed before the next is searched.
 
-    inputs: (T, m) consecutive grid steps, degC, the window last; valid: (T, m). Inputs that the model does not know, or
-    with less than half a window of good rows, are left out. Less than half a window is not judged, nor a window quieter
-    than all that were learnt: how a machine settles at rest was not learnt.
+    inputs: (T, m) consecutive grid steps, degC, loads in their own units, the window last; valid: (T, m). Inputs that
+    the model does not know, or with less than half a window of good rows, are left out. So are all loads, if one of
+    them is known for less than half a window. Less than half a window is not judged, nor a window quieter than all that
+    were learnt: how a machine settles at rest was not learnt.
     """
     inputs, valid = masked(names, inputs, valid)
     n = settings.window_steps
     known = {name: i for i, name in enumerate(names)}
     present = [name for name in model.names if name in known and valid[-n:, known[name]].mean() >= _LEAST_OF_WINDOW]
     columns = [known[name] for name in present]
-    x, good = inputs[-n - CHANGE_STEPS :, columns], np.asarray(valid[-n - CHANGE_STEPS :, columns].all(axis=1))
+    good = np.asarray(valid[:, columns].all(axis=1), dtype=np.bool_)
+    features = np.empty((len(inputs), 0))
+    if model.loads is not None:
+        driving = [known[name] for name in model.loads.names if name in known]
+        loaded = np.asarray(valid[:, driving].all(axis=1), dtype=np.bool_)
+        if len(driving) == len(model.loads.names) and (good & loaded)[-n:].mean() >= _LEAST_OF_WINDOW:
+            features, good = model.loads.features(inputs[:, driving], valid[:, driving]), good & loaded
+        else:
+            model = model.without_loads or model
+    last = slice(-n - CHANGE_STEPS, None)
+    x, features, good = inputs[last][:, columns], features[last], good[last]
     if len(x) < n or len(present) < 3 or good[-n:].mean() < _LEAST_OF_WINDOW:
         return Judgement()
     change, both = changes(x, good)
     if not both.any() or activity(change[both]) < model.quietest_K:
         return Judgement()
-    window = _JudgedWindow(model.part(present), x, good, settings)
+    window = _JudgedWindow(model.part(present), x, features, good, settings)
     smallest, alike = window.smallest_offset_K(), window.alike()
     found: list[Finding] = []
     while len(found) < min(_MOST_FINDINGS, len(present) - 2) and (best := window.best()) is not None:
         found.append(best)
         window = window.after(best)
-    return Judgement(tuple(found), smallest, alike)
+    return Judgement(tuple(found), smallest, alike, () if model.loads is None else model.loads.names)
 
 
 class _JudgedWindow:
     """One window of m >= 3 inputs under all hypotheses."""
 
-    def __init__(self, model: SensorModel, x: FloatArray, good: BoolArray, settings: SensorCheckSettings) -> None:
-        self._model, self._x, self._good, self._settings = model, x, good, settings
+    def __init__(
+        self, model: SensorModel, x: FloatArray, features: FloatArray, good: BoolArray, settings: SensorCheckSettings
+    ) -> None:
+        self._model, self._x, self._features, self._good, self._settings = model, x, features, good, settings
         n = settings.window_steps
-        mean = x[-n:][good[-n:]].mean(axis=0)
+        mean = x[-n:][good[-n:]].mean(axis=0, keepdims=True)
+        driving = features[-n:][good[-n:]].mean(axis=0, keepdims=True)
         precision = precision_of(model.level.covariance)
-        residual, leverage = leave_one_out(precision, (mean - model.level.mean)[None])
+        residual, leverage = leave_one_out(precision, model.level.off(mean, driving))
+        leverage = leverage + model.level.heat.leverage(driving)
         self._residual, self._std = residual[0], model.offset_std * np.sqrt(1.0 + leverage[0] / model.worth)
-        self._ratio, left = _exchange(model, model.level, precision, mean[None], 1.0)
+        self._ratio, left = _exchange(model, model.level, precision, mean, driving, 1.0)
         self._healed = left <= model.offset_threshold**2
         change, both = changes(x, good)
         if both.any():
-            change = change[both]
+            change, driven = change[both], changes(features, good)[0][both]
             precision, count = precision_of(model.change.covariance), len(change) / _CORRELATED_STEPS
-            self._ratio += _exchange(model, model.change, precision, change, count)[0]
+            self._ratio += _exchange(model, model.change, precision, change, driven, count)[0]
         self._largest_ratio, self._largest_score = model.swap_threshold, model.offset_threshold
 
     def smallest_offset_K(self) -> dict[str, float]:
@@ -157,22 +180,23 @@ class _JudgedWindow:
         if finding.kind == "swap":
             back = self._x.copy()
             back[:, places] = back[:, places[::-1]]
-            return _JudgedWindow(self._model, back, self._good, self._settings)
+            return _JudgedWindow(self._model, back, self._features, self._good, self._settings)
         x: FloatArray = np.delete(self._x, places, axis=1)
         rest = [name for name in self._model.names if name not in finding.inputs]
-        return _JudgedWindow(self._model.part(rest), x, self._good, self._settings)
+        return _JudgedWindow(self._model.part(rest), x, self._features, self._good, self._settings)
 
 
 def _exchange(
-    model: SensorModel, view: View, precision: FloatArray, x: FloatArray, count: float
+    model: SensorModel, view: View, precision: FloatArray, x: FloatArray, features: FloatArray, count: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Of rows (T, m) worth `count`, (m, m) each: log-likelihood ratio of i and j exchanged, Student's, -inf where
-    i >= j; and the squared distance from the rest that the exchange leaves."""
+    """Of rows (T, m) with features (T, F), worth `count`, (m, m) each: log-likelihood ratio of i and j exchanged,
+    Student's, -inf where i >= j; and the squared distance from the rest that the exchange leaves."""
     as_it_is, exchanged = np.zeros((2, *precision.shape))
-    for rows in few_rows(x):
-        mine, other, leverage = leave_two_out(precision, rows - view.mean)
+    m = len(precision)
+    for rows, driving in zip(few_rows(x, m), few_rows(features, m), strict=True):
+        mine, other, leverage = leave_two_out(precision, view.off(rows, driving))
         gap = rows[:, None, :] - rows[:, :, None]
-        share = count / len(x) / (1.0 + leverage / model.worth)
+        share = count / len(x) / (1.0 + (leverage + view.heat.leverage(driving)[:, :, None]) / model.worth)
         as_it_is += np.sum(_distance(view.pairs, mine, other) * share, axis=0)
         exchanged += np.sum(_distance(view.pairs, mine + gap, other - gap) * share, axis=0)
     gained = np.log1p(as_it_is / model.freedom) - np.log1p(exchanged / model.freedom)

@@ -3,6 +3,9 @@
 With P the inverse of their covariance (plus the sensors' own noise), an input's prediction from all others misses it by
 e_i = (P x)_i / P_ii, and a pair's from the rest by P_AA^-1 (P x)_A: every leave-one-out and leave-two-out ridge
 regression from one inverse. Blocks of rows, as long as the window that is judged later, are left out in turn.
+
+Where loads are known (talc.load_heat), what they explain is taken from x first; by the theorem of Frisch, Waugh and
+Lovell the residuals are then those of a regression on the others and on the loads.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from talc.frame import LARGEST_INPUT, BoolArray, FloatArray
+from talc.load_heat import LoadHeat, LoadScale, heat_of, scale_of
 from talc.settings import SensorCheckSettings
 
 CHANGE_STEPS: Final = 6
@@ -29,6 +33,8 @@ _OTHER_DAYS: Final = 1.3
 _YEAR_STEPS: Final = 365.25 * 288
 _MOST_AT_ONCE: Final = 200_000
 """Pairs times rows: 1.6 MB an array."""
+_LEAST_GAINED: Final = 0.9
+"""Loads are taken in if with them left-out residuals have at most this share of their mean squares (geometric mean)."""
 _PRIOR_BLOCKS: Final = 4.0
 """Weight of all inputs' median variance in each one's own."""
 
@@ -43,11 +49,17 @@ class View:
     """(m, m) K²"""
     pairs: FloatArray
     """(3, m, m) of residuals without i and j: variance of i's, of j's, and their covariance; K²."""
+    heat: LoadHeat
+    """What loads explain; mean and covariance are of the rest."""
 
     def part(self, keep: Sequence[int]) -> "View":
         """The same for some of the inputs."""
         pairs = self.pairs[:, keep][:, :, keep]
-        return View(self.mean[keep], self.covariance[np.ix_(keep, keep)], pairs)
+        return View(self.mean[keep], self.covariance[np.ix_(keep, keep)], pairs, self.heat.part(keep))
+
+    def off(self, x: FloatArray, features: FloatArray) -> FloatArray:
+        """(T, m) what neither the mean nor the loads explain of rows (T, m) with features (T, F)."""
+        return np.asarray(x - self.mean - self.heat.explained(features))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +78,10 @@ class SensorModel:
     """Root mean square of half-hourly changes in the quietest window that was learnt."""
     level: View
     change: View
+    loads: LoadScale | None = None
+    """Loads that say something of the inputs; None: none does."""
+    without_loads: "SensorModel | None" = None
+    """What the inputs say of each other, for when the loads are unknown."""
 
     @property
     def freedom(self) -> float:
@@ -90,37 +106,64 @@ class SensorModel:
 
 
 def learn(
-    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+    names: Sequence[str],
+    inputs: FloatArray,
+    valid: BoolArray,
+    settings: SensorCheckSettings,
+    loads: Sequence[str] = (),
 ) -> SensorModel | None:
     """How these inputs predict each other. None: fewer than 3 windows of good rows, or than 3 inputs.
 
-    inputs: (T, m) consecutive grid steps, degC; valid: (T, m). Inputs with less than 80 % good rows are left out.
-    ValueError: shapes that do not fit together.
+    inputs: (T, m + L) consecutive grid steps, degC, the loads in their own units; valid: (T, m + L); loads: the L names
+    that are loads. Inputs with less than 80 % good rows are left out. Loads are taken in if with them the inputs are
+    predicted better in blocks that were left out. ValueError: shapes that do not fit together.
     """
     inputs, valid = masked(names, inputs, valid)
     inputs, valid = inputs[-settings.learn_steps :], valid[-settings.learn_steps :]
     share = valid.sum(axis=0) / max(len(valid), 1)
-    keep = [i for i in range(len(names)) if share[i] >= _LEAST_VALID]
+    keep = [i for i in range(len(names)) if names[i] not in loads and share[i] >= _LEAST_VALID]
     x, good = inputs[:, keep], np.asarray(valid[:, keep].all(axis=1), dtype=np.bool_)
-    n = settings.window_steps
+    told = tuple(names[i] for i in keep)
+    alone, _ = _learnt(told, x, np.empty((len(x), 0)), good, settings)
+    driving = [i for i in range(len(names)) if names[i] in loads]
+    scale = scale_of([names[i] for i in driving], inputs[:, driving], valid[:, driving])
+    if alone is None or scale is None:
+        return alone
+    own = [names.index(name) for name in scale.names]
+    good &= valid[:, own].all(axis=1)
+    features = scale.features(inputs[:, own], valid[:, own])
+    loaded, missed = _learnt(told, x, features, good, settings)
+    _, missed_without = _learnt(told, x, features[:, :0], good, settings)
+    if loaded is None or float(np.mean(np.log(missed / missed_without))) > np.log(_LEAST_GAINED):
+        return alone
+    return replace(loaded, loads=scale, without_loads=alone)
+
+
+def _learnt(
+    names: tuple[str, ...], x: FloatArray, features: FloatArray, good: BoolArray, settings: SensorCheckSettings
+) -> tuple[SensorModel | None, FloatArray]:
+    """Of rows (T, m) with features (T, F); and (m,) mean squares of each input's residual in left-out blocks, K²."""
+    n, m = settings.window_steps, len(names)
     blocks = [slice(s, s + n) for s in range(len(x) % n, len(x), n) if good[s : s + n].mean() >= _LEAST_OF_BLOCK]
-    if len(blocks) < _LEAST_BLOCKS or len(keep) < 3:
-        return None
+    if len(blocks) < _LEAST_BLOCKS or m < 3:
+        return None, np.empty(0)
     change, both = changes(x, good)
     both = np.concatenate([np.zeros(CHANGE_STEPS, dtype=np.bool_), both])
-    change = np.concatenate([np.zeros((CHANGE_STEPS, len(keep))), change])
+    change = np.concatenate([np.zeros((CHANGE_STEPS, m)), change])
+    driven = np.concatenate([np.zeros((CHANGE_STEPS, features.shape[1])), changes(features, good)[0]])
     windows = _YEAR_STEPS / n / settings.false_alarms_per_year
-    level, variance = _learn_view(x, good, blocks, windows=True)
-    return SensorModel(
-        names=tuple(names[i] for i in keep),
+    level, variance, missed = _learn_view(x, features, good, blocks, windows=True)
+    model = SensorModel(
+        names=names,
         blocks=len(blocks),
         offset_std=np.sqrt(variance),
-        offset_threshold=_OTHER_DAYS * _student_quantile(0.5 / (len(keep) * windows), _PRIOR_BLOCKS + len(blocks)),
-        swap_threshold=float(np.log(len(keep) * (len(keep) - 1) / 2 * windows)),
+        offset_threshold=_OTHER_DAYS * _student_quantile(0.5 / (m * windows), _PRIOR_BLOCKS + len(blocks)),
+        swap_threshold=float(np.log(m * (m - 1) / 2 * windows)),
         quietest_K=min(activity(change[b][both[b]]) for b in blocks if both[b].any()),
         level=level,
-        change=_learn_view(change, both, blocks, windows=False)[0],
+        change=_learn_view(change, driven, both, blocks, windows=False)[0],
     )
+    return model, missed
 
 
 def _student_quantile(tail: float, freedom: float) -> float:
@@ -129,28 +172,40 @@ def _student_quantile(tail: float, freedom: float) -> float:
     return float(-stdtrit(freedom, tail))
 
 
-def _learn_view(x: FloatArray, good: BoolArray, blocks: Sequence[slice], *, windows: bool) -> tuple[View, FloatArray]:
-    """The view, and the variance (m,) of each input's residual, K². `windows`: of the blocks' means, not of rows."""
+def _learn_view(
+    x: FloatArray, features: FloatArray, good: BoolArray, blocks: Sequence[slice], *, windows: bool
+) -> tuple[View, FloatArray, FloatArray]:
+    """The view; (m,) of each input's residual, K²: its variance while the others are as learnt, and its mean square.
+    `windows`: of the blocks' means, not of rows."""
     m, worth = x.shape[1], _BLOCK_WORTH * len(blocks)
-    singles, pairs = np.zeros(m), np.zeros((3, m, m))
+    singles, missed, pairs = np.zeros(m), np.zeros(m), np.zeros((3, m, m))
     for block in blocks:
         others = good.copy()
         others[block] = False
-        precision = precision_of(_covariance(x[others]))
-        left_out = x[block][good[block]] - x[others].mean(axis=0)
+        heat = heat_of(features[others], x[others])
+        precision = precision_of(_covariance(x[others] - heat.explained(features[others])))
+        left_out, driven = x[block][good[block]] - x[others].mean(axis=0), features[block][good[block]]
+        left_out = left_out - heat.explained(driven)
         if windows:
-            left_out = left_out.mean(axis=0, keepdims=True)
+            left_out, driven = left_out.mean(axis=0, keepdims=True), driven.mean(axis=0, keepdims=True)
+        new_loads = heat.leverage(driven)
         residual, leverage = leave_one_out(precision, left_out)
-        singles += np.mean(residual**2 / (1.0 + leverage / worth), axis=0)
-        for rows in few_rows(left_out):
+        missed += np.mean(residual**2, axis=0) / len(blocks)
+        singles += np.mean(residual**2 / (1.0 + (leverage + new_loads) / worth), axis=0)
+        for rows, new in zip(few_rows(left_out, m), few_rows(new_loads, m), strict=True):
             mine, other, leverage = leave_two_out(precision, rows)
-            share = 1.0 / (1.0 + leverage / worth) / len(left_out)
+            share = 1.0 / (1.0 + (leverage + new[:, :, None]) / worth) / len(left_out)
             pairs += [np.sum(v * share, axis=0) for v in (mine**2, other**2, mine * other)]
     weight = len(blocks) / (_PRIOR_BLOCKS + len(blocks))
     typical = float(np.median(pairs[0][~np.eye(m, dtype=np.bool_)]))
     pairs = (weight * pairs + (1.0 - weight) * np.array([typical, typical, 0.0])[:, None, None]) / len(blocks)
     variance: FloatArray = (weight * singles + (1.0 - weight) * float(np.median(singles))) / len(blocks)
-    return View(x[good].mean(axis=0), _covariance(x[good]), pairs), variance
+    heat = heat_of(features[good], x[good])
+    return (
+        View(x[good].mean(axis=0), _covariance(x[good] - heat.explained(features[good])), pairs, heat),
+        variance,
+        missed,
+    )
 
 
 def changes(x: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:
@@ -158,9 +213,9 @@ def changes(x: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:
     return x[CHANGE_STEPS:] - x[:-CHANGE_STEPS], good[CHANGE_STEPS:] & good[:-CHANGE_STEPS]
 
 
-def few_rows(x: FloatArray) -> Iterator[FloatArray]:
-    """Rows (T, m) in portions whose pairs fit into the memory of a small computer."""
-    portion = max(1, _MOST_AT_ONCE // x.shape[1] ** 2)
+def few_rows(x: FloatArray, inputs: int) -> Iterator[FloatArray]:
+    """Rows (T, any) in portions whose pairs of inputs fit into the memory of a small computer."""
+    portion = max(1, _MOST_AT_ONCE // inputs**2)
     for start in range(0, len(x), portion):
         yield x[start : start + portion]
 

@@ -14,8 +14,8 @@ from gateway.clock import ServiceClock
 from gateway.events import EventReported, SensorsJudged, Sink
 from gateway.polling import Notice, Problems
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
-from talc.sensor_check import Finding, judge
-from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
+from talc.sensor_check import Finding, judge, rows_needed
+from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
 
 log = logging.getLogger(__name__)
@@ -31,7 +31,9 @@ _LEAST_TEMPERATURES = 3
 _MOST_IN_A_THREAD = 64
 """Largest number of temperatures; the work grows with its square, and more would delay the buses."""
 
-Learn = Callable[[Sequence[str], FloatArray, BoolArray, SensorCheckSettings], Awaitable[SensorModel | None]]
+Learn = Callable[
+    [Sequence[str], FloatArray, BoolArray, SensorCheckSettings, Sequence[str]], Awaitable[SensorModel | None]
+]
 
 
 @dataclass(slots=True)
@@ -61,9 +63,9 @@ class SeenBefore:
 
 
 async def _learn_apart(
-    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings, loads: Sequence[str]
 ) -> SensorModel | None:
-    return await apart(learn, names, inputs, valid, settings)
+    return await apart(learn, names, inputs, valid, settings, loads)
 
 
 class SensorWatch:
@@ -81,6 +83,7 @@ class SensorWatch:
     sink: receives every judgement, and an event when a finding begins and when all have ended
     clock: stands still while it computes
     before: what an earlier run saw
+    is_load: whether an input is a load that heats, likewise
     """
 
     def __init__(
@@ -92,9 +95,10 @@ class SensorWatch:
         clock: ServiceClock,
         before: SeenBefore | None = None,
         learn: Learn = _learn_apart,
+        is_load: Callable[[str], bool] = lambda _: False,
     ) -> None:
         self._names, self._settings, self._is_temperature = tuple(input_names), settings, is_temperature
-        self._sink, self._clock, self._learn = sink, clock, learn
+        self._sink, self._clock, self._learn, self._is_load = sink, clock, learn, is_load
         self._rows: deque[tuple[FloatArray, BoolArray]] = deque(maxlen=settings.learn_steps + settings.window_steps)
         self._last_k: int | None = None
         self._model: SensorModel | None = None
@@ -166,7 +170,7 @@ class SensorWatch:
         k, model = self._last_k, self._model
         if model is None or k is None:
             return False
-        inputs, valid = self._record(slice(-self._settings.window_steps - CHANGE_STEPS, None))
+        inputs, valid = self._record(slice(-rows_needed(model, self._settings), None))
         given = model, self._names, inputs, valid, self._settings
         if len(model.names) <= _MOST_IN_A_THREAD:
             judgement = await asyncio.to_thread(judge, *given)
@@ -231,8 +235,10 @@ class SensorWatch:
         if len(columns) < _LEAST_TEMPERATURES:
             return False
         inputs, valid = self._record(slice(max(0, end - self._settings.learn_steps), end))
-        names = [self._names[i] for i in columns]
-        found = await self._learn(names, inputs[:, columns], valid[:, columns], self._settings)
+        loads = [i for i, name in enumerate(self._names) if i not in columns and self._is_load(name)]
+        both = columns + loads
+        names, told = [self._names[i] for i in both], [self._names[i] for i in loads]
+        found = await self._learn(names, inputs[:, both], valid[:, both], self._settings, told)
         if found is not None:
             self._model, self._learnt_k = found, k
         return True

@@ -339,6 +339,7 @@ def _sensors(stamp: _Stamp, j: Judgement, k: int, since_k: tuple[int, ...]) -> S
         findings=tuple(findings),
         smallest_offset_K={name: _number(value) for name, value in j.smallest_offset_K.items()},
         alike=j.alike,
+        loads=j.loads,
     )
 
 

@@ -168,6 +168,10 @@ class SensorsMessage(Message, frozen=True):
         tuple[tuple[str, str], ...],
         Meta(description="Inputs that could be exchanged unnoticed in this window"),
     ]
+    loads: Annotated[
+        tuple[str, ...],
+        Meta(description="Loads from which the inputs were predicted, beside each other"),
+    ] = ()
 
 
 class StorageStanding(Struct, frozen=True):

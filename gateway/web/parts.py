@@ -152,25 +152,29 @@ def doubts(seen: MachineSeen) -> Iterator[Sentence]:
         yield Sentence("doubt.failed", {"names": ToldName(", ".join(bad))})
     if seen.sensors is not None:
         for finding in seen.sensors.findings:
-            yield _finding(finding, None if finding.since_k is None else seen.at_k(finding.since_k))
+            since = None if finding.since_k is None else seen.at_k(finding.since_k)
+            yield _finding(finding, since, seen.sensors.loads)
     if seen.decision is not None and seen.decision.substituted:
         yield Sentence("doubt.substituted", {"names": ToldName(", ".join(seen.decision.substituted))})
 
 
-def _finding(finding: SensorFinding, since: datetime | None) -> Sentence:
+def _finding(finding: SensorFinding, since: datetime | None, loads: tuple[str, ...]) -> Sentence:
     off = believable(finding.offset_K)
     if since is None or not math.isfinite(off):  # of two exchanged ones, or of an earlier program
         return Sentence("doubt.finding", {"text": ToldName(finding.text)})
     names = " / ".join((*finding.inputs, *finding.alternatives))
     values: dict[str, Atom] = {"names": ToldName(names), "off": Amount(abs(off), "K"), "at": at(since)}
+    if loads:
+        values["loads"] = ToldName(", ".join(loads))
+        return Sentence("doubt.warmer_for_loads" if off > 0.0 else "doubt.colder_for_loads", values)
     return Sentence("doubt.warmer" if off > 0.0 else "doubt.colder", values)
 
 
 def watched(seen: MachineSeen) -> Sentence | None:
-    """How small an abnormal temperature would have been seen by what the other sensors say; None: not judged yet."""
-    smallest = (
-        {} if seen.sensors is None else {i: v for i, v in seen.sensors.smallest_offset_K.items() if v is not None}
-    )
+    """How small an abnormal temperature would have been seen by what loads and the others say; None: not judged yet."""
+    if seen.sensors is None:
+        return None
+    smallest = {i: v for i, v in seen.sensors.smallest_offset_K.items() if v is not None}
     if not smallest:
         return None
     worst = max(smallest, key=smallest.__getitem__)
@@ -180,6 +184,8 @@ def watched(seen: MachineSeen) -> Sentence | None:
         "worst": Amount(smallest[worst], "K"),
         "name": ToldName(worst),
     }
+    if seen.sensors.loads:
+        return Sentence("doubt.watched_with_loads", values | {"loads": ToldName(", ".join(seen.sensors.loads))})
     return Sentence("doubt.watched", values)
 
 

@@ -136,8 +136,10 @@ class HeardMachine:
         }
         self.hear("reasons", ReasonsMessage(*self.stamp(), k, k + 12, "interval", errors))
 
-    def sensors(self, smallest_offset_K: dict[str, float | None], *findings: SensorFinding) -> None:
-        self.hear("sensors", SensorsMessage(*self.stamp(), 0, findings, smallest_offset_K, ()))
+    def sensors(
+        self, smallest_offset_K: dict[str, float | None], *findings: SensorFinding, loads: tuple[str, ...] = ()
+    ) -> None:
+        self.hear("sensors", SensorsMessage(*self.stamp(), 0, findings, smallest_offset_K, (), loads))
 
     def measurement(
         self,

@@ -19,6 +19,7 @@ from talc.frame import BoolArray, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Judgement
 from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
+from tests.benches import hot_bearing
 from tests.benches.plant_days import DAY, NAMES, plant_days
 from tests.benches.stepped_clock import SteppedClock
 
@@ -53,11 +54,16 @@ class Teacher:
         self.rows: list[int] = []
 
     async def __call__(
-        self, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+        self,
+        names: Sequence[str],
+        inputs: FloatArray,
+        valid: BoolArray,
+        settings: SensorCheckSettings,
+        loads: Sequence[str],
     ) -> SensorModel | None:
         assert tuple(names) == NAMES, "only temperatures"
         self.rows.append(len(inputs))
-        return learn(names, inputs, valid, settings)
+        return learn(names, inputs, valid, settings, loads)
 
 
 def days(seed: int = 12) -> NDArray[np.float64]:
@@ -185,12 +191,17 @@ class FailingTeacher(Teacher):
         self.errors = list(errors)
 
     async def __call__(
-        self, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+        self,
+        names: Sequence[str],
+        inputs: FloatArray,
+        valid: BoolArray,
+        settings: SensorCheckSettings,
+        loads: Sequence[str],
     ) -> SensorModel | None:
         if self.errors:
             self.rows.append(len(inputs))
             raise self.errors.pop(0)
-        return await super().__call__(names, inputs, valid, settings)
+        return await super().__call__(names, inputs, valid, settings, loads)
 
 
 @pytest.mark.parametrize(
@@ -217,9 +228,14 @@ async def test_a_judgement_that_raises_ends_nothing_and_is_reported_once(caplog:
 
     class Wrong(Teacher):
         async def __call__(
-            self, names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings
+            self,
+            names: Sequence[str],
+            inputs: FloatArray,
+            valid: BoolArray,
+            settings: SensorCheckSettings,
+            loads: Sequence[str],
         ) -> SensorModel | None:
-            model = await super().__call__(names, inputs, valid, settings)
+            model = await super().__call__(names, inputs, valid, settings, loads)
             return model and replace(model, offset_std=model.offset_std[:3])
 
     ear, teacher, x = Ear(), Wrong(), days()
@@ -250,3 +266,37 @@ async def test_runs_by_itself_and_learns_in_another_process() -> None:
         with pytest.raises(asyncio.CancelledError):
             await task
     assert len(ear.judgements[0][0].smallest_offset_K) == len(NAMES)
+
+
+async def test_a_bearing_that_runs_hot_is_reported_where_the_speed_is_known() -> None:
+    speed, friction = hot_bearing.work(0, 10), np.ones(10 * hot_bearing.DAY)
+    friction[8 * hot_bearing.DAY :] = 1.6
+    x, told = hot_bearing.bodies(speed, 0, friction), dict[bool, list[str]]()
+    for known in (True, False):
+
+        def is_load(name: str, known: bool = known) -> bool:
+            return known and name == "spindle_speed"
+
+        async def learn_here(*given: object) -> SensorModel | None:
+            return learn(*given)  # type: ignore[arg-type]
+
+        ear = Ear()
+        watching = SensorWatch(
+            hot_bearing.NAMES,
+            SETTINGS,
+            hot_bearing.BODIES.__contains__,
+            ear,
+            SteppedClock(),
+            None,
+            learn_here,
+            is_load=is_load,
+        )
+        for k, row in enumerate(x, K0):
+            watching.frame(Frame(k, row, np.ones(len(row), np.bool_)))
+            if k % 12 == 0:
+                await watching.look()
+        told[known] = [text for kind, text, _ in ear.events if kind == EventKind.SENSOR_SUSPECT]
+        assert ear.judgements[-1][0].loads == (("spindle_speed",) if known else ())
+    assert told[False] == []
+    assert len(told[True]) == 1
+    assert told[True][0].startswith("bearing is off by +")

@@ -72,3 +72,11 @@ def test_it_says_how_small_an_abnormal_temperature_would_be_seen() -> None:
     assert said.values["name"] == ToldName("air")
     numbers = {name: value.n for name, value in said.values.items() if isinstance(value, Amount)}
     assert numbers == {"n": 3, "median": 0.7, "worst": 3.0}
+
+
+def test_it_says_which_loads_a_temperature_is_compared_with() -> None:
+    heard = HeardMachine()
+    heard.sensors({"bed": 0.5}, loads=("spindle_speed", "coolant"))
+    said = parts.watched(heard.seen)
+    assert said is not None
+    assert (said.say, said.values["loads"]) == ("doubt.watched_with_loads", ToldName("spindle_speed, coolant"))

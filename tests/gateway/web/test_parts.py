@@ -111,6 +111,10 @@ def test_abnormal_heat_says_where_how_much_and_since_when() -> None:
     assert (colder.say, colder.values["off"]) == ("doubt.colder", Amount(2.0, "K"))
     assert exchanged == Sentence("doubt.finding", {"text": ToldName("a and b look exchanged")})
     assert without == Sentence("doubt.finding", {"text": ToldName("bed is off by +2.0 K")}), "of an earlier program"
+    heard.sensors({"motor": 1.0}, motor, cold, loads=("spindle_speed",))
+    warmer, colder = parts.doubts(heard.seen)
+    assert warmer == Sentence("doubt.warmer_for_loads", values | {"loads": ToldName("spindle_speed")})
+    assert colder.say == "doubt.colder_for_loads"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,94 @@
+"""What loads do to temperatures: they heat with a lag, in proportion to a speed or power and to its square.
+
+Each load r (its share of the largest that was learnt) enters as r and r² through first-order lags: the friction of a
+bearing grows faster than its speed, and a body follows its heat with its own time constant.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from talc.frame import BoolArray, FloatArray
+
+LAG_STEPS: Final = (6, 48)
+"""Half an hour and four hours at 5 min."""
+HISTORY_STEPS: Final = 288
+"""Rows before a window from which its lags begin: six of the longest."""
+_HELD_STEPS: Final = 12
+"""An unknown load is as it was for an hour, then zero: mostly, the control is off."""
+_PENALTY: Final = 0.01
+"""Of features with standard deviation 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadScale:
+    """How loads become features."""
+
+    names: tuple[str, ...]
+    largest: FloatArray
+    """(L,) magnitudes that were learnt, in the loads' own units; more than 0."""
+
+    def features(self, loads: FloatArray, known: BoolArray) -> FloatArray:
+        """(T, 4 L) lagged r and r² of consecutive rows (T, L). Before the first row the loads were as in it."""
+        share = np.abs(_held(loads, known)) / self.largest
+        driving = np.hstack([share, share**2])
+        found = np.empty((len(loads), len(LAG_STEPS), driving.shape[1]))
+        kept = np.exp(-1.0 / np.array(LAG_STEPS))[:, None]
+        level = np.repeat(driving[:1], len(LAG_STEPS), axis=0)
+        for row, now in enumerate(driving):
+            level = found[row] = kept * level + (1.0 - kept) * now
+        return found.reshape(len(loads), -1)
+
+
+def scale_of(names: Sequence[str], loads: FloatArray, known: BoolArray) -> LoadScale | None:
+    """Of the loads that changed within rows (T, L). None: none did."""
+    moved = [i for i in range(len(names)) if known[:, i].any() and np.ptp(loads[known[:, i], i]) > 0.0]
+    if not moved:
+        return None
+    largest = np.max(np.abs(np.where(known, loads, 0.0)[:, moved]), axis=0)
+    return LoadScale(tuple(names[i] for i in moved), largest)
+
+
+def _held(loads: FloatArray, known: BoolArray) -> FloatArray:
+    rows = np.arange(len(loads))[:, None]
+    last = np.maximum.accumulate(np.where(known, rows, -_HELD_STEPS - 1), axis=0)
+    held = np.take_along_axis(loads, np.maximum(last, 0), axis=0)
+    return np.where(rows - last <= _HELD_STEPS, held, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadHeat:
+    """What F features explain of m temperatures; F may be 0."""
+
+    mean: FloatArray
+    """(F,)"""
+    weights: FloatArray
+    """(F, m) K"""
+    precision: FloatArray
+    """(F, F) inverse of the features' covariance, for the leverage."""
+
+    def explained(self, features: FloatArray) -> FloatArray:
+        """(T, m) K, relative to the temperatures' mean."""
+        return np.asarray((features - self.mean) @ self.weights)
+
+    def leverage(self, features: FloatArray) -> FloatArray:
+        """(T, 1) how far the loads (T, F) are from those that were learnt."""
+        off = features - self.mean
+        return np.asarray(np.sum(off @ self.precision * off, axis=1, keepdims=True))
+
+    def part(self, keep: Sequence[int]) -> "LoadHeat":
+        """The same for some of the temperatures."""
+        return LoadHeat(self.mean, self.weights[:, keep], self.precision)
+
+
+def heat_of(features: FloatArray, x: FloatArray) -> LoadHeat:
+    """A ridge regression of temperatures (T, m) on features (T, F)."""
+    mean, size = features.mean(axis=0), features.shape[1]
+    off = features - mean
+    spread = np.diag(off.T @ off) / max(len(off), 1)
+    covariance = off.T @ off / max(len(off), 1) + np.diag(_PENALTY * spread + 1e-12)
+    precision = np.linalg.inv(covariance) if size else np.empty((0, 0))
+    weights = precision @ (off.T @ (x - x.mean(axis=0))) / max(len(off), 1)
+    return LoadHeat(mean, weights, precision)
