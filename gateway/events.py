@@ -1,7 +1,7 @@
 """Everything that a running gateway reports, as a closed union of events, and its distribution to receivers."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from gateway.acquisition import Sample
 from gateway.ages import StepTime
@@ -10,7 +10,7 @@ from gateway.config import GatewayConfig
 from gateway.nc import NcState, Write
 from gateway.probing import Outcome, Outlook
 from talc.frame import Decision, Event, Frame
-from talc.learner import Forecast, Misses, Reasons
+from talc.learner import Forecast, Misses, PlannedForecast, Reasons
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
 
@@ -178,6 +178,8 @@ class ForecastMade:
     forecast: Forecast
     misses: Misses
     """How far such forecasts have been off."""
+    planned: Mapping[str, PlannedForecast | None] = field(default_factory=dict)
+    """By planned load, at the same times; None: it is not known yet what it does."""
 
 
 GatewayEvent = (

@@ -22,7 +22,7 @@ from gateway.ages import Ages
 from gateway.clock import ServiceClock
 from gateway.commands import Command, CommandOutcome
 from gateway.config import GatewayConfig
-from gateway.control import AskReload, CommandTaker, GridLoop, GridSampler, Schedule, SensorWatch
+from gateway.control import AskReload, CommandTaker, GridLoop, GridSampler, PlannedLoads, Schedule, SensorWatch
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -39,7 +39,7 @@ from gateway.polling import Notice
 from gateway.probing import NotBegun, ProbingSchedule
 from gateway.storage import StoreError
 from gateway.watches import ClockWatch, HealthWatch, StoreWatch
-from talc.frame import Event, EventKind
+from talc.frame import Event, EventKind, Frame
 
 log = logging.getLogger(__name__)
 
@@ -109,6 +109,13 @@ class Service:
             clock,
             past.seen,
             is_load=self._is_load,
+        )
+        self._planned = PlannedLoads(
+            config.input_names,
+            {planned.name: planned.loads for planned in config.planned_loads},
+            self._is_load,
+            clock,
+            None if past.seen is None else past.seen.frames,
         )
         self._acquisition: Acquisition | None = None
         self._clock_watch = ClockWatch(self._ages, clock, self._noticed, self._remember)
@@ -182,6 +189,7 @@ class Service:
                 running = [
                     tasks.create_task(self._grid.run(), name="grid"),
                     tasks.create_task(self._sensors.run(), name="sensors"),
+                    tasks.create_task(self._planned.run(), name="planned loads"),
                     tasks.create_task(stale.run(), name="stale"),
                     tasks.create_task(self._store_watch().run(), name="storage"),
                     tasks.create_task(self._health_watch.run(), name="health"),
@@ -214,7 +222,8 @@ class Service:
             self._sink,
             self._past.pending,
             self._ages,
-            seen=self._sensors.frame,
+            seen=self._seen,
+            planned=self._planned.changes,
         )
 
     def _make_link(self) -> NcLink | None:
@@ -272,6 +281,10 @@ class Service:
         """The clock is known to be right from now on, and with it how long ago what the earlier run left was."""
         if self.link is not None:
             self.link.remembered(self._measured_s(), self._missing_s())
+
+    def _seen(self, frame: Frame) -> None:
+        self._sensors.frame(frame)
+        self._planned.frame(frame)
 
     def _is_temperature(self, name: str) -> bool:
         return self._unit(name) == _TEMPERATURE

@@ -27,6 +27,7 @@ __all__ = [
     "load_heat",
     "models",
     "names",
+    "planned",
     "presets",
     "probing",
     "rehearse",

@@ -20,7 +20,7 @@ from talc.frame import (
 )
 from talc.free_running import FreeRunningModel, ModelState
 from talc.indicators import TWO_SIDED_95
-from talc.learner import CourseState, Explanation, Forecast, LearningCourse, Prior, Reasons, Weights
+from talc.learner import CourseState, Explanation, Forecast, LearningCourse, PlannedForecast, Prior, Reasons, Weights
 from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.record import Record
@@ -130,6 +130,13 @@ class Controller:
     def forecast(self, steps: Sequence[int]) -> Forecast | None:
         """The learner's estimates so many steps ahead. Takes as long as a few steps."""
         return None if self._course is None else self._course.forecast(steps)
+
+    def along(self, changes: FloatArray, steps: Sequence[int]) -> PlannedForecast:
+        """The learner's estimates so many steps ahead, if the inputs differ from the last frame's by (T, n) at each of
+        the next T steps. ValueError: the method has no forecasts."""
+        if self._course is None:
+            raise ValueError("the method models makes no forecasts")
+        return self._course.along(changes, steps)
 
     def state(self) -> ControllerState:
         """All that is known, copied: later steps do not change it."""

@@ -17,6 +17,7 @@ _NEEDS_RESTART = (
     "telemetry",
     "metrics",
     "states",
+    "planned_loads",
     "nc",
     "probing",
     "compensation",

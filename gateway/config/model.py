@@ -21,6 +21,7 @@ from gateway.config.sections import (
     Grid,
     Limits,
     MachineSection,
+    PlannedLoad,
     Probing,
     State,
     Storage,
@@ -52,6 +53,7 @@ class GatewayConfig(Section):
     buses: tuple[BusSection, ...] = Field(default=(), alias="bus")
     devices: tuple[Device, ...] = Field(default=(), alias="device")
     states: tuple[State, ...] = Field(default=(), alias="state")
+    planned_loads: tuple[PlannedLoad, ...] = Field(default=(), alias="planned_load", max_length=8)
     limits: Mapping[str, Limits] = Field(default_factory=dict)
     nc: Nc | None = None
     probing: Probing = Probing()

@@ -41,6 +41,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_repeated("bus", (bus.name for bus in config.buses)),
         *_repeated("device", (device.name for device in config.devices)),
         *_inputs(config),
+        *_planned_loads(config),
         *_places(config),
         *_waits(config),
         *_addresses(config),
@@ -142,6 +143,18 @@ def _inputs(config: GatewayConfig) -> Iterator[Problem]:
         first.setdefault(state.name, "another state")
     if config.states and config.nc is None:
         yield Problem("[nc]", f"missing; states ({config.states[0].name}, ...) are read from it")
+
+
+def _planned_loads(config: GatewayConfig) -> Iterator[Problem]:
+    yield from _repeated("planned_load", (planned.name for planned in config.planned_loads))
+    known = config.input_names
+    for planned in config.planned_loads:
+        for name in planned.loads:
+            if name not in known:
+                where = f"planned_load '{planned.name}', loads.{name}"
+                yield Problem(where, f"not an input of this configuration; {suggestion(name, known)}")
+    if config.planned_loads and config.talc.method != "learner":
+        yield Problem("[[planned_load]]", 'works only with [talc] method = "learner": models make no forecast')
 
 
 def _places(config: GatewayConfig) -> Iterator[Problem]:

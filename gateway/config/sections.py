@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from drivers.section import FilePath, NotNegative, Positive, Section, beside_the_file
 from gateway.config.fields import LARGEST_BOUND_UM, MOST_POSES, Name, ProfileName
@@ -80,6 +80,24 @@ class State(Section):
 
     name: Name
     """Name under which the NC driver reports it."""
+
+
+class PlannedLoad(Section):
+    """One load that a person may plan, such as a warm-up or a job. The forecast then also says what becomes of the
+    errors if it runs from now on, and the page offers it."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    """What the page calls it, such as `warm-up` or `roughing, 8 h`."""
+    loads: Mapping[Name, float]
+    """Loads to their mean while it runs, in the input's unit: machine states (`spindle_speed`, in 1/min) or channels
+    (a drive's power). Loads that are not named stay as they are."""
+
+    @field_validator("loads")
+    @classmethod
+    def _some(cls, loads: Mapping[str, float]) -> Mapping[str, float]:
+        if not loads:
+            raise ValueError("expected at least one load, such as {spindle_speed = 6000.0}")
+        return loads
 
 
 class Limits(Section):

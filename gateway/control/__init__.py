@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from gateway.control.command_taker import AskReload, CommandTaker
     from gateway.control.grid import GridSampler, Schedule
     from gateway.control.loop import GridLoop
+    from gateway.control.planned_loads import PlannedLoads
     from gateway.control.sensor_watch import SeenBefore, SensorWatch
     from gateway.control.trainer import has_failed
 else:
@@ -17,6 +18,7 @@ else:
             ".command_taker": ("AskReload", "CommandTaker"),
             ".grid": ("GridSampler", "Schedule"),
             ".loop": ("GridLoop",),
+            ".planned_loads": ("PlannedLoads",),
             ".sensor_watch": ("SeenBefore", "SensorWatch"),
             ".trainer": ("has_failed",),
         },
@@ -27,6 +29,7 @@ __all__ = [
     "CommandTaker",
     "GridLoop",
     "GridSampler",
+    "PlannedLoads",
     "Schedule",
     "SeenBefore",
     "SensorWatch",

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 
 from gateway.ages import Ages, StepTime
 from gateway.clock import ServiceClock
@@ -25,7 +25,7 @@ from gateway.nc import NcLink
 from gateway.polling import Periodic
 from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing
 from talc.control import Controller
-from talc.frame import Event, EventKind, Frame, Measurement, TrainingJob, Why
+from talc.frame import Event, EventKind, FloatArray, Frame, Measurement, TrainingJob, Why
 from talc.learner import ForecastRecord
 from talc.models import ModelSet
 
@@ -52,6 +52,8 @@ class GridLoop:
     ages: how long ago the last stored frame was; None: there is none
     train: runs a training
     seen: called with every frame, after everything that follows from it
+    planned: by planned load, how the inputs (steps, n) will differ from the last frame's at each of so many steps;
+        None: unknown
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class GridLoop:
         ages: Ages | None = None,
         train: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
         seen: Callable[[Frame], None] = lambda _: None,
+        planned: Callable[[int], Mapping[str, FloatArray | None]] = lambda _: {},
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
         self._link, self._plan, self._probing = link, plan, probing
@@ -75,7 +78,7 @@ class GridLoop:
         self._ages = ages or Ages(clock, 1.0, None)
         self._job, wanted = pending
         self._plan.want(wanted, clock.monotonic())
-        self._run_training, self._seen = train, seen
+        self._run_training, self._seen, self._planned = train, seen, planned
         self._bulletin, self._outlook = Bulletin(), Outlook(Standing.NOT_WANTED, None)
         ahead = {max(1, round(ahead_s / schedule.step_s)) for ahead_s in _AHEAD_S}
         self._forecasts = ForecastRecord(tuple(sorted(ahead)), schedule.step_s)
@@ -155,7 +158,12 @@ class GridLoop:
         if (forecast := self._controller.forecast(self._forecasts.steps)) is not None:
             measured = measurement is not None
             misses = self._forecasts.take(forecast, decision.corrected, decision.sigma, measured=measured)
-            self._sink(ForecastMade(forecast, misses))
+            steps = self._forecasts.steps
+            planned = {
+                name: None if changes is None else self._controller.along(changes, steps)
+                for name, changes in self._planned(steps[-1]).items()
+            }
+            self._sink(ForecastMade(forecast, misses, planned))
 
     def _moment(self, instant: Instant) -> StepTime:
         return StepTime(instant.k, self._clock.origin(), instant.monotonic_s, instant.lead_s, instant.known)

@@ -60,7 +60,7 @@ from gateway.telemetry.messages import (
     StorageStanding,
 )
 from talc.frame import Decision, Event, FloatArray, Frame
-from talc.learner import Forecast, Misses, Reasons
+from talc.learner import Forecast, Misses, PlannedForecast, Reasons
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Judgement
@@ -132,8 +132,8 @@ class Composer:
                 return [(keys.PROBING, _probing(self._stamp(), outlook))]
             case ReasonsGiven(reasons):
                 return [(keys.REASONS, _reasons(self._stamp(), reasons))]
-            case ForecastMade(forecast, misses):
-                return [(keys.FORECAST, _forecast(self._stamp(), forecast, misses))]
+            case ForecastMade(forecast, misses, planned):
+                return [(keys.FORECAST, _forecast(self._stamp(), forecast, misses, planned))]
             case SensorsJudged(judgement, k, since_k):
                 return [(keys.SENSORS, _sensors(self._stamp(), judgement, k, since_k))]
             case _:
@@ -361,7 +361,9 @@ def _reasons(stamp: _Stamp, r: Reasons) -> ReasonsMessage:
     return ReasonsMessage(*stamp, k=r.k, next_k=r.next_k, next_why=r.next_why.value, errors=errors)
 
 
-def _forecast(stamp: _Stamp, f: Forecast, misses: Misses) -> ForecastMessage:
+def _forecast(
+    stamp: _Stamp, f: Forecast, misses: Misses, planned: Mapping[str, PlannedForecast | None]
+) -> ForecastMessage:
     return ForecastMessage(
         *stamp,
         k=f.k,
@@ -370,6 +372,7 @@ def _forecast(stamp: _Stamp, f: Forecast, misses: Misses) -> ForecastMessage:
         usual=courses(f.usual_value, f.usual_sigma),
         measured=_columns(f.measured_sigma),
         missed=courses(misses.value, misses.sigma),
+        planned={name: {} if each is None else courses(each.value, each.sigma) for name, each in planned.items()},
     )
 
 

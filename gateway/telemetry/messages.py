@@ -230,6 +230,13 @@ class ForecastMessage(Message, frozen=True):
         dict[str, PublishedCourse],
         Meta(description="Root mean square by which `stays` has been off so far; null: not known yet"),
     ]
+    planned: Annotated[
+        dict[str, dict[str, PublishedCourse]],
+        Meta(
+            description="By planned load of the configuration, then by thermal error: if it runs from now on; empty: "
+            "it is not known yet what this load does"
+        ),
+    ] = {}
 
 
 class PauseStanding(Struct, frozen=True):

@@ -14,7 +14,7 @@ import numpy as np
 from gateway.heard import Applied, MachineSeen, applied, believable, instant
 from gateway.telemetry import ForecastMessage, PublishedCourse
 from gateway.web.at_tool import ToolError, half_width, moved
-from gateway.web.sentences import Amount, Atom, Sentence, Word, at, um
+from gateway.web.sentences import Amount, Atom, Sentence, ToldName, Word, at, um
 from talc.frame import BoolArray, FloatArray
 from talc.indicators import TWO_SIDED_95
 from talc.names import THERMAL_ERRORS
@@ -58,10 +58,25 @@ def ahead(seen: MachineSeen, matrix: FloatArray) -> AheadError | None:
     if seen.decision.k - message.k not in (0, 1):  # it follows its decision
         return None
     made = instant(message.time)
-    if made is None or not _whole(message):
-        return None
+    return None if made is None or not _whole(message) else _ahead(seen, message, message.stays, made, matrix)
+
+
+def planned_ahead(seen: MachineSeen, matrix: FloatArray) -> dict[str, AheadError | None]:
+    """The same by planned load, if it runs from now on; None: it is not known yet what this load does."""
+    message = seen.forecast
+    if message is None or (made := instant(message.time)) is None or ahead(seen, matrix) is None:
+        return {}
+    return {
+        name: _ahead(seen, message, courses, made, matrix) if _complete(courses, len(message.ahead_s)) else None
+        for name, courses in message.planned.items()
+    }
+
+
+def _ahead(
+    seen: MachineSeen, message: ForecastMessage, courses: dict[str, PublishedCourse], made: datetime, matrix: FloatArray
+) -> AheadError:
     now = applied(seen.compensation)
-    value, sigma = _columns(message.stays)
+    value, sigma = _columns(courses)
     usual_value, usual_sigma = _columns(message.usual)
     measured = _stacked([message.measured[error] for error in THERMAL_ERRORS])
     missed, sigma_missed = _columns(message.missed)
@@ -103,6 +118,12 @@ def _whole(message: ForecastMessage) -> bool:
     ] + [message.measured.get(error, []) for error in THERMAL_ERRORS]
     within = all(0.0 < s < 7 * 86400.0 for s in message.ahead_s)
     return within and len(courses) == 7 * len(THERMAL_ERRORS) and all(len(column) == size for column in courses)
+
+
+def _complete(courses: dict[str, PublishedCourse], size: int) -> bool:
+    return all(
+        error in courses and len(courses[error].value) == len(courses[error].sigma) == size for error in THERMAL_ERRORS
+    )
 
 
 def _columns(courses: dict[str, PublishedCourse]) -> tuple[FloatArray, FloatArray]:
@@ -152,6 +173,32 @@ def when(coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iter
         yield Sentence("when.not_before", {"at": at(coming.at[until - 1])})
     off = coming.high - coming.far
     yield Sentence("when.not_foreseeable", {"off": _worst(off[known])})
+
+
+def planned(loads: dict[str, AheadError | None], tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
+    """When it will be ready under each planned load, or until when it stays so."""
+    for load, coming in loads.items():
+        values: dict[str, Atom] = {"load": ToldName(load)}
+        if coming is None:
+            yield Sentence("planned.unknown", values)
+            continue
+        known = coming.known()
+        surely = known & (coming.high <= tolerance_um).all(axis=1)
+        if not known.any():
+            yield Sentence("planned.not_checked", values)
+        elif ready:
+            stays = int(np.argmin(np.append(surely, False)))
+            if stays:
+                yield Sentence("planned.stays", values | {"at": at(coming.at[stays - 1])})
+            else:
+                yield Sentence("planned.may_leave", values | {"at": at(coming.at[0]), "far": _worst(coming.high[0])})
+        elif surely.any():
+            first = int(np.argmax(surely))
+            yield Sentence("planned.ready", values | {"at": at(coming.at[first]), "far": _worst(coming.high[first])})
+        else:
+            last = int(np.flatnonzero(known)[-1])
+            least, most = _worst(coming.low[last]), _worst(coming.high[last])
+            yield Sentence("planned.not_certain", values | {"at": at(coming.at[last]), "low": least, "high": most})
 
 
 def _worst(values: FloatArray) -> Amount:

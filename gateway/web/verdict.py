@@ -10,7 +10,7 @@ import numpy as np
 
 from gateway.heard import MachineSeen, applied, is_old, nine
 from gateway.telemetry import Standing
-from gateway.web.ahead import advice, ahead, when
+from gateway.web.ahead import advice, ahead, planned, planned_ahead, when
 from gateway.web.at_tool import ToolError, at_the_tool, course, half_width
 from gateway.web.sentences import Atom, Sentence, Word, at, um
 from talc.frame import FloatArray, Phase
@@ -146,6 +146,7 @@ def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: boo
     coming, tolerance_um = ahead(seen, viewpoint.matrix), viewpoint.tolerance_um
     if tolerance_um is not None:
         yield from when(coming, tolerance_um, ready=ready)
+        yield from planned(planned_ahead(seen, viewpoint.matrix), tolerance_um, ready=ready)
         yield from advice(tool.error, coming, tolerance_um, ready=ready)
     if ready:
         return

@@ -1,7 +1,7 @@
 """Thermal errors as weighted lags of the inputs, learnt at every measurement by a mixture of Kalman filters."""
 
 from talc.learner.course import CourseState, LearningCourse
-from talc.learner.forecast import Forecast, ForecastRecord, Misses
+from talc.learner.forecast import Forecast, ForecastRecord, Misses, PlannedForecast
 from talc.learner.learner import Explanation, LearnerState, Weights
 from talc.learner.mixture import MixtureState
 from talc.learner.prior import Prior, make_prior
@@ -18,6 +18,7 @@ __all__ = [
     "LearningCourse",
     "Misses",
     "MixtureState",
+    "PlannedForecast",
     "Prior",
     "Reasons",
     "Weights",

@@ -19,7 +19,7 @@ from talc.frame import (
 )
 from talc.indicators import TWO_SIDED_95
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS
-from talc.learner.forecast import Forecast
+from talc.learner.forecast import Forecast, PlannedForecast
 from talc.learner.learner import Estimate, Explanation, LearnerState, RowLearner, Weights
 from talc.learner.mixture import Surprise
 from talc.learner.prior import Prior
@@ -165,6 +165,11 @@ class LearningCourse:
             usual_value=np.stack([each.value for each in usual]),
             usual_sigma=np.stack([each.sigma for each in usual]),
         )
+
+    def along(self, changes: FloatArray, steps: Sequence[int]) -> PlannedForecast:
+        """The estimates so many steps ahead, if the inputs differ from now by (T, n) at each of the next T steps."""
+        found = self._learner.along(changes, steps)
+        return PlannedForecast(np.stack([e.value for e in found]), np.stack([e.sigma for e in found]))
 
     def state(self) -> CourseState:
         """A copy of everything that is known."""

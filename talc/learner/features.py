@@ -1,5 +1,7 @@
 """Inputs through a bank of stable first-order lags: the features of the learner."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from talc.frame import FloatArray
@@ -45,6 +47,15 @@ class LagBank:
         """The features this many steps ahead, if the inputs have these (n,) deviations from now on."""
         kept = self._kept**steps
         return np.append((kept * self.level + (1.0 - kept) * (deviation / self.span)[:, None]).ravel(), 1.0)
+
+    def along(self, deviations: FloatArray, steps: Sequence[int]) -> FloatArray:
+        """(S, n L + 1) the features these many steps ahead, if the inputs have these deviations (T, n) meanwhile."""
+        level, found = self.level, dict[int, FloatArray]()
+        for step, deviation in enumerate(deviations, start=1):
+            level = self._kept * level + (1.0 - self._kept) * (deviation / self.span)[:, None]
+            if step in steps:
+                found[step] = np.append(level.ravel(), 1.0)
+        return np.stack([found[step] for step in steps])
 
     def widen(self, deviation: FloatArray) -> FloatArray:
         """Let spans grow where these (n,) deviations require it. Returns the (n,) factors by which they grew."""

@@ -31,6 +31,14 @@ class Forecast:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PlannedForecast:
+    """The estimates at S later steps under a planned load, µm and µm/m; (S, 9) each."""
+
+    value: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Misses:
     """How far forecasts have been off; root mean squares, NaN until it is known."""
 

@@ -174,6 +174,12 @@ class RowLearner:
         left = np.stack([e.sigma for e in stays]) ** 2 - gained.T
         return stays, np.sqrt(np.maximum(left, 0.0)), moved
 
+    def along(self, changes: FloatArray, ahead: Sequence[int]) -> list[Estimate]:
+        """The estimates at S later steps, if the inputs differ from now by (T, n) at each of the next T steps."""
+        deviations = self._memory.last - self._memory.reference + changes
+        later = self._bank.along(deviations, ahead)
+        return [self._estimate(features, steps) for features, steps in zip(later, ahead, strict=True)]
+
     def _estimate(self, x: FloatArray, ahead: int) -> Estimate:
         """With features x (n,), so many steps ahead."""
         mean, variance = self._mixture.predict(x, ahead)

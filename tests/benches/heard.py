@@ -98,6 +98,7 @@ class HeardMachine:
         usual_sigma: float | None = None,
         k: int = 0,
         ahead_s: tuple[float, ...] = (1800.0, 7200.0, 28800.0),
+        planned: Mapping[str, Mapping[str, Sequence[float]] | None] | None = None,
     ) -> None:
         """Errors that are not named stay zero. Of the value and of sigma, forecasts have been off by `missed`."""
         size = len(ahead_s)
@@ -115,6 +116,7 @@ class HeardMachine:
             usual=courses(stays if usual is None else usual, sigma if usual_sigma is None else usual_sigma),
             measured={name: [sigma if measured is None else measured] * size for name in THERMAL_ERRORS},
             missed={name: PublishedCourse([missed] * size, [missed] * size) for name in THERMAL_ERRORS},
+            planned={load: {} if v is None else courses(v, sigma) for load, v in (planned or {}).items()},
         )
         self.hear("forecast", message)
 

@@ -59,7 +59,7 @@ def widest(page: Page) -> int:
 
 def test_each_part_shows_live_data(settings: Path) -> None:
     with page_rig() as rig:
-        started(rig, settings)
+        gateway = started(rig, settings)
         for width, height in SIZES:
             for dark in (False, True):
                 with rig.page("/machine/mill", width, height, dark=dark) as page:
@@ -99,6 +99,8 @@ def test_each_part_shows_live_data(settings: Path) -> None:
             expect(page.locator("#helps")).to_contain_text("Not ready before")
             for what in ("wait 30 min", "probe now (2 min)", "warm up with spindle and axes"):
                 expect(page.locator("#helps")).to_contain_text(f"If you {what}")
+            gateway.say("forecast " + json.dumps({"planned": {"<b>warm-up": {}}}))
+            expect(page.locator("#helps")).to_contain_text("Under “<b>warm-up”: not known yet.")
             page.fill("#event-text", "nothing has this text")
             expect(page.locator("#events-empty")).to_have_text("No event matches the filter.")
 

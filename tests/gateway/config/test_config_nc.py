@@ -266,3 +266,20 @@ def test_linuxcnc_gets_its_settings_and_its_cautions(tmp_path: Path) -> None:
     assert any("can be read by other users" in line for line in told)
     with pytest.raises(ConfigError, match="state 'door': not every control provides it; possible: coolant, speed_A, "):
         config('[[state]]\nname = "door"\n' + text, tmp_path)
+
+
+def test_planned_loads_are_of_inputs_that_there_are(tmp_path: Path) -> None:
+    (tmp_path / "talc.key").write_text("k" * 64)
+    nc = '[nc]\nkind = "linuxcnc"\nhost = "127.0.0.1"\nport = 7700\nkey_file = "talc.key"\n'
+    states = '[[state]]\nname = "spindle_speed"\n'
+    planned = '[[planned_load]]\nname = "warm-up"\nloads = {spindle_speed = 6000.0}\n'
+    made = config(states + planned + nc, tmp_path)
+    assert {each.name: dict(each.loads) for each in made.planned_loads} == {"warm-up": {"spindle_speed": 6000.0}}
+    for text, said in (
+        (planned.replace("spindle_speed", "spindle_sped"), "planned_load 'warm-up', loads.spindle_sped: not an input"),
+        (planned + planned, "planned_load 'warm-up': name is used 2 times"),
+        (planned.replace("spindle_speed = 6000.0", ""), "expected at least one load"),
+        (planned + '[talc]\nmethod = "models"\n', r"\[\[planned_load\]\]: works only with"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            config(states + text + nc, tmp_path)

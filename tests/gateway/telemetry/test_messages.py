@@ -28,7 +28,7 @@ from gateway.events import (
 from gateway.probing import Outlook
 from gateway.telemetry import TYPES, Composer, DecisionMessage, Dropped, ReadingMessage, decode, encode, schemas
 from talc.frame import Decision
-from talc.learner import Forecast, Misses
+from talc.learner import Forecast, Misses, PlannedForecast
 from talc.names import THERMAL_ERRORS
 from tests.benches import telemetry_examples as example
 
@@ -123,6 +123,12 @@ def test_a_forecast_is_published_by_error_to_a_thousandth_and_stays_small() -> N
     assert payload["measured"][THERMAL_ERRORS[0]] == [0.5, 0.5]
     assert payload["missed"][THERMAL_ERRORS[0]] == {"value": [2.0, 2.0], "sigma": [None, None]}
     assert payload["stays"][THERMAL_ERRORS[3]]["value"] == [None, None]
+    assert payload["planned"] == {}
+    known = PlannedForecast(example.FORECAST.value, example.FORECAST.sigma)
+    ((_, message),) = composer.messages(
+        ForecastMade(example.FORECAST, example.MISSES, {"warm-up": known, "never learnt": None})
+    )
+    assert json.loads(encode(message))["planned"] == {"warm-up": payload["stays"], "never learnt": {}}
     steps = tuple(range(1, 8))
     widest = np.full((7, 9), -1234.5678)
     whole = Forecast(7, steps, (28800.0,) * 7, widest, widest, widest, widest, widest)

@@ -6,7 +6,7 @@ from datetime import timedelta
 import pytest
 
 from gateway.web.at_tool import WorkPoint
-from gateway.web.sentences import Amount, Sentence, Word, at
+from gateway.web.sentences import Amount, Sentence, ToldName, Word, at
 from gateway.web.verdict import Viewpoint, verdict_of
 from gateway.web.view import shown_course
 from tests.benches.heard import BEGAN, STEP, HeardMachine
@@ -140,3 +140,37 @@ def test_the_chart_goes_on_with_the_forecast_and_its_band() -> None:
     assert all(half is not None and half > 1.96 * 2.0 for half in later)
     heard.seen.disappear(heard.now)
     assert shown_course(heard.seen, MATRIX).ahead_t == []
+
+
+def under(after: Sequence[float] | None, *, now: float = 30.0, missed: float | None = 0.0) -> Sentence:
+    """What is said of a planned load under which EZ0A is `after`; None: what it does is unknown."""
+    heard = cooling((now, now, now), now=now, missed=missed)
+    planned = {"face <b>milling": None if after is None else {"EZ0A": after}}
+    heard.forecast({"EZ0A": (now, now, now)}, missed=missed, planned=planned)
+    (said,) = [each for key, each in helps(heard).items() if key.startswith("planned.")]
+    assert said.values["load"] == ToldName("face <b>milling")
+    return said
+
+
+def test_when_it_will_be_ready_under_a_planned_load() -> None:
+    said = under((20.0, 8.0, 2.0))
+    assert (said.say, said.values["at"]) == ("planned.ready", at(BEGAN + timedelta(hours=2)))
+    assert 8.2 < amount(said, "far") < 8.7
+    said = under((20.0, 18.0, 12.0))
+    assert (said.say, said.values["at"]) == ("planned.not_certain", at(BEGAN + timedelta(hours=8)))
+    assert 12.0 < amount(said, "low") <= amount(said, "high") < 13.0
+    assert under((20.0, 8.0, 2.0), missed=30.0).say == "planned.not_certain", "forecasts have been off by more"
+
+
+def test_until_when_it_stays_ready_under_a_planned_load() -> None:
+    said = under((3.0, 8.0, 12.0), now=2.0)
+    assert (said.say, said.values["at"]) == ("planned.stays", at(BEGAN + timedelta(hours=2)))
+    said = under((14.0, 8.0, 2.0), now=2.0)
+    assert (said.say, said.values["at"]) == ("planned.may_leave", at(BEGAN + timedelta(minutes=30)))
+    assert 14.0 < amount(said, "far") < 15.0
+
+
+def test_what_a_planned_load_does_may_be_unknown() -> None:
+    assert under(None).say == "planned.unknown"
+    assert under((20.0, 8.0), missed=None).say == "planned.unknown", "of two times for three"
+    assert under((20.0, 8.0, 2.0), missed=None).say == "planned.not_checked"

@@ -1,0 +1,104 @@
+"""What the inputs would do under each planned load of the configuration, as they have followed loads so far."""
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from gateway.clock import ServiceClock
+from talc.frame import BoolArray, FloatArray, Frame, Frames
+from talc.load_heat import HISTORY_STEPS
+from talc.planned import LoadResponse, learn_response
+
+log = logging.getLogger(__name__)
+
+_MEMORY_STEPS: Final = 14 * 288
+"""Two weeks at 5 min."""
+_LEARN_EVERY_STEPS: Final = 288
+_LEARN_FIRST_STEPS: Final = 2 * 288
+
+
+class PlannedLoads:
+    """Keeps the frames of two weeks, learns once a day how inputs follow loads, and applies it to the planned loads.
+
+    Parameters
+    ----------
+    input_names: order of a frame's inputs
+    planned: by name, loads and their values in their own units; without any it does nothing
+    is_load: whether an input is a load that heats
+    clock: stands still while it learns
+    before: frames of an earlier run
+    """
+
+    def __init__(
+        self,
+        input_names: Sequence[str],
+        planned: Mapping[str, Mapping[str, float]],
+        is_load: Callable[[str], bool],
+        clock: ServiceClock,
+        before: Frames | None = None,
+    ) -> None:
+        self._names, self._planned, self._is_load, self._clock = tuple(input_names), dict(planned), is_load, clock
+        self._rows: deque[tuple[FloatArray, BoolArray]] = deque(maxlen=_MEMORY_STEPS)
+        self._last_k: int | None = None
+        self._learnt_k: int | None = None
+        self._response: LoadResponse | None = None
+        self._due = asyncio.Event()
+        if before is not None and self._planned:
+            for k, inputs, valid in zip(before.k.tolist(), before.inputs, before.valid, strict=True):
+                self._append(k, inputs, valid)
+
+    def frame(self, frame: Frame) -> None:
+        """Take a frame; returns at once."""
+        if not self._planned:
+            return
+        self._append(frame.k, frame.inputs, frame.valid)
+        if len(self._rows) >= _LEARN_FIRST_STEPS and (
+            self._learnt_k is None or frame.k - self._learnt_k >= _LEARN_EVERY_STEPS
+        ):
+            self._learnt_k = frame.k
+            self._due.set()
+
+    async def run(self) -> None:
+        """Learn whenever it is due, until cancelled."""
+        while True:
+            await self._due.wait()
+            self._due.clear()
+            with self._clock.hold():
+                await self.learn()
+
+    async def learn(self) -> None:
+        """How the inputs follow the loads, from the frames so far."""
+        loads = [name for name in self._names if self._is_load(name)]
+        inputs, valid = self._record(_MEMORY_STEPS)
+        try:
+            self._response = await asyncio.to_thread(learn_response, self._names, inputs, valid, loads)
+        except Exception:  # advice must not endanger the gateway
+            log.exception("planned loads: how the inputs follow the loads could not be learnt")
+
+    def changes(self, steps: int) -> dict[str, FloatArray | None]:
+        """By planned load, (steps, n) by how much the inputs will differ from the last frame's at each later step.
+
+        None: it is not known yet what this load does.
+        """
+        response = self._response
+        if response is None or not self._rows:
+            return dict.fromkeys(self._planned)
+        inputs, valid = self._record(HISTORY_STEPS)
+        return {
+            name: response.changes(self._names, inputs, valid, loads, steps) for name, loads in self._planned.items()
+        }
+
+    def _append(self, k: int, inputs: FloatArray, valid: BoolArray) -> None:
+        if self._last_k is not None:
+            nothing = np.full(len(self._names), np.nan), np.zeros(len(self._names), dtype=np.bool_)
+            self._rows.extend([nothing] * min(k - self._last_k - 1, _MEMORY_STEPS))
+        self._rows.append((inputs, valid))
+        self._last_k = k
+
+    def _record(self, most: int) -> tuple[FloatArray, BoolArray]:
+        chosen = list(self._rows)[-most:]
+        return np.array([inputs for inputs, _ in chosen]), np.array([valid for _, valid in chosen], dtype=np.bool_)
