@@ -146,8 +146,8 @@ def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: boo
     coming, tolerance_um = ahead(seen, viewpoint.matrix), viewpoint.tolerance_um
     if tolerance_um is not None:
         yield from when(coming, tolerance_um, ready=ready)
-        yield from planned(planned_ahead(seen, viewpoint.matrix), tolerance_um, ready=ready)
         yield from advice(tool.error, coming, tolerance_um, ready=ready)
+        yield from planned(planned_ahead(seen, viewpoint.matrix), tolerance_um, ready=ready)
     if ready:
         return
     if coming is None and seen.measurements and tolerance_um is not None:
