@@ -260,6 +260,15 @@ def _clock(seen: MachineSeen) -> SaidRow:
     return SaidRow("label.clock", Sentence("clock.kept" if kept else "clock.free"), "good" if kept else "notice")
 
 
+def _buses(status: StatusMessage) -> Iterator[SaidRow]:
+    missed = {bus: n for bus, n in status.periods_missed.items() if n}
+    if missed:
+        yield SaidRow("label.missed", name(", ".join(f"{bus}: {n}" for bus, n in sorted(missed.items()))), "notice")
+    elif status.periods_missed:
+        buses = ToldName(", ".join(sorted(status.periods_missed)))
+        yield SaidRow("label.buses", Sentence("buses.good", {"names": buses}), "good")
+
+
 def _status(status: StatusMessage) -> Iterator[SaidRow]:
     if status.nc is not None:
         mark = _NC_MARKS.get(status.nc, "notice")
@@ -274,9 +283,7 @@ def _status(status: StatusMessage) -> Iterator[SaidRow]:
         yield SaidRow("label.store", Sentence("store.good"), "good")
     if storage is not None and storage.free_mb is not None:
         yield SaidRow("label.disk", Sentence("disk.free", {"mb": Amount(storage.free_mb, "MB", d=0)}))
-    missed = {bus: n for bus, n in status.periods_missed.items() if n}
-    if missed:
-        yield SaidRow("label.missed", name(", ".join(f"{bus}: {n}" for bus, n in sorted(missed.items()))), "notice")
+    yield from _buses(status)
     dropped = status.readings_dropped + status.messages_dropped
     if dropped:
         yield SaidRow("label.dropped", Sentence("messages.dropped", {"n": Amount(dropped, d=0)}), "notice")

@@ -171,9 +171,16 @@ class HeardMachine:
     def probing(self, standing: str, why: str | None = "interval", reason: str = "", operator: str = "") -> None:
         self.hear("probing", ProbingMessage(*self.stamp(), standing, why, reason, 0, operator))
 
-    def status(self, unarmed: tuple[str, ...] = (), certificates: Mapping[str, str] | None = None) -> None:
-        ends = dict(certificates or {})
-        message = StatusMessage(*self.stamp(), "compensation", 0, 0, {}, None, None, unarmed=unarmed, certificates=ends)
+    def status(
+        self,
+        unarmed: tuple[str, ...] = (),
+        certificates: Mapping[str, str] | None = None,
+        periods_missed: Mapping[str, int] | None = None,
+    ) -> None:
+        ends, missed = dict(certificates or {}), dict(periods_missed or {})
+        message = StatusMessage(
+            *self.stamp(), "compensation", 0, 0, missed, None, None, unarmed=unarmed, certificates=ends
+        )
         self.hear("status", message)
 
 

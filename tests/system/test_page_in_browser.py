@@ -114,6 +114,12 @@ def past_days(answer: Response) -> float:
     return (float(asked["to"][0]) - float(asked["from"][0])) / 86400.0
 
 
+def asked_span(answer: Response) -> tuple[float, float]:
+    """Of the past, UTC seconds."""
+    asked = parse_qs(urlsplit(answer.url).query)
+    return float(asked["from"][0]), float(asked["to"][0])
+
+
 def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(settings: Path) -> None:
     with page_rig() as rig:
         started(rig, settings)
@@ -136,6 +142,12 @@ def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(settings: Pa
                 page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 40, steps=5)
                 page.mouse.up()
             assert finer.value.json()["t"][-1] - finer.value.json()["t"][0] < 30 * 86400
+            shown = asked_span(finer.value)
+            with page.expect_response(lambda answer: 0.0 < past_days(answer) < 25.0) as earlier:
+                page.mouse.wheel(-box["width"] / 2, 0.0)
+            began, ended = asked_span(earlier.value)
+            assert ended - began == pytest.approx(shown[1] - shown[0], rel=0.01)
+            assert began - shown[0] == pytest.approx(0.5 * (began - ended), rel=0.01), "half a chart back"
 
 
 def test_what_others_name_stays_a_name_and_a_failing_sensor_is_seen(settings: Path) -> None:

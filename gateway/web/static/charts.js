@@ -1,4 +1,4 @@
-// The charts: one time axis, one cursor; drag to zoom, double click to see all.
+// The charts: one time axis, one cursor; drag to zoom, scroll sideways (or with Shift) to go back, double click to see all.
 import { machine, query } from "./choice.js";
 import { $, make, put } from "./elements.js";
 import { amount, clock, date, sentence, time, word } from "./words.js";
@@ -70,6 +70,17 @@ const follow = (u, key) => {
   charts.forEach((other) => { if (other !== u) other.setScale("x", { min, max }); });
   following = false;
 };
+// Sideways, or with Shift: the page itself scrolls up and down. What is not loaded yet follows as for a zoom.
+const HALF_YEAR_S = 183 * 86400;
+const scroll = (u, event) => {
+  const by = event.deltaX || (event.shiftKey ? event.deltaY : 0);
+  if (!by || u.data[0].length < 2) return;
+  event.preventDefault();
+  const { min, max } = u.scales.x, last = u.data[0].at(-1);
+  const wanted = (max - min) * by / u.over.clientWidth;
+  const shift = Math.min(Math.max(wanted, last - HALF_YEAR_S - min), last - max);
+  if (shift) u.setScale("x", { min: min + shift, max: max + shift });
+};
 const columns = (i) => {
   const { t, without, left, half, measured_t, measured, ahead_t, ahead, ahead_half } = course, old = before();
   const edge = (values, halves, sign) => values.map((v, j) => v === null || halves[j] === null ? null : v + sign * halves[j]);
@@ -95,7 +106,8 @@ const chart = (place, i) => {
     bands: [{ series: [3, 2], fill: ink("band") }, { series: [8, 7], fill: ink("band") }],
     legend: { show: false },
     cursor: { sync: { key: "tool" }, drag: { x: true, y: false } },
-    hooks: { setScale: [follow], setCursor: [(u) => tell(u, i)] },
+    hooks: { setScale: [follow], setCursor: [(u) => tell(u, i)],
+      ready: [(u) => u.over.addEventListener("wheel", (event) => scroll(u, event), { passive: false })] },
   }, columns(i), place);
 };
 const tell = (u, i) => {

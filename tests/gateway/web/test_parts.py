@@ -79,6 +79,18 @@ def test_a_channels_name_tells_its_part_of_the_machine(channel: str, body: str) 
     assert shown.body == body
 
 
+def test_every_bus_is_named_or_the_ones_that_missed_reads() -> None:
+    heard = HeardMachine()
+    heard.status(periods_missed={"tcp1": 0, "rtu1": 0})
+    rows = {row.label: row for row in parts.health(heard.seen)}
+    assert rows["label.buses"].said == Sentence("buses.good", {"names": ToldName("rtu1, tcp1")})
+    assert "label.missed" not in rows
+    heard.status(periods_missed={"tcp1": 3, "rtu1": 0})
+    rows = {row.label: row for row in parts.health(heard.seen)}
+    assert rows["label.missed"].said.values["text"] == ToldName("tcp1: 3")
+    assert "label.buses" not in rows
+
+
 def test_an_event_says_how_much_it_matters_and_the_newest_comes_first() -> None:
     heard = HeardMachine()
     for kind in ("state_update", "operator", "problem", "of_a_later_version"):
