@@ -221,6 +221,11 @@ def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enoug
             expect(page.locator("[data-axis=Y] [data-of=half]")).to_have_text(before.replace(".", ","))
             page.emulate_media(media="print")
             expect(page.locator("form")).to_be_hidden()
+            expect(page.locator("#axes .u-over")).to_have_count(3)
+            page.evaluate("document.getElementById('main').style.width = '600px'")  # paper is narrower than a screen
+            inside = """() => [...document.querySelectorAll('#axes .chart')].map((chart) =>
+              chart.querySelector('canvas').getBoundingClientRect().width <= chart.clientWidth)"""
+            assert page.evaluate(inside) == [True, True, True]
 
 
 def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_anew(settings: Path) -> None:
@@ -230,6 +235,8 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_anew
         rig.serve([port, other], settings)
         with rig.page("/machine/mill") as page, rig.page("/?all=1") as machines:
             expect(page.locator("#word")).to_have_text("No data yet")
+            for by_week in ("#weeks-empty", "#sensitivity-empty"):
+                expect(page.locator(by_week)).to_contain_text("once the gateway has been heard")
             mill.say("")
             expect(page.locator("#axes .u-over")).to_have_count(3)
             lathe.say("")
