@@ -75,11 +75,14 @@ class DatabaseWriter:
         """The end did not wait any longer for the disk; the thread may still be in a call."""
         self._asked_s: float | None = None
         """Since when the disk has been at work; None: it has nothing to do."""
-        self._path, self._commit_s, self._prune, self._end, self._retry_s = path, commit_s, prune, end, retry_s
+        self._path, self._prune, self._end, self._retry_s = path, prune, end, retry_s
         self._mend, self._mended, self._to_mend = mend, mended, ""
         self._mending, self._times_mended = threading.Lock(), 0
         self._changed = threading.Condition()
         self._waiting = Waiting()
+        self._gather_s = min(_GATHER_S, commit_s / 5)
+        self._every_s = commit_s - 2 * self._gather_s
+        """Between commits: a reading may wait for others before the one and after the other; in all `commit_s`."""
         self._gathered = False
         """Whether anything waits that does not wait for more readings."""
         self._open: list[Item] = []
@@ -307,7 +310,7 @@ class DatabaseWriter:
                 self._delete_old(connection)
                 pruned = now
             wanted = wanted or (item is not None and item.commit)
-            if (wanted and not self._gathered) or now - committed >= self._commit_s:
+            if (wanted and not self._gathered) or now - committed >= self._every_s:
                 self._commit(connection)
                 committed, wanted = now, False
             if now - self._looked_s >= self._look_s:
@@ -346,9 +349,7 @@ class DatabaseWriter:
     def _next(self) -> Item | None:
         with self._changed:
             self._asked_s = None
-            self._changed.wait_for(
-                lambda: self._gathered or self._closing or self._to_mend, min(_GATHER_S, self._commit_s)
-            )
+            self._changed.wait_for(lambda: self._gathered or self._closing or self._to_mend, self._gather_s)
             self._asked_s = time.monotonic()
             if self._to_mend:
                 raise StoreError(self._to_mend)
