@@ -10,6 +10,7 @@ from typing import Any
 
 from drivers.agent import AgentSettings
 from tests.benches.linuxcnc_module import module_at
+from tests.benches.stream_server import stream_server
 
 FILE = Path(__file__).parents[2] / "examples" / "agent" / "agent.py"
 REFERENCE = module_at(FILE)
@@ -39,17 +40,11 @@ class ServedAgent:
 @asynccontextmanager
 async def served_agent(machine: Any, module: Any = REFERENCE) -> AsyncIterator[ServedAgent]:
     """module: of the agent, or a spoilt one."""
-    clients: set[asyncio.Task[None]] = set()
     it = module.Agent(KEY, machine)
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        clients.add(task)
         try:
             await it.serve(reader, writer)
-        except asyncio.CancelledError:  # at the end of the test
-            writer.close()
         except Exception as error:
             if module is REFERENCE:
                 raise
@@ -60,16 +55,13 @@ async def served_agent(machine: Any, module: Any = REFERENCE) -> AsyncIterator[S
             machine.tick()
             await asyncio.sleep(REFERENCE.TICK_S)
 
-    server = await asyncio.start_server(serve, "127.0.0.1", 0, limit=module.LONGEST_LINE)
-    ticking = asyncio.create_task(tick())
-    try:
-        yield ServedAgent(machine, int(server.sockets[0].getsockname()[1]))
-    finally:
-        for task in (ticking, *clients):
-            task.cancel()
-        await asyncio.gather(ticking, *clients, return_exceptions=True)
-        server.close()
-        await server.wait_closed()
+    async with stream_server(serve, limit=module.LONGEST_LINE) as port:
+        ticking = asyncio.create_task(tick())
+        try:
+            yield ServedAgent(machine, port)
+        finally:
+            ticking.cancel()
+            await asyncio.gather(ticking, return_exceptions=True)
 
 
 def spoilt_reference(*changes: tuple[str, str]) -> Any:

@@ -16,6 +16,7 @@ from drivers.mtconnect import MtConnectSettings, make_mtconnect
 from drivers.nc import NumericalControl, OperatingMode, ProgramState, WatchdogTerms
 from drivers.problems import settings_of
 from tests.benches.mtconnect_agent import mtconnect_agent
+from tests.benches.stream_server import stream_server
 
 pytestmark = pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")
 LIMIT_S = 60.0
@@ -128,21 +129,15 @@ def test_settings_that_cannot_work_are_refused(changed: dict[str, object], says:
 @asynccontextmanager
 async def answering(answer: bytes, *, then_hang_up: bool = True) -> AsyncIterator[str]:
     """A server that answers each connection with these bytes; its address."""
-    held: list[asyncio.StreamWriter] = []
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readuntil(b"\r\n\r\n")
         writer.write(answer)
         if then_hang_up:
             writer.close()
-        held.append(writer)
 
-    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
-        try:
-            yield f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-        finally:
-            for writer in held:
-                writer.close()
+    async with stream_server(serve) as port:
+        yield f"http://127.0.0.1:{port}"
 
 
 def http(body: bytes, status: str = "200 OK") -> bytes:
@@ -201,10 +196,9 @@ async def test_an_agent_that_sends_byte_by_byte_is_hung_up_on() -> None:
         gone.set()
         writer.close()
 
-    async with await asyncio.start_server(drip, "127.0.0.1", 0) as server:
-        url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    async with stream_server(drip) as port:
         with pytest.raises(NoAnswer, match=r"no answer to probe within 0\.3 s"):
-            await control(url, timeout_s=0.3).connect()
+            await control(f"http://127.0.0.1:{port}", timeout_s=0.3).connect()
         async with asyncio.timeout(LIMIT_S):
             await gone.wait()
 

@@ -4,7 +4,7 @@ import asyncio
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -18,6 +18,7 @@ from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, parse, validate
 from gateway.nc import control_of
 from tests.benches.extension_package import example_files, example_wheel, files_of, install
+from tests.benches.stream_server import stream_server
 
 BUS = """
 [machine]
@@ -247,29 +248,16 @@ def test_two_packages_of_one_kind_and_a_kind_of_the_gateway_s_own(
 async def answering(answer: Callable[[bytes], bytes]) -> AsyncIterator[int]:
     """A server that answers each line; its port."""
 
-    serving: set[asyncio.Task[None]] = set()
-
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        serving.add(task)
-        try:
+        with suppress(ConnectionError):
             while line := await reader.readline():
                 if said := answer(line):
                     writer.write(said)
                     await writer.drain()
-        except (ConnectionError, asyncio.CancelledError):
-            pass
-        finally:
-            writer.close()
+        writer.close()
 
-    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
-        try:
-            yield int(server.sockets[0].getsockname()[1])
-        finally:
-            for task in serving:
-                task.cancel()
-            await asyncio.gather(*serving, return_exceptions=True)
+    async with stream_server(serve) as port:
+        yield port
 
 
 async def test_its_bus_is_read_as_any_other(example: Path) -> None:
