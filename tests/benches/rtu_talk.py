@@ -1,5 +1,6 @@
 """A Modbus RTU line whose answers a test makes up."""
 
+import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
@@ -26,6 +27,8 @@ class RtuPeer:
 
     def __init__(self) -> None:
         self.requests: list[bytes] = []
+        self.is_asked = asyncio.Event()
+        """There is a request. Simulated time waits for the wire while a test awaits this, and goes on if it polls."""
         self.path = ""
         self.reply: Callable[[bytes], bytes] = lambda _: b""
         self.port = PtyPort(self._on_bytes)
@@ -33,6 +36,7 @@ class RtuPeer:
     def _on_bytes(self, data: bytes) -> None:
         for start in range(0, len(data), 8):
             self.requests.append(data[start : start + 8])
+            self.is_asked.set()
             if answer := self.reply(self.requests[-1]):
                 self.port.write(answer)
 

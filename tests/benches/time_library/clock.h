@@ -18,12 +18,12 @@ inline Nanoseconds real(clockid_t clock) {
   return of(at);
 }
 
-// What is under way, and the process at rest: not coming any more after two real seconds, and so many looks. Time alone
+// What is under way, and the process at rest: not coming any more after so many real seconds and looks. Time alone
 // does not tell: it also passes while this computer, or just the governor, stands still and looks at nothing.
 class Missing {
  public:
   void appears() { since_ = real(CLOCK_MONOTONIC), looks_ = 0; }
-  bool lost() { return ++looks_ > 400 && real(CLOCK_MONOTONIC) - since_ > 2 * second; }
+  bool lost(int after_s) { return ++looks_ > 400 && real(CLOCK_MONOTONIC) - since_ > after_s * second; }
 
  private:
   Nanoseconds since_ = 0;

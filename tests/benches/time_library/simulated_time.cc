@@ -316,7 +316,7 @@ void* govern(void*) {
     if (waits != before || for_the_lock != 0 || holds != 0) continue;
     if (std::any_of(waiting.begin(), waiting.end(), [](const Wait* wait) { return ended(*wait); })) {
       if (before != waits_then) waits_then = before, missing.appears();
-      if (!missing.lost()) continue;  // later: somebody closed what this thread still waits for
+      if (!missing.lost(2)) continue;  // later: somebody closed what this thread still waits for
     }
     Nanoseconds next = never;
     for (const auto* wait : waiting) next = std::min(next, wait->expired ? never : wait->deadline);

@@ -62,7 +62,7 @@ bool wires_are_quiet() {
       end.written_then = end.written, end.read_then = end.read;
       end.missing.appears();
     }
-    if (end.fd >= 0 && !end.missing.lost()) return false;
+    if (end.fd >= 0 && !end.missing.lost(10)) return false;
     end.written = end.read + ready;
   }
   return true;

@@ -42,8 +42,7 @@ async def test_late_answer_is_not_taken_for_the_next() -> None:
 async def test_late_answer_of_a_cancelled_request_is_not_taken_for_the_next() -> None:
     async with line() as (bus, peer):
         asked = asyncio.ensure_future(bus.read("d", 1, TWO))
-        while not peer.requests:
-            await asyncio.sleep(0)
+        await peer.is_asked.wait()
         asked.cancel()
         with suppress(asyncio.CancelledError):
             await asked
@@ -58,8 +57,7 @@ async def test_line_stays_quiet_while_a_cancelled_request_is_answered() -> None:
         loop = asyncio.get_running_loop()
         began_s = loop.time()
         asked = asyncio.ensure_future(bus.read("d", 1, TWO))
-        while not peer.requests:
-            await asyncio.sleep(0)
+        await peer.is_asked.wait()
         asked.cancel()
         with suppress(asyncio.CancelledError):
             await asked
@@ -98,8 +96,7 @@ async def test_answer_is_found_among_garbage() -> None:
 async def test_answer_may_come_byte_by_byte() -> None:
     async with line() as (bus, peer):
         asked = asyncio.ensure_future(bus.read("d", 1, TWO))
-        while not peer.requests:
-            await asyncio.sleep(0)
+        await peer.is_asked.wait()
         for byte in registers(1, 7, 8):
             peer.port.write(bytes([byte]))
             await asyncio.sleep(0.001)
