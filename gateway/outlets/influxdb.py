@@ -1,41 +1,35 @@
 """Outlet to InfluxDB, or to what takes its line protocol by HTTP."""
 
 import json
-import re
 import ssl
 from base64 import b64encode
 from collections.abc import Sequence
 from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import ClassVar, Literal, Self
 from urllib.parse import urlencode
 
 from pydantic import Field, model_validator
 
 from drivers.base import SetupError
-from drivers.bus_settings import is_loopback
-from drivers.section import FilePath, NotEmpty, NotNegative, matching, wrong
+from drivers.section import FilePath, NotEmpty, NotNegative
+from drivers.server_url import UrlServer
 from gateway.outlets.line_protocol import WRITTEN, lines
 from gateway.outlets.outlet import OutletError, OutletMessage, OutletSettings, Unacceptable
 
-_URL = re.compile(r"(?P<scheme>https?)://(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(?P<port>\d{1,5}))?/?")
-_PORT = 8086
 _MOST_SHOWN = 300
 
 
-class InfluxDbSettings(OutletSettings):
+class InfluxDbSettings(OutletSettings, UrlServer):
     """InfluxDB 2 (`bucket`) or 1 (`database`), by HTTP."""
+
+    schemes: ClassVar[tuple[str, str]] = ("https", "http")
+    default_ports: ClassVar[tuple[int, int]] = (8086, 8086)
 
     kind: Literal["influxdb"]
     """`influxdb`."""
-    url: Annotated[str, matching(_URL.pattern, "https://HOST:PORT, or http://HOST:PORT for a server without TLS")]
+    url: str
     """The server, such as `https://influx.plant.example:8086`. The default port is 8086."""
-    allow_unencrypted: bool = False
-    """Whether `http://` may go beyond this computer: everyone in that network can then read what passes, and the token
-    or password."""
-    authority: FilePath | None = None
-    """Certificates of the authorities (PEM), one of which must have issued the server's certificate. None: those that
-    the operating system trusts."""
     bucket: NotEmpty | None = None
     """Bucket of InfluxDB 2; with `org` and `token_file`."""
     org: NotEmpty | None = None
@@ -55,16 +49,6 @@ class InfluxDbSettings(OutletSettings):
 
     @model_validator(mode="after")
     def _sensible(self) -> Self:
-        if not 1 <= self.port <= 0xFFFF:
-            raise wrong(f"{self.url!r}: expected a port of 1 to 65535", "url")
-        if not (self.encrypted or self.allow_unencrypted or is_loopback(self.host)):
-            raise wrong(
-                f"{self.url!r} can be read and changed by everyone in that network: expected https://, or a loopback "
-                "address, or allow_unencrypted = true",
-                "url",
-            )
-        if self.authority is not None and not self.encrypted:
-            raise ValueError("authority has no effect without TLS: write https:// in url")
         if (self.bucket is None) == (self.database is None):
             raise ValueError("expected either bucket (InfluxDB 2) or database (InfluxDB 1)")
         if self.database is not None and (self.org or self.token_file):
@@ -74,23 +58,6 @@ class InfluxDbSettings(OutletSettings):
         if (self.user is None) != (self.password_file is None):
             raise ValueError("user and password_file go together: give both or neither")
         return self
-
-    @property
-    def encrypted(self) -> bool:
-        """Whether it is by TLS."""
-        return self.url.startswith("https:")
-
-    @property
-    def host(self) -> str:
-        """Without brackets."""
-        found = _URL.fullmatch(self.url)
-        return "" if found is None else found["host"].strip("[]")
-
-    @property
-    def port(self) -> int:
-        """As stated, or the default one."""
-        found = _URL.fullmatch(self.url)
-        return _PORT if found is None or found["port"] is None else int(found["port"])
 
     @property
     def batch(self) -> int:

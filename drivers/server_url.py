@@ -1,0 +1,70 @@
+"""Settings of a server that a URL names: its address, and whether the connection is encrypted. No network."""
+
+import re
+from typing import ClassVar, Self
+
+from pydantic import field_validator, model_validator
+
+from drivers.bus_settings import is_loopback
+from drivers.section import FilePath, Section, wrong
+
+_URL = re.compile(r"(?P<scheme>[a-z]+)://(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(?P<port>\d{1,5}))?/?")
+
+
+class UrlServer(Section):
+    """A server with TLS, or without it on this computer."""
+
+    schemes: ClassVar[tuple[str, str]]
+    """Of a URL with TLS, and without."""
+    default_ports: ClassVar[tuple[int, int]]
+    """With TLS, and without."""
+
+    url: str
+    """The server: scheme, host and port."""
+    allow_unencrypted: bool = False
+    """Whether a `url` without TLS may go beyond this computer: everyone in that network can then read and change what
+    passes, and read the password."""
+    authority: FilePath | None = None
+    """Certificates of the authorities (PEM), one of which must have issued the server's certificate. None: those that
+    the operating system trusts."""
+
+    @field_validator("url")
+    @classmethod
+    def _named(cls, url: str) -> str:
+        found, (safe, plain) = _URL.fullmatch(url), cls.schemes
+        if found is None or found["scheme"] not in cls.schemes:
+            raise ValueError(f"{url!r}: expected {safe}://HOST:PORT, or {plain}://HOST:PORT for a server without TLS")
+        if found["port"] is not None and not 1 <= int(found["port"]) <= 0xFFFF:
+            raise ValueError(f"{url!r}: expected a port of 1 to 65535")
+        return url
+
+    @model_validator(mode="after")
+    def _encrypted_or_near(self) -> Self:
+        if not (self.encrypted or self.allow_unencrypted or is_loopback(self.host)):
+            raise wrong(
+                f"{self.url!r} can be read and changed by everyone in that network: expected {self.schemes[0]}://, or "
+                "a loopback address, or allow_unencrypted = true",
+                "url",
+            )
+        if self.authority is not None and not self.encrypted:
+            raise wrong(f"has no effect without TLS: write {self.schemes[0]}:// in url", "authority")
+        return self
+
+    @property
+    def encrypted(self) -> bool:
+        """Whether it is by TLS."""
+        return self.url.startswith(f"{self.schemes[0]}:")
+
+    @property
+    def host(self) -> str:
+        """Without brackets."""
+        return self._part("host").strip("[]")
+
+    @property
+    def port(self) -> int:
+        """As stated, or the default one."""
+        return int(self._part("port") or self.default_ports[0 if self.encrypted else 1])
+
+    def _part(self, name: str) -> str:
+        found = _URL.fullmatch(self.url)
+        return "" if found is None else found[name] or ""

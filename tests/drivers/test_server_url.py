@@ -1,0 +1,52 @@
+"""A server's URL: scheme, host, port, and no unencrypted connection beyond this computer unless it is allowed."""
+
+from typing import ClassVar
+
+import pytest
+from pydantic import ValidationError
+
+from drivers.server_url import UrlServer
+
+
+class HttpServer(UrlServer):
+    """A server as an outlet has it."""
+
+    schemes: ClassVar[tuple[str, str]] = ("https", "http")
+    default_ports: ClassVar[tuple[int, int]] = (8443, 8080)
+
+
+@pytest.mark.parametrize(
+    ("url", "encrypted", "host", "port"),
+    [
+        ("https://plant.example", True, "plant.example", 8443),
+        ("https://plant.example:443/", True, "plant.example", 443),
+        ("https://[fd00::5]:443", True, "fd00::5", 443),
+        ("http://localhost", False, "localhost", 8080),
+        ("http://127.0.0.2:80", False, "127.0.0.2", 80),
+        ("http://[::1]", False, "::1", 8080),
+    ],
+)
+def test_a_url_names_host_and_port(url: str, encrypted: bool, host: str, port: int) -> None:
+    server = HttpServer(url=url)
+    assert (server.encrypted, server.host, server.port) == (encrypted, host, port)
+
+
+@pytest.mark.parametrize(
+    ("fields", "problem"),
+    [
+        ({"url": "plant.example"}, "expected https://HOST:PORT, or http://HOST:PORT for a server without TLS"),
+        ({"url": "mqtts://plant.example"}, "expected https://HOST:PORT"),
+        ({"url": "https://user:secret@plant.example"}, "expected https://HOST:PORT"),
+        ({"url": "https://plant.example:0"}, "expected a port of 1 to 65535"),
+        ({"url": "https://plant.example:65536"}, "expected a port of 1 to 65535"),
+        ({"url": "http://plant.example"}, "expected https://, or a loopback address, or allow_unencrypted = true"),
+        ({"url": "http://127.0.0.1", "authority": "ca.pem"}, "has no effect without TLS: write https:// in url"),
+    ],
+)
+def test_what_is_refused_says_what_to_write(fields: dict[str, str], problem: str) -> None:
+    with pytest.raises(ValidationError, match=problem):
+        HttpServer.model_validate(fields)
+
+
+def test_an_unencrypted_connection_can_be_allowed() -> None:
+    assert not HttpServer(url="http://plant.example", allow_unencrypted=True).encrypted
