@@ -147,7 +147,12 @@ class DriverError(Exception):
     def __init__(self, what: str, *, bus: str = "", device: str = "", channel: str = "", hint: str = "") -> None:
         self.what, self.bus, self.device, self.channel, self.hint = what, bus, device, channel, hint
         where = ", ".join(f"{k} {v}" for k, v in (("bus", bus), ("device", device), ("channel", channel)) if v)
-        super().__init__((f"{where}: " if where else "") + what + (f" ({hint})" if hint else ""))
+        super().__init__((f"{where}: " if where else "") + self.advice)
+
+    @property
+    def advice(self) -> str:
+        """What, and what to do, for where the place is known."""
+        return f"{self.what} ({self.hint})" if self.hint else self.what
 
 
 class SetupError(DriverError, ValueError):

@@ -13,6 +13,7 @@ Triple = tuple[float, float, float]
 
 LINEAR_AXES = ("X", "Y", "Z")
 ROTARY_AXES = ("A", "C")
+AXES = LINEAR_AXES + ROTARY_AXES
 ERRORS: Final = 9
 """Number of thermal errors."""
 LARGEST_NUMBER: Final = 2**31 - 1

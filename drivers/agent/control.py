@@ -11,9 +11,8 @@ from drivers.agent.settings import AgentSettings
 from drivers.agent.slopes import AgentSlopes
 from drivers.base import BadAnswer, Clock, Refused
 from drivers.nc import (
+    AXES,
     ERRORS,
-    LINEAR_AXES,
-    ROTARY_AXES,
     NcSnapshot,
     NineErrors,
     OperatingMode,
@@ -26,7 +25,6 @@ from drivers.nc import (
     check_offsets,
 )
 
-AXES = LINEAR_AXES + ROTARY_AXES
 _POLL_S, _THERE_UM = 0.02, 1e-3
 EMERGENCY_STOP: Final = 1
 """Shown as an alarm, beside those that the agent reports."""

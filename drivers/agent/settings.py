@@ -3,13 +3,13 @@
 from typing import Final
 
 from drivers.base import SetupError
-from drivers.nc import LINEAR_AXES, ROTARY_AXES
+from drivers.nc import AXES
 from drivers.section import FilePath, NotEmpty, NotNegative, Port, Positive, Section
 from drivers.signature import shared_key
 
 DEFAULT_PORT = 7621
 LARGEST_UM = 500.0
-STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in LINEAR_AXES + ROTARY_AXES), "coolant")
+STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
 """Every machine state that an agent is expected to report: 1/min, mm/min, 0 or 1."""
 
 

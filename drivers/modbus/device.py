@@ -242,7 +242,7 @@ class ModbusDevice:
         one = self._channels[channel]
         block = one.block
         if (self._values.refused or self._codes.refused) and (refused := self._refused(one)) is not None:
-            return Fault(Quality.COMM_FAULT, f"{refused.what} ({refused.hint})")
+            return Fault(Quality.COMM_FAULT, refused.advice)
         function, address, width = one.value
         raw = block.raw(one.index, [words[function, address + i] for i in range(width)])
         sentinel = block.sentinel_faults.get(raw)

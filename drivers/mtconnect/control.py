@@ -4,8 +4,8 @@ from drivers.base import BadAnswer, Clock, ConnectError
 from drivers.mtconnect.document import data_items, latest_values
 from drivers.mtconnect.exchange import ask_agent
 from drivers.mtconnect.items import POSITION_UNITS, SPEED_UNITS, SWITCHED, factors, number
-from drivers.mtconnect.settings import AXES, MtConnectSettings
-from drivers.nc import LINEAR_AXES, NcSnapshot, OperatingMode, ProgramState
+from drivers.mtconnect.settings import MtConnectSettings
+from drivers.nc import AXES, LINEAR_AXES, NcSnapshot, OperatingMode, ProgramState
 from drivers.only_read import ONLY_READ, OnlyRead
 
 _LARGEST_MM = 100_000.0

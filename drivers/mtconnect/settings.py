@@ -6,10 +6,9 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field
 
-from drivers.nc import LINEAR_AXES, ROTARY_AXES
+from drivers.nc import AXES
 from drivers.section import NotEmpty, Positive, Section, matching
 
-AXES = (*LINEAR_AXES, *ROTARY_AXES)
 _AS_IN_PROBE = "the id of a data item, as in the agent's /probe"
 ItemId = Annotated[str, matching(r"[^\s\"'<>&]+", _AS_IN_PROBE)]
 ItemIdOrNone = Annotated[str, matching(r"[^\s\"'<>&]*", _AS_IN_PROBE)]

@@ -5,8 +5,7 @@ from typing import Final
 
 from drivers.base import BadAnswer, Clock, Quality, Refused
 from drivers.nc import (
-    LINEAR_AXES,
-    ROTARY_AXES,
+    AXES,
     NcSnapshot,
     OperatingMode,
     ProbingState,
@@ -19,8 +18,6 @@ from drivers.nc import (
 )
 from drivers.opcua.session import OpcUaNumber, OpcUaSession
 from drivers.sinumerik.settings import SinumerikSettings
-
-AXES = LINEAR_AXES + ROTARY_AXES
 
 RIGHTS: Final = {
     "_SEA_ACX": "Sea",

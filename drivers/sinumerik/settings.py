@@ -9,7 +9,7 @@ from typing import Final, Literal, Self
 from pydantic import Field, model_validator
 
 from drivers.base import SetupError
-from drivers.nc import ERRORS, LINEAR_AXES, ROTARY_AXES, Triple
+from drivers.nc import AXES, ERRORS, LINEAR_AXES, ROTARY_AXES, Triple
 from drivers.opcua import OpcUaSettings
 from drivers.section import NotNegative
 
@@ -274,7 +274,7 @@ class SinumerikControl(OpcUaSettings):
 
     @model_validator(mode="after")
     def _every_axis(self) -> Self:
-        wanted = set(LINEAR_AXES + ROTARY_AXES)
+        wanted = set(AXES)
         numbers = list(self.axis_numbers.values())
         if set(self.axis_numbers) != wanted or len(set(numbers)) != len(wanted) or min(numbers) < 1:
             raise ValueError(

@@ -6,7 +6,7 @@ from contextlib import AsyncExitStack, suppress
 
 from drivers.agent import VERSION, Capability, greeting_of
 from drivers.base import DriverError
-from drivers.nc import LINEAR_AXES, ROTARY_AXES, OperatingMode, ProgramState
+from drivers.nc import AXES, OperatingMode, ProgramState
 from drivers.signature import SHORTEST_KEY
 from gateway.agent_test.clause import Clauses, Trial
 from gateway.agent_test.line import BareLine, Broken, Told, connected, excerpt, is_finite_number, logged_in
@@ -189,9 +189,7 @@ async def status_is_complete(trial: Trial) -> None:
     if not isinstance(status, dict):
         raise Broken(excerpt(status))
     positions, states = status.get("positions"), status.get("states")
-    if not isinstance(positions, dict) or not all(
-        is_finite_number(positions.get(a)) for a in LINEAR_AXES + ROTARY_AXES
-    ):
+    if not isinstance(positions, dict) or not all(is_finite_number(positions.get(a)) for a in AXES):
         raise Broken(f"positions = {excerpt(positions)}")
     if not isinstance(states, dict) or not all(map(is_finite_number, states.values())):
         raise Broken(f"states = {excerpt(states)}")

@@ -1,17 +1,16 @@
 """How far a machine is collected, as a file: it changes as a whole, and a batch of rows counts from then on."""
 
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
 from msgspec import Struct
 
+from gateway.telemetry import keys
+
 _MOST_EPOCHS = 100
 """Of a table, of which the end is remembered: a backup of the gateway's store may be put back."""
-_MACHINE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-"""What a configuration allows for a machine's name."""
 TablePlace = tuple[str, int]
 """An epoch, and the number of the last row of it."""
 
@@ -49,7 +48,7 @@ class CollectProgress(Struct, frozen=True):
 
 def checked_machine(name: str) -> str:
     """A name that gateways have; nothing in it means something in a path. Raises ValueError for any other one."""
-    if not _MACHINE.fullmatch(name):
+    if not keys.MACHINE.fullmatch(name):
         raise ValueError(f"machine {name!r}: no gateway has such a name; expected letters, digits and _")
     return name
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
     from gateway.config.extended import other_kinds, validate
     from gateway.config.extensions import ControlSection, OtherBus
-    from gateway.config.fields import Name
+    from gateway.config.fields import NAME_FORM, Name
     from gateway.config.file import draft, load, parse
     from gateway.config.metrics import Metrics
     from gateway.config.model import Channel, GatewayConfig
@@ -55,7 +55,7 @@ else:
             ".controls": ("AgentNc", "LinuxCncNc", "MtConnectNc", "Nc", "SinumerikNc"),
             ".extended": ("other_kinds", "validate"),
             ".extensions": ("ControlSection", "OtherBus"),
-            ".fields": ("Name",),
+            ".fields": ("NAME_FORM", "Name"),
             ".file": ("draft", "load", "parse"),
             ".metrics": ("Metrics",),
             ".model": ("Channel", "GatewayConfig"),
@@ -73,6 +73,7 @@ else:
     )
 
 __all__ = [
+    "NAME_FORM",
     "AgentNc",
     "BusSection",
     "CanOpenSection",

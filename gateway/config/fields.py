@@ -1,7 +1,7 @@
 """Field types that several sections share."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import AfterValidator, ValidationInfo
 
@@ -18,5 +18,7 @@ def _profile_beside_the_file(profile: str, info: ValidationInfo) -> str:
 ProfileName = Annotated[str, AfterValidator(_profile_beside_the_file)]
 """A profile's name, or the path of a user's own profile."""
 
-Name = Annotated[str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "a letter, then letters, digits and _, at most 64")]
+NAME_FORM: Final = r"[A-Za-z][A-Za-z0-9_]{0,63}"
+"""Of machines, buses, devices and channels."""
+Name = Annotated[str, matching(NAME_FORM, "a letter, then letters, digits and _, at most 64")]
 """Becomes part of a key, so slash, star, dot and blank are not allowed."""

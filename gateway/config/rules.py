@@ -163,7 +163,7 @@ def _places(config: GatewayConfig) -> Iterator[Problem]:
         try:
             place = asked(bus.kind, partial(getattr, bus, "place"))
         except SetupError as error:
-            yield Problem(f"bus '{bus.name}'", _said(error))
+            yield Problem(f"bus '{bus.name}'", error.advice)
             continue
         if place in first:
             yield Problem(f"bus '{bus.name}'", f"{place} is already bus '{first[place]}'; put its devices there")
@@ -266,7 +266,7 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
                 try:
                     bus.check(device)
                 except SetupError as error:
-                    yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, _said(error))
+                    yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, error.advice)
                 continue
             if not device.profile.endswith(".toml") and device.profile not in profile_names():
                 yield Problem(
@@ -285,7 +285,7 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
                         f" {3.0 * bus.period_s:g}, or a longer period_s of bus '{bus.name}'",
                     )
             except SetupError as error:
-                yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, _said(error))
+                yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, error.advice)
 
 
 def _nc(config: GatewayConfig) -> Iterator[Problem]:
@@ -296,7 +296,7 @@ def _nc(config: GatewayConfig) -> Iterator[Problem]:
     try:
         known = asked(nc.kind, lambda: tuple(nc.known_states()))
     except SetupError as error:
-        yield Problem("[nc]", _said(error))
+        yield Problem("[nc]", error.advice)
         return
     channels = {name for device in config.devices for name in device.channels}
     names = [state.name for state in config.states]
@@ -309,14 +309,10 @@ def _nc(config: GatewayConfig) -> Iterator[Problem]:
     try:
         nc.settings(config.probing.poses_deg, (name for name in names if name in known))
     except SetupError as error:
-        yield Problem("[nc]", _said(error))
+        yield Problem("[nc]", error.advice)
     largest, bound = nc.largest_um, max(config.compensation.bound_um)
     if bound > largest:
         yield Problem(
             "[compensation] bound_um",
             f"{bound:g}: expected at most {nc.largest_is} = {largest:g}, the largest offset that is ever sent",
         )
-
-
-def _said(error: SetupError) -> str:
-    return f"{error.what} ({error.hint})" if error.hint else error.what

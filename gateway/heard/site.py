@@ -1,7 +1,6 @@
 """Receives everything from the machines of a site: a Zenoh subscriber that publishes nothing, and asks."""
 
 import logging
-import re
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -27,7 +26,6 @@ from gateway.telemetry import (
 
 log = logging.getLogger(__name__)
 
-_MACHINE = re.compile(r"[A-Za-z0-9_-]{1,100}")
 _MOST_MACHINES = 100
 _ANSWER_LIMIT_S = 5.0
 _REPORT_LIMIT_S = 150.0
@@ -72,7 +70,7 @@ class SiteSeen:
 
     def may_be(self, machine: str) -> bool:
         """Whether there is a machine of this name, or one could be heard of later."""
-        return machine in self._machines or _MACHINE.fullmatch(machine) is not None
+        return machine in self._machines or keys.MACHINE.fullmatch(machine) is not None
 
     def take(self, key: str, payload: bytes) -> None:
         """One published message; an invalid one is only logged."""
@@ -97,7 +95,7 @@ class SiteSeen:
         self.changed()
 
     def _of(self, machine: str) -> MachineSeen | None:
-        if machine not in self._machines and _MACHINE.fullmatch(machine) and len(self._machines) < _MOST_MACHINES:
+        if machine not in self._machines and keys.MACHINE.fullmatch(machine) and len(self._machines) < _MOST_MACHINES:
             self._machines[machine] = MachineSeen(machine)
         return self._machines.get(machine)
 

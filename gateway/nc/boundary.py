@@ -8,9 +8,8 @@ from typing import NoReturn, TypeVar
 
 from drivers.base import DriverError
 from drivers.nc import (
+    AXES,
     ERRORS,
-    LINEAR_AXES,
-    ROTARY_AXES,
     FollowsErrors,
     FollowsPosition,
     LinearOffsets,
@@ -29,7 +28,6 @@ from gateway.polling import uncancelled, unexpected
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-_AXES = LINEAR_AXES + ROTARY_AXES
 
 
 def contained_control(nc: NumericalControl) -> NumericalControl:
@@ -55,7 +53,7 @@ class _Contained:
     async def snapshot(self) -> NcSnapshot:
         snapshot = await self._call("snapshot", self._nc.snapshot())
         try:
-            _check_numbers(snapshot.positions, _AXES)
+            _check_numbers(snapshot.positions, AXES)
             _check_numbers(snapshot.states, ())
         except (AttributeError, TypeError, ValueError, OverflowError) as error:
             self._unexpected("snapshot", error)

@@ -65,7 +65,7 @@ async def _divide(bus: ModbusBus, unit: int, block: Block, seen: SeenWords) -> N
         words = await _twice(bus, unit, block)
     except Refused as error:
         if block.count == 1:
-            seen.refused[block.address] = f"{error.what} ({error.hint})" if error.hint else error.what
+            seen.refused[block.address] = error.advice
             return
         # Even halves: some units refuse to answer half of a 32-bit number.
         first = 1 if block.count == 2 else (block.count // 2 + 1) & ~1

@@ -144,5 +144,5 @@ async def _ask(bus: ModbusRtuBus | MeRs485Bus, unit: int, question: Block, babbl
             pass
         return await contained(recognise_modbus(bus, unit), f"the recognition of unit {unit}")
     except (BadAnswer, UnexpectedError) as error:
-        babble.append(f"{error.what} ({error.hint})")
+        babble.append(error.advice)
         return None

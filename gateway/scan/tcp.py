@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
+from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
 from drivers.can import Stopped
 from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
 from drivers.modbus import ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
@@ -93,7 +93,7 @@ async def _modbus(
                 nobody = f"{host}:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
                 report.remarks.append(f"Modbus: {odd[0]}" if odd else nobody)
     except (ConnectError, UnexpectedError) as error:
-        report.remarks.append(f"Modbus: {_said(error)}")
+        report.remarks.append(f"Modbus: {error.advice}")
     if found:
         report.places.append(Place(bus.kind, {"host": host, "port": port}, tuple(found)))
 
@@ -105,7 +105,7 @@ async def _answers(bus: ModbusBus, unit: int, odd: list[str]) -> str | None:
     except NoAnswer:
         return None
     except (BadAnswer, ConnectError, UnexpectedError) as error:
-        odd.append(_said(error))
+        odd.append(error.advice)
         return None
     except Refused as error:
         return error.what.partition(" with ")[2]
@@ -120,10 +120,6 @@ async def _look(bus: ModbusBus, unit: int) -> Found:
         return Found(unit, Recognition("", (), "answers, but closes the connection when asked for its identity"))
     except UnexpectedError as error:
         return Found(unit, Recognition("", (), f"answers, but cannot be recognised: {error.what}"))
-
-
-def _said(error: DriverError) -> str:
-    return f"{error.what} ({error.hint})" if error.hint else error.what
 
 
 async def _controller(host: str, port: int, timeout_s: float, report: ScanReport) -> None:

@@ -1,6 +1,5 @@
 """A reader's questions: which gateways run, and what one of them answers to a query or a command."""
 
-import re
 from typing import Final, TypeVar
 
 import zenoh
@@ -15,14 +14,13 @@ from gateway.telemetry.command_signer import CommandSigner
 _Answer = TypeVar("_Answer", bound=Struct)
 COMMAND_LIMIT_S: Final = 70.0
 """How long to wait for the answer to a command: the gateway waits for its disk."""
-_MACHINE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def running(session: zenoh.Session, prefix: str, limit_s: float) -> list[str]:
     """The machines under a prefix whose gateways run now, by name; blocks for at most `limit_s`."""
     replies = session.liveliness().get(f"{keys.root(prefix, '*')}/{keys.ALIVE}", timeout=limit_s)
     found = {str(reply.ok.key_expr).split("/")[-2] for reply in replies if reply.ok is not None}
-    return sorted(name for name in found if _MACHINE.fullmatch(name))
+    return sorted(name for name in found if keys.MACHINE.fullmatch(name))
 
 
 def ask(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: float) -> _Answer:

@@ -1,6 +1,9 @@
 """The key space: what is published under which key. Keys are `<prefix>/<machine>/<kind>[/<name>]`."""
 
+import re
 from typing import Final
+
+from gateway.config import NAME_FORM
 
 VERSION: Final = 1
 """Of the key space. Keys and fields are only ever added to it; what would break a reader makes another version."""
@@ -33,6 +36,10 @@ STORED: Final = "stored"
 
 COMMAND: Final = "command"
 """A query on it is answered with a challenge, one on `command/<name>` is a command; nothing is published under it."""
+
+
+MACHINE: Final = re.compile(NAME_FORM)
+"""Name of a machine: nothing in it means something in a key or in a path."""
 
 
 def root(prefix: str, machine: str) -> str:

@@ -26,7 +26,10 @@ def said(tmp_path: Path, text: str) -> tuple[int, str]:
         (f'{MQTT}url = "mqtts://broker:99999"', "expected a port of 1 to 65535"),
         (f'{MQTT}url = "mqtts://broker"\nuser = "talc"', "user and password_file go together"),
         (f'{MQTT}url = "mqtts://broker"\npassword = "secret"', "password"),
-        (f'{MQTT}url = "mqtt://127.0.0.1"\nauthority = "a.pem"', "authority: has no effect without TLS: write mqtts:// in url"),
+        (
+            f'{MQTT}url = "mqtt://127.0.0.1"\nauthority = "a.pem"',
+            "authority: has no effect without TLS: write mqtts:// in url",
+        ),
         (f'{MQTT}url = "mqtts://broker"\ntopic = "a/+/b"', "levels separated by /, without + and #"),
         (f'{MQTT}url = "mqtts://broker"\nkinds = ["readings"]', "'readings': expected one of reading, frame"),
         (f'{MQTT}url = "mqtts://b"\n{MQTT}url = "mqtts://c"', "another outlet has this name already"),
