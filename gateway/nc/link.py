@@ -115,11 +115,6 @@ class NcLink:
         return self._session.latest
 
     @property
-    def missing_since(self) -> Mapping[str, float]:
-        """Inputs of live models that have no good value, and the monotonic seconds since when."""
-        return self._target.missing_s
-
-    @property
     def paused(self) -> Pause | None:
         """The compensation's pause; None: it is not paused."""
         return self._target.paused

@@ -12,7 +12,8 @@ import pytest
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
 from gateway.config import Probing, parse
 from gateway.control import GridLoop, GridSampler, Schedule
-from gateway.events import DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
+from gateway.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
+from gateway.nc import Source
 from gateway.past import past_of
 from gateway.probing import ProbingSchedule, Standing
 from gateway.service import Service
@@ -22,9 +23,9 @@ from talc.frame import EventKind, Frame, Measurement, Why
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings
 from talc.training import train
 from tests.benches.kept_events import KeptEvents
-from tests.benches.nc_link_bench import LinkBench
+from tests.benches.nc_link_bench import LinkBench, ScriptedControl
 from tests.benches.service_file import FILE, TEXT
-from tests.benches.stepped_clock import SteppedClock
+from tests.benches.stepped_clock import EPOCH, SteppedClock
 from tests.benches.thermal_series import series
 
 STEP_S = 300.0
@@ -151,7 +152,9 @@ async def test_the_learner_says_after_each_step_what_the_next_hours_bring() -> N
     assert known == [False] * 12 + [True] * (len(known) - 12)
 
 
-async def test_a_restart_remembers_since_when_an_input_is_missing(tmp_path: Path) -> None:
+async def test_a_restart_remembers_since_when_an_input_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     day = series(288, seed=41)
     channels = ", ".join(f"{name} = {i % 6}" for i, name in enumerate(day.names[:6]))
     more = "\n".join(f"{name} = {i % 6}" for i, name in enumerate(day.names[6:]))
@@ -169,6 +172,8 @@ unit = 2
 kind = "sinumerik"
 url = "opc.tcp://127.0.0.1:4840"
 security = "none"
+[compensation]
+inputs_stale_after_s = 3060.0
 """
     )
     config = parse(text, FILE)
@@ -197,7 +202,16 @@ security = "none"
     with History(config.storage.path) as history:
         past = past_of(history, config)
     assert past.missing == {lost: first_k + 290}
-    link = Service(config, clock, KeptEvents(), past).link
+    told = KeptEvents()
+    monkeypatch.setattr("gateway.service.control_of", lambda *_: ScriptedControl(clock))
+    link = Service(config, clock, told, past).link
     assert link is not None
     link.follow(replace(made, k=first_k + 300))
-    assert link.missing_since[lost] == pytest.approx(-10 * STEP_S)
+    task = asyncio.create_task(link.run())
+    await clock.run_until(100.0)
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    writes = [event.write for event in told.of(CompensationStepped)]
+    stale = [(w.time - EPOCH).total_seconds() for w in writes if w.step.source is Source.INPUTS_STALE]
+    assert writes[0].step.source is Source.PREDICTION
+    assert stale[0] == pytest.approx(60.0, abs=2.0), "missing for ten steps before the start"
