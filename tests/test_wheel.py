@@ -1,10 +1,12 @@
-"""What is installed: the service and the demo's machine; beside a real machine the service alone."""
+"""What is installed: the service; and as a distribution of its own the demo's machine, which no machine needs."""
 
 import os
 import shutil
+import socket
 import subprocess
 import sys
 from email import message_from_bytes
+from email.message import Message
 from hashlib import sha256
 from pathlib import Path
 from zipfile import ZipFile
@@ -15,7 +17,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
 VALID = ROOT / "tests" / "gateway" / "config" / "cases" / "valid" / "gateway.toml"
-INSTALLED = {"gateway", "drivers", "talc", "simulators"}
+INSTALLED = {"gateway", "drivers", "talc"}
 NOT_BESIDE_A_MACHINE = {"celer", "clarabel", "hypothesis", "matplotlib", "pyarrow", "pytest", "scikit-fem", "skglm"}
 
 
@@ -34,26 +36,43 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shutil.copytree(ROOT, tmp_path_factory.mktemp("wheel") / "source", ignore=here)
 
 
-def built(source: Path, name: str, *settings: str) -> Path:
-    """The wheel of the source, in a folder of that name beside it."""
-    pip("wheel", "--no-deps", "--wheel-dir", source.parent / name, *settings, source)
+def built(source: Path, name: str, below: str = ".") -> Path:
+    """The wheel of the source, or of a distribution below it, in a folder of that name beside it."""
+    pip("wheel", "--no-deps", "--wheel-dir", source.parent / name, source / below)
     (wheel,) = (source.parent / name).glob("*.whl")
     return wheel
 
 
 @pytest.fixture(scope="module")
 def wheel(source: Path) -> Path:
-    return built(source, "whole")
+    return built(source, "service")
 
 
-def test_the_wheel_holds_the_service_and_no_studies_benchmarks_or_tests(wheel: Path) -> None:
+@pytest.fixture(scope="module")
+def simulators(source: Path) -> Path:
+    return built(source, "simulators", "deploy/simulators")
+
+
+def packed(wheel: Path) -> tuple[set[str], list[str]]:
+    """The packages in it, and all of its files."""
     with ZipFile(wheel) as archive:
         names = archive.namelist()
     tops = {name.partition("/")[0] for name in names}
-    assert {top for top in tops if not top.endswith(".dist-info")} == INSTALLED
+    return {top for top in tops if not top.endswith(".dist-info")}, names
+
+
+def metadata(wheel: Path) -> Message:
+    with ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        return message_from_bytes(archive.read(name))
+
+
+def test_the_wheel_holds_the_service_and_no_simulators_studies_benchmarks_or_tests(wheel: Path) -> None:
+    packages, names = packed(wheel)
+    assert packages == INSTALLED
     assert not [name for name in names if Path(name).name.startswith(("test_", "conftest"))]
     assert not [name for name in names if name.endswith((".cpp", ".hpp", ".lock"))]
-    for needed in ("drivers/profiles/icpdas_m7015.toml", "simulators/bench/gateway.toml", "gateway/__main__.py"):
+    for needed in ("drivers/profiles/icpdas_m7015.toml", "gateway/__main__.py"):
         assert needed in names
     assert [name for name in names if name.startswith("talc/_kernel") and name.endswith(".so")]
 
@@ -65,9 +84,7 @@ def test_the_same_source_in_another_folder_gives_the_same_bytes(source: Path, wh
 
 
 def test_an_installation_needs_nothing_that_only_studies_benchmarks_or_tests_need(wheel: Path) -> None:
-    with ZipFile(wheel) as archive:
-        (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
-        requirements = message_from_bytes(archive.read(metadata)).get_all("Requires-Dist", [])
+    requirements = metadata(wheel).get_all("Requires-Dist", [])
     plain = [requirement for requirement in requirements if "extra ==" not in requirement]
     assert any(requirement.startswith("numpy") for requirement in plain)
     assert not [r for r in plain if r.startswith(tuple(NOT_BESIDE_A_MACHINE))]
@@ -80,21 +97,46 @@ def test_what_is_installed_has_no_studies_benchmarks_or_tests(wheel: Path, tmp_p
     assert [entry.name for entry in (tmp_path / "site" / "bin").iterdir()] == ["talc-gateway"]
 
 
-def test_the_wheel_for_a_machine_has_no_simulators_and_what_needs_them_says_so(source: Path, tmp_path: Path) -> None:
-    wheel = built(source, "machine", "-C", "wheel.packages=gateway;drivers;talc")
+def test_the_extra_for_the_demo_brings_the_simulators_and_the_report(wheel: Path, simulators: Path) -> None:
+    packages, names = packed(simulators)
+    assert packages == {"simulators"}
+    assert "simulators/bench/gateway.toml" in names
+    assert not [name for name in names if name.endswith(("pyproject.toml", ".pyc", ".cpp", ".hpp"))]
+    service, version = metadata(wheel), metadata(simulators)["Version"]
+    extra = [r for r in service.get_all("Requires-Dist", []) if r.endswith(('extra == "demo"', "extra == 'demo'"))]
+    named = [requirement.partition(";")[0].strip() for requirement in extra]
+    assert named == ["talc-gateway[report]", f"talc-gateway-simulators=={version}"]
+    assert metadata(simulators).get_all("Requires-Dist") == [f"talc-gateway=={service['Version']}"]
+
+
+def test_the_service_alone_works_and_its_demo_says_what_to_install(
+    wheel: Path, simulators: Path, tmp_path: Path
+) -> None:
+    site = tmp_path / "site"
     with ZipFile(wheel) as archive:
-        tops = {name.partition("/")[0] for name in archive.namelist()}
-        archive.extractall(tmp_path / "site")
-    assert {top for top in tops if not top.endswith(".dist-info")} == INSTALLED - {"simulators"}
-    # Without this tree: neither the path nor the finder of its editable installation.
+        archive.extractall(site)
+    for arguments, code, said in [
+        (("check", str(VALID)), 0, "good."),
+        (("demo",), 2, "pip install 'talc-gateway[demo]'"),
+    ]:
+        assert_said(site, arguments, code, said)
+    with ZipFile(simulators) as archive:
+        archive.extractall(site)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        demo = ("demo", "--folder", str(tmp_path / "demo"), "--zenoh-port", str(port))
+        assert_said(site, demo, 3, f"port {port} on 127.0.0.1 cannot be used")
+
+
+def assert_said(site: Path, arguments: tuple[str, ...], code: int, said: str) -> None:
+    """Of the program in `site` without this tree: neither the path nor the finder of its editable installation."""
     alone = (
         "import sys; sys.meta_path = [f for f in sys.meta_path if 'editable' not in type(f).__module__.lower()];"
-        f"sys.path = [{str(tmp_path / 'site')!r}, *(p for p in sys.path if p != {str(ROOT)!r})];"
+        f"sys.path = [{str(site)!r}, *(p for p in sys.path if p != {str(ROOT)!r})];"
         "from gateway.cli.main import main; main()"
     )
-    for arguments, code, said in [(("check", str(VALID)), 0, "good."), (("demo",), 2, "no emulated devices")]:
-        done = subprocess.run([sys.executable, "-I", "-c", alone, *arguments], capture_output=True, text=True)
-        assert (done.returncode, said in done.stdout + done.stderr) == (code, True), done.stderr
+    done = subprocess.run([sys.executable, "-I", "-c", alone, *arguments], capture_output=True, text=True)
+    assert (done.returncode, said in done.stdout + done.stderr) == (code, True), done.stdout + done.stderr
 
 
 def test_the_lock_of_an_installation_adds_the_report_alone() -> None:

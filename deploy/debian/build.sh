@@ -41,7 +41,7 @@ mkdir "$work/source"  # a copy: an editable installation uses the tree's own bui
 tar --exclude=./.git --exclude='./.[a-z]*' --exclude=./build --exclude=./dist --exclude=./out --exclude='*.so' -c . |
     tar -x -C "$work/source"
 env "PATH=$work/build/bin:$PATH" "${cross[@]}" "$python" -m pip --python "$work/build/bin/python" wheel --quiet --no-deps \
-    --no-build-isolation --wheel-dir "$work" "$work/source"
+    --no-build-isolation --wheel-dir "$work" "$work/source" "$work/source/deploy/simulators"
 
 echo "the environment in $home"
 mkdir -p "$root$home"
@@ -53,7 +53,7 @@ if [ "$architecture" != "$native" ]; then
     for glibc in 17 24 26 27 28 31 34 35; do into+=(--platform "manylinux_2_${glibc}_aarch64"); done
 fi
 "${into[@]}" --require-hashes -r requirements/run.lock
-"${into[@]}" --no-deps --no-index "$work"/talc_gateway-*.whl
+"${into[@]}" --no-deps --no-index "$work"/talc_gateway*.whl
 if [ -d "$site/bin" ]; then
     mv "$site/bin"/* "$root$home/bin/"
     rmdir "$site/bin"

@@ -56,7 +56,7 @@ def main(verbose: int) -> None:
 def _with_simulators() -> None:
     """Raises click.UsageError in an installation for a machine, which has no emulated devices."""
     if find_spec("simulators") is None:
-        raise click.UsageError("this installation has no emulated devices; install the whole wheel on another computer")
+        raise click.UsageError("emulated devices are not installed; install them with pip install 'talc-gateway[demo]'")
 
 
 @main.command()
