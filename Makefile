@@ -37,7 +37,7 @@ pictures: $(VENV)/.ready
 site: $(VENV)/.ready
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-.PHONY: bench study pictures site demo deb audit mutation test beside lint format types imports clean
+.PHONY: bench study pictures site demo deb wheels audit mutation test beside lint format types imports clean
 
 $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -53,6 +53,10 @@ demo: $(VENV)/.ready
 ARCH ?=
 deb: $(VENV)/.ready
 	PYTHON=$(BIN)/python ARCH=$(ARCH) deploy/debian/build.sh dist
+
+# dist/talc_gateway-*-cp312-abi3-*.whl for x86-64 and aarch64 (docs/install-pi.md). PYTHON: 3.12 or later.
+wheels:
+	PYTHON=$(PYTHON) deploy/wheels.sh dist
 
 # Known vulnerabilities of what an installation brings (asks pypi.org; without that, --strict fails).
 audit: $(VENV)/.ready

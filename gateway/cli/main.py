@@ -242,7 +242,8 @@ def demo(
         run_linuxcnc_demo(folder / "linuxcnc")
         return
     need_extra("report")
-    from gateway.cli.demo import Demo, run_demo
+    from gateway.cli.demo import run_demo
+    from gateway.cli.demo_machine import Demo
 
     if preset is not None and method == "learner":
         raise click.UsageError(f"--preset {preset} is a system of models, not the learner")

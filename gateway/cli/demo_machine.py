@@ -1,0 +1,112 @@
+"""The emulated machine of the demo, in a process of its own, and the gateway's configuration for it."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from sys import executable
+from typing import Literal
+
+from drivers.base import DriverError
+from gateway.config import GatewayConfig, load
+from simulators.clock import SharedClock
+
+_EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
+"""A Monday morning."""
+STEPS_PER_HOUR = 12
+_READY_LIMIT_S = 900.0
+"""An idle computer needs a few seconds; one that another computer emulates, minutes."""
+_END_LIMIT_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Demo:
+    """What to run."""
+
+    hours: float
+    method: Literal["learner", "models"]
+    preset: str | None
+    """One of talc.presets.PRESETS; its method is `models`."""
+    calibration_hours: float | None
+    """Of `models`; None: as the preset or the default has it."""
+    speed: float
+    seed: int
+    folder: Path
+    zenoh_port: int
+    connect: tuple[str, ...]
+    plain: bool
+
+
+@asynccontextmanager
+async def on_emulated_machine(demo: Demo) -> AsyncIterator[tuple[GatewayConfig, SharedClock]]:
+    """The emulated machine in a process of its own, the gateway's configuration for it, and the clock, not started.
+
+    Raises DriverError when the machine does not start.
+    """
+    clock = SharedClock(demo.folder / "clock", epoch=_EPOCH, speed=demo.speed, owner=True)
+    try:
+        async with _machine(demo) as addresses:
+            yield _config(demo, addresses), clock
+    finally:
+        clock.close()
+
+
+@asynccontextmanager
+async def _machine(demo: Demo) -> AsyncIterator[dict[str, str | int]]:
+    """The emulated machine's process; yields its addresses. It ends when its standard input closes."""
+    process = await asyncio.create_subprocess_exec(
+        executable,
+        *("-m", "simulators.bench", str(demo.folder), _EPOCH.isoformat(), str(demo.speed), str(demo.seed)),
+        str(demo.hours),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C is for the gateway; the machine ends after it
+    )
+    if process.stdin is None or process.stdout is None:
+        raise RuntimeError("the machine's process has no pipes")
+    try:
+        try:
+            line = await asyncio.wait_for(process.stdout.readline(), _READY_LIMIT_S)
+            addresses: dict[str, str | int] = json.loads(line)
+        except TimeoutError:
+            raise DriverError(
+                f"the emulated machine was not ready within {_READY_LIMIT_S:g} s; end other programs and try again"
+            ) from None
+        except json.JSONDecodeError:
+            raise DriverError("the emulated machine did not start; see its message above") from None
+        yield addresses
+    finally:
+        process.stdin.close()
+        try:
+            await asyncio.wait_for(process.wait(), _END_LIMIT_S)
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+
+
+def _config(demo: Demo, addresses: dict[str, str | int]) -> GatewayConfig:
+    """Fill the bench's addresses into the configuration, and load it like any other."""
+    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
+    fillings: dict[str, str | int] = addresses | {
+        "folder": str(demo.folder.resolve()),
+        "zenoh_port": demo.zenoh_port,
+        "zenoh_connect": json.dumps(demo.connect),
+        "talc": talc_section(demo),
+    }
+    for name, value in fillings.items():
+        text = text.replace("{" + name + "}", str(value))
+    path = demo.folder / "gateway.toml"
+    path.write_text(text, encoding="utf-8")
+    return load(path)
+
+
+def talc_section(demo: Demo) -> str:
+    """The keys of `[talc]`, and of `[talc.control]` below it."""
+    lines = [f'method = "{demo.method}"' if demo.preset is None else f'preset = "{demo.preset}"']
+    if demo.calibration_hours is not None:
+        lines += ["[talc.control]", f"calibration_steps = {round(demo.calibration_hours * STEPS_PER_HOUR)}"]
+    return "\n".join(lines)

@@ -1,0 +1,65 @@
+"""`python -m tests.benches.service_memory --days 30`: the memory of the service alone, day after day.
+
+The service of the demo's machine as `run` sets it up: 29 channels and a displacement on four buses, the control,
+learning, the store, Zenoh. The emulated machine is a process of its own and does not count, nor does a view. The clock
+is the demo's. Prints a Markdown table: at the end of each simulated day the memory of this process (PSS: its own, and
+its share of libraries that others use, too).
+"""
+
+import argparse
+import asyncio
+import logging
+import tempfile
+from pathlib import Path
+
+from gateway.cli.demo_machine import Demo, on_emulated_machine
+from gateway.cli.memory import give_back_large_blocks
+from gateway.cli.running import serve
+from simulators.clock import SharedClock
+from tests.benches.free_port import free_port
+
+DAY_S = 86400.0
+
+
+def memory_mb() -> dict[str, float]:
+    """Of this process now: PSS, and the part of it that is no file; MB."""
+    lines = Path("/proc/self/smaps_rollup").read_text(encoding="ascii").splitlines()[1:]
+    kb = {name: float(value.split()[0]) for name, value in (line.split(":") for line in lines)}
+    return {"PSS": kb["Pss"] * 1024 / 1e6, "of it no file": kb["Pss_Anon"] * 1024 / 1e6}
+
+
+async def _days(clock: SharedClock, days: int, stop: asyncio.Event) -> None:
+    print("| simulated day | PSS, MB | of it no file, MB |\n|---|---|---|", flush=True)
+    for day in (0.04, *range(1, days + 1)):
+        await clock.sleep_until(day * DAY_S)
+        found = memory_mb()
+        print(f"| {day:g} | {found['PSS']:.0f} | {found['of it no file']:.0f} |", flush=True)
+    stop.set()
+
+
+async def measured(demo: Demo) -> None:
+    """Run the service for these days, and print the table."""
+    async with on_emulated_machine(demo) as (config, clock):
+        stop = asyncio.Event()
+        counting = asyncio.create_task(_days(clock, round(demo.hours / 24.0), stop))
+        try:
+            await serve(config, clock, stop, simulated=True, started=lambda _: clock.start())
+        finally:
+            counting.cancel()
+            clock.stop()
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description="The memory of the service alone.")
+    options.add_argument("--days", type=int, default=30, help="simulated")
+    options.add_argument("--speed", type=float, default=20000.0, help="highest speed of the simulated clock")
+    given = options.parse_args()
+    logging.disable(logging.CRITICAL)
+    give_back_large_blocks()  # as `run` does
+    with tempfile.TemporaryDirectory() as folder:
+        place, hours = Path(folder), 24.0 * given.days
+        asyncio.run(measured(Demo(hours, "learner", None, None, given.speed, 1, place, free_port(), (), plain=True)))
+
+
+if __name__ == "__main__":
+    main()
