@@ -13,6 +13,13 @@ ERROR_UNITS: Final = dict.fromkeys(THERMAL_ERRORS[:6], MICROMETRE) | dict.fromke
     THERMAL_ERRORS[6:], MICROMETRE_PER_METRE
 )
 
+LEAST_NAMED: Final = 0.05
+"""In an error's unit: what moves it by less would be told as zero, and is not named."""
+LEAST_SHARE_NAMED: Final = 0.05
+"""Of an expert that is named."""
+MOST_NAMED: Final = 4
+"""Inputs that are named as moving an error, the largest first."""
+
 ERROR_MEANINGS: Final = {
     "EY0A": "position of the A axis in Y",
     "EZ0A": "position of the A axis in Z",

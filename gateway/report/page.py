@@ -20,14 +20,17 @@ from gateway.report.series import series
 from gateway.report.sketch import letters, sketch
 from talc.frame import EventKind
 from talc.learner import ErrorReason
-from talc.names import ERROR_MEANINGS, ERROR_UNITS, THERMAL_ERRORS
+from talc.names import (
+    ERROR_MEANINGS,
+    ERROR_UNITS,
+    LEAST_NAMED,
+    LEAST_SHARE_NAMED,
+    MOST_NAMED,
+    THERMAL_ERRORS,
+)
 
 _SENSORS = (EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE)
-_LEAST_SHOWN = 0.05
-"""µm or µm/m: what moves an error by less is not named."""
-_LEAST_SHARE = 0.05
 _MOST_EVENTS = 2000
-_MOST_MOVERS = 4
 
 
 def _text(name: str) -> str:
@@ -137,9 +140,9 @@ def _movers(data: ReportData, e: int) -> str:
     """The inputs that moved an error most, on the mean of the stored reasons."""
     if data.moved is None:
         return ""
-    largest = [int(i) for i in np.argsort(-data.moved[e], kind="stable")[:_MOST_MOVERS]]
+    largest = [int(i) for i in np.argsort(-data.moved[e], kind="stable")[:MOST_NAMED]]
     unit = ERROR_UNITS[THERMAL_ERRORS[e]]
-    each = [(i, float(data.moved[e, i])) for i in largest if data.moved[e, i] >= _LEAST_SHOWN]
+    each = [(i, float(data.moved[e, i])) for i in largest if data.moved[e, i] >= LEAST_NAMED]
     return ", ".join(f"{data.input_names[i]} ({by:.1f} {unit})" for i, by in each)
 
 
@@ -171,7 +174,7 @@ def _why(data: ReportData) -> tuple[str, str, list[_WhyRow]]:
             f"{_signed(reason.estimate)} {ERROR_UNITS[reason.error]}",
             _moved(reason),
             _signed(reason.level),
-            ", ".join(f"{kind} {part:.0%}" for kind, part in reason.experts if part >= _LEAST_SHARE),
+            ", ".join(f"{kind} {part:.0%}" for kind, part in reason.experts if part >= LEAST_SHARE_NAMED),
             f"{_signed(reason.expected)} ± {reason.expected_sigma:.1f}",
         )
         for e, reason in enumerate(r.errors)
@@ -182,11 +185,11 @@ def _why(data: ReportData) -> tuple[str, str, list[_WhyRow]]:
 
 def _signed(value: float) -> str:
     """With its sign, unless it is rounded to zero."""
-    return f"{value:+.1f}" if abs(value) >= _LEAST_SHOWN else "0.0"
+    return f"{value:+.1f}" if abs(value) >= LEAST_NAMED else "0.0"
 
 
 def _moved(reason: ErrorReason) -> str:
-    told = [f"{name} {_signed(value)}" for name, value in reason.inputs if abs(value) >= _LEAST_SHOWN]
+    told = [f"{name} {_signed(value)}" for name, value in reason.inputs if abs(value) >= LEAST_NAMED]
     return ", ".join([*told, f"others {_signed(reason.other_inputs)}"]) if reason.trusted else ""
 
 

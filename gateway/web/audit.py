@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from gateway.heard import Explained, MachineSeen
 from gateway.web.sentences import Amount, Word
 from talc.indicators import TWO_SIDED_95
-from talc.names import ERROR_UNITS, THERMAL_ERRORS
+from talc.names import ERROR_UNITS, LEAST_SHARE_NAMED, THERMAL_ERRORS
 
 _PERCENT = 100.0
-_LEAST_SHARE = 0.05
-"""Of an expert that is named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +55,7 @@ def _lines(explained: Explained) -> Iterator[ShownCorrection]:
             experts=tuple(
                 (Word(f"expert.{kind.replace(' ', '_')}"), Amount(_PERCENT * share, "%", d=0))
                 for kind, share in shares
-                if share >= _LEAST_SHARE
+                if share >= LEAST_SHARE_NAMED
             ),
             measured=None if explained.measured is None else explained.measured.isoformat(),
         )

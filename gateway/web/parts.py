@@ -19,11 +19,8 @@ from gateway.telemetry import (
 )
 from gateway.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, name, um
 from talc.frame import EventKind
-from talc.names import ERROR_UNITS, THERMAL_ERRORS
+from talc.names import ERROR_UNITS, LEAST_NAMED, MOST_NAMED, THERMAL_ERRORS
 
-_LEAST_SHOWN = 0.05
-"""Smaller influences, in µm or µm/m, would be written as zero."""
-_MOST_MOVERS = 4
 _CELSIUS = "°C"
 _BODIES = {
     "spindle": {"spindle", "head"},
@@ -139,8 +136,8 @@ def driven(seen: MachineSeen) -> Iterator[DrivenError]:
         if reason is None or reason.estimate is None:
             continue
         unit = ERROR_UNITS[error]
-        moving = [(i, v) for i, v in reason.inputs.items() if v is not None and abs(v) >= _LEAST_SHOWN]
-        largest = sorted(moving, key=lambda each: -abs(each[1]))[:_MOST_MOVERS]
+        moving = [(i, v) for i, v in reason.inputs.items() if v is not None and abs(v) >= LEAST_NAMED]
+        largest = sorted(moving, key=lambda each: -abs(each[1]))[:MOST_NAMED]
         movers = tuple((i, Amount(v, unit, sign=True)) for i, v in largest)
         yield DrivenError(error, Amount(reason.estimate, unit, sign=True), reason.trusted, movers)
 
