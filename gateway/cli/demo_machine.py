@@ -18,6 +18,12 @@ from simulators.clock import SharedClock
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 """A Monday morning."""
 STEPS_PER_HOUR = 12
+_PLANNED_LOAD = """
+# What a person may plan; from the third day on, the page says when the machine would be ready (docs/page.md).
+[[planned_load]]
+name = "warm-up"
+loads = {spindle_speed = 8000.0, speed_X = 6000.0, speed_Y = 6000.0}   # 1/min, mm/min: means while it runs
+"""
 _READY_LIMIT_S = 900.0
 """An idle computer needs a few seconds; one that another computer emulates, minutes."""
 _END_LIMIT_S = 10.0
@@ -105,8 +111,10 @@ def _config(demo: Demo, addresses: dict[str, str | int]) -> GatewayConfig:
 
 
 def talc_section(demo: Demo) -> str:
-    """The keys of `[talc]`, and of `[talc.control]` below it."""
+    """The keys of `[talc]`, and what stands below it: of `[talc.control]`, and the load that a person may plan."""
     lines = [f'method = "{demo.method}"' if demo.preset is None else f'preset = "{demo.preset}"']
     if demo.calibration_hours is not None:
         lines += ["[talc.control]", f"calibration_steps = {round(demo.calibration_hours * STEPS_PER_HOUR)}"]
+    if demo.method == "learner" and demo.preset is None:
+        lines.append(_PLANNED_LOAD)
     return "\n".join(lines)

@@ -22,7 +22,7 @@ from gateway.cli.report import collect
 from gateway.replay import replay
 from gateway.report import summary
 from gateway.storage import History
-from gateway.telemetry import FrameMessage, decode
+from gateway.telemetry import ForecastMessage, FrameMessage, decode
 from talc.frame import EventKind, FloatArray, Phase
 from tests.benches.command import here
 from tests.benches.free_port import free_port
@@ -76,6 +76,8 @@ class DemoRun:
     output: str
     published_frames: list[int]
     published_kinds: set[str]
+    planned: set[str]
+    """Loads of which the forecasts said something."""
 
 
 def machine_pids(folder: Path) -> list[int]:
@@ -97,6 +99,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
     folder, port, our_port = tmp_path_factory.mktemp("demo"), free_port(), free_port()
     frames: list[int] = []
     kinds: set[str] = set()
+    planned: set[str] = set()
     lock = threading.Lock()
 
     def take(sample: zenoh.Sample) -> None:
@@ -106,6 +109,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
             message = decode(suffix, sample.payload.to_bytes())
             if isinstance(message, FrameMessage):
                 frames.append(message.k)
+            if isinstance(message, ForecastMessage):
+                planned.update(message.planned)
 
     # An ordinary subscriber that is there before the gateway, so that it can see the first frame.
     config = zenoh.Config()
@@ -125,7 +130,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
                 process.wait()
         subscriber.undeclare()
     assert process.returncode == 0, output
-    return DemoRun(folder, output, frames, kinds)
+    return DemoRun(folder, output, frames, kinds, planned)
 
 
 def connect(port: int, process: subprocess.Popen[str]) -> zenoh.Session:
@@ -209,6 +214,7 @@ def test_a_subscriber_saw_every_frame(run: DemoRun) -> None:
     assert run.published_frames == stored
     wanted = {"reading", "frame", "decision", "measurement", "reasons", "event", "compensation", "status"}
     assert wanted <= run.published_kinds
+    assert run.planned == {"warm-up"}
 
 
 def test_replay_is_identical(run: DemoRun) -> None:
