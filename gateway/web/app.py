@@ -20,6 +20,7 @@ from starlette.routing import Route
 from drivers.base import SetupError
 from gateway.config import certificate_end
 from gateway.heard import SiteSeen, SiteSubscription
+from gateway.web import room
 from gateway.web.access import Guard
 from gateway.web.at_tool import WorkPoint
 from gateway.web.catalogue import LANGUAGES, chosen_language, texts
@@ -34,8 +35,8 @@ from gateway.web.week_pages import AskCourse, WeekPages
 log = logging.getLogger(__name__)
 
 _SCRIPTS = (
-    "charts.js", "choice.js", "commands.js", "elements.js", "machine.js", "page.js", "sensitivity.js", "tables.js",
-    "words.js",
+    "charts.js", "choice.js", "commands.js", "elements.js", "machine.js", "page.js", "room.js", "sensitivity.js",
+    "tables.js", "words.js",
 )  # fmt: skip
 _FILES: Final[Mapping[str, tuple[str, str]]] = {
     "page.css": ("web/static/page.css", "text/css"),
@@ -198,6 +199,7 @@ class _Pages:
             use=self._uses.get(machine, MachineUse()),
             declared=machine in self._uses,
             token=self._commands.token(request),
+            room=room,
         )
         return HTMLResponse(html)
 

@@ -57,6 +57,8 @@ class MachineView:
     notices: tuple[Sentence, ...]
     """What everybody must know first: who has disarmed the gateway or paused the compensation, what is not armed."""
     verdict: ShownVerdict
+    planned: tuple[str, ...]
+    """Names of the planned loads of which the verdict may say something."""
     axes: tuple[ShownAxis, ...]
     tool_notes: tuple[Sentence, ...]
     waits: tuple[SaidRow, ...]
@@ -79,6 +81,7 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         paused=seen.status is not None and seen.status.paused is not None,
         notices=_notices(seen),
         verdict=_shown(verdict_of(seen, viewpoint, now_s)),
+        planned=() if seen.forecast is None else tuple(seen.forecast.planned),
         axes=_axes(seen, viewpoint.matrix, now_s),
         tool_notes=tuple(_tool_notes(seen)),
         waits=(*parts.waits(seen), *cost_of_waiting(seen, viewpoint.matrix, now_s)),

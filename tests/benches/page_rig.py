@@ -6,13 +6,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tests.benches.free_port import free_port
 
 CHROMIUM = Path("/usr/bin/chromium")
 LIMIT_MS = 120_000.0
 """For what takes a second; on a busy computer more."""
+SCREENS = ((1400, 900), (1024, 600), (390, 844))
+"""Width and height: a desktop, a 10-inch panel, a phone."""
+MILL_SETTINGS = "[machine.mill]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\n"
 
 
 class ChildProgram:
@@ -140,3 +143,16 @@ def page_rig() -> Iterator[PageRig]:
 def ports(n: int) -> list[int]:
     """Free ones."""
     return [free_port() for _ in range(n)]
+
+
+def played_mill(rig: PageRig, settings: Path) -> ChildProgram:
+    """One gateway that has published the day of the demo's machine, after the page's program listened."""
+    (port,) = ports(1)
+    gateway = rig.gateway(port, "mill")
+    rig.serve([port], settings)
+    with rig.page("/machine/mill") as page:
+        expect(page.locator("#word")).to_have_text("No data yet")  # alive, and fresh
+        gateway.say("")
+        assert gateway.hear() == "published"
+        expect(page.locator("#event-kind option")).not_to_have_count(2)
+    return gateway

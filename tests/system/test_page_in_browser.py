@@ -11,17 +11,15 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, Response, Route, expect
+from playwright.sync_api import Page, Response, expect
 
 from gateway.passwords import make_hash
 from tests.benches.npm_peer import PEERS, node_with
-from tests.benches.page_rig import LIMIT_MS, ChildProgram, PageRig, page_rig, ports
+from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, SCREENS, page_rig, played_mill, ports
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 PICTURES = Path(__file__).parents[2] / "out" / "page"
-SETTINGS = "[machine.mill]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\n"
-SIZES = ((1400, 900), (1024, 600), (390, 844))
 
 expect.set_options(timeout=LIMIT_MS)
 
@@ -29,21 +27,8 @@ expect.set_options(timeout=LIMIT_MS)
 @pytest.fixture
 def settings(tmp_path: Path) -> Path:
     file = tmp_path / "web.toml"
-    file.write_text(SETTINGS, encoding="utf-8")
+    file.write_text(MILL_SETTINGS, encoding="utf-8")
     return file
-
-
-def started(rig: PageRig, settings: Path) -> ChildProgram:
-    """One gateway that has published the day of the demo's machine, after the page's program listened."""
-    (port,) = ports(1)
-    gateway = rig.gateway(port, "mill")
-    rig.serve([port], settings)
-    with rig.page("/machine/mill") as page:
-        expect(page.locator("#word")).to_have_text("No data yet")  # alive, and fresh
-        gateway.say("")
-        assert gateway.hear() == "published"
-        expect(page.locator("#event-kind option")).not_to_have_count(2)
-    return gateway
 
 
 def picture(page: Page, name: str, *, whole: bool = False) -> None:
@@ -59,8 +44,8 @@ def widest(page: Page) -> int:
 
 def test_each_part_shows_live_data(settings: Path) -> None:
     with page_rig() as rig:
-        gateway = started(rig, settings)
-        for width, height in SIZES:
+        gateway = played_mill(rig, settings)
+        for width, height in SCREENS:
             for dark in (False, True):
                 with rig.page("/machine/mill", width, height, dark=dark) as page:
                     expect(page.locator("#axes .u-over")).to_have_count(3)
@@ -122,7 +107,7 @@ def asked_span(answer: Response) -> tuple[float, float]:
 
 def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(settings: Path) -> None:
     with page_rig() as rig:
-        started(rig, settings)
+        played_mill(rig, settings)
         with rig.page("/machine/mill") as page:
             expect(page.locator("#axes .u-over")).to_have_count(3)
             page.select_option("#span", "168")
@@ -152,7 +137,7 @@ def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(settings: Pa
 
 def test_what_others_name_stays_a_name_and_a_failing_sensor_is_seen(settings: Path) -> None:
     with page_rig() as rig:
-        gateway = started(rig, settings)
+        gateway = played_mill(rig, settings)
         with rig.page("/machine/mill") as page:
             forged = "<script>document.title='forged'</script>"
             name = "<img src=x onerror=alert(1)>"
@@ -170,7 +155,7 @@ def test_what_others_name_stays_a_name_and_a_failing_sensor_is_seen(settings: Pa
 
 def test_the_report_of_a_day_opens_in_a_sandbox_in_which_its_charts_still_work(settings: Path) -> None:
     with page_rig() as rig:
-        started(rig, settings)
+        played_mill(rig, settings)
         with rig.page("/machine/mill") as page:
             expect(page.locator("#report")).to_have_attribute(
                 "href", re.compile(r"/mill/report/\d{4}-\d\d-\d\d\?zone=")
@@ -196,7 +181,7 @@ def test_the_report_of_a_day_opens_in_a_sandbox_in_which_its_charts_still_work(s
 
 def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enough(settings: Path) -> None:
     with page_rig() as rig:
-        started(rig, settings)
+        played_mill(rig, settings)
         with rig.page("/machine/mill") as page:
             expect(page.locator("input[name=tolerance]")).to_have_value("8.0")
             page.keyboard.press("Tab")
@@ -280,7 +265,7 @@ def violations(page: Page) -> object:
 
 def test_axe_finds_no_violation(settings: Path) -> None:
     with page_rig() as rig:
-        gateway = started(rig, settings)
+        gateway = played_mill(rig, settings)
         for path, dark, alive in _LOOKED_AT:
             if not alive:
                 gateway.kill()
@@ -333,71 +318,3 @@ def test_a_user_with_a_key_gives_commands_after_a_second_confirmation(tmp_path: 
             page.keyboard.press("Escape")
             gateway.kill()
             expect(page.locator("#commands")).to_be_hidden()
-
-
-_NOTE_SHIFTS = """() => {
-  window.shifts = [];
-  const take = (list) => list.forEach((e) => {
-    window.shifts.push([e.value, e.sources.map(({ node }) => node && (node.id || node.textContent))]);
-  });
-  window.watcher = new PerformanceObserver((list) => take(list.getEntries()));
-  window.watcher.observe({ type: "layout-shift", buffered: true });
-  window.takeShifts = () => { take(window.watcher.takeRecords()); return window.shifts.splice(0); };
-}"""
-"""Chromium's own measure: what is seen at another place than in the frame before, since the page was opened."""
-_TWO_FRAMES = (
-    "() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(drawn))))"
-)
-
-
-def shifts(page: Page) -> object:
-    """What has moved since it was last asked."""
-    page.evaluate(_TWO_FRAMES)
-    return page.evaluate("window.takeShifts()")
-
-
-def top_of(page: Page, selector: str) -> float:
-    return float(page.evaluate("(of) => document.querySelector(of).getBoundingClientRect().top + scrollY", selector))
-
-
-@pytest.mark.parametrize(("width", "height"), SIZES)
-def test_nothing_moves_while_the_page_and_its_weekly_tables_arrive(settings: Path, width: int, height: int) -> None:
-    with page_rig() as rig:
-        started(rig, settings)
-        with rig.page("/?all=1", width, height) as page:
-            held = list[Route]()
-            for address in ("**/scatter/*", "**/sensitivity/*"):
-                page.route(address, lambda route: held.append(route))
-            with page.expect_request("**/scatter/*"), page.expect_request("**/sensitivity/*"):
-                page.goto(rig.address.rstrip("/") + "/machine/mill")
-            expect(page.locator("#axes .u-over")).to_have_count(3)
-            page.evaluate(_NOTE_SHIFTS)
-            assert shifts(page) == [], "while the page was opened"
-            page.evaluate("document.getElementById('health-title').scrollIntoView()")
-            shifts(page)
-            below = top_of(page, "#events-title")
-            for each in held:
-                each.continue_()
-            expect(page.locator("#weeks tbody tr").first).to_be_visible()
-            expect(page.locator("#sensitivity tbody tr").first).to_be_attached()
-            assert shifts(page) == []
-            assert top_of(page, "#events-title") == below
-
-
-def test_what_comes_and_goes_with_a_measurement_moves_nothing_below_it(settings: Path) -> None:
-    with page_rig() as rig:
-        gateway = started(rig, settings)
-        with rig.page("/machine/mill", 390, 844) as page:
-            waits = page.locator("#waits")
-            for reason in ("the door is open", ""):
-                gateway.say(
-                    "probing " + json.dumps({"reason": reason, "operator": reason, "rejected": 3 * bool(reason)})
-                )
-                if reason:
-                    expect(waits).to_contain_text(reason)
-                    below = top_of(page, "#heat-title")
-            expect(waits).not_to_contain_text("the door is open")
-            assert top_of(page, "#heat-title") == below
-            page.set_viewport_size({"width": 1400, "height": 900})
-            page.evaluate(_TWO_FRAMES)
-            assert page.evaluate("document.getElementById('ready').offsetHeight") < 400, "not that of the phone"

@@ -36,7 +36,7 @@ export const rows = (list) => list.map((row) => {
 
 // A part that has grown keeps its height: what comes and goes with each measurement would push the parts below about.
 export const keepHeights = (parts) => {
-  const kept = new ResizeObserver((all) => all.forEach(({ target }) => { target.style.minHeight = `${target.offsetHeight}px`; }));
+  const kept = new ResizeObserver((all) => all.forEach(({ target }) => { target.style.minHeight = `${target.getBoundingClientRect().height}px`; }));
   let width = innerWidth;
   addEventListener("resize", () => {
     if (innerWidth === width) return;

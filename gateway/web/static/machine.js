@@ -1,10 +1,11 @@
 // The state of one machine: whether it is ready, the tool, what it waits for, heat, health.
 import { machine } from "./choice.js";
 import { $, changed, draw, make, marked, paint, put, rows, say } from "./elements.js";
+import { reservePlanned } from "./room.js";
 import { amount, exact, sentence, time, word } from "./words.js";
 
 const showAxes = (axes) => {
-  $("tool-empty").hidden = axes.length > 0;
+  $("tool-empty").classList.toggle("spare", axes.length > 0);
   for (const place of document.querySelectorAll("#axes article")) {
     const axis = axes.find((each) => each.axis === place.dataset.axis);
     for (const cell of place.querySelectorAll("[data-of]")) put(cell, axis ? amount(axis[cell.dataset.of]) : "–");
@@ -84,6 +85,7 @@ export const showMachine = (v) => {
   draw("because", verdict.because, () => say(verdict.because));
   put($("since"), verdict.since ? word("since.at").replace("{at}", time(verdict.since)) : "");
   draw("helps", verdict.helps, () => say(verdict.helps));
+  reservePlanned(v.planned);
   showAxes(v.axes);
   draw("tool-notes", v.tool_notes, () => say(v.tool_notes, "note"));
   draw("waits", v.waits, () => rows(v.waits));

@@ -4,6 +4,7 @@ import { machine, query, readyChoice } from "./choice.js";
 import { hideCommands, readyCommands, showCommands } from "./commands.js";
 import { $, draw, keepHeights, make, paint, put, say } from "./elements.js";
 import { readyDay, showMachine } from "./machine.js";
+import { reserve } from "./room.js";
 import { showSensitivity } from "./sensitivity.js";
 import { readyTables, showWeeks, takeCorrections, takeEvents } from "./tables.js";
 import { time, word } from "./words.js";
@@ -69,6 +70,7 @@ const listen = () => {
 setInterval(() => { if (performance.now() - heardMs > SILENT_MS) loseOrFind(true); }, 1000);
 
 if (machine) {
+  reserve(document);
   readyCommands();
   readyChoice(() => { forgetCourse(); listen(); });
   readyTables();

@@ -1,0 +1,34 @@
+"""The room that the page reserves for the verdict, so that another verdict moves nothing: the texts that may stand in
+each place. The browser lays all of them out, unseen, so each place is as large as the longest in this language needs at
+this width."""
+
+from typing import Final
+
+WORDS: Final = ("word.ready", "word.unsure", "word.not_ready", "word.unknown", "word.no_tolerance", "word.probing",
+                "word.no_data", "word.old", "word.gone", "word.never", "word.lost")  # fmt: skip
+"""One of them stands there."""
+
+BECAUSE: Final = ("because.left", "because.no_good", "because.not_taken", "because.bounded", "because.no_estimate",
+                  "because.no_measurement")  # fmt: skip
+"""One of them stands there when something is said of what helps. What else may stand there, such as that the gateway is
+gone, is longer, and needs the room of what helps, too."""
+
+HELPS: Final[tuple[tuple[str, ...], ...]] = (
+    ("when.no_forecast", "when.not_checked", "when.not_within", "when.ready", "when.not_before", "when.stays"),
+    ("when.not_foreseeable",),
+    ("help.best", "help.nothing", "help.measure", "help.measure_not_enough"),
+    ("help.stop",),
+    ("when.next_measurement",),
+)
+"""All of these lines may stand there, in each of them one of its sentences."""
+
+WHAT: Final = ("help.wait", "help.probe", "help.warm")
+OPTION: Final = ("help.little", "help.enough", "help.option", "help.unforeseeable")
+"""One of them for each of WHAT, below the others."""
+
+PLANNED: Final = ("planned.ready", "planned.stays", "planned.may_leave", "planned.not_certain", "planned.not_checked",
+                  "planned.unknown")  # fmt: skip
+"""One of them for each planned load, below the others."""
+
+NOTES: Final = ("tool.not_written", "tool.not_following")
+"""At most one of them stands below the errors at the tool."""

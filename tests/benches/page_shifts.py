@@ -1,0 +1,39 @@
+"""What moves on a page: Chromium's own measure (layout shift), and where the parts begin."""
+
+from playwright.sync_api import Page
+
+_NOTE = """() => {
+  window.shifts = [];
+  const take = (list) => list.forEach((e) => {
+    window.shifts.push([e.value, e.sources.map(({ node }) => node && (node.id || node.textContent))]);
+  });
+  window.watcher = new PerformanceObserver((list) => take(list.getEntries()));
+  window.watcher.observe({ type: "layout-shift", buffered: true });
+  window.takeShifts = () => { take(window.watcher.takeRecords()); return window.shifts.splice(0); };
+}"""
+"""Notes what is seen at another place than in the frame before, since the page was opened."""
+TWO_FRAMES = "() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(drawn))))"
+
+
+def note_shifts(page: Page) -> None:
+    """From now on, and what the browser still knows of before."""
+    page.evaluate(_NOTE)
+
+
+def shifts(page: Page) -> object:
+    """What has moved since it was last asked."""
+    page.evaluate(TWO_FRAMES)
+    return page.evaluate("window.takeShifts()")
+
+
+def top_of(page: Page, selector: str) -> float:
+    """Where it begins, in pixels from the beginning of the page."""
+    return float(page.evaluate("(of) => document.querySelector(of).getBoundingClientRect().top + scrollY", selector))
+
+
+def tops(page: Page) -> list[float]:
+    """Where each heading begins."""
+    found: list[float] = page.evaluate(
+        "() => [...document.querySelectorAll('h1, h2, h3')].map((h) => h.getBoundingClientRect().top + scrollY)"
+    )
+    return found
